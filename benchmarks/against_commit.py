@@ -1,11 +1,14 @@
 """HEAD against another commit, in one run: did a change slow it down?
 
-Each side is a process of its own that imports its own sources. Without ``--command`` it renders the same 64
-scenes of the paper when it is told to, and the frames' sum is compared too; with it, it is a whole command in
-an empty folder. The sides take turns, every other round the other way about, so that a busy spell hits both.
-The ratio of each round is taken before the median.
+Each side is a process of its own that imports its own sources. Without ``--command`` it does the same work
+of the paper's scenes whenever it is told to: it renders 64 scenes, or reads 32 full-HD frames that it
+rendered before, or does the whole link on 256 crops; a sum of the pixels or bits is compared too. With
+``--command`` it is a whole command in an empty folder. The sides take turns, every other round the other way
+about, so that a busy spell hits both. The ratio of each round is taken before the median.
 
     python benchmarks/against_commit.py HEAD~5 --rounds 60
+    python benchmarks/against_commit.py HEAD~5 --work receiver --batch 1 --processor-time
+    python benchmarks/against_commit.py HEAD~5 --work link --batch 64
     python benchmarks/against_commit.py HEAD~5 --rounds 5 --command 'task=figures budget.frames=256'
 """
 
@@ -23,34 +26,82 @@ ROOT = Path(__file__).resolve().parents[1]
 CHILD = """
 import sys, time, torch
 torch.set_num_threads(1)
-from vocc_torch import PanelShape, Simulator
+from vocc_torch import PanelShape, Scene, Simulator
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-model = SceneModel()
-scene, bits = model.draw(BlockKey(0, "against", 0), PanelShape())
-simulator = Simulator()
+
+work, batch, clock = sys.argv[1], int(sys.argv[2]), getattr(time, sys.argv[3])
+model, shape = SceneModel(), PanelShape()
+locator, reader, simulator = PaperLocator(), Reader(shape), Simulator()
+
+def drawn(blocks):
+    parts = [model.draw(BlockKey(0, "against", block), shape) for block in range(blocks)]
+    return Scene.cat([scene for scene, _ in parts]), torch.cat([bits for _, bits in parts])
+
+def locate_and_measure(frames):
+    panels = locator(frames, shape)
+    return panels, reader.read_features(frames, panels)
+
+def trained():
+    scene, bits = drawn(8)
+    panels, features = locate_and_measure(simulator.render(scene, bits))
+    return FLDA(3).fit(features[panels.found], bits[panels.found])
+
+def turns():
+    if work == "render":
+        scene, bits = drawn(1)
+        while True:
+            yield simulator.render(scene, bits, nearest_m=model.nearest_m).grey
+    flda = trained()
+    if work == "receiver":
+        scene, bits = drawn(1)
+        receiver = Receiver("flda_3", locator, reader, flda)
+        whole = Simulator(framing="filled")
+        parts = [whole.render(scene[at : at + 8], bits[at : at + 8]).grey.clone() for at in range(0, 32, 8)]
+        parts = torch.cat(parts).split(batch)
+        while True:
+            yield torch.cat([receiver.decode(part).bits for part in parts])
+    scene, bits = drawn(4)
+    while True:
+        with torch.inference_mode():
+            found = []
+            for at in range(0, 256, batch):
+                rows = slice(at, at + batch)
+                frames = simulator.render(scene[rows], bits[rows], nearest_m=model.nearest_m)
+                panels, features = locate_and_measure(frames)
+                found.append(flda.predict(features) & panels.found.view(-1, 1, 1))
+        yield torch.cat(found)
+
 print(sys.modules["vocc_torch"].__file__, flush=True)
+turn = turns()
 for line in sys.stdin:
-    begin = time.perf_counter()
-    frames = simulator.render(scene, bits, nearest_m=model.nearest_m)
-    spent = time.perf_counter() - begin
-    print(spent, int(frames.grey.long().sum()), flush=True)
+    begin = clock()
+    made = next(turn)
+    print(clock() - begin, int(made.long().sum()), flush=True)
 """
+FRAMES = {"render": 64, "receiver": 32, "link": 256}
+"""What a side may do, and the frames of a round."""
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """Give what makes Python import the package of a tree."""
-    return {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin"}
+    """Give what makes Python import the package of a tree, and glibc keep freed memory as workers do."""
+    kept = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(256 << 20)}
+    return {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin", **kept}
 
 
-class Renderer:
-    """One tree, rendering in a process of its own."""
+class Side:
+    """One tree, at work in a process of its own."""
 
-    frames, warm_up = 64, 5
+    warm_up = 5
 
-    def __init__(self, tree: Path) -> None:
+    def __init__(self, tree: Path, work: str, batch: int, clock: str) -> None:
+        self.frames = FRAMES[work]
         self.process = subprocess.Popen(
-            [sys.executable, "-c", CHILD],
+            [sys.executable, "-c", CHILD, work, str(batch), clock],
             cwd=tree,
             env=environment(tree),
             stdin=subprocess.PIPE,
@@ -70,7 +121,7 @@ class Renderer:
         return line.strip()
 
     def turn(self) -> tuple[float, int]:
-        """Give the seconds of one batch and the sum of its pixels."""
+        """Give the seconds of one round and the sum of its pixels or bits."""
         assert self.process.stdin is not None
         self.process.stdin.write("go\n")
         self.process.stdin.flush()
@@ -108,8 +159,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("commit")
     parser.add_argument("--rounds", type=int, default=60)
+    parser.add_argument("--work", choices=FRAMES, default="render", help="what is timed")
+    parser.add_argument("--batch", type=int, default=1, help="frames a call of the receiver or the link")
+    parser.add_argument("--processor-time", action="store_true", help="processor time, on a busy machine")
     parser.add_argument("--command", help="the words after vocc-torch; '' for the default run")
     given = parser.parse_args()
+    clock = "process_time" if given.processor_time else "perf_counter"
     with tempfile.TemporaryDirectory() as folder:
         trees = {"HEAD": Path(folder) / "now", given.commit: Path(folder) / "before"}
         try:
@@ -118,7 +173,9 @@ def main() -> None:
                     ["git", "worktree", "add", "-q", "--detach", tree, commit], cwd=ROOT, check=True
                 )
             sides = {
-                name: Renderer(tree) if given.command is None else Command(tree, given.command)
+                name: Side(tree, given.work, given.batch, clock)
+                if given.command is None
+                else Command(tree, given.command)
                 for name, tree in trees.items()
             }
             spent: dict[str, list[float]] = {name: [] for name in sides}
@@ -140,7 +197,7 @@ def main() -> None:
     low, middle, high = np.percentile(ours / theirs, (25, 50, 75))
     print(f"ratio of each round: {middle:.3f} [{low:.3f}, {high:.3f}] over {given.rounds} rounds, one thread")
     if given.command is None:
-        print(f"same frames: {'yes' if len(set(sums.values())) == 1 else 'NO'}")
+        print(f"same sum: {'yes' if len(set(sums.values())) == 1 else 'NO'}")
 
 
 if __name__ == "__main__":

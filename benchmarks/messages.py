@@ -1,13 +1,15 @@
-"""How far messages carry: packets of recordings over scenes, distances and camera rates, soft against hard.
+"""Long messages and hard recordings: bytes that arrive, faults, noise, the clock, time and memory.
 
-``python benchmarks/messages.py [PART ...]`` writes docs/results/messages.csv, messages_noise.csv and
-messages_clock.csv; parts are links, options, noise and clock.
+``python benchmarks/messages.py [PART ...]`` writes docs/results/messages*.csv; parts are long, faults, noise,
+clock, load, memory and picture. ``vocc-torch experiment=messages`` has packets lost over distance, light and
+ratio.
 """
 
 import csv
 import sys
 import tempfile
 import time
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -19,10 +21,10 @@ from vocc_torch.api import train
 from vocc_torch.hardware import PanelShape
 from vocc_torch.messages.clock import SymbolClock
 from vocc_torch.messages.codes import code_of
-from vocc_torch.messages.front import TYPICAL, Front
+from vocc_torch.messages.front import Front
 from vocc_torch.messages.layout import Layout
-from vocc_torch.messages.packets import Assembly, unpacked
-from vocc_torch.messages.reception import Reception, film_of
+from vocc_torch.messages.packets import Assembly, packed, unpacked
+from vocc_torch.messages.reception import Reception, decoded, film_of
 from vocc_torch.messages.signalling import MessagePlan, Signalling
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.recording import read_recording
@@ -36,105 +38,90 @@ SHAPE = PanelShape(8, 8)
 MESSAGE = np.random.default_rng(16).bytes(2000)
 NOISE = {"ldpc": 2_000, "rs": 1_000, "none": 10_000}
 SYMBOL_S, DRIFT = 0.01, 0.005
-COLUMNS = ("part", "scene", "distance_m", "fps", "dropped", "code", "interleave", "soft", "frames")
-COLUMNS += ("raw_ber", "sent", "arrived", "equal", "kbit_s", "process_s", "lost")
+COLUMNS = ("scene", "distance_m", "fps", "fault", "bytes", "seconds", "frames", "raw_ber", "sent", "arrived")
+COLUMNS += ("equal", "false", "kbit_s", "process_s", "lost")
 
 
-def recorded(receiver, world, distance, fps, options, dropped=0.0):
-    """Scores (F,R,C) of a recording, as the receiver's front reads them, and its raw bit error rate."""
-    film = film_of(MESSAGE, MessagePlan(SHAPE, options))
-    key, front = BlockKey(16, "messages", 0), Front(receiver, soft="scores")
-    front._size = TYPICAL  # the scores as they are
-    scene = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
-    shutter = Shutter(fps, 0.0037, 0.004, dropped=dropped)
-    scores, wrong, bits, spent = [], 0, 0, 0.0
-    simulator = world.simulator()
-    for part in record(simulator, scene, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key):
+@cache
+def learned(scene):
+    """A receiver of a scene as task=receive trains one, but on fewer frames."""
+    receiver = train(scene, locator="truth", classifier="flda_3", frames=256)
+    receiver.locator = RefinedLocator()
+    return receiver
+
+
+def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **faults):
+    """A row: a message through a recording that is received as it is rendered."""
+    options, world, key = Signalling(), load_scene(scene, *effects), BlockKey(16, "messages", 0)
+    plan = MessagePlan(SHAPE, options)
+    film = film_of(message, plan)
+    drawn = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
+    front, reception, assembly = Front(learned(scene)), Reception(plan), Assembly()
+    shutter = Shutter(fps, 0.0037, 0.004, **faults)
+    parts = record(world.simulator(), drawn, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key)
+    wrong = frames = spent = 0
+
+    def took(packets):
+        for one in packets:
+            if one.packet:
+                assembly.add(one.packet)
+
+    for part in parts:
+        greys = [*part.frames.grey[:, 0].numpy()]
+        kept = slice(*[max(0, at - frames) for at in cut or (0, 1 << 40)])
+        greys, symbols = greys[kept], part.symbols[kept]
+        stamps = [(frames + i) / fps for i in range(len(part.symbols))][kept]
+        frames += len(part.symbols)
+        if not greys:
+            continue
         begun = time.process_time()
-        one = front(part.frames.grey[:, 0].numpy())
+        values = front(greys)
+        took(reception.push(values, stamps))
         spent += time.process_time() - begun
-        truth = film[np.clip(part.symbols, 0, len(film) - 1)]
-        wrong, bits = wrong + int(((one >= 0) != truth).sum()), bits + truth.size
-        scores.append(one)
-    return np.concatenate(scores), wrong / bits, spent, len(film) * SYMBOL_S
+        shown = film[[min(one or 0, len(film) - 1) for one in symbols]]
+        wrong += int(((values >= 0) != shown).sum())
+    took(reception.finish())
+    size = reception.code.info_bytes
+    count, whole = -(-len(message) // (size - 16)), assembly.whole(size)
+    missing = assembly.missing(size) if assembly.message else range(count)
+    sent = {n: message[n * (size - 16) : (n + 1) * (size - 16)] for n in range(count)}
+    false = sum(sent.get(n) != part for parts in assembly.parts.values() for n, part in parts.items())
+    seconds = len(film) * SYMBOL_S
+    arrived = count - len(missing)
+    return (
+        *(scene, distance, fps, fault, len(message), f"{seconds:.1f}", frames),
+        *(
+            "" if cut else f"{wrong / max(1, frames) / SHAPE.leds:.3g}",
+            count,
+            arrived,
+            int(whole == message),
+            false,
+        ),
+        *(f"{8e-3 * len(message) * arrived / count / seconds:.2f}", f"{spent:.1f}"),
+        " ".join(map(str, missing)) if len(missing) < 40 else f"{len(missing)} packets",
+    )
 
 
-def received(receiver, scores, fps, options, soft):
-    """What arrives of soft values, and the time that takes."""
-    llr = scores * (TYPICAL / np.median(np.abs(scores)))
-    if soft == "calibrated":
-        llr = receiver.calibration(torch.from_numpy(scores)).float().numpy()
-    elif soft == "hard":
-        llr = TYPICAL * np.sign(scores)
-    reception, assembly = Reception(MessagePlan(SHAPE, options)), Assembly()
-    begun, got = time.process_time(), []
-    times = [i / fps for i in range(len(llr))]
-    for first in range(0, len(llr), 64):
-        got += reception.push(llr[first : first + 64], times[first : first + 64])
-    got += reception.finish()
-    for one in got:
-        if one.packet:
-            assembly.add(one.packet)
-    return assembly, reception.code.info_bytes, time.process_time() - begun
+def long():
+    """Kilobytes through both scenes; at 30 to 70 m and where it must fail."""
+    text = np.random.default_rng(16).bytes(10_000)
+    for scene, fps, distance in product(("night", "dashcam"), (150, 240), (70, 50, 30)):
+        yield carried(scene, distance, fps, text)
+    for scene in ("night", "dashcam"):
+        yield carried(scene, 130, 150, text[:2000])
+    yield carried("night", 70, 150, np.random.default_rng(17).bytes(100_000))
 
 
-def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0, hidden=0):
-    """Rows of one recording."""
-    if scene not in receivers:
-        learned = train(scene, locator="truth", classifier="flda_3", frames=256)
-        learned.locator = RefinedLocator()
-        receivers[scene] = learned, load_scene(scene)
-    receiver, world = receivers[scene]
-    scores, ber, spent, seconds = recorded(receiver, world, distance, fps, options, dropped)
-    shown = (np.arange(len(scores)) / fps / SYMBOL_S).astype(int) % 128
-    scores[(shown >= 60) & (shown < 60 + hidden)] = 0  # as the front gives black frames
-    for soft in softs:
-        assembly, info, more = received(receiver, scores, fps, options, soft)
-        whole = assembly.whole(info)
-        count = -(-len(MESSAGE) // (info - 16))
-        arrived = count - len(assembly.missing(info)) if assembly.message else 0
-        if whole is not None and whole != MESSAGE:
-            raise AssertionError("a message that is not the one that was sent was vouched for")
-        missing = assembly.missing(info) if assembly.message else range(count)
-        kbit = 8e-3 * len(MESSAGE) * arrived / count / seconds
-        yield (
-            *(part, scene, distance, fps, dropped, options.code, int(options.interleave), soft, len(scores)),
-            *(f"{ber:.3g}", count, arrived, int(whole == MESSAGE), f"{kbit:.2f}", f"{spent + more:.1f}"),
-            " ".join(map(str, missing)),
-        )
-
-
-def links():
-    """Scenes, distances and camera rates, both codes."""
-    receivers = {}
-    slow, fast = product((150,), (30, 50, 70, 110)), product((240,), (50,))
-    for scene, (fps, distance) in product(("night", "dashcam"), (*slow, *fast)):
-        for code in ("ldpc", "rs") if fps == 150 else ("ldpc",):
-            softs = ("calibrated", "scores", "hard") if code == "ldpc" else ("calibrated",)
-            yield from rows_of("links", receivers, scene, distance, fps, Signalling(code=code), softs)
-
-
-def options():
-    """With and without interleaving: frames lost here and there, and ten symbols hidden in a row."""
-    receivers = {}
-    for dropped, hidden in ((0.2, 0), (0.0, 10)):
-        for code, interleave in product(("ldpc", "rs"), (True, False)):
-            own = Signalling(code=code, interleave=interleave)
-            told = "night", 70, 150, own, ("calibrated",), dropped, hidden
-            yield from rows_of(f"options, {hidden} symbols of 128 hidden", receivers, *told)
-
-
-def soft():
-    """Soft against hard where packets begin to be lost, by what distances the receiver learned."""
-    for learned in ((30, 70), (60, 100)):
-        world = load_scene("night", f"scene.distance_m=[uniform,{learned[0]},{learned[1]}]")
-        receiver = train(world, locator="truth", classifier="flda_3", frames=512)
-        receiver.locator = RefinedLocator()
-        kept = {"night": (receiver, world)}
-        for distance in (80, 84, 88, 92):
-            name, own = f"soft, learned {learned[0]} to {learned[1]} m", Signalling(code="ldpc")
-            softs = ("calibrated", "scores", "hard")
-            yield from rows_of(name, kept, "night", distance, 150, own, softs)
+def faults():
+    """What recordings suffer, at night at 50 m, 240 frames a second."""
+    scene, distance, fps = "night", 50, 240
+    for name, chance in product(("dropped", "repeated", "black"), (0.1, 0.3)):
+        yield carried(scene, distance, fps, MESSAGE, f"{name} {chance:.0%}", **{name: chance})
+    for width in (0.1, 0.2, 0.4, 0.8):
+        effects = (f"+scene.effects.occlusion={{width_share: {width}, height_share: 2.0}}",)
+        yield carried(scene, distance, fps, MESSAGE, f"a post over {width:.0%} of the panel", effects)
+    for cut in ((0, 700), (333, 5000), (100, 400), (1000, 1001)):
+        yield carried(scene, distance, fps, MESSAGE, f"only frames {cut[0]} to {cut[1]}", cut=cut)
 
 
 def noise():
@@ -192,96 +179,162 @@ def mixed(shown, times, exposure=0.07, readout=0.03):
     return light, first[:, 0]
 
 
+def panels(axis, picture, title, **look):
+    """Draw a plane of cells or pixels."""
+    axis.imshow(picture, **({"cmap": "gray"} | look))
+    axis.set_title(title, fontsize=10)
+
+
 def picture():
-    """docs/images/messages.png: a symbol, what the camera saw about it, its soft values, the text again."""
+    """docs/images/messages_*.png: what is sent, what a camera saw of it, and what was read of that."""
     from matplotlib import pyplot
 
     text = Path(__file__).parents[1].joinpath("LICENSE").read_bytes()[:600]
-    plan = MessagePlan(SHAPE, Signalling())
-    film, world = film_of(text, plan), load_scene("night")
-    receiver = train("night", locator="truth", classifier="flda_3", frames=128)
-    receiver.locator = RefinedLocator()
-    key, front, reception, seen = BlockKey(2, "messages", 0), Front(receiver), Reception(plan), []
+    plan, first = MessagePlan(SHAPE, Signalling()), 48
+    layout, film, world, receiver = Layout(plan), film_of(text, plan), load_scene("night"), learned("night")
+    key, front, reception, assembly = BlockKey(2, "messages", 0), Front(receiver), Reception(plan), Assembly()
     scene = narrowed(world.scene, {"distance_m": 40}).draw(key, SHAPE)[0][:1]
-    shutter, got, values = Shutter(240.0, 0.0011, 0.03), [], []
+    seen, values, symbols, blocks, got = [], [], [], [], []
+    shutter = Shutter(240.0, 0.0011, 0.03)
     for part in record(world.simulator(), scene, torch.from_numpy(film), SYMBOL_S, shutter, key):
-        seen += list(part.frames.grey[:, 0].numpy())
-        values += list(front(part.frames.grey[:, 0].numpy()))
-        got += reception.push(np.stack(values[-len(part.symbols) :]), (part.taken_s).tolist())
-    got += reception.finish()
-    assembly = Assembly()
+        seen += [*part.frames.grey[:, 0].numpy()]
+        values += [*front([*part.frames.grey[:, 0].numpy()])]
+        symbols += part.symbols
+        blocks += reception.combiner.push(np.stack(values[-len(part.symbols) :]), part.taken_s.tolist())
+    blocks += reception.combiner.finish()
+    for block in blocks:
+        got += decoded(block, layout, reception.code)
     for one in got:
         if one.packet:
             assembly.add(one.packet)
     assert assembly.whole(reception.code.info_bytes) == text
-    figure, axes = pyplot.subplots(2, 6, figsize=(12, 4.6), layout="constrained")
-    for axis in axes.flat:
-        axis.set_axis_off()
-    pitch = (front.corners_px[1] - front.corners_px[0]).norm() / 8
-    left, top = (front.corners_px[0] - pitch).round().int().tolist()
-    side = int(10 * pitch)
-    for at, number in enumerate((20, 21)):
-        axes[0, at].imshow(film[number], cmap="gray")
-        axes[0, at].set_title(f"symbol {number}")
-    first = int(20 * 2.4)
-    for at, frame in enumerate(range(first, first + 4)):
-        axes[0, 2 + at].imshow(seen[frame][top : top + side, left : left + side], cmap="gray")
-        axes[0, 2 + at].set_title(f"frame {frame}")
-        axes[1, 2 + at].imshow(values[frame], cmap="RdBu_r", vmin=-12, vmax=12)
-        axes[1, 2 + at].set_title("soft values")
+
+    def figure_of(columns, width):
+        figure, axes = pyplot.subplots(1, columns, figsize=(width, 2.5), layout="constrained")
+        for axis in axes:
+            axis.set(xticks=[], yticks=[])
+        return figure, axes
+
+    def saved(figure, name):
+        figure.savefig(RESULTS.parent / "images" / f"messages_{name}.png", dpi=80)
+
+    figure, axes = figure_of(5, 12)
+    axes[0].text(0, 0.98, "\n".join(text.decode().split("\n")[:9]), va="top", fontsize=6, family="monospace")
+    axes[0].set_title("the file", fontsize=10)
+    axes[0].axis("off")
+    word = np.packbits(film_words(text, layout)[0])
+    parts = np.repeat(
+        [0, 1, 2, 3], [12, reception.code.info_bytes - 16, 4, len(word) - reception.code.info_bytes]
+    )
+    panels(
+        axes[1], parts.reshape(-1, 12), "packet 0: header, text,\nchecksum, check bytes", cmap="Set2", vmax=7
+    )
     kinds = ["data", "anchor", "clock", "sync"]
-    axes[1, 0].imshow(np.vectorize(kinds.index)(Layout(plan).kind), cmap="Set2", vmax=7)
-    axes[1, 0].set_title("data, anchors,\nclock, sync cells")
+    panels(
+        axes[2], np.vectorize(kinds.index)(layout.kind), "data, anchors,\nclock, sync", cmap="Set2", vmax=7
+    )
+    for axis, number in zip(axes[3:], (20, 21), strict=True):
+        panels(axis, film[number], f"symbol {number}")
+        assert (axis.images[0].get_array() == film[number]).all()
+    saved(figure, "sent")
+    figure, axes = figure_of(5, 12)
+    corners = front.corners_px.numpy()
+    panels(axes[0], seen[first], f"frame {first}, and where\nthe panel was found")
+    axes[0].plot(*corners[[0, 1, 2, 3, 0]].T, color="#E69F00")
+    pitch = np.linalg.norm(corners[1] - corners[0]) / 8
+    left, top = np.rint(corners[0] - pitch).astype(int)
+    side = int(10 * pitch)
+    for axis, frame in zip(axes[1:], range(first, first + 4), strict=True):
+        panels(
+            axis, seen[frame][top : top + side, left : left + side], f"frame {frame}: symbol {symbols[frame]}"
+        )
+    saved(figure, "seen")
+    figure, axes = figure_of(6, 12)
+    for axis, frame in zip(axes, range(first, first + 4), strict=False):
+        panels(axis, values[frame], f"soft values of\nframe {frame}", cmap="RdBu_r", vmin=-12, vmax=12)
+        whole = symbols[frame - 1] == symbols[frame] == symbols[frame + 1]
+        assert not whole or ((values[frame] >= 0) == film[symbols[frame]]).all()
+    total = blocks[0].sums[20]
+    panels(axes[4], total, "symbol 20: the\nframes' sum", cmap="RdBu_r", vmin=-24, vmax=24)
+    assert ((total >= 0) == film[20]).all()
     words = text.decode().split()
+    corrected = sum(one.corrected or 0 for one in got)
     told = f"{len(text)} bytes again:\n“{' '.join(words[:2])}\n{' '.join(words[2:6])} ...”"
-    axes[1, 1].text(0.5, 0.5, told, ha="center", va="center")
-    figure.savefig(RESULTS.parent / "images" / "messages.png", dpi=80)
+    told += f"\n{corrected} bits corrected"
+    axes[5].text(0.5, 0.5, told, ha="center", va="center", fontsize=9)
+    axes[5].axis("off")
+    saved(figure, "read")
     return []
 
 
+def film_words(text, layout):
+    """The words of a message's packets, as bits."""
+    code = code_of(layout)
+    return code.encode(np.stack([np.frombuffer(one, np.uint8) for one in packed(text, code.info_bytes)]))
+
+
 def load():
-    """Processor time a frame of a full-HD recording, and memory over 100,000 frames."""
-    world, receiver = load_scene("night", "framing=full"), train("night", locator="truth", frames=128)
-    receiver.locator = RefinedLocator()
-    plan = MessagePlan(SHAPE, Signalling())
-    film = film_of(MESSAGE, plan)[:64]
-    key = BlockKey(3, "messages", 0)
+    """Processor time a frame of full-HD recordings of 100 frames a second, by the film's rate of bits."""
+    world, receiver = load_scene("night", "framing=full"), learned("night")
+    plan = MessagePlan(SHAPE, Signalling(symbol_rate_hz=40.0))
+    film, key = film_of(MESSAGE, plan)[:52], BlockKey(3, "messages", 0)
     scene = narrowed(world.scene, {"distance_m": 50}).draw(key, SHAPE)[0][:1]
-    told = scene, torch.from_numpy(film), SYMBOL_S, Shutter(100.0, 0.0011, 0.004), key
+    told = scene, torch.from_numpy(film), 1 / 40, Shutter(100.0, 0.0011, 0.004), key
     parts = record(world.simulator(), *told, window=None, batch=16)
+    seen = [grey for part in parts for grey in part.frames.grey[:, 0].numpy()]
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "whole.mp4"
-        write_video(path, (grey for part in parts for grey in part.frames.grey[:, 0].numpy()), 100.0)
-        begun = time.process_time()
-        greys = np.stack([one.grey for one in read_recording(path, "luma", grey_only=True)])
-        spent = {"read": time.process_time() - begun}
-    front, begun = Front(receiver), time.process_time()
-    llr = np.concatenate([front(greys[at : at + 30]) for at in range(0, len(greys), 30)])
-    spent["front"] = time.process_time() - begun
-    front, begun = Front(receiver), time.process_time()
-    front(greys[:30])  # each of them is searched, for no panel is known yet
-    spent["front"] = (spent["front"] - (time.process_time() - begun)) * len(greys) / (len(greys) - 30)
-    reception, begun = Reception(plan), time.process_time()
-    list(reception.push(llr, [i / 100 for i in range(len(llr))]))
-    spent["clock"] = time.process_time() - begun
-    for name, seconds in spent.items():
-        yield f"{name}, ms a frame", f"{1e3 * seconds / len(greys):.2f}"
-    reception, shown = Reception(plan), 8.0 * film_of(MESSAGE, plan).repeat(2, axis=0) - 4.0
-    for turn in range(100_000 // len(shown) + 1):
-        times = [(turn * len(shown) + i) / 200 for i in range(len(shown))]
-        for at in range(0, len(shown), 64):
-            list(reception.push(shown[at : at + 64], times[at : at + 64]))
-        if turn in (10, 100_000 // len(shown)):
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
-            yield f"MB after {(turn + 1) * len(shown)} frames", f"{pages * 4096 / 1e6:.0f}"
+        for quality in (12, 18, 20, 23):
+            path = Path(folder) / f"{quality}.mp4"
+            write_video(path, seen, 100.0, quality)
+            mbit = path.stat().st_size * 8 * 100 / len(seen) / 1e6
+            begun = time.process_time()
+            greys = [one.grey for one in read_recording(path, "luma", grey_only=True)]
+            read = time.process_time() - begun
+            front, half = Front(receiver), len(greys) // 2
+            front(greys[:half])  # the first are searched one by one
+            begun = time.process_time()
+            llr = front(greys[half:])
+            follow = (time.process_time() - begun) * len(greys) / (len(greys) - half)
+            shown = film[[int((0.0011 + i / 100) * 40) for i in range(half, len(greys))]]
+            wrong, mixed = ((llr >= 0) != shown).mean(axis=(1, 2)), 0.02
+            reception, begun = Reception(plan), time.process_time()
+            list(reception.push(llr, [i / 100 for i in range(len(llr))]))
+            clock = (time.process_time() - begun) * len(greys) / len(llr)
+            spent = [1e3 * one / len(greys) for one in (read, follow, clock)]
+            rate = 2e3 / sum(spent)
+            told = (f"{one:.2f}" for one in (*spent, rate, float((wrong > mixed).mean())))
+            yield quality, f"{mbit:.1f}", *told
+
+
+def memory():
+    """Memory over 100,000 frames, from grey values to packets; two blocks of frames come again and again."""
+    world, plan, key = load_scene("night"), MessagePlan(SHAPE, Signalling()), BlockKey(3, "messages", 0)
+    film = film_of(MESSAGE, plan)[:256]
+    scene = narrowed(world.scene, {"distance_m": 70}).draw(key, SHAPE)[0][:1]
+    told = scene, torch.from_numpy(film), SYMBOL_S, Shutter(150.0, 0.0037, 0.004), key
+    greys = np.concatenate([part.frames.grey[:, 0].numpy() for part in record(world.simulator(), *told)])
+    front, reception, done, arrived = Front(learned("night")), Reception(plan), 0, 0
+    while done < 100_000:
+        for at in range(0, len(greys), 64):
+            part = [*greys[at : at + 64]]
+            times = [(done + i) / 150 for i in range(len(part))]
+            arrived += sum(one.packet is not None for one in reception.push(front(part), times))
+            done += len(part)
+            if done % 10_000 < len(part):
+                pages = int(Path("/proc/self/statm").read_text().split()[1])
+                yield done, arrived, f"{pages * 4096 / 1e6:.0f}"
 
 
 PARTS = {
-    "links": (links, "messages.csv", COLUMNS),
-    "options": (options, "messages_options.csv", COLUMNS),
-    "soft": (soft, "messages_soft.csv", COLUMNS),
+    "long": (long, "messages_long.csv", COLUMNS),
+    "faults": (faults, "messages_faults.csv", COLUMNS),
     "picture": (picture, None, ()),
-    "load": (load, "messages_load.csv", ("what", "value")),
+    "load": (
+        load,
+        "messages_load.csv",
+        ("crf", "mbit_s", "read_ms", "follow_ms", "clock_ms", "fps_two_cores", "frames_with_errors"),
+    ),
+    "memory": (memory, "messages_memory.csv", ("frames", "packets", "mb")),
     "noise": (noise, "messages_noise.csv", ("code", "packets", "accepted")),
     "clock": (
         clock,

@@ -20,10 +20,11 @@ import io
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import torch
@@ -133,10 +134,9 @@ def read_in_half(frames: Frames, panels: Panels, dtype: torch.dtype) -> Tensor:
     """
     sample = rectification._sample  # the one place where the reader's precision can be changed
 
-    def in_half(
-        takes: Sequence[Frames], homography: Tensor, x: Tensor, y: Tensor, given: torch.dtype
-    ) -> list[Tensor]:
-        return [one.to(given) for one in sample(takes, homography, x, y, dtype)]
+    def in_half(*given: Any) -> list[Tensor]:
+        *others, x, y, working = given
+        return [one.to(working) for one in sample(*others, x.to(dtype), y.to(dtype), dtype)]
 
     try:
         with mock.patch.object(rectification, "_sample", in_half):

@@ -3,7 +3,8 @@
     python benchmarks/streets.py --frames 40 --absent 60
 
 Scenes ``street_held_out`` and ``street_held_out_night``; a panel is located where each corner is within 0.25
-pitches of the truth. Writes docs/results/streets.csv.
+pitches of the truth. Writes docs/results/streets.csv, and prints what a frame takes, beside OpenCV's detector
+of ArUco markers on the same frames.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import cv2
 import torch
 
 import vocc_torch as vt
 from vocc_torch.measure.intervals import clopper_pearson
-from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import RefinedLocator
+from vocc_torch.receiver.locators import LOCATORS, locator_named
 from vocc_torch.types import Panels
 
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results" / "streets.csv"
@@ -40,9 +41,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Locators on held-out streets.")
     parser.add_argument("--frames", type=int, default=40, help="a scene, with a panel")
     parser.add_argument("--absent", type=int, default=60, help="a scene, without one")
+    parser.add_argument("--locators", nargs="+", default=LOCATORS, choices=LOCATORS)
     given = parser.parse_args()
     torch.set_num_threads(1)
-    locators = {"paper": PaperLocator(), "refined": RefinedLocator(), "lattice": LatticeLocator()}
+    cv2.setNumThreads(1)
+    locators = {name: locator_named(name, PaperLocator()) for name in given.locators}
+    markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250))
     receiver = vt.train("paper", classifier="tag_planes", frames=64)
     tally: Counter[tuple[str, str, str, str]] = Counter()
     seconds: Counter[str] = Counter()
@@ -53,6 +57,10 @@ def main() -> None:
             for batch in vt.simulate(world, count, point=f"streets {kind}"):
                 truth = batch.corners_px.double()
                 pitch = pitch_of(truth, world.panel.shape.leds)
+                began = time.process_time()
+                for grey in batch.frames.grey[:, 0].numpy():
+                    markers.detectMarkers(grey)
+                seconds["ArUco"] += time.process_time() - began
                 for name, locator in locators.items():
                     began = time.process_time()
                     panels: Panels = locator(batch.frames, world.panel.shape)

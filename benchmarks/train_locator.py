@@ -2,6 +2,7 @@
 
     python benchmarks/train_locator.py --out learned.json
 
+The network that judges placings comes after, by ``benchmarks/train_panel_net.py``.
 Nothing but simulated frames is learned from: panels of 4 x 4 to 16 x 64 LEDs of 1.5 to 24 px, turned and
 aslant, with boards or without, lighter and darker than what is around them, in streets, before drawn clutter.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -23,22 +24,21 @@ from torch import Tensor, nn
 
 from vocc_torch import Camera, PanelShape, Scene, Simulator
 from vocc_torch.hardware import LedPanel
-from vocc_torch.receiver.learned import Nets, found_places, load_weights, save_weights, sighted
+from vocc_torch.receiver.learned import Nets, found_places, load_weights, save_weights
 from vocc_torch.receiver.learned_nets import (
     CORNER_CELLS,
     PITCH_PX,
     CornerNet,
     Finder,
-    Judge,
     corner_frames,
     corner_patches,
     places_px,
     pyramid,
 )
+from vocc_torch.receiver.panel_net import PanelNet
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Backdrop
-from vocc_torch.types import Frames
 
 SIDE_PX, BLOCK = 256, 16
 SHAPES = [(8, 8)] * 6 + [(4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64)]
@@ -301,38 +301,6 @@ def wrong_claims(finder: Finder, one: World, many: int = 3) -> Tensor:
     return torch.cat(claims).clone()
 
 
-def judged_places(nets: Nets, one: World) -> tuple[Tensor, Tensor]:
-    """Give what speaks for the places of a block of frames, (n,8), and which are the panel's, (n,)."""
-    looks, right = [], []
-    with torch.inference_mode():
-        for i, grey in enumerate(one.grey.round().to(torch.uint8)):
-            corners, seen = sighted(nets, Frames.whole(grey), one.shape)
-            cell = (one.corners_px[i, 0] - one.corners_px[i, 2]).norm() / math.hypot(
-                one.shape.rows, one.shape.columns
-            )
-            off = (corners - one.corners_px[i]).norm(dim=2).amax(1) / cell.clamp(min=1e-3)
-            sure = ((off < 1.2) | (off > 3)) if cell > 0 else off > -1
-            looks.append(seen[sure])
-            right.append((off < 1.2)[sure] & (cell > 0))
-    return torch.cat(looks).clone(), torch.cat(right).clone().float()
-
-
-def judge_trained(nets: Nets, worlds: Iterable[World], steps: int = 3000) -> None:
-    """Train the judge on places of blocks of frames, the panels' and the others weighing alike."""
-    parts = [judged_places(nets, one) for one in worlds]
-    looks, right = (torch.cat(part) for part in zip(*parts, strict=True))
-    weight = torch.where(right > 0, 0.5 / right.sum(), 0.5 / (1 - right).sum())
-    optimiser = torch.optim.AdamW(nets.judge.parameters(), 5e-3, weight_decay=1e-3)
-    for _ in range(steps):
-        optimiser.zero_grad()
-        cost = nn.functional.binary_cross_entropy_with_logits(
-            nets.judge(looks), right, weight, reduction="sum"
-        )
-        cost.backward()
-        optimiser.step()
-    print(f"  Judge: {int(right.sum())} of {len(right)} places are panels, loss {float(cost.detach()):.4f}")
-
-
 def trained(net: nn.Module, minutes: float, losses: Iterator, rate: float = 3e-3) -> None:
     """Train for so many minutes of this process's own time, at a rate that falls to nothing."""
     optimiser = torch.optim.AdamW(net.parameters(), rate, weight_decay=1e-3)
@@ -372,7 +340,7 @@ def main() -> None:
     def any_world() -> World:
         return shaken(worlds[draw.integers(len(worlds))], draw)
 
-    finder, corners, _ = nets = Nets(Finder(), CornerNet(), Judge())
+    finder, corners, _ = nets = Nets(Finder(), CornerNet(), PanelNet())
     if given.start:
         for net, before in zip(nets, load_weights(given.start, torch.device("cpu")), strict=True):
             net.load_state_dict(before.state_dict())
@@ -386,8 +354,6 @@ def main() -> None:
             yield corner_loss(corners, one, draw, wrong)
 
     trained(corners, given.minutes[1], corner_losses(), 2e-3)
-    for _ in range(2):  # which places are fitted is the judge's choice
-        judge_trained(nets, [shaken(one, draw) for one in worlds[: given.blocks // 2]])
     save_weights(given.out, nets)
     weights = sum(one.numel() for net in nets for one in net.parameters())
     print(f"{given.out}: {given.out.stat().st_size / 1e6:.2f} MB, {weights} weights")

@@ -16,6 +16,9 @@ def stop(*_: object) -> None:
 
 def main() -> None:
     """Run the command line; Ctrl-C ends it in one line, also while it loads and while it ends."""
+    # Threads that wait for each other sleep, where they would spin beside other work; torch reads it once.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("KMP_BLOCKTIME", "0")
     usual = signal.getsignal(signal.SIGINT)
     if usual is signal.default_int_handler:  # a shell's background job hears nothing
         signal.signal(signal.SIGINT, stop)

@@ -1,12 +1,15 @@
 """Parts from outside the package: found by name, built from settings, told apart by their code."""
 
 import ast
+import atexit
 import functools
 import hashlib
 import importlib
 import importlib.util
 import inspect
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +31,12 @@ PREFIX = "vocc_torch_file_"
 
 EXPECTED: dict[str, str] = {}
 """In a worker: what :func:`files_read` gave in the process that began it."""
+
+READ: set[str] = set()
+"""The files that this process has run, as they were named."""
+
+COPIES: dict[str, Path] = {}
+"""In a worker on another machine: where the files lie that came with a run, by their paths in its process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,22 +66,34 @@ class ModuleFile:
         Raises:
             VoccError: the file cannot be read.
         """
-        told, files = hashlib.sha256(), [Path(self.path)]
-        # In the order in which they are met.
+        return hashlib.sha256(b"".join(self.texts.values())).hexdigest()[:16]
+
+    @property
+    def place(self) -> Path:
+        """Where it lies: in a worker on another machine a copy of it."""
+        return COPIES.get(self.path, Path(self.path))
+
+    @property
+    def texts(self) -> dict[str, bytes]:
+        """Its text, and those that it imports from its own folder, by name, in the order they are met.
+
+        Raises:
+            VoccError: the file cannot be read.
+        """
+        texts, files = dict[str, bytes](), [self.place]
         for path in files:
             try:
-                text = path.read_bytes()
+                text = texts[path.name] = path.read_bytes()
                 nodes = list(ast.walk(ast.parse(text)))
             except OSError as error:
                 raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
             except (SyntaxError, ValueError):
                 nodes = []  # told of when the file is run
-            told.update(text)
             names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
             names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
             beside = [files[0].parent / f"{name.split('.')[0]}.py" for name in names]
             files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
-        return told.hexdigest()[:16]
+        return texts
 
     @property
     def module_name(self) -> str:
@@ -86,11 +107,12 @@ class ModuleFile:
             VoccError: the file cannot be read or run, or a worker meets another text than its run began with.
         """
         name = self.module_name
+        READ.add(self.path)
         if not name.endswith(EXPECTED.get(str(Path(self.path).absolute()), "")):
             raise VoccError(f"file {self.path} has changed since this run began: begin it again")
         if name in sys.modules:
             return sys.modules[name]
-        spec = importlib.util.spec_from_file_location(name, self.path)
+        spec = importlib.util.spec_from_file_location(name, self.place)
         if spec is None or spec.loader is None:
             raise VoccError(f"file {self.path} is no Python file: its name must end in .py")
         made = importlib.util.module_from_spec(spec)
@@ -120,6 +142,34 @@ def files_read() -> dict[str, str]:
     """Tell each file that this process has run, by its whole path, from others: its last digest."""
     read = [one for name, one in sys.modules.items() if name.startswith(PREFIX)]
     return {str(Path(str(one.__file__)).absolute()): one.__name__.rpartition("_")[2] for one in read}
+
+
+def carried() -> dict[str, dict[str, bytes]]:
+    """Give the files that this process has run to workers on other machines.
+
+    Returns:
+        By the path as it was named: the file, and what it imports from its own folder, by name.
+
+    Raises:
+        VoccError: a file has changed meanwhile.
+    """
+    read, given = files_read(), {}
+    for one in (ModuleFile(path) for path in sorted(READ) if Path(path).is_file()):
+        if read.get(str(Path(one.path).absolute()), one.digest) != one.digest:
+            raise VoccError(f"file {one.path} has changed since this run began: begin it again")
+        given[one.path] = one.texts
+    return given
+
+
+def receive(files: Mapping[str, Mapping[str, bytes]]) -> None:
+    """Lay out what :func:`carried` gave elsewhere, in a folder that is gone when this process ends."""
+    for path, texts in files.items():
+        folder = Path(tempfile.mkdtemp(prefix="vocc-torch-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        for name, text in texts.items():
+            (folder / name).write_bytes(text)
+        COPIES[path] = folder / Path(path).name
+        sys.path.append(str(folder))  # for what it imports from beside it
 
 
 def one_line(error: BaseException) -> str:

@@ -6,6 +6,7 @@ its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top lef
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Self
 
@@ -43,6 +44,9 @@ def demand_in_range(name: str, low: float, high: float) -> None:
         raise VoccError.of(f"scene.{name}", f"{low:g}", f"{rule} {least:g}")
     if high > most:
         raise VoccError.of(f"scene.{name}", f"{high:g}", f"at most {most:g}")
+
+
+_NOTHING = nullcontext()
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +182,28 @@ def holds(facts: Tensor) -> bool:
         False
     """
     return is_exporting() or bool(facts.all())
+
+
+def are_finite(values: Tensor) -> bool:
+    """Whether all of some values are finite; a graph that is being drawn takes them to be.
+
+    Example:
+        >>> are_finite(torch.tensor([1e38, 3e38])), are_finite(torch.tensor([1.0, torch.nan]))
+        (True, False)
+    """
+    # A finite sum has finite terms; what overflows is looked at one by one.
+    return is_exporting() or math.isfinite(values.detach().sum()) or bool(values.isfinite().all())
+
+
+def without_autocast(device: torch.device) -> AbstractContextManager[object]:
+    """Switch an autocast off, where there is one: a context costs more than asking.
+
+    Example:
+        >>> with torch.autocast("cpu"), without_autocast(torch.device("cpu")):
+        ...     torch.is_autocast_enabled("cpu")
+        False
+    """
+    return torch.autocast(device.type, enabled=False) if torch.is_autocast_enabled(device.type) else _NOTHING
 
 
 @dataclass(frozen=True, slots=True)

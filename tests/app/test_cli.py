@@ -28,6 +28,7 @@ COLUMNS = [
     *("experiment", "axis", "value", "receiver", "locator", "frames", "bits", "bit_errors"),
     *("ber", "ber_low", "ber_high", "frame_errors", "panels_missed", "stopped_by"),
     *("trainings", "ber_mean", "ber_sd", "ber_best", "ber_worst", "algorithm_low", "algorithm_high"),
+    *("method", "effective_frames", "unseen_below"),
 ]
 TINY = ("budget.frames=2", "budget.training_frames=16")
 QUICK = (*TINY, "experiment.values=[4000]", "receiver.names=[flda_3]", "tensorboard=false")
@@ -72,7 +73,7 @@ def test_default_run_writes_everything(app, tmp_path):
     assert Receiver.load(folder / "receiver.pt").name == "flda_3"
     settings = yaml.safe_load((folder / "config.yaml").read_text())
     spent = {"frames": 2, "training_frames": 16, "target_frame_errors": None}
-    assert settings["budget"] == spent | {"precision": None, "least_ber": 0.0, "trainings": 1}
+    assert settings["budget"] == spent | {"precision": None, "least_ber": 0.0, "trainings": 1, "rare": False}
     runs = {run.name for run in (folder / "tensorboard").iterdir()}
     assert runs == {"_summary", *names}
     assert all(list((folder / "tensorboard" / run).glob("events.out.tfevents.*")) for run in runs)

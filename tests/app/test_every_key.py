@@ -48,7 +48,7 @@ SECTIONS = {
     },
     "receiver": {
         **{"names": ["flda_2", "flda_3"], "locator": "refined", "features": ["agr", "gri"]},
-        **{"samples_per_led": 16, "gradient": "central", "save": "flda_2"},
+        **{"samples_per_led": 16, "gradient": "central", "save": "flda_2", "false_alarms": 0.01},
     },
     "receiver.location": {
         **{"closing_px": 13, "min_area_px": 50, "min_rectangularity": 0.6, "min_compactness": 0.8},
@@ -60,7 +60,7 @@ SECTIONS = {
     },
     "budget": {
         **{"frames": 700, "training_frames": 600, "target_frame_errors": 50, "precision": 0.2},
-        **{"least_ber": 0.01, "trainings": 2},
+        **{"least_ber": 0.01, "trainings": 2, "rare": True},
     },
     "figures": {
         **{"names": ["fig22"], "focal_lengths_mm": [18.0], "locators": ["truth"]},
@@ -96,13 +96,25 @@ SECTIONS = {
         **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},
         "quantum_efficiency": 0.5,
     },
-    "receive": {"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
+    "receive": {
+        **{"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
+        "follow": "true",
+    },
+    "messages": {
+        **{"distance_m": [40.0], "ambient_lx": [3.0], "ratio": [3.0], "at_distance_m": 70.0, "at_ratio": 3.0},
+        **{"codes": ["none"], "soft": ["hard"], "interleave": [False], "recordings": 2, "blocks": 2},
+    },
 }
+SECTIONS["messages.signalling"] = {
+    name: value for name, value in SECTIONS["transmit"].items() if name not in ("repeats", "cell_px")
+}
+SECTIONS["messages.record"] = SECTIONS["record"]
 OTHER = {
     **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
     **{"name": "other", "seed": 1, "precision": "float64", "framing": "full", "batch_frames": 32},
     **{"classifiers": {"own": LMMSE}, "locators": {"own": PART}, "features": {"own": PART}},
     **{"device": "cpu", "workers": 3, "tensorboard": False},
+    **{"executor.kind": "here", "executor.address": "local"},
     **{"input": "photo.png", "model": "receiver.pt", "plug_ins": ["mine.py"]},
 }
 """Of every key another value than the default."""
@@ -120,6 +132,8 @@ ALSO = {
 LATER = {
     "name": "tests/app/test_run_folder.py::test_only_folders_below_runs_are_given",
     "workers": "tests/measure/test_workers.py::test_two_processes_measure_what_one_measures",
+    "executor.kind": "tests/app/test_executors.py::test_unasked_it_begins_here_and_takes_processes",
+    "executor.address": "tests/app/test_executors.py::test_what_cannot_be_elsewhere_is_refused",
     "tensorboard": "tests/app/test_cli.py::test_default_run_writes_everything",
     "input": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
     "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",
@@ -132,6 +146,9 @@ LATER = {
     "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",
 }
 """Keys that act after a study is built, and the test that sees them act."""
+
+WHO = ("workers", "executor")
+"""Who counts, which a study leaves to ``Workers.of``."""
 
 FROM_OTHERS = {
     "tradeoff": {
@@ -194,6 +211,9 @@ def spent(settings):
         one, world = plan.receiver, plan.world
         found = one.locator, one.locators, one.location, world.camera, world.panel
         return found, settings.calibrate
+    if task == "messages":
+        told = identity(plan, [plan.receiver.locator])["experiment"]["scene"]
+        return learned(replace(plan, receiver=replace(plan.receiver, save="flda_3"))), told, settings.messages
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
@@ -231,7 +251,9 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     brought = FROM_OTHERS.get(task, {})
     others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
     for key, value in (
-        OTHER | ({"receiver.locator": "paper"} if task in ("decode", "receive", "calibrate") else {})
+        OTHER
+        | ({"receiver.locator": "paper"} if task in ("decode", "receive", "messages", "calibrate") else {})
+        | ({"receiver.names": ["flda_3"]} if task == "messages" else {})
     ).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
@@ -242,6 +264,7 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
             if key in LATER and (key != "scene.name" or task == "test"):  # the study reads it, or its section
                 done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
                 done = done or key in ("name", "scene.name")
+                done = done or (key.partition(".")[0] in WHO and "Workers.of(settings)" in source)
             elif key in brought:
                 own = [getattr(one.tradeoff, brought[key]) for one in (base, others)]
                 done = own[0][0] != own[1][0] and own[1][0] == value

@@ -45,12 +45,13 @@ DEPENDS = {
     **under("receiver.location", closing_px=13, min_area_px=50, min_rectangularity=0.6, min_compactness=0.8),
     **under("receiver.location", quadrilateral="upright"),
     **under("receiver.reader", shape=SMALL, samples_per_led=6, gradient="central"),
+    **under("receiver", false_alarms=0.01),
     **under("receiver", locators={"own": PlugIn("c", "own", "mine.Own")}),
     **under("receiver.reader", more=(PlugIn("c", "own", "mine.Own"),)),
     **under("receiver", classifiers=(ClassifierPlan("own", PlugIn("c", "own", "mine.Own")),)),
     **under("experiment", name="another", axis="led_luminance_cd_m2", scene={"distance_m": NEAR}),
     **under("experiment", training={"distance_m": NEAR}),
-    **under("budget", training_frames=999, trainings=2),
+    **under("budget", training_frames=999, trainings=2, rare=True),
 }
 """What the numbers of a ledger's rows depend on, and another value of each."""
 

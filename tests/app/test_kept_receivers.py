@@ -15,7 +15,9 @@ from scipy.special import expit
 
 from vocc_torch import Scene, Simulator
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.train import train, trained_receiver
+from vocc_torch.measure.kept_training import KeptTrainings
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.train import train, trained_receiver, training_key
 from vocc_torch.receiver.calibration import Calibration, calibration_error
 from vocc_torch.receiver.classifiers import FldaClassifier, Guarded, Inputs
 from vocc_torch.receiver.locators import PaperLocator
@@ -74,8 +76,8 @@ def mine(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def kept(mine, tmp_path_factory):
-    """Every classifier that ships, and a classifier and a locator from outside, and their files."""
+def learned(mine):
+    """Every classifier that ships, and one from outside, trained: the plan and the training."""
     brief = [f"++classifiers.{name}.training={{frames: 32, epochs: 1}}" for name in NETWORKS]
     own = (
         f"+classifiers.level.build._target_={mine}:Level",
@@ -83,7 +85,13 @@ def kept(mine, tmp_path_factory):
     )
     words = ("task=train", f"classifier=[{','.join(SHIPPED)}]", "receiver.save=level", *brief, *own)
     plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=32")
-    training, folder = train(plan, keep=True), tmp_path_factory.mktemp("kept")
+    return plan, train(plan, keep=True)
+
+
+@pytest.fixture(scope="module")
+def kept(learned, mine, tmp_path_factory):
+    """Receivers with each of them, and a locator from outside, and their files."""
+    (plan, training), folder = learned, tmp_path_factory.mktemp("kept")
     locators = {"level": f"{mine}:Finder", "lmmse": "refined"}
     (bits, frames), made = sent(16), {}
     for name in (*SHIPPED, "level", "flda", "flda_2"):
@@ -101,6 +109,33 @@ def sent(count):
     scene = Scene.of(frames=count, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
     bits = torch.rand(count, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
     return bits, Simulator().render(scene, bits)
+
+
+def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
+    """All of them, and what they took; one that takes up less than it gave is left to be trained again."""
+    plan, training = learned
+    key = training_key(plan, ["truth"])
+    more = replace(training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31)
+    with Ledger.open(tmp_path / "a.sqlite", {}) as ledger:
+        KeptTrainings([ledger]).keep(key, plan, {"truth": replace(training, more=(more,))})
+    with Ledger.open(tmp_path / "a.sqlite", {}) as ledger, Ledger.open(tmp_path / "b.sqlite", {}) as other:
+        kept = KeptTrainings([other, ledger])
+        again = kept.known(key, plan)["truth"]
+        assert kept.known(training_key(replace(plan, seed=1), ["truth"]), plan) is None
+        # Whatever its network knows, this one comes back with other weights.
+        net = training.classifiers["mlp"]
+        monkeypatch.setattr(type(net.classifier), "load_state_dict", lambda self, state: None)
+        kept.keep(key, plan, {"truth": replace(training, classifiers={"mlp": net})})
+        assert other.kept(key) is None
+    drawn = torch.Generator().manual_seed(7)
+    for one, back in ((training, again), (more, again.more[0])):
+        assert (one.frames, one.missed, one.made) == (back.frames, back.missed, back.made)
+        assert torch.equal(one.features, back.features)
+        assert torch.equal(one.flda.direction, back.flda.direction)
+        for name, learner in one.classifiers.items():
+            x = torch.rand(1, 8, 8, learner.inputs.size, generator=drawn)
+            given = [which.decision_function(x) for which in (learner, back.classifiers[name])]
+            assert torch.equal(*given), name
 
 
 @pytest.mark.parametrize("count", [16, pytest.param(1000, marks=pytest.mark.slow)])

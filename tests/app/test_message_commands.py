@@ -93,6 +93,38 @@ def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(se
     assert all(row["why"] for row in rows if row["arrived"] == "0")
 
 
+@pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.8])
+def test_a_video_that_was_cut_gives_what_it_has(seen, model, tmp_path, share):
+    whole = (seen / "recording.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: int(share * len(whole))])
+    with pytest.warns(UserWarning, match="its header speaks of"):
+        rows, said = receive(
+            tmp_path / "cut.mp4", tmp_path / "out", model, f"receive.plan='{seen / 'plan.yaml'}'"
+        )
+    arrived = [row for row in rows if row["arrived"] == "1"]
+    assert bool(arrived) == (share > 0.5)
+    assert "packet" in said
+    assert not (tmp_path / "out" / "message.bin").exists()
+    if arrived:
+        part = (tmp_path / "out" / "message.partial").read_bytes()
+        assert part[:100] == TEXT[:100]
+        assert all(byte in (0, sent) for byte, sent in zip(part, TEXT, strict=True))
+
+
+def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path, monkeypatch):
+    def until_half(*given, **named):
+        for one in read_recording(*given, **named):
+            if one.index == 300:
+                raise KeyboardInterrupt
+            yield one
+
+    monkeypatch.setattr("vocc_torch.studies.message.receive.read_recording", until_half)
+    rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
+    assert "interrupted after 256 frames" in said
+    assert [row["sequence"] for row in rows if row["arrived"] == "1"] == ["0", "1", "2", "3"]
+    assert (tmp_path / "out" / "message.partial").read_bytes()[:400] == TEXT[:400]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -100,7 +132,22 @@ def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(se
         ("task=transmit scene.distance_m=50", "scene.distance_m is 50: task=transmit does not use it"),
         ("task=record record.fps=0", "record.fps is 0: it must be above 0"),
         ("task=record panel.rows=4", "panel.rows is 4: task=record does not use it"),
-        ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of calibrated, scores"),
+        ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of scores, calibrated"),
+        ("task=receive receive.channel=auto", "receive.channel is 'auto': it must be one of luma, max, red"),
+        ("task=messages messages.codes=[rs]", "messages.codes has 'rs': it must be none, or rs or ldpc with"),
+        (
+            "task=messages messages.ratio=[1.2]",
+            "messages.ratio is [1.2]: it must be at least 1.5 and at most",
+        ),
+        (
+            "task=messages messages.distance_m=[] messages.ambient_lx=[] messages.ratio=[]",
+            "messages varies n",
+        ),
+        (
+            "task=messages messages.signalling.code=rs",
+            "messages.signalling.code is rs: task=messages does no",
+        ),
+        ("task=messages messages.soft=[hard,hard]", "messages.soft is ['hard', 'hard']: it must be some of"),
         (
             "task=receive receiver.locator=truth",
             "receiver.locator is 'truth': it must be paper, refined, lattice or learned",
@@ -128,3 +175,28 @@ def test_inputs_that_are_not_there(tmp_path, sent, task, place, said):
     words = () if place is None else (f"input='{tmp_path / place}'",)
     with pytest.raises(VoccError, match=said):
         run_task(composed(f"task={task}", "name=x", *words), tmp_path / "out")
+
+
+SMALL = (
+    *("experiment=messages", "name=x", "scene=paper", "workers=1", "budget.training_frames=64"),
+    *("classifier=[]", "messages.recordings=2", "messages.signalling.block_symbols=32", "messages.ratio=[]"),
+    *("messages.ambient_lx=[]", "messages.soft=[scores,hard]", "messages.interleave=[true,false]"),
+    *("messages.at_ratio=1.5", "experiment.training={distance_m:[uniform,30,70]}", "batch_frames=32"),
+)
+
+
+@pytest.mark.slow
+def test_a_study_of_messages(tmp_path):
+    """Near, all packets arrive and no other ones; far, none does."""
+    words = "messages.distance_m=[40,400]", "messages.codes=[none,rs-0.5]"
+    run_task(composed(*SMALL, *words), tmp_path / "out")
+    rows = rows_of(tmp_path / "out" / "messages.csv")
+    assert len(rows) == 2 * 2 * 2 * 2 * 2  # distances, receivers, soft values, interleaving, codes
+    lost = {value: {int(row["lost"]) for row in rows if float(row["value"]) == value} for value in (40, 400)}
+    assert lost == {40: {0}, 400: {int(rows[0]["packets"])}}
+    assert {row["false_packets"] for row in rows} == {"0"}
+    chosen = [(row["value"], row["receiver"], row["code"]) for row in rows if row["best"] == "1"]
+    assert chosen == [("40.0", "flda_2", "none"), ("40.0", "flda_3", "none")]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("messages.csv", "messages_paired.csv", "messages.png", "goodput.png", "config.yaml")
+    }

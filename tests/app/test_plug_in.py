@@ -5,7 +5,6 @@ import pickle
 import random
 import re
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from PIL import Image
 from vocc_torch import Receiver, Scene, Simulator, plugins
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import workers
+from vocc_torch.measure import executors
 from vocc_torch.measure.train import train
 from vocc_torch.show import plots
 
@@ -175,15 +174,10 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
 
 def test_a_worker_refuses_a_file_that_changed_since_its_run_began(tmp_path, monkeypatch):
     """Or one ledger would count the frames of two texts as those of one."""
-    path, given = tmp_path / "mine.py", []
+    path = tmp_path / "mine.py"
     path.write_text("ANSWER = 42")
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
-    monkeypatch.setattr(
-        workers.futures, "ProcessPoolExecutor", lambda *_, initargs, **__: given.extend(initargs) or None
-    )
-    with suppress(AttributeError):  # there is no pool
-        workers.Workers(2).submit(len, "")
-    monkeypatch.setattr(plugins, "EXPECTED", given[0])
+    monkeypatch.setattr(plugins, "EXPECTED", *executors.ProcessEngine(2)._initargs)
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
     path.write_text("ANSWER = 43")
     with pytest.raises(VoccError, match=r"mine.py has changed since this run began: begin it again"):

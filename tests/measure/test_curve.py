@@ -20,7 +20,8 @@ def point(value=50.0, receiver="flda_3", counts=WRONG, locator="truth", experime
 def test_the_row_has_exactly_the_columns_that_others_rely_on():
     names = "experiment axis value receiver locator frames bits bit_errors ber ber_low ber_high frame_errors"
     later = "trainings ber_mean ber_sd ber_best ber_worst algorithm_low algorithm_high"
-    assert (*names.split(), "panels_missed", "stopped_by", *later.split()) == COLUMNS
+    last = "method effective_frames unseen_below"
+    assert (*names.split(), "panels_missed", "stopped_by", *later.split(), *last.split()) == COLUMNS
 
 
 def test_the_row_states_the_counts_and_their_interval():

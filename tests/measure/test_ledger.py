@@ -217,12 +217,18 @@ def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
         "UPDATE blocks SET digest = 'x'",
         "UPDATE blocks SET counts = x'00'",
         "UPDATE blocks SET counts = NULL",
+        "UPDATE trained SET content = '{}'",
+        "UPDATE trained SET key = 'other'",
         "DELETE FROM identity",
         "INSERT INTO identity SELECT * FROM identity",
     ],
 )
 def test_a_changed_row_is_damage(path, statement):
     filled(path)
+    with Ledger.open(path, SETTINGS) as ledger:
+        ledger.keep("key", '{"a": 1}')
+        ledger.keep("key", '{"a": 2}')
+        assert (ledger.kept("key"), ledger.kept("other")) == ({"a": 2}, None)
     change(path, statement)
     before = path.read_bytes()
     refusal(lambda: Ledger.open(path, SETTINGS), "runs/ledger.sqlite", "is damaged", "copy", "delete it")

@@ -12,6 +12,7 @@ from contextlib import closing
 import pytest
 import yaml
 from hydra.core.global_hydra import GlobalHydra
+from unreliable import Unreliable, on
 
 from vocc_torch.app import cli
 from vocc_torch.measure import sweep
@@ -194,12 +195,15 @@ def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, und
 # As killed runs leave it
 
 
-def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked):
+def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked, monkeypatch):
+    """And what was trained is not trained again."""
     ended_after(3)
+    monkeypatch.setattr(testing.terminal, "train_shown", lambda *_: pytest.fail("trained again"))
     known = rows_in(folder / "ledger.sqlite")
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
-    assert ran.out.startswith(f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n")
+    told = f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n"
+    assert ran.out.startswith(f"{told}resuming: the receivers are trained already\n")
     assert_as(folder, undisturbed)
     assert not set(asked) & set(known)
     assert (len(known), len(asked)) == (3, BLOCKS - 3)
@@ -219,6 +223,21 @@ def test_another_budget_and_more_values_take_what_is_there(app, undisturbed, fol
     for name in RESULTS:
         assert (folder / name).read_bytes() == (own / name).read_bytes()
         assert (folder / name).read_bytes() != (undisturbed / name).read_bytes()
+
+
+# Elsewhere, where not all goes well
+
+
+@pytest.mark.filterwarnings("ignore:a worker or node was lost")
+def test_blocks_in_any_order_twice_lost_and_late_give_the_bytes_of_one_process(
+    app, undisturbed, folder, monkeypatch
+):
+    engine = on(monkeypatch, Unreliable(("done", "lost", "silent", "done", "silent", "lost", "done")), 2.0)
+    ran = app(*RUN, "executor=ray")
+    assert ran.status == 0, ran.err
+    assert_as(folder, undisturbed)
+    # Some blocks were handed out again.
+    assert len(engine.handed) > BLOCKS == len({given[1:] for given in engine.handed})
 
 
 # Refused, and left as it was

@@ -69,7 +69,7 @@ class Hands:
             future.set_running_or_notify_cancel()
         return future
 
-    def wait(self, futures, return_when):
+    def wait(self, futures, timeout, return_when):
         self.pending = [call for call in self.pending if call[0] in futures or not call[0].cancelled()]
         assert set(futures) == {future for future, *_ in self.pending}
         for chosen in self.rng.sample(self.pending, self.rng.randint(1, len(self.pending))):
@@ -192,9 +192,9 @@ def test_nobody_waits_while_there_is_a_block_left_to_hand_out(works, rng, window
     hands, blocks = Hands(rng), sum(len(list(parts_of(work.rule.frames))) for work in works)
     waits, wait = [], hands.wait
 
-    def watched(futures, return_when):
+    def watched(futures, timeout, return_when):
         waits.append(len(futures) == window or len(hands.handed) == blocks)
-        return wait(futures, return_when)
+        return wait(futures, timeout, return_when)
 
     hands.wait = watched
     hands.run(works, window=window, blocks_at_once=blocks_at_once)

@@ -84,7 +84,7 @@ def story(sweeps, tmp_path_factory):
         story.bad_call = caught(lambda: workers.submit(resolve_device, "abacus").result())
 
         def kill(*_):
-            os.kill(next(iter(workers._pool._processes)), signal.SIGKILL)
+            os.kill(next(iter(workers._engine._processes)), signal.SIGKILL)
 
         with Ledger.open(path, {}) as ledger:
             story.killed = caught(lambda: results(sweeps, workers, kill, ledger))
@@ -138,7 +138,7 @@ def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
 def test_one_worker_starts_nothing():
     with Workers(1) as workers:
         assert workers.submit(eval, "__import__('os').getpid()").result() == os.getpid()
-        assert workers._pool is None
+        assert workers._engine is None
         with pytest.raises(ValueError, match="invalid literal"):
             workers.submit(int, "x")
 

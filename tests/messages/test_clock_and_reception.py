@@ -77,7 +77,11 @@ def test_the_message_arrives_through_faulty_recordings(faults):
     # The camera's own stamps know nothing of what was lost or repeated.
     assembly, _, reception = received(llr, stamps)
     assert assembly.whole(reception.code.info_bytes) == MESSAGE
-    assert 0.02 < reception.passed_over / (reception.passed_over + reception.used) < 0.3
+    assert (
+        0.02
+        < reception.combiner.passed_over / (reception.combiner.passed_over + reception.combiner.used)
+        < 0.3
+    )
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 190.4), slowly(100.3, 256)])
@@ -135,6 +139,7 @@ def test_what_is_held_does_not_grow_with_the_recording():
         for at in range(0, len(llr), 64):
             times = [(turn * len(llr) + at + i) / 240 for i in range(len(llr[at : at + 64]))]
             list(reception.push(llr[at : at + 64], times))
-            held.append((len(reception._waiting), len(reception.clock._back), len(reception._sums)))
+            own = reception.combiner
+            held.append((len(own._waiting), len(own.clock._back), len(own._open)))
     assert np.array(held).max(axis=0).tolist() <= [2 * DELAY + 64, 2 * DELAY + 64, 3]
     assert held[-1][2] <= 3

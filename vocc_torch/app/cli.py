@@ -117,7 +117,10 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))
             mine = begin_again(folder) and one_of_many
-            run_task(resolved(config, words), folder)
+            settings = resolved(config, words)
+            if jobs.elsewhere and settings.workers is None:
+                settings.workers = 1  # the jobs share the cores
+            run_task(settings, folder)
         return
     except BrokenPipeError:
         raise

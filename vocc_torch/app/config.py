@@ -19,7 +19,7 @@ from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.export import ExportConfig
-from vocc_torch.studies.message import ReceiveConfig, RecordConfig, TransmitConfig
+from vocc_torch.studies.message import MessagesConfig, ReceiveConfig, RecordConfig, TransmitConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
@@ -37,6 +37,7 @@ TASKS = {
     "transmit": ("message.transmit:run_transmit", "transmit"),
     "record": ("message.record:run_record", "record"),
     "receive": ("message.receive:run_receive", "receive"),
+    "messages": ("message.run:run_messages", "messages"),
     "calibrate": ("calibrate.run:run_calibrate", "calibrate"),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
@@ -56,6 +57,7 @@ class AppConfig(Settings):
         transmit: how task=transmit writes a message.
         record: the camera's time in task=record.
         receive: how task=receive reads a recording.
+        messages: what task=messages varies and sends.
         calibrate: what task=calibrate looks at.
     """
 
@@ -68,6 +70,7 @@ class AppConfig(Settings):
     transmit: TransmitConfig = field(default_factory=TransmitConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     receive: ReceiveConfig = field(default_factory=ReceiveConfig)
+    messages: MessagesConfig = field(default_factory=MessagesConfig)
     calibrate: CalibrateConfig = field(default_factory=CalibrateConfig)
 
     def __post_init__(self) -> None:
@@ -91,45 +94,46 @@ RECORDED = ("input", "model", "plug_ins")
 
 COUNTING = tuple(f"budget.{one.name}" for one in fields(Budget) if one.name != "training_frames")
 TESTING = tuple(f"experiment.{one.name}" for one in fields(Experiment) if one.name != "training")
-ALONE = ("workers", "tensorboard", "scene.name", "receiver.names", *COUNTING)
+ALONE = ("workers", "executor", "tensorboard", "scene.name", "receiver.names", *COUNTING)
 """What has no part in making one receiver."""
 
 IGNORED = {
     "train": (*RECORDED, *ALONE, *TESTING),
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
-    "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
-    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", "budget.trainings", *PARTS),
+    "figures": (*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "scene.name"),
+    "effects": (
+        *(*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "receiver.features"),
+        *("budget.trainings", *PARTS),
+    ),
     "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
-        *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
+        *("input", "experiment", "workers", "executor", "tensorboard", "scene.name", "receiver.names"),
         *(one for one in COUNTING if one != "budget.frames"),
     ),
     "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
     "transmit": (
         *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
-        *("tensorboard", "scene", "camera", "receiver", "experiment", "budget", *PARTS),
+        *("executor", "tensorboard", "scene", "camera", "receiver", "experiment", "budget", *PARTS),
         *(f"panel.{one.name}" for one in fields(LedPanel) if one.name != "shape"),
     ),
     "record": (
-        *("model", "plug_ins", "workers", "tensorboard", "scene.name", "receiver", "experiment", "budget"),
-        *("panel.rows", "panel.columns", *PARTS),
+        *("model", "plug_ins", "workers", "executor", "tensorboard", "scene.name", "receiver", "experiment"),
+        *("budget", "panel.rows", "panel.columns", *PARTS),
     ),
     "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
+    "messages": (
+        *(*RECORDED, "tensorboard", "scene.name", "receiver.save", *COUNTING),
+        *(one for one in TESTING if one != "experiment.scene"),
+        *(f"messages.signalling.{one}" for one in ("code", "code_rate", "interleave", "scramble")),
+        *(f"messages.record.{one}" for one in ("fps", "start_s", "quality")),
+    ),
     "calibrate": (
         *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
-        *(
-            "tensorboard",
-            "camera.iso_limits",
-            "scene",
-            "experiment",
-            "budget",
-            "classifiers",
-            "features",
-            "receiver.names",
-        ),
-        *("receiver.features", "receiver.samples_per_led", "receiver.gradient", "receiver.save"),
+        *("executor", "tensorboard", "camera.iso_limits", "scene", "experiment", "budget", *PARTS),
+        *("receiver.names", "receiver.features", "receiver.samples_per_led", "receiver.gradient"),
+        "receiver.save",
     ),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }

@@ -127,6 +127,12 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         if settings.model and {group, key} & {*own_parts, *PARTS} and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")
+        if (
+            place == "receiver.false_alarms"
+            and task in ONE_LOCATOR
+            and finder in ("truth", "paper", "refined")
+        ):
+            raise VoccError(f"{said}: only lattice and learned state them, and receiver.locator is {finder}")
         if place.startswith("receiver.location") and task in ONE_LOCATOR and finder not in ours:
             raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
         own = name in experiment.training

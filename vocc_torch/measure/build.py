@@ -61,6 +61,8 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         settings.batch_frames,
         settings.budget,
     )
+    if budget.rare and settings.task != "test":
+        raise VoccError.of("budget.rare", "true", f"false for task={settings.task}: only task=test uses it")
     if settings.task not in plans.TRAINS_OFTEN:
         budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
     return plans.Plan(world, receiver_plan(settings, shape), experiment, budget, folder, seed, batch)
@@ -84,6 +86,8 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         one = PlugIn.of("receiver.locator", locator)
         locator, locators[one.name] = one.name, one
     for name in receiver.features:
+        if not isinstance(name, str):
+            raise VoccError.of("receiver.features", list(receiver.features), "a list of words", "has")
         if is_target(name):
             one = PlugIn.of("receiver.features", name)
             outside[one.name] = one
@@ -114,6 +118,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         reader=own,
         save=save,
         locators=locators,
+        false_alarms=receiver.false_alarms,
     )
 
 

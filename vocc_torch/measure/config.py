@@ -56,6 +56,8 @@ class Budget:
             error rate to either side, above 0 and below 1; null spends all.
         least_ber: with ``precision``, a receiver whose interval lies below this rate needs no more frames; 0
             to below 1.
+        rare: draw scenes where errors are expected and weigh them back, for rates that counting cannot reach;
+            task=test alone, for one curve and one training.
 
     Raises:
         VoccError: a number outside its range, or two stop rules that contradict each other.
@@ -67,6 +69,7 @@ class Budget:
     precision: float | None = None
     least_ber: float = 0.0
     trainings: int = 1
+    rare: bool = False
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -82,6 +85,10 @@ class Budget:
             raise VoccError.of("budget.least_ber", self.least_ber, "at least 0 and below 1")
         if self.least_ber and share is None:
             raise VoccError.of("budget.least_ber", self.least_ber, "0 unless budget.precision is given")
+        if self.rare and (self.trainings > 1 or target is not None):
+            name = "trainings" if self.trainings > 1 else "target_frame_errors"
+            rule = f"{1 if self.trainings > 1 else 'null'} where budget.rare is true"
+            raise VoccError.of(f"budget.{name}", getattr(self, name), rule)
         if share is not None and target is not None:
             both = f"budget.precision is {share} and budget.target_frame_errors is {target}"
             raise VoccError(f"{both}: give one of them, null for the other")
@@ -228,7 +235,9 @@ class ReceiverSettings:
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
         save: the receiver that is saved and decodes recordings; null takes the classifier where there is one,
             ``flda`` where there are features of your own, else ``flda_3``.
-        location: limits of the locator.
+        location: limits of the paper's locator.
+        false_alarms: a panel is found where at most as many false alarms are expected in a frame without one,
+            above 0; of ``lattice`` and ``learned``.
     """
 
     names: list[str] = MISSING
@@ -238,6 +247,7 @@ class ReceiverSettings:
     gradient: str = MISSING
     save: str | None = None
     location: LocatorLimits = field(default_factory=LocatorLimits)
+    false_alarms: float = 1e-3
 
 
 @dataclass
@@ -262,6 +272,21 @@ class ClassifierSettings:
 
 
 @dataclass
+class ExecutorSettings:
+    """Who counts; see :class:`vocc_torch.measure.workers.Workers`.
+
+    Args:
+        kind: ``here`` is this process, ``processes`` are others of this machine, ``ray`` and ``dask``
+            clusters; ``auto`` takes the first two as ``workers`` says. It changes speed, never results.
+        address: of the cluster, HOST:PORT; ``auto`` is the Ray cluster that runs on this machine, ``local``
+            starts one.
+    """
+
+    kind: str = MISSING
+    address: str = MISSING
+
+
+@dataclass
 class Settings:
     """What every task is told; a study adds a section of its own.
 
@@ -274,7 +299,9 @@ class Settings:
         framing: ``crop`` renders the panel's surroundings, ``filled`` lays them into a full frame, ``full``
             renders the whole sensor; the decisions are the same.
         batch_frames: frames computed at a time; changes speed and memory, never results.
-        workers: processes of one thread each; 0 takes one a core; changes speed, never results.
+        workers: processes of one thread each; 0 takes one a core, null begins in this process and goes on in
+            one a core, at most 8, once that is quicker; changes speed, never results.
+        executor: who counts.
         tensorboard: whether boards are written.
         input: for task=decode and task=receive a picture, a folder of pictures, a video or an array; for
             task=transmit a file; for task=record the folder of that; for task=collect a sweep's folder.
@@ -298,7 +325,8 @@ class Settings:
     precision: str = MISSING
     framing: str = MISSING
     batch_frames: int = MISSING
-    workers: int = MISSING
+    workers: int | None = None
+    executor: ExecutorSettings = field(default_factory=ExecutorSettings)
     tensorboard: bool = MISSING
     input: str | None = None
     model: str | None = None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Counts, WeightedCounts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
@@ -54,6 +54,10 @@ class Row(PointKey):
         ber_worst: the highest.
         algorithm_low: lower end of the 95 % interval of the algorithm's rate, over trainings and frames.
         algorithm_high: upper end; where no training made an error, the one-sided 95 % limit.
+        method: ``counting``, or ``rare``: frames were drawn where errors are expected, and weighed.
+        effective_frames: of ``rare``, how many counted frames would tell the rate as well.
+        unseen_below: of ``rare``, the share of frames below which a kind of wrong frame that was not sought
+            may have gone unseen (95 %).
 
     Raises:
         VoccError: a value that is not finite, or rates out of order.
@@ -80,6 +84,9 @@ class Row(PointKey):
     ber_worst: float | None = None
     algorithm_low: float | None = None
     algorithm_high: float | None = None
+    method: str = "counting"
+    effective_frames: float | None = None
+    unseen_below: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be placed on an axis."""
@@ -93,6 +100,11 @@ class Row(PointKey):
     def error_free(self) -> bool:
         """Whether ``ber_high`` is a limit and there is no rate to draw."""
         return self.bit_errors == 0
+
+    @property
+    def wrong_bits(self) -> float:
+        """Wrong bits that go with the rate: those counted, or as many as the weights say."""
+        return self.bit_errors if self.method == "counting" else self.ber * self.bits
 
     @property
     def algorithm(self) -> Estimate | None:
@@ -144,6 +156,10 @@ class Point(PointKey):
         rates = (counts.bit_errors, interval.value, interval.low, interval.high)
         ends = (counts.frame_errors, counts.panels_missed, self.stopped_by)
         row = Row(*named, counts.frames, counts.bits, *rates, *ends)
+        if isinstance(counts, WeightedCounts):
+            unseen = -math.log(1 - CONFIDENCE) / counts.nominal_frames
+            row = replace(row, effective_frames=counts.effective_frames, unseen_below=min(1.0, unseen))
+            return replace(row, method="rare")
         if (of := self.trained) is None:
             return row
         found, least, most = of.interval(errors_per_frame_error=size), min(of.rates), max(of.rates)
@@ -188,7 +204,7 @@ class BerTable:
         totals: dict[str, Counts] = {}
         for point in given:
             if isinstance(point, Point):
-                totals[point.receiver] = totals.get(point.receiver, Counts()) + point.counts
+                totals[point.receiver] = point.counts + totals.get(point.receiver, 0)
         typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
         stated = (one.stated(typical[one.receiver]) if isinstance(one, Point) else one for one in given)
         self.rows = tuple(stated)
@@ -271,7 +287,9 @@ class Curves:
 
     def total(self, receiver: str) -> Counts:
         """Give one receiver's counts over all values."""
-        return sum((self.counts[receiver, value] for value in self.values), Counts())
+        return sum(
+            (self.counts[receiver, value] for value in self.values[1:]), self.counts[receiver, self.values[0]]
+        )
 
     def pair(self, a: str, b: str, value: float | None = None) -> PairedCounts:
         """Compare receiver a with receiver b, at one value or over all of them.

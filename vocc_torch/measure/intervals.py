@@ -11,10 +11,10 @@ import sys
 from collections.abc import Callable
 
 from scipy.optimize import bisect
-from scipy.special import betainc, betaincc, betainccinv, betaincinv, stdtrit
+from scipy.special import betainc, betaincc, betainccinv, betaincinv, gammainccinv, gammaincinv, stdtrit
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Counts, WeightedCounts
 from vocc_torch.measure.estimate import Estimate
 
 MOST_TRIALS = 1e13
@@ -162,9 +162,12 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     if not 0 < errors_per_frame_error <= bits_per_frame:
         rule = f"above 0 and at most the bits of a frame, {bits_per_frame:g}"
         raise VoccError.of("errors_per_frame_error", errors_per_frame_error, rule)
-    if counts.half_errors == 0:
+    if isinstance(counts, WeightedCounts) and counts.weighted:
+        return weighted_interval(counts, confidence)
+    if counts.half_errors == 0 or isinstance(counts, WeightedCounts):
+        frames = counts.nominal_frames if isinstance(counts, WeightedCounts) else counts.frames
         # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
-        frame_error_limit = -math.expm1(math.log1p(-confidence) / counts.frames)
+        frame_error_limit = -math.expm1(math.log1p(-confidence) / frames)
         return Estimate(ber, 0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
     if counts.bits > MOST_TRIALS:
         raise VoccError(f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits")
@@ -195,6 +198,29 @@ def clustered_interval(
     frame_error = clopper_pearson(counts.frame_errors, counts.frames, confidence)
     low = max(clustered.low, frame_error.low * fewest / (counts.bits / counts.frames))
     return Estimate(rate, min(low, rate), max(min(clustered.high, frame_error.high), rate))
+
+
+def weighted_interval(counts: WeightedCounts, confidence: float = 0.95) -> Estimate:
+    """Give the interval of a rate from weighted frames, which are the independent units.
+
+    Their sum is one of rare things of unequal sizes, for which Fay and Feuer (Statistics in Medicine 16,
+    1997) take the gamma distribution with the sum's mean and variance, exact where all weights are equal. Its
+    shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` over the frames' weighted errors y,
+    corrected for a number of frames that is fixed, times the ratio of t quantiles that pays for a variance
+    which is itself an estimate. The upper end allows for one more effective wrong frame.
+
+    Args:
+        counts: at least one wrong frame of a weight above 0.
+        confidence: above 0, below 1.
+    """
+    total, squares = counts.weighted, counts.squares
+    seen = total**2 / squares
+    # Frames were a number fixed beforehand.
+    shape = total**2 / (squares - total**2 / counts.frames) if seen < counts.frames else float(counts.frames)
+    shape *= t_correction(MOST_TRIALS, max(1.0, min(counts.frames - 1, seen + 1)), confidence)
+    tail, rate = (1 - confidence) / 2, counts.ber
+    low, high = gammaincinv(shape, tail) / shape, gammainccinv(shape + 1, tail) / shape
+    return Estimate(rate, float(low) * rate, max(rate, min(1.0, float(high) * rate)))
 
 
 def t_correction(bits: float, freedom: float, confidence: float) -> float:

@@ -10,13 +10,12 @@ import os
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import astuple
 from pathlib import Path
-from typing import Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, whole_number
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Counts, WeightedCounts
 from vocc_torch.measure.counts import Tally as Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
@@ -34,7 +33,9 @@ _SCHEMA = (
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, counts TEXT, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
 )
-_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts}
+_TRAINED = "CREATE TABLE trained (key TEXT PRIMARY KEY, content TEXT, digest TEXT) WITHOUT ROWID"
+"""Made once there are trained receivers to keep."""
+_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts, "weighted": WeightedCounts}
 _ANOTHER = "choose another ledger"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
@@ -53,8 +54,8 @@ class Ledger(AbstractContextManager["Ledger"]):
     row is added; the shorter one stays and is used again by a run of the smaller budget. Each row has a
     checksum, which holds the settings too, so that a changed row and one of another run are known.
 
-    A row is one transaction, on the disk before :meth:`append` returns. What a killed run or a power failure
-    left half written is taken back by SQLite at the next :meth:`open`.
+    A row is one transaction, on the disk before :meth:`append` returns; :meth:`together` makes one of many.
+    What a killed run or a power failure left half written is taken back by SQLite at the next :meth:`open`.
 
     Attributes:
         path: the file.
@@ -74,7 +75,7 @@ class Ledger(AbstractContextManager["Ledger"]):
     def __init__(self, path: Path, connection: sqlite3.Connection, settings: str) -> None:
         """Take what :meth:`open` has opened; use that."""
         self.path = path
-        self._run, self.close = connection.execute, connection.close
+        self._run, self.close, self._connection = connection.execute, connection.close, connection
         self._settings, self._inode = settings, -1
 
     @classmethod
@@ -140,7 +141,7 @@ class Ledger(AbstractContextManager["Ledger"]):
         if self._run("PRAGMA application_id").fetchone() != (_APPLICATION,):
             raise self._refusal("is no ledger of vocc-torch", _ANOTHER)
         release = f"continue it with the release that began it, or {_ANOTHER}"
-        if schema != _SCHEMA:
+        if schema not in (_SCHEMA, (*_SCHEMA, _TRAINED)):
             raise self._refusal("has another format than that of this release", release)
         ((there, package),) = self._run("SELECT settings, package FROM identity").fetchall()
         if package != __version__:
@@ -154,6 +155,9 @@ class Ledger(AbstractContextManager["Ledger"]):
             if _digest(self._settings, *row) != digest:
                 raise self._refusal(*_DAMAGED)
             _read(*row)
+        for *row, digest in self._run("SELECT * FROM trained") if _TRAINED in schema else ():
+            if _digest(self._settings, *row) != digest:
+                raise self._refusal(*_DAMAGED)
 
     def _refusal(self, told: str, help_: str) -> VoccError:
         """Word a refusal in one line that is not too long."""
@@ -176,6 +180,48 @@ class Ledger(AbstractContextManager["Ledger"]):
             row = self._run(f"SELECT counts FROM blocks {where}", (point, block, frames)).fetchone()
             return None if row is None else _read(point, block, frames, row[0])
 
+    def kept(self, key: str) -> dict[str, Any] | None:
+        """Give what :meth:`keep` wrote under a key, or None."""
+        with _told(self.path):
+            there = self._run("SELECT 1 FROM sqlite_master WHERE name='trained'").fetchone()
+            row = self._run("SELECT content FROM trained WHERE key=?", (key,)).fetchone() if there else None
+            return None if row is None else dict(json.loads(row[0]))
+
+    def keep(self, key: str, content: str) -> None:
+        """Write trained receivers, JSON text, under a key; what stood there is replaced.
+
+        Raises:
+            VoccError: as :meth:`append`.
+        """
+        with _told(self.path):
+            self._run("BEGIN")
+            self._run(_TRAINED.replace("TABLE", "TABLE IF NOT EXISTS"))
+            row = key, content, _digest(self._settings, key, content)
+            self._run("INSERT OR REPLACE INTO trained VALUES (?, ?, ?)", row)
+            self._run("COMMIT")
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Write what is appended inside in one transaction: the disk is waited for once, at the end.
+
+        Raises:
+            VoccError: as :meth:`append`.
+        """
+        with _told(self.path):
+            self._demand_file()
+            self._run("BEGIN")
+        try:
+            yield
+        finally:  # also what came before an error
+            with _told(self.path):
+                if self._connection.in_transaction:
+                    self._run("COMMIT")
+
+    def _demand_file(self) -> None:
+        """Refuse to write to a file that is no longer where it was."""
+        if not self.path.exists() or self.path.stat().st_ino != self._inode:
+            raise self._refusal("was deleted under this run", "start it again to go on")
+
     def append(self, point: str, block: int, frames: int, counts: Mapping[Label, Tally]) -> None:
         """Add a row; one that is already there is not written twice.
 
@@ -190,12 +236,12 @@ class Ledger(AbstractContextManager["Ledger"]):
                 full or refuses. The file is then as it was before.
         """
         names = {kind: name for name, kind in _KINDS.items()}
-        text = json.dumps([[names[type(one)], label, astuple(one)] for label, one in counts.items()])
+        text = json.dumps([[names[type(one)], label, one.numbers] for label, one in counts.items()])
         row = point, block, frames, text
         _read(*row)
         with _told(self.path):
-            if not self.path.exists() or self.path.stat().st_ino != self._inode:
-                raise self._refusal("was deleted under this run", "start it again to go on")
+            if not self._connection.in_transaction:
+                self._demand_file()
             line = (*row, _digest(self._settings, *row))
             added = self._run("INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?)", line).rowcount
         if not added and self.find(point, block, frames) != dict(counts):
@@ -210,8 +256,8 @@ def _read(point: object, block: object, frames: object, text: str) -> dict[Label
     counts: dict[Label, Tally] = {}
     for name, label, numbers in json.loads(text):
         one = counts[tuple(label)] = _KINDS[name](*numbers)
-        if astuple(one) != tuple(numbers):
-            raise VoccError(f"counts of {label} are {numbers}: it must be {len(astuple(one))} numbers")
+        if one.numbers != tuple(numbers):
+            raise VoccError(f"counts of {label} are {numbers}: it must be {len(one.numbers)} numbers")
         if not all(type(part) in (str, int) for part in label):
             raise VoccError(f"counts are filed under {label}: it must be text and integers")
         if one.frames > most:

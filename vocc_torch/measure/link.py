@@ -1,7 +1,7 @@
 """The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self, TypeVar, cast
 
@@ -179,16 +179,21 @@ def rendered(
     drawn, device = [model.draw(key, simulator.panel.shape) for key in keys], simulator.device
     scenes, sent = Scene.cat([scene for scene, _ in drawn]), torch.cat([bits for _, bits in drawn])
     names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
+    # Small crops are rendered together, which costs less; whole frames take by take, for their memory.
+    far = any(one.unbounded or (one.fills_sensor and not panel_only) for one in simulator.effects)
+    small = simulator.framing == "crop" and not far
     for start in frames:
-        rows, takes = slice(start, min(start + frames.step, frames.stop)), []
+        rows = slice(start, min(start + frames.step, frames.stop))
         scene, bits = scenes[rows].to(device), sent[rows].to(device)
-        shown = {"frame": bits}
+        shown, takes = {"frame": bits}, []
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
-        for take, lit in shown.items():
-            own, near = [replace(name, take=take) for name in names[rows]], model.nearest_m
+        for some in [list(shown)] if small else [[take] for take in shown]:
+            own = [FrameKey(name.block, name.frame, take) for take in some for name in names[rows]]
+            lit, many = torch.cat([shown[take] for take in some]), Scene.cat([scene] * len(some))
             with torch.autocast(device.type, enabled=False):
-                takes.append(simulator.render(scene, lit, nearest_m=near, keys=own, panel_only=panel_only))
+                seen = simulator.render(many, lit, nearest_m=model.nearest_m, keys=own, panel_only=panel_only)
+            takes += [seen[at : at + len(scene)] for at in range(0, len(seen), len(scene))]
         yield scene, bits, names[rows], tuple(takes)
 
 

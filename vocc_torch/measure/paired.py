@@ -10,7 +10,7 @@ with three discordant frames expected, all one way, the t interval covers about 
 
 import math
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 from scipy.special import betainc
 
@@ -74,7 +74,7 @@ class PairedCounts(Tally):
 
     def swapped(self) -> "PairedCounts":
         """Give the same comparison seen from the other receiver."""
-        frames, bits, *sides = astuple(self)
+        frames, bits, *sides = self.numbers
         return PairedCounts(frames, bits, *sides[3:], *sides[:3])
 
     @property

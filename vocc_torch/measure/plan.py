@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, finite_number, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.plugins import TARGET, PlugIn
@@ -105,9 +105,10 @@ class ReceiverPlan:
         save: the receiver that is written to the model file and decodes recordings.
         classifiers: those that plug in; their names are among ``names``.
         locators: those from outside by name.
+        false_alarms: in a frame without a panel, at which ``lattice`` and ``learned`` find one, above 0.
 
     Raises:
-        VoccError: an unknown name.
+        VoccError: an unknown name, or a rate that is not above 0.
     """
 
     names: tuple[str, ...] = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
@@ -117,9 +118,12 @@ class ReceiverPlan:
     save: str = "flda_3"
     classifiers: tuple[ClassifierPlan, ...] = ()
     locators: Mapping[str, PlugIn] = field(default_factory=dict)
+    false_alarms: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Check every name."""
+        """Check every name, and the rate."""
+        if not finite_number("receiver.false_alarms", self.false_alarms) > 0:
+            raise VoccError.of("receiver.false_alarms", self.false_alarms, "above 0")
         plugged_in = [one.name for one in self.classifiers]
         check_receivers(self.names, plugged_in)
         if stray := [name for name in self.locators if name in OWN_LOCATORS]:
@@ -153,7 +157,9 @@ class ReceiverPlan:
         """
         outside = {name: OutsideLocator(one) for name, one in self.locators.items()}
         return {
-            name: None if name == "truth" else outside.get(name) or locator_named(name, self.location)
+            name: None
+            if name == "truth"
+            else outside.get(name) or locator_named(name, self.location, self.false_alarms)
             for name in locators
         }
 
@@ -197,6 +203,9 @@ class Plan:
             raise VoccError.of(
                 "budget.target_frame_errors", target, f"at most the {frames} frames of a point"
             )
+        if self.budget.rare and (self.experiment.axis == "contrast" or self.experiment.rows):
+            named, what = ("axis", "contrast") if self.experiment.axis == "contrast" else ("rows", "a grid")
+            raise VoccError.of("budget.rare", "true", f"false where experiment.{named} makes {what}")
         for name, least in (("seed", 0), ("batch_frames", 1)):
             if (value := getattr(self, name)) < least:
                 raise VoccError.of(name, value, f"at least {least}")
@@ -252,6 +261,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """
     told, experiment = _plain(plan), plan.experiment
     del told["world"]["device"], told["receiver"]["save"]
+    if plan.receiver.false_alarms == ReceiverPlan.false_alarms:  # as ledgers were before there was a choice
+        del told["receiver"]["false_alarms"]
     for one in told["receiver"]["classifiers"]:
         one["training"]["checkpoints"] = None  # where they are changes no weight
     built = build_effects(plan.world.effects)
@@ -275,6 +286,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         # A ledger of one training is what it was before there were several.
         **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
+        **({"rare": True} if plan.budget.rare else {}),
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

@@ -12,14 +12,15 @@ from typing import Literal
 import numpy as np
 import torch
 
-from vocc_torch.measure import curve, frame_errors, train
+from vocc_torch.measure import curve, frame_errors, rare, train
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
 from vocc_torch.measure.trainings import TRAININGS, Trained
-from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, run_points, worker_losses_told
+from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel
@@ -87,7 +88,8 @@ def run_campaign(
             from outside.
     """
     ledgers = {study.key: open_ledger(study) for study in studies}
-    every = train.train_plans([one.plan for one in studies], [one.locators for one in studies], workers)
+    kept, locators = KeptTrainings(ledgers.values()), [one.locators for one in studies]
+    every = train.train_plans([one.plan for one in studies], locators, workers, kept)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
     trained()
     banks, results = {}, {}
@@ -130,16 +132,22 @@ def run_studies(
         VoccError: a ledger that cannot be written, or a worker that was ended from outside.
     """
     points = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
-    works = []
-    for study, value in points:
-        name, told = point_name(study.plan.experiment, value), partial(progress, study, value)
-        count = partial(count_parts, study.plan, banks[study.key], value)
-        rule = replace(study.plan.budget, frames=study.plan.frames_in_point)  # those of all bins
-        works.append(PointWork(name, count, rule, ledgers.get(study.key), told))
+
+    def works() -> Iterator[PointWork]:
+        for study, value in points:
+            plan, own = study.plan, banks[study.key]
+            name, told = point_name(plan.experiment, value), partial(progress, study, value)
+            count = partial(count_parts, plan, own, value)
+            if plan.budget.rare:
+                model = plan.experiment.model_at(plan.world, value)
+                scenes = rare.proposal(plan, own, model, name, workers.submit)
+                count = partial(rare.count_parts, plan, own, name, scenes)
+            rule = replace(plan.budget, frames=plan.frames_in_point)  # those of all bins
+            yield PointWork(name, count, rule, ledgers.get(study.key), told)
+
     blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
     with worker_losses_told():
-        outcomes = run_points(works, workers.submit, window=workers.window, blocks_at_once=blocks)
-        for point, outcome in zip(points, outcomes, strict=True):
+        for point, outcome in zip(points, workers.run(works(), blocks), strict=True):
             yield *point, outcome
 
 

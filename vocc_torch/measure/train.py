@@ -1,17 +1,18 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
-import json
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
+from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, resolve_device
 from vocc_torch.measure.workers import Workers, worker_losses_told
@@ -30,6 +31,9 @@ CALIBRATION_FRAMES = 512
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
+
+if TYPE_CHECKING:
+    from vocc_torch.measure.kept_training import KeptTrainings
 
 Told = Callable[[int], None]
 _N_FEATURES = len(FLDA_FEATURES["flda_3"])
@@ -186,8 +190,17 @@ def train_once(
     return trained
 
 
+def training_key(plan: Plan, locators: Sequence[Locator]) -> str:
+    """Name all that the trained receivers of a plan depend on; of the experiment only its training scenes."""
+    settings = identity(replace(plan, receiver=replace(plan.receiver, save="flda_3")), locators)
+    return canonical({**settings, "experiment": settings["experiment"]["training"]})
+
+
 def train_plans(
-    plans: Sequence[Plan], locators: Sequence[Sequence[Locator]], workers: Workers
+    plans: Sequence[Plan],
+    locators: Sequence[Sequence[Locator]],
+    workers: Workers,
+    kept: "KeptTrainings | None" = None,
 ) -> list[dict[Locator, Training]]:
     """Train every plan with each of its locators, each receiver by itself on one thread.
 
@@ -198,6 +211,7 @@ def train_plans(
         plans: the studies.
         locators: of each plan.
         workers: who does it; here too on one thread.
+        kept: what was trained before, and where it is kept; None for nowhere.
 
     Returns:
         For each plan the training of its receivers by locator. ``making`` says what each took.
@@ -213,20 +227,23 @@ def train_plans(
         alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
         alone += [replace(receiver, names=(one.name,), classifiers=(one,)) for one in receiver.classifiers]
         for part in (replace(plan, receiver=one) for one in alone):
-            settings = identity(part, named)
-            # Of the experiment only its training scenes matter.
-            own.append(json.dumps({**settings, "experiment": settings["experiment"]["training"]}))
+            own.append(training_key(part, named))
             parts[own[-1]] = part, tuple(named)
         wanted.append(own)
 
     def panels(key: str) -> int:
         return sum(one.frames or one.training.frames for one in parts[key][0].receiver.classifiers)
 
+    known = {key: None if kept is None else kept.known(key, part) for key, (part, _) in parts.items()}
+    trained = {key: one for key, one in known.items() if one is not None}
     with worker_losses_told():
         # The longest training begins first.
-        longest = sorted(parts, key=panels, reverse=True)
+        longest = sorted((key for key in parts if key not in trained), key=panels, reverse=True)
         calls = {key: workers.submit(train_part, parts[key]) for key in longest}
-        trained = {key: call.result() for key, call in calls.items()}
+        for key, call in calls.items():
+            trained[key] = call.result()
+            if kept is not None:
+                kept.keep(key, parts[key][0], trained[key])
     return [
         {name: Training.joined([trained[key][name] for key in keys]) for name in named}
         for keys, named in zip(wanted, locators, strict=True)

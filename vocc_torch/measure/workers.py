@@ -6,48 +6,73 @@ whoever counts.
 """
 
 import itertools
-import multiprocessing.connection
-import os
+import math
 import pickle
-import signal
-import threading
+import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple, Self, TypeAlias, TypeVar, cast
+from functools import partial
+from typing import NamedTuple, Self, TypeAlias, TypeVar
 
-import torch
-
-from vocc_torch import plugins
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals, timing
-from vocc_torch.measure.config import Budget
-from vocc_torch.measure.counts import Counts, Tally
+from vocc_torch.measure.config import Budget, Settings
+from vocc_torch.measure.counts import Counts, Tally, WeightedCounts
+from vocc_torch.measure.executors import ELSEWHERE, KINDS, Engine, ProcessEngine, about_run, engine_of
 from vocc_torch.measure.ledger import Label, Ledger
 from vocc_torch.measure.trainings import TRAININGS
 from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.types import resolve_device
 
 A = TypeVar("A")
 R = TypeVar("R")
 MOST_WORKERS = 256
 
+MOST_UNASKED = 8
+"""Most processes that are begun where no number was given."""
+
+PATIENCE_S = 10.0
+"""Processor time spent in this process, s, after which others surely pay: each takes about 3 s to begin."""
+
+MOST_TRIES = 3
+"""How often a call is handed out before it is given up."""
+
+MOST_KEPT = 32
+"""Most calls that are kept packed, for as many points under way."""
+
+BEAT_S = 0.05
+"""Least time between two looks at what a cluster has done, s."""
+
+OVERDUE, OVERDUE_S = 20, 600.0
+"""A call that takes this many times as long as the longest before, and so many seconds at least, is lost."""
+
 FIRST_CHECK = 16
 """Blocks between looks at the precision, at first; later a sixteenth of the blocks so far."""
 
+FIRST_RARE_CHECK = 128
+"""Blocks before the first look where frames are weighed: few of them may have most of the weight."""
+
 
 class Workers:
-    """Other processes, each with one thread, or this process if one worker is asked for.
+    """Who counts: this process with one thread, or others, behind one executor.
 
-    The processes start when the first call is handed out, which takes some seconds. They end with the
-    context, and also when this process is killed.
+    What does calls elsewhere is opened with the context, or where that is this machine's processes with the
+    first call for them; it ends with the context, and processes also when this process is killed. A call
+    whose worker or node is lost is made again, up to three times in all.
 
     Args:
-        count: how many work at the same time, 1 to 256; 0 for as many as this process may use cores.
+        count: how many work at the same time, 1 to 256; 0 for as many as this process may use cores; None to
+            begin in this process and go on in one a core, at most 8, once that is quicker.
+        kind: ``here``, ``processes``, ``ray``, ``dask``; ``auto`` is this process for one worker, else
+            processes.
+        address: of the cluster.
 
     Raises:
-        VoccError: a number outside its range.
+        VoccError: a number outside its range, or an executor that nobody knows.
 
     Example:
         >>> with Workers(1) as workers:
@@ -55,16 +80,54 @@ class Workers:
         3
     """
 
-    def __init__(self, count: int = 1) -> None:
-        if not 0 <= count <= MOST_WORKERS:
+    def __init__(self, count: int | None = 1, kind: str = "auto", address: str = "auto") -> None:
+        if count is not None and not 0 <= count <= MOST_WORKERS:
             raise VoccError(f"workers is {count}: it must be from 0 (one a core) to {MOST_WORKERS}")
-        self.count = count or timing.usable_cores()
-        self._pool: futures.ProcessPoolExecutor | None = None
+        if kind not in KINDS:
+            raise VoccError.of("executor.kind", repr(kind), f"one of {', '.join(KINDS)}")
+        if kind not in ELSEWHERE and address != "auto":
+            raise VoccError(f"executor.address is {address}: it has no meaning for executor={kind}")
+        cores = timing.usable_cores()
+        self.count = min(cores, MOST_UNASKED) if count is None else count or cores
+        self._most = count or None
+        self._kind, self._address = kind, address
+        self._here = kind == "here" or (kind == "auto" and (self.count == 1 or count is None))
+        # Where nobody said otherwise, processes begin once they surely pay.
+        self._patience_s = PATIENCE_S if kind == "auto" and count is None and self.count > 1 else math.inf
+        self._engine: Engine | None = None
+        self._sent: dict[int, tuple[object, tuple[object, object]]] = {}
+
+    @classmethod
+    def of(cls, settings: Settings) -> Self:
+        """Take those that a configuration names.
+
+        Raises:
+            VoccError: as the class, or a task, a device or a training that cannot be elsewhere.
+        """
+        kind, count, executor = settings.executor.kind, settings.workers, settings.executor
+        on_cpu = resolve_device(settings.device).type == "cpu"
+        if kind in ELSEWHERE:
+            if settings.task == "export":
+                rule = "auto, here or processes for task=export, which writes where it computes"
+                raise VoccError.of("executor.kind", kind, rule)
+            if not on_cpu:
+                raise VoccError.of("device", settings.device, f"cpu for executor={kind}")
+            for name, one in settings.classifiers.items():
+                if one.training.get("checkpoints"):
+                    key = f"classifiers.{name}.training.checkpoints"
+                    rule = f"null for executor={kind}, whose nodes do not share it"
+                    raise VoccError.of(key, one.training["checkpoints"], rule)
+        if count is None and kind == "auto" and not on_cpu:
+            count = 1  # processes would share the accelerator
+        return cls(count, kind, executor.address)
 
     @property
     def window(self) -> int:
         """How many calls to hand out at a time, so that no worker waits for the next one."""
-        return 1 if self.count == 1 else 2 * self.count
+        if self._here:
+            return 1
+        slots = self.count if self._engine is None else self._engine.slots()
+        return 2 * (min(slots, self._most) if self._most else slots)
 
     def submit(self, call: Callable[[A], R], argument: A, /) -> futures.Future[R]:
         """Hand out a call; in this process it is made at once, and its error raised here.
@@ -72,43 +135,119 @@ class Workers:
         Raises:
             VoccError: the workers were ended from outside, as a system short of memory does.
         """
-        if self.count == 1:
-            done: futures.Future[R] = futures.Future()
-            done.set_result(call(argument))
+        if self._here:
+            begun, done = time.process_time(), futures.Future[R]()
+            with timing.threads(1):
+                done.set_result(call(argument))
+            self._patience_s -= time.process_time() - begun
+            self._here = self._patience_s > 0
             return done
         # First, because with the pool comes Python's resource tracker, whose start lets Ctrl-C in again.
-        if self._pool is None:
-            # Forking a process in which torch has started threads can hang the child.
-            context = multiprocessing.get_context("spawn")
-            given = (plugins.files_read(),)
-            self._pool = futures.ProcessPoolExecutor(self.count, context, initializer=_begin, initargs=given)
-        before = None
-        if hasattr(signal, "pthread_sigmask"):  # not on Windows
-            # A process begun meanwhile never hears of Ctrl-C, not even while it starts.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            with worker_losses_told():
-                # Both ways a _Whole arrives as what it holds.
-                return cast("futures.Future[R]", self._pool.submit(_Whole.called, _Whole((call, argument))))
-        finally:
-            if before is not None:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        engine = self._open()
+        handed = Handed[R](engine, (*self._packed(engine, call), pickle.dumps(argument)))
+        with worker_losses_told():
+            handed.hand_out()
+        return handed
+
+    def run(self, works: "Iterable[PointWork]", blocks_at_once: int = 1) -> "Iterator[Outcome]":
+        """Count points, as :func:`run_points`."""
+        remote, window = self._kind in ELSEWHERE, partial(getattr, self, "window")
+        return run_points(works, self.submit, window=window, blocks_at_once=blocks_at_once, remote=remote)
+
+    def _open(self) -> Engine:
+        if self._engine is None:
+            kind = "processes" if self._kind == "auto" else self._kind
+            self._engine = engine_of(kind, self.count, self._address)
+        return self._engine
+
+    def _packed(self, engine: Engine, call: object) -> tuple[object, object]:
+        """Give what a call is and what its run counts with, as bytes that are packed once for many calls."""
+        if id(call) not in self._sent:
+            if len(self._sent) >= MOST_KEPT:
+                del self._sent[next(iter(self._sent))]
+            packed = about_run(self._kind), engine.kept(pickle.dumps(call))
+            self._sent[id(call)] = call, packed  # with the call, whose number is another's once it is gone
+        return self._sent[id(call)][1]
 
     def __enter__(self) -> Self:
-        """Give itself; no process is started yet."""
-        if self.count == 1:
+        """Join the cluster, if there is one; no process of this machine is started yet."""
+        if self._here:
             timing.settle_memory()
+        if self._kind in ELSEWHERE:
+            self._open()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End the processes; after an error without waiting for what they are doing."""
-        if self._pool is None:
+        if self._engine is None:
             return
-        # Before Python 3.14 a pool has no other way to end what its processes are doing.
-        if kind is not None:
-            for process in list((self._pool._processes or {}).values()):
-                process.terminate()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        if kind is not None and isinstance(self._engine, ProcessEngine):
+            self._engine.end()
+        self._engine.shutdown(wait=True, cancel_futures=True)
+
+
+class Handed(futures.Future[R]):
+    """The result of a call that was handed out, perhaps more than once.
+
+    Args:
+        engine: who does it.
+        work: what :func:`vocc_torch.measure.executors.called` is given.
+    """
+
+    def __init__(self, engine: Engine, work: Sequence[object]) -> None:
+        super().__init__()
+        self._engine, self._work, self._tries = engine, work, 0
+        self._inner: futures.Future[bytes] | None = None
+
+    def hand_out(self) -> None:
+        """Hand the call out, once more if it was before."""
+        self._tries += 1
+        self._inner = self._engine.call(*self._work)
+        self._inner.add_done_callback(self._came)
+
+    def cancel(self) -> bool:
+        """Cancel a call that nobody has begun."""
+        return self._engine.cancels and self._inner is not None and self._inner.cancel() and super().cancel()
+
+    def _came(self, inner: futures.Future[bytes]) -> None:
+        """Take what came back, or hand a lost call out again."""
+        try:
+            if inner.cancelled() and self._engine.cancels:
+                if super().cancel():
+                    self.set_running_or_notify_cancel()
+                return
+            try:
+                well, value = pickle.loads(inner.result())
+            except self._engine.lost as error:
+                if self._tries < MOST_TRIES:
+                    warnings.warn("a worker or node was lost: what it did is handed out again", stacklevel=1)
+                    self.hand_out()
+                    return
+                raise _lost(error, self._tries) from error
+        except Exception as error:
+            well, value = False, _of_node(error)
+        if well:
+            self.set_result(value)
+        else:
+            self.set_exception(value)
+
+
+def _lost(error: BaseException, tries: int) -> VoccError:
+    """Say in one line why a call never came back."""
+    if "OutOfMemory" in type(error).__name__:
+        help_ = "give a smaller batch_frames, or nodes with more memory for each CPU"
+        return VoccError(f"a task ran out of memory on its node, {tries} times in all: {help_}")
+    told = f"a task was lost with its worker or node, {tries} times in all ({type(error).__name__})"
+    return VoccError(f"{told}: start again to go on")
+
+
+def _of_node(error: Exception) -> Exception:
+    """Say in one line that a node cannot begin, where that is the error."""
+    if type(error).__module__.partition(".")[0] not in ("ray", "distributed"):
+        return error
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    why = next((one for one in reversed(lines) if "Error" in one), lines[-1] if lines else "no reason given")
+    return VoccError(f"a node cannot take part ({why.strip()}): give every node the same releases")
 
 
 @contextmanager
@@ -124,44 +263,6 @@ def worker_losses_told() -> Iterator[None]:
         lost = "a worker process was ended from outside, perhaps for lack of memory"
         help_ = "give fewer workers or a smaller batch_frames, and start again to go on"
         raise VoccError(f"{lost}: {help_}") from error
-
-
-class _Whole:
-    """Takes a value to another process in one piece.
-
-    Torch would send each tensor as an open file of this process, for the other one to fetch: many calls at a
-    time run out of files, and a fetch that is broken off is loud.
-    """
-
-    def __init__(self, value: object) -> None:
-        self._value = value
-
-    def __reduce__(self) -> tuple[Callable[[bytes], object], tuple[bytes]]:
-        return pickle.loads, (pickle.dumps(self._value),)
-
-    @staticmethod
-    def called(work: object) -> "_Whole":
-        """Make a call in a worker."""
-        call, argument = cast("tuple[Callable[[object], object], object]", work)
-        return _Whole(call(argument))
-
-
-def _begin(files: dict[str, str]) -> None:
-    """Set a worker process up; ``files`` are the user's, as the run began with them."""
-    plugins.EXPECTED.update(files)
-    # One thread each: the processes together use the cores.
-    torch.set_num_threads(1)
-    timing.settle_memory()
-    # Ctrl-C reaches the whole group; the parent ends its workers itself.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def end_with_parent() -> None:
-        # A killed parent cannot tell its workers to end.
-        if (parent := multiprocessing.parent_process()) is not None:
-            multiprocessing.connection.wait([parent.sentinel])
-            os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 class Part(NamedTuple):
@@ -214,7 +315,7 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
     if not counts or rule.precision is None or blocks % max(FIRST_CHECK, power_of_two // 16):
         return None
     for one in counts.values():
-        if not one.frames:
+        if not one.frames or (isinstance(one, WeightedCounts) and blocks < FIRST_RARE_CHECK):
             return None
         # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
         interval = intervals.ber_interval(one, errors_per_frame_error=one.bits / one.frames / 2)
@@ -287,11 +388,12 @@ class PointWork:
         return missing
 
     def record(self, parts: Sequence[Part], counted: Counted) -> None:
-        """Write down what has come back, and keep it for its turn."""
+        """Write down what has come back, and keep it for its turn; what comes twice is counted once."""
         for part, counts in list(zip(parts, counted, strict=True)):
             if self.ledger is not None:
                 self.ledger.append(self.point, *part, counts)
-            self._known[part.block] = part, counts
+            if part.block >= self._blocks:
+                self._known[part.block] = part, counts
 
     def add_known(self) -> None:
         """Add what is known, in order, until the rule holds; what lies beyond it is dropped."""
@@ -305,23 +407,52 @@ class PointWork:
             self.told(part.frames, self.counts)
 
 
+class Call(NamedTuple):
+    """A call that is under way.
+
+    Args:
+        point: whose blocks it counts.
+        parts: the blocks.
+        since: when it was handed out, s.
+        copies: how often it was.
+    """
+
+    point: PointWork
+    parts: list[Part]
+    since: float
+    copies: int = 1
+
+
+UnderWay: TypeAlias = dict[futures.Future[Counted], Call]
+
+
 def run_points(
-    works: Iterable[PointWork], submit: Submit, *, window: int = 1, blocks_at_once: int = 1
+    works: Iterable[PointWork],
+    submit: Submit,
+    *,
+    window: int | Callable[[], int] = 1,
+    blocks_at_once: int = 1,
+    remote: bool = False,
 ) -> Iterator[Outcome]:
     """Count points one after the other, with blocks of the next ones ahead where there is room.
 
     A run that is killed loses the calls that were under way and nothing else. Blocks beyond the one at which
     a point's rule first held are thrown away, so neither the window nor the order in which blocks come back
-    changes an outcome.
+    changes an outcome; nor does a block that comes twice, or is lost and handed out again.
 
     Args:
         works: the points, in order.
         submit: hands out a call.
-        window: most calls handed out at a time, at least 1.
+        window: most calls handed out at a time, at least 1, or what tells it as workers come and go.
         blocks_at_once: blocks in a call, at least 1.
+        remote: whether a call may be lost without a word: it is then handed out again when it is overdue, as
+            ``OVERDUE`` says, and what comes back first is taken.
 
     Yields:
         The outcome of each point, in the order of ``works``.
+
+    Raises:
+        VoccError: a call that never came back, however often it was handed out.
 
     Example:
         >>> def count(parts):
@@ -330,45 +461,80 @@ def run_points(
         >>> [outcome.counts["a", 0].frames for outcome in run_points(works, Workers(1).submit)]
         [64, 100]
     """
-    upcoming, points = iter(works), deque[PointWork]()
-    under_way: dict[futures.Future[Counted], tuple[PointWork, list[Part]]] = {}
+    upcoming, points, longest_s = iter(works), deque[PointWork](), 0.0
+    looked = beat = time.monotonic()
+    under_way: UnderWay = {}
     try:
         while True:
+            most = window if isinstance(window, int) else window()
             # Fill the window, passing by what is known already; stop where the first point is finished.
-            while len(under_way) < window and not (points and points[0].stopped_by):
+            while len(under_way) < most and not (points and points[0].stopped_by):
                 point = next((one for one in points if not (one.exhausted or one.stopped_by)), None)
                 if point is None:
                     if (point := next(upcoming, None)) is None:
                         break
                     points.append(point)
                 if missing := point.take(blocks_at_once):
-                    under_way[submit(point.count, missing)] = point, missing
+                    under_way[submit(point.count, missing)] = Call(point, missing, time.monotonic())
                 point.add_known()
-                _call_off(under_way)
+                if point.stopped_by:
+                    _call_off(under_way)
             if points and points[0].stopped_by:
                 first = points.popleft()
                 yield Outcome(first.counts, first.stopped_by)
             elif under_way:
                 # What came back is recorded before the error of another call is raised.
-                done, _ = futures.wait(under_way, return_when=futures.FIRST_COMPLETED)
-                calls = [(future, *under_way.pop(future)) for future in done]
-                for future, point, parts in sorted(calls, key=lambda call: _failed(call[0])):
-                    point.record(parts, future.result())
+                patience_s = max(OVERDUE_S, OVERDUE * longest_s) if remote else None
+                if remote:  # many at a time, for each time the disk is waited for
+                    time.sleep(max(0.0, beat + BEAT_S - time.monotonic()))
+                done, _ = futures.wait(under_way, patience_s, return_when=futures.FIRST_COMPLETED)
+                beat = time.monotonic()
+                calls = [(future, under_way.pop(future)) for future in done]
+                with ExitStack() as together:
+                    for ledger in {call.point.ledger for _, call in calls if call.point.ledger}:
+                        together.enter_context(ledger.together())
+                    for future, call in sorted(calls, key=lambda one: _failed(one[0])):
+                        call.point.record(call.parts, future.result())
+                        longest_s = max(longest_s, time.monotonic() - call.since)
+                        if call.copies > 1:
+                            for other in [one for one, of in under_way.items() if of.parts is call.parts]:
+                                del under_way[other]
+                if patience_s is not None and time.monotonic() > looked + patience_s / 4:
+                    looked = time.monotonic()
+                    _hand_out_again(under_way, submit, looked - patience_s)
                 for point in points:
                     point.add_known()
-                _call_off(under_way)
+                if any(point.stopped_by for point in points):
+                    _call_off(under_way)
             else:
                 return
     finally:
-        for future, (point, parts) in under_way.items():
+        for future, call in under_way.items():
             if not future.cancel() and future.done() and not _failed(future):
                 with suppress(VoccError):  # what ended the run is the error to tell of
-                    point.record(parts, future.result())
+                    call.point.record(call.parts, future.result())
 
 
-def _call_off(under_way: dict[futures.Future[Counted], tuple[PointWork, list[Part]]]) -> None:
+def _hand_out_again(under_way: UnderWay, submit: Submit, before: float) -> None:
+    """Hand out once more what was handed out before a time; what still comes of it counts all the same."""
+    overdue = {id(call.parts): call for call in under_way.values() if call.since < before}
+    for call in overdue.values():
+        same = [future for future, of in under_way.items() if of.parts is call.parts]
+        if call.point.stopped_by:  # nobody waits for it
+            for future in same:
+                del under_way[future]
+            continue
+        if call.copies >= MOST_TRIES:
+            told = f"block {call.parts[0].block} of {call.point.point} was handed out {MOST_TRIES} times"
+            raise VoccError(f"{told} and never came back: start again to go on")
+        again = call._replace(since=time.monotonic(), copies=call.copies + 1)
+        for future in (*same, submit(call.point.count, call.parts)):
+            under_way[future] = again
+
+
+def _call_off(under_way: UnderWay) -> None:
     """Cancel the calls of points that have enough; what has been begun is recorded when it comes back."""
-    for future in [one for one, (point, _) in under_way.items() if point.stopped_by and one.cancel()]:
+    for future in [one for one, call in under_way.items() if call.point.stopped_by and one.cancel()]:
         del under_way[future]
 
 

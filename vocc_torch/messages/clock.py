@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.stats import theilslopes
 
 from vocc_torch.messages.layout import Layout
 
@@ -33,6 +34,12 @@ STUCK, MEMORY = 0.75, 64
 
 DELAY = 256
 """Frames that are looked ahead before a frame's symbol is settled."""
+
+ENDS, BESIDE = 8, 32
+"""Frames at a recording's begin and end that only frames on one side speak for, and how many of those do."""
+
+ASTRAY = 1.25
+"""Symbols from where the others place it, from which on such a frame is astray."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +127,7 @@ class SymbolClock:
 
     def finish(self) -> Ticks | None:
         """Settle what is left."""
-        return self._settle(len(self._back)) if self._back else None
+        return self._settle(len(self._back), at_end=True) if self._back else None
 
     def _likelihood(self, llr: NDArray[np.float32]) -> NDArray[np.float32]:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
@@ -155,7 +162,7 @@ class SymbolClock:
         self._back.append(back.astype(np.int32))
         self._steps.append(ahead * bands)
 
-    def _settle(self, count: int) -> Ticks:
+    def _settle(self, count: int, at_end: bool = False) -> Ticks:
         """Trace back from the likeliest state and settle the oldest frames."""
         place, path = int(self._value.argmax()), []
         for back in reversed(self._back):
@@ -172,6 +179,9 @@ class SymbolClock:
                 # A gap may be longer than a block.
                 self._symbols += step + n * max(0, round((self._steps[i] - step) / n))
             self._place, units[i] = path[i], self._symbols
+        expected = np.cumsum(self._steps[:count])
+        for begin in [slice(None)] * (not self._settled) + [slice(None, None, -1)] * at_end:
+            rejoin(units[begin], expected[begin], ASTRAY * bands)
         llr = np.stack(self._llr[:count])
         del self._back[:count], self._steps[:count], self._llr[:count]
         own = np.arange(bands)[None] >= bands - (units % bands)[:, None]
@@ -181,3 +191,29 @@ class SymbolClock:
         ticks = Ticks(self._settled, symbol, (clocks * odd).astype(np.float32))
         self._settled += count
         return ticks
+
+
+def rejoin(units: NDArray[np.int64], expected: NDArray[np.float64], astray: float) -> None:
+    """Put the first frames where those after them place them, if they lie farther from it than ``astray``.
+
+    A frame amid a recording pays for the way to a wrong symbol and back; the first and the last pay once.
+
+    Args:
+        units: (F,) places of frames, changed.
+        expected: (F,) where the camera's clock lets expect them, from any origin and of about any rate.
+        astray: in the same unit.
+
+    Example:
+        >>> units = np.arange(100)
+        >>> units[0] = 9
+        >>> rejoin(units, 0.99 * np.arange(100), 5)
+        >>> int(units[0])
+        0
+    """
+    others = slice(ENDS, ENDS + BESIDE)
+    if len(units) < ENDS + BESIDE or np.ptp(expected[others]) == 0:
+        return
+    rate, begin = theilslopes(units[others], expected[others])[:2]
+    placed = begin + rate * expected[:ENDS]
+    far = np.abs(units[:ENDS] - placed) > astray
+    units[:ENDS][far] = np.rint(placed[far])

@@ -1,17 +1,26 @@
-"""From camera frames to soft values: the panel is looked for now and then, and read in every frame."""
+"""From camera frames to soft values: the panel is followed, and read in every frame."""
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from vocc_torch.receiver.calibration import APPEARANCE
-from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.receiver import Decoded, Receiver
+from vocc_torch.receiver.track import Tracker
 from vocc_torch.types import Frames, Panels
 
 REMEMBERED = 5
 """Places of the panel of which the middle one is taken."""
+
+MOVED_CELLS, STRAIGHT, CORNERS = 0.2, 0.4, 3
+"""A panel moves of which so many corners are farther than that from where the first of the remembered looks
+saw them, and have gone there on a way of which so much is straight: errors of location go to and fro."""
+
+AROUND, LEAST_AROUND_PX = 0.5, 16
+"""Share of the panel's extent, and px beside, that are read around it."""
 
 FADED_SHARE = 0.25
 """A frame whose contrast is less than this share of what is usual shows no panel."""
@@ -29,57 +38,127 @@ class Front:
             those between; at least 1.
         soft: ``calibrated`` (log-likelihood ratios), ``scores`` (the receiver's own, to a common scale) or
             ``hard`` (bits).
+        follow: ``true``: a tracker follows the panel from frame to frame; ``auto``: from where it is seen to
+            move; ``false``: never.
 
     Attributes:
         found: frames in which the panel was looked for and found.
         looked: frames in which it was looked for.
     """
 
-    def __init__(self, receiver: Receiver, locate_every: int = 8, soft: str = "calibrated") -> None:
-        self.receiver, self.locate_every, self.soft = receiver, locate_every, soft
+    def __init__(
+        self, receiver: Receiver, locate_every: int = 8, soft: str = "scores", follow: str = "auto"
+    ) -> None:
+        self.receiver, self.locate_every, self.soft, self.auto = (
+            receiver,
+            locate_every,
+            soft,
+            follow == "auto",
+        )
+        self.tracker = Tracker(receiver.locator, receiver.shape) if follow == "true" else None
         self.found = self.looked = self.frames = 0
         self.corners_px: torch.Tensor | None = None
         self._places: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
+        self._looks: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
 
-    def __call__(self, greys: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Read B frames of one size, (B,H,W): log-likelihood ratios (B,R,C), zeros where no panel shows."""
+    def __call__(self, greys: Sequence[NDArray[np.uint8]]) -> NDArray[np.float32]:
+        """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
-            frames = Frames.of(torch.from_numpy(greys).to(self.receiver.device))
-            corners = self._follow(frames)
-            known = Panels.known(torch.nan_to_num(corners))
-            there = ~corners.isnan().any(dim=2).any(dim=1)
-            known.found.copy_(there)
-            decoded = self.receiver.forward(frames, known)
-            contrast = decoded.appearance[:, APPEARANCE.index("contrast")]
-            there &= contrast >= FADED_SHARE * self._contrast
-            if bool(there.any()):
-                self._contrast = 0.5 * self._contrast + 0.5 * float(contrast[there].median())
-            llr = torch.where(decoded.bits, TYPICAL, -TYPICAL) if self.soft == "hard" else decoded.llr
-            if self.soft != "hard" and (self.soft == "scores" or self.receiver.calibration is None):
-                size = float(decoded.scores[there].abs().median()) if bool(there.any()) else 0.0
-                self._size = self._size or size
-                llr = decoded.scores * (TYPICAL / (self._size or 1.0))
-            given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
+            return self.values(*self.read(*self.locate(greys)), self.soft)
+
+    def read(self, frames: Frames, corners: torch.Tensor) -> tuple[Decoded, torch.Tensor]:
+        """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
+        known = Panels.known(torch.nan_to_num(corners))
+        there = ~corners.isnan().any(dim=2).any(dim=1)
+        known.found.copy_(there)
+        decoded = self.receiver.forward(frames, known)
+        contrast = decoded.appearance[:, APPEARANCE.index("contrast")]
+        there &= contrast >= FADED_SHARE * self._contrast
+        if bool(there.any()):
+            self._contrast = 0.5 * self._contrast + 0.5 * float(contrast[there].median())
+            self._size = self._size or float(decoded.scores[there].abs().median())
+        return decoded, there
+
+    def values(self, decoded: Decoded, there: torch.Tensor, soft: str) -> NDArray[np.float32]:
+        """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
+        if soft == "hard":
+            llr = torch.where(decoded.bits, TYPICAL, -TYPICAL)
+        elif soft == "scores" or self.receiver.calibration is None:
+            llr = decoded.scores * (TYPICAL / (self._size or 1.0))
+        else:
+            llr = decoded.llr
+        given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
         return given
 
-    def _follow(self, frames: Frames) -> torch.Tensor:
-        """Give the corners (B,4,2) in each frame; no numbers before the panel was ever found."""
-        every = torch.arange(self.frames, self.frames + len(frames))
-        looked = every % self.locate_every == 0
-        self.frames += len(frames)
-        corners = torch.full((len(frames), 4, 2), torch.nan, dtype=torch.float64, device=frames.grey.device)
-        if not self._places:
-            looked |= True
-        rows = looked.nonzero()[:, 0]
-        panels = self.receiver.locator(frames[rows], self.receiver.shape)
+    def locate(self, greys: Sequence[NDArray[np.uint8]]) -> tuple[Frames, torch.Tensor]:
+        """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
+        first, self.frames, corners = self.frames, self.frames + len(greys), None
+        if self.tracker is None:
+            corners = self._looked_up(greys, first)
+            if self.auto and self._moves():
+                self.tracker, corners = Tracker(self.receiver.locator, self.receiver.shape), None
+        if corners is None:
+            corners = self._tracked(greys)
+        return self._cropped(greys, corners), corners.to(self.receiver.device)
+
+    def _cropped(self, greys: Sequence[NDArray[np.uint8]], corners: torch.Tensor) -> Frames:
+        """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
+        height, width = greys[0].shape
+        seen = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
+        if not len(seen):
+            seen = torch.zeros(1, 2, dtype=torch.float64)
+        low, high = seen.amin(dim=0), seen.amax(dim=0)
+        room = AROUND * (high - low).max() + LEAST_AROUND_PX
+        left, top = (low - room).floor().int().clamp(min=0).tolist()
+        right, bottom = (high + room).ceil().int().tolist()
+        left, top = min(left, width - 1), min(top, height - 1)
+        right, bottom = min(max(right, left + 1), width), min(max(bottom, top + 1), height)
+        grey = torch.from_numpy(np.stack([one[top:bottom, left:right] for one in greys]))
+        origin = torch.tensor([[left, top]]).expand(len(greys), 2)
+        device = self.receiver.device
+        return Frames(grey[:, None].to(device), origin.to(device), (height, width))
+
+    def _tracked(self, greys: Sequence[NDArray[np.uint8]]) -> torch.Tensor:
+        """Follow the panel from frame to frame."""
+        assert self.tracker is not None
+        corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
+        for row, plane in enumerate(greys):
+            searches, seen = self.tracker.searches, self.tracker(plane)
+            if seen:
+                corners[row] = torch.from_numpy(seen[0].corners)
+            self.looked += self.tracker.searches - searches
+            self.found += bool(seen) and self.tracker.searches > searches
+        return corners
+
+    def _looked_up(self, greys: Sequence[NDArray[np.uint8]], first: int) -> torch.Tensor:
+        """Look for the panel now and then, and take the median place between."""
+        due = [(first + row) % self.locate_every == 0 for row in range(len(greys))]
+        rows = [row for row in range(len(greys)) if due[row] or not self._places]
+        corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
+        found: dict[int, torch.Tensor] = {}
+        if rows:
+            frames = Frames.of(torch.from_numpy(np.stack([greys[row] for row in rows])))
+            frames = Frames.whole(frames.grey.to(self.receiver.device))
+            panels = self.receiver.locator(frames, self.receiver.shape)
+            places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
+            found = {row: place.double() for row, place, there in places if there}
         self.looked += len(rows)
-        self.found += int(panels.found.sum())
-        at = dict(zip(rows.tolist(), range(len(rows)), strict=True))
-        for row in range(len(frames)):
-            if row in at and bool(panels.found[at[row]]):
-                self._places.append(panels.corners_px[at[row]])
+        self.found += len(found)
+        for row in range(len(greys)):
+            if row in found:
+                self._places.append(found[row])
+                self._looks += [found[row]] * due[row]
                 self.corners_px = torch.stack([*self._places]).median(dim=0).values
             if self.corners_px is not None:
                 corners[row] = self.corners_px
         return corners
+
+    def _moves(self) -> bool:
+        """Say whether the last looks saw the panel move."""
+        if len(self._looks) < REMEMBERED:
+            return False
+        seen = torch.stack([*self._looks])
+        cell = float((seen[-1, 1] - seen[-1, 0]).norm()) / self.receiver.shape.columns
+        way, net = seen.diff(dim=0).norm(dim=2).sum(dim=0), (seen[-1] - seen[0]).norm(dim=1)
+        return int(((net > MOVED_CELLS * cell) & (net > STRAIGHT * way)).sum()) >= CORNERS

@@ -1,7 +1,9 @@
 """Which cell of which symbol is known to the receiver, and which carries which bit of which packet."""
 
 import hashlib
+from copy import copy
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +132,17 @@ class Layout:
         film: NDArray[np.bool_] = self.known.reshape(self.symbols, -1) > 0
         film[:, self.data] = carried.reshape(self.symbols, -1)
         return film.reshape(self.known.shape)
+
+    def rescrambled(self, words: NDArray[np.uint8], shown: NDArray[np.bool_]) -> Self:
+        """Give the layout with the scrambling by which a block that shows ``shown`` (P,R,C) has ``words``.
+
+        So any random film is the film of any code, and codes are compared on the same recordings.
+        """
+        twin = copy(self)
+        carried = shown.reshape(self.symbols, -1)[:, self.data].ravel().astype(np.uint8)
+        carried[self.places] ^= words
+        twin._stream = carried
+        return twin
 
     def read(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
         """Take the words' bits, as :meth:`write` wrote them, from soft values of a block's cells, (P,R,C)."""

@@ -156,8 +156,9 @@ def appearance(readings: Readings) -> torch.Tensor:
     """
     side = readings.patches.shape[-1] // (readings.features.shape[2] + 2)
     cells = torch.nn.functional.avg_pool2d(readings.patches.double(), side)[:, 0, 1:-1, 1:-1].flatten(1)
-    contrast = cells.amax(dim=1) - cells.amin(dim=1)
-    return torch.stack([readings.cell_px.double().mean(dim=1), cells.mean(dim=1), contrast], dim=1)
+    darkest, brightest = cells.aminmax(dim=1)
+    measured = [readings.cell_px.double().mean(dim=1), cells.mean(dim=1), brightest - darkest]
+    return torch.stack(measured, dim=1)
 
 
 Ranges = dict[str, tuple[float, float]]

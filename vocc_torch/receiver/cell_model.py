@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.receiver.lattice_model import corner_cells
-from vocc_torch.receiver.lattice_search import Pyramid
-from vocc_torch.receiver.rectification import cell_homography, map_points
+from vocc_torch.receiver.lattice_search import PITCHES_PX, Pyramid
+from vocc_torch.receiver.rectification import cell_homography, cell_size_px, map_points
 from vocc_torch.types import Batched, PanelShape
 
 # Samples along a cell's side, where places are compared and where they are fitted.
@@ -50,6 +50,16 @@ class Cells(Batched):
     corners_px: Tensor
     bits: Tensor
     score: Tensor
+
+    @classmethod
+    def at(cls, pyramid: Pyramid, corners_px: Tensor, shape: PanelShape) -> "Cells":
+        """Lay panels at corners (n,4,2) px of the one frame, in the levels that suit their pitches."""
+        pitch = torch.stack(cell_size_px(corners_px, shape)).prod(0).sqrt()
+        most = len(pyramid.begin) - 1
+        level = (pitch / PITCHES_PX[0]).clamp(min=1e-3).log2().floor().nan_to_num().clamp(0, most).long()
+        bits = level.new_zeros(len(level), shape.rows, shape.columns, dtype=torch.bool)
+        corners_px = corners_px.double() / 2.0 ** level.double()[:, None, None]
+        return cls(torch.zeros_like(level), level, corners_px, bits, torch.zeros_like(pitch))
 
 
 def read_cells(pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int) -> Tensor:
@@ -225,8 +235,12 @@ def _regressors(bits: Tensor) -> Tensor:
     return torch.stack(parts, 1)
 
 
-def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6) -> Cells:
+def fit_cells(
+    pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6, most_random: float = math.inf
+) -> Cells:
     """Move corners freely, by Gauss-Newton steps, to where the bits explain most, and score the best of them.
+
+    ``most_random`` is the most that random bits speak for a place: they can draw the fit to another.
 
     The patterns are eliminated from each step (variable projection, Golub and Pereyra 1973), and bits are
     decided anew before it.
@@ -275,7 +289,7 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
         fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
         now = Cells(now.frame, now.level, now.corners_px, bits, fit)
         beyond = (edge_changes(pyramid, now, picture) - _FREE_CHANGES).clamp(min=0)
-        score = fit.clamp(max=_BEST_FIT) + randomness(bits) - _CHANGE_COST * beyond
+        score = fit.clamp(max=_BEST_FIT) + randomness(bits).clamp(max=most_random) - _CHANGE_COST * beyond
         now = Cells(now.frame, now.level, now.corners_px, bits, score)
         if number == 0:
             best = now[torch.arange(n, device=score.device)]

@@ -11,6 +11,7 @@ import torch
 from kornia.morphology import dilation, erosion
 
 from vocc_torch.errors import VoccError
+from vocc_torch.types import without_autocast
 
 _FEW_PX = 1 << 12
 
@@ -49,13 +50,15 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     # precision, which holds 0 and 1, moves half the memory.
     few = mask.numel() <= _FEW_PX
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
-    with torch.inference_mode(), torch.autocast(mask.device.type, enabled=False):
-        # What the strokes do wrong at the outer edge of the margin is cut off with it.
-        plane = torch.nn.functional.pad(mask, [reach] * 4).to(dtype)
-        row = plane.new_ones(1, size_px)
-        for stroke, axis in ((dilation, row), (dilation, row.T), (erosion, row), (erosion, row.T)):
-            plane = stroke(plane, axis, engine=engine)
-    return plane[..., reach:-reach, reach:-reach] > 0
+    with torch.inference_mode(), without_autocast(mask.device):
+        plane = torch.nn.functional.pad(mask.to(dtype), [0, 0, reach, reach])
+        # A column's windows are read along the rows; for rows the plane lies on its side. What the strokes do
+        # wrong at the outer edge of a margin is cut off with it.
+        column = plane.new_ones(size_px, 1)
+        plane = torch.nn.functional.pad(dilation(plane, column, engine=engine), [reach, reach]).mT
+        plane = erosion(dilation(plane, column, engine=engine), column, engine=engine)
+        plane = erosion(plane[..., reach:-reach, :].mT, column, engine=engine)
+    return plane[..., reach:-reach, :] > 0
 
 
 def halve_mask(mask: torch.Tensor) -> torch.Tensor:

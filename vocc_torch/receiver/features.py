@@ -9,7 +9,7 @@ import kornia.filters
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.types import PanelShape, holds, is_exporting
+from vocc_torch.types import PanelShape, are_finite, is_exporting
 
 FEATURE_NAMES = ("agr", "gri", "ngr")
 """The order of the features' last dimension."""
@@ -67,10 +67,16 @@ def cell_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
     return checked_greys(means[:, 0], "cell means")
 
 
-def _ratio_to_panel(greys: torch.Tensor, panel: torch.Tensor) -> torch.Tensor:
-    """Ratio to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1."""
-    mean = panel.mean(dim=(1, 2)).view(-1, 1, 1)
-    ratio = torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)
+def _ratio_to_panel(greys: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
+    """Ratios (B,N,R,C) to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1.
+
+    Args:
+        greys: (B,N,R,C) levels, N of each LED.
+        means: (B,R+2,C+2) cell means with margin.
+    """
+    mean = means[:, 1:-1, 1:-1].mean(dim=(1, 2)).view(-1, 1, 1, 1)
+    lit = mean > 0
+    ratio = torch.where(lit, greys / torch.where(lit, mean, 1.0), 1.0)
     return ratio.clamp(max=torch.finfo(ratio.dtype).max)
 
 
@@ -92,8 +98,7 @@ def average_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
         >>> average_greyscale_ratio(means)[0].tolist()
         [[1.5, 0.5], [1.0, 1.0]]
     """
-    inner = checked_greys(means, "means")[:, 1:-1, 1:-1]
-    return _ratio_to_panel(inner, inner)
+    return _ratio_to_panel(checked_greys(means, "means")[:, None, 1:-1, 1:-1], means)[:, 0]
 
 
 def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
@@ -113,9 +118,12 @@ def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
         >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
         [[[1.0]]]
     """
-    checked_greys(means, "means")
-    neighbours = torch.nn.functional.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
-    return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1])
+    return _ratio_to_panel(_around(checked_greys(means, "means")), means)[:, 0]
+
+
+def _around(means: torch.Tensor) -> torch.Tensor:
+    """Mean of the eight neighbours of each LED's cell, (B,R+2,C+2) to (B,1,R,C)."""
+    return torch.nn.functional.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))
 
 
 @lru_cache(maxsize=16)
@@ -216,7 +224,7 @@ def gradient_radial_inwardness(
     towards = torch.nn.functional.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
     inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
-    if not holds(inward.isfinite()):
+    if not are_finite(inward):
         raise VoccError("patches or cell sizes give a GRI that is not finite: both must be finite")
     return inward
 
@@ -257,8 +265,9 @@ def led_features(
     if "gri" in needed:
         gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
     if means is not None:
-        agr = average_greyscale_ratio(means) if "agr" in needed else agr
-        ngr = neighbour_greyscale_ratio(means) if "ngr" in needed else ngr
+        levels = torch.cat([means[:, None, 1:-1, 1:-1], _around(means)], dim=1)
+        own, around = _ratio_to_panel(levels, means).unbind(1)
+        agr, ngr = (own if "agr" in needed else agr), (around if "ngr" in needed else ngr)
     return torch.stack([agr, gri, ngr], dim=-1)
 
 

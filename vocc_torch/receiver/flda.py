@@ -9,7 +9,7 @@ import torch
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant, checked_features
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
-from vocc_torch.types import holds
+from vocc_torch.types import are_finite
 
 _PARTS = ("count", "mean", "scatter")
 """The statistics' buffers, in the order of the fields of :class:`ClassScatter`."""
@@ -158,7 +158,7 @@ class FLDA(torch.nn.Module):
         points = checked_features(features, self.n_features)
         rule = self._solved()
         scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
-        if not holds(scores.isfinite()):
+        if not are_finite(scores):
             stray = scores[~scores.isfinite()]
             given = "features holds a value that is not finite, or too far from the training set"
             raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")

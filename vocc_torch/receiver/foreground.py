@@ -6,6 +6,7 @@ Most of a simulated or dark frame is of one grey value: that part is looked at o
 from fractions import Fraction
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -14,8 +15,8 @@ from vocc_torch.receiver.components import close_mask, label_components, largest
 from vocc_torch.types import Frames
 
 _LEVELS = 256
-# In smaller frames looking for what is uneven costs more than it saves, and so does counting one by one.
-_LARGE_FRAME_PX = 1 << 16
+# In smaller frames looking for what is uneven costs more than it saves; so does counting one by one.
+_LARGE_FRAME_PX, _COUNTED_PX = 1 << 16, 1 << 12
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
 _MOST_EXACT_PX, _TIE_SHARE = 1 << 28, 1e-12
 
@@ -49,29 +50,31 @@ def trimmed(frames: Frames) -> Frames:
     whole = frames.surround is None and frames.sensor_px == (height, width)
     if not whole or not len(frames) or grey.device.type != "cpu" or height * width < _LARGE_FRAME_PX:
         return frames
-    boxes = []
-    for plane in grey[:, 0].numpy():
-        level = plane[0, 0]
-        if (plane[0] != level).any():
+    boxes, planes = [], grey[:, 0].numpy()
+    for plane in planes:
+        if (plane[0] != plane[0, 0]).any():
             return frames
-        columns = ((plane.max(0) != level) | (plane.min(0) != level)).nonzero()[0]
-        if not len(columns):
+        # The eight bytes that a block has of a row are compared at once, where they lie in words.
+        words = plane.view(np.uint64) if width % _BLOCK_PX == 0 and plane.strides[1] == 1 else plane
+        uneven, across = (words.ravel() != words[0, 0]).nonzero()[0], words.shape[1]
+        if not len(uneven):
             boxes.append((0, 0, 1, 1))
             continue
-        left, right = int(columns[0]) // _BLOCK_PX, -(-(int(columns[-1]) + 1) // _BLOCK_PX)
-        rows = (plane[:, left * _BLOCK_PX : right * _BLOCK_PX] != level).any(1).nonzero()[0]
-        top, low = int(rows[0]) // _BLOCK_PX, -(-(int(rows[-1]) + 1) // _BLOCK_PX)
+        columns = uneven % across // (_BLOCK_PX // words.itemsize)
+        left, right = int(columns.min()), int(columns.max()) + 1
+        top, low = int(uneven[0]) // across // _BLOCK_PX, int(uneven[-1]) // across // _BLOCK_PX + 1
         # Blocks that the border cuts stay with the frame.
         if 2 * (right - left) * _BLOCK_PX > width or right > width // _BLOCK_PX or low > height // _BLOCK_PX:
             return frames
         boxes.append((left, top, right - left, low - top))
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
-    place = [(min(x, width // _BLOCK_PX - wide), min(y, height // _BLOCK_PX - high)) for x, y, _, _ in boxes]
-    origin = torch.tensor(place) * _BLOCK_PX
+    room = (width // _BLOCK_PX - wide, height // _BLOCK_PX - high)
+    origin = np.minimum([(left, top) for left, top, _, _ in boxes], room) * _BLOCK_PX
     down, across = high * _BLOCK_PX, wide * _BLOCK_PX
-    places = zip(grey, origin.tolist(), strict=True)
-    parts = [one[:, y : y + down, x : x + across] for one, (x, y) in places]
-    return Frames(torch.stack(parts), frames.origin_px + origin, frames.sensor_px, grey[:, 0, 0, 0])
+    places = zip(planes, origin.tolist(), strict=True)
+    parts = np.stack([plane[None, y : y + down, x : x + across] for plane, (x, y) in places])
+    cut, level = torch.from_numpy(parts), torch.from_numpy(planes[:, 0, 0].copy())
+    return Frames(cut, frames.origin_px + torch.from_numpy(origin), frames.sensor_px, level)
 
 
 def histogram256(grey: Tensor) -> Tensor:
@@ -96,8 +99,8 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels = grey.reshape(frames, -1)
-    # Counting each large frame's bytes beats widening the whole batch to int64 for one offset count.
-    if pixels.shape[1] >= _LARGE_FRAME_PX:
+    # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
+    if pixels.shape[1] >= _COUNTED_PX or frames == 1:
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
     return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(frames, _LEVELS)
@@ -132,7 +135,7 @@ def sensor_histogram(frames: Frames) -> Tensor:
     if outside < 0:
         raise VoccError(f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}")
     level = frames.surround.round().long().clamp(0, _LEVELS - 1).to(counts.device)
-    return counts.scatter_add(1, level[:, None], torch.full_like(level, outside)[:, None])
+    return counts.scatter_add_(1, level[:, None], level.new_full((len(level), 1), outside))
 
 
 def otsu_threshold(histogram: Tensor) -> Tensor:
@@ -154,27 +157,28 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
         >>> otsu_threshold(histogram256(grey)).tolist()
         [12, 5]
     """
-    counts, values = histogram.to(torch.int64), torch.arange(_LEVELS, device=histogram.device)
-    # Whole numbers: a GPU's running sums of floating ones have no fixed order, and no deterministic form.
-    below, mass = counts.cumsum(1), (counts * values).cumsum(1)
+    # A few numbers, which NumPy does on every device. Whole ones: running sums of others have no fixed order.
+    counts = histogram.to("cpu", torch.int64).numpy()
+    below, mass = counts.cumsum(1), (counts * np.arange(_LEVELS)).cumsum(1)
     total, total_mass = below[:, -1:], mass[:, -1:]
     # Empty levels part as the last level below does that is not.
     parts = (counts > 0) & (below < total)
     # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
-    apart = (total_mass * below - mass * total).to(torch.float64)
-    between = apart.square() / (below.to(torch.float64) * (total - below)).clamp(min=1.0)
-    between = between.masked_fill(~parts, -1.0)
-    best = between >= between.amax(1, keepdim=True) * (1 - _TIE_SHARE)
-    best = parts & (best | (total > _MOST_EXACT_PX))
-    threshold = best.int().argmax(1)
-    for row in (best.sum(1) > 1).nonzero()[:, 0].tolist():
+    apart = (total_mass * below - mass * total).astype(np.float64)
+    between = apart * apart / (below.astype(np.float64) * (total - below)).clip(min=1.0)
+    between[~parts] = -1.0
+    best = parts & ((between >= between.max(1, keepdims=True) * (1 - _TIE_SHARE)) | (total > _MOST_EXACT_PX))
+    threshold = best.argmax(1)
+    for row in (best.sum(1) > 1).nonzero()[0].tolist():
         n, s = below[row].tolist(), mass[row].tolist()
-        levels = best[row].nonzero()[:, 0].tolist()
+        levels = best[row].nonzero()[0].tolist()
         apart_squared = [(s[-1] * n[level] - s[level] * n[-1]) ** 2 for level in levels]
         exact = map(Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels))
         threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[1]
-    most, value = counts.max(1)
-    return torch.where(most == total[:, 0], value * (most > 0), threshold)
+    # An image of one grey value has all pixels there; an empty one has none anywhere.
+    flat = (counts.max(1) == total[:, 0]).nonzero()[0]
+    threshold[flat] = counts[flat].argmax(1)
+    return torch.from_numpy(threshold).to(histogram.device)
 
 
 class Regions(NamedTuple):

@@ -13,14 +13,14 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
 from vocc_torch.receiver.false_alarms import calibrated
+from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
 from vocc_torch.receiver.learned_nets import (
     CORNER_CELLS,
     PITCH_PX,
     CornerNet,
     Finder,
-    Judge,
-    cell_looks,
     corner_frames,
     corner_patches,
     places_px,
@@ -28,14 +28,20 @@ from vocc_torch.receiver.learned_nets import (
 )
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
 
 _KIND = "learned_locator"
-# Places that are looked at closely, steps of their corners at least, and those that are fitted.
-_PLACES, _STEPS, _FITTED = 10, 3, 2
+# The finder's places that are looked at closely, steps of their corners at least; cells that lattices are
+# shifted by, placings that are kept, and those that are fitted, by cells and by spots.
+_PLACES, _CORNER_STEPS, _REACH, _KEPT, _STEPS, _FITTED, _SPOTS = 10, 3, 4, 16, 2, 6, 2
+# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
+_SAME_BASIS, _SAME_PHASE = 0.04, 0.2
+_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
 # A pitch that the finder says is off by at most this factor, as a logarithm; places nearer than this share of
 # the panel's diagonal are one.
 _MOST_LOG, _APART = 0.6, 0.25
@@ -50,7 +56,7 @@ class Nets(NamedTuple):
 
     finder: Finder
     corners: CornerNet
-    judge: Judge
+    panel: PanelNet
 
 
 def save_weights(path: Path, nets: Nets) -> None:
@@ -73,7 +79,7 @@ def load_weights(path: Path, device: torch.device) -> Nets:
     """
     settings, state = read_model(path)
     with torch.inference_mode(False):
-        nets = Nets(Finder(), CornerNet(), Judge())
+        nets = Nets(Finder(), CornerNet(), PanelNet())
         try:
             if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
                 raise ValueError
@@ -91,16 +97,16 @@ def load_weights(path: Path, device: torch.device) -> Nets:
 class LearnedLocator:
     """Find panels by networks that have seen simulated frames only, then fit the lattice of LEDs.
 
-    - Finder: at each scale of a pyramid, judge every 8th pixel: is the middle of a panel of R x C cells of
-      1.5 to 3 px here, how large, how turned? The six likeliest places are looked at closely.
-    - Corners: a second network sees 8 x 8 cells about each corner of a guess, lattice and edge, and says
-      where the corner lies; large panels begin with coarser patches. It also says how like corners they are.
-    - Judge: weighs what both say with how the cells look: two levels, random bits, even within a cell.
-    - Lattice: of up to 16 x 16 LEDs the two likeliest places are fitted, and stay so where the judge agrees.
+    - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator; and those of
+      a first network, which judges every 8th pixel of a pyramid, with corners by a second one.
+    - Placings: a third network sees the cells of each with their surroundings, and tells which placing by
+      whole cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
+    - Fits: of two patterns to the cells, and of up to 16 x 16 LEDs of round spots, kept where the placing
+      stays as likely.
 
-    The judge's logit says how many false alarms a frame without a panel is expected to give, by a table of
-    such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)). Of
-    weights of one's own there is no table: a panel is found where the score is at least 0.5.
+    The third network's logit says how many false alarms a frame without a panel is expected to give, by a
+    table of such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)).
+    Of weights of one's own there is no table: a panel is found where the score is at least 0.5.
 
     Args:
         weights: a file of ``benchmarks/train_locator.py``; None takes the one that ships.
@@ -131,19 +137,11 @@ class LearnedLocator:
         Raises:
             VoccError: what :meth:`sightings` refuses.
         """
-        seen = self.sightings(frames, shape)
-        count, device = len(Frames.of(frames)), seen.score.device
-        corners = torch.zeros(count, 4, 2, dtype=torch.float64, device=device)
-        score, number = corners[:, 0, 0].clone(), torch.bincount(seen.frame, minlength=count)
-        panels = StatedPanels(corners, number > 0, score, number, score + 1)
-        for row in range(len(seen.frame) - 1, -1, -1):
-            frame = seen.frame[row]
-            panels.corners_px[frame], panels.score[frame] = seen.corners_px[row], seen.score[row]
-            panels.false_alarms[frame] = seen.false_alarms[row]
-        return panels
+        frames = Frames.of(frames)
+        return self.sightings(frames, shape).panels(len(frames), self.false_alarms)[1]
 
     def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
-        """Find every panel of ``shape`` in each frame.
+        """See every panel of ``shape``, those too that are likely false; the best of each frame first.
 
         Raises:
             VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or damaged weights.
@@ -158,15 +156,16 @@ class LearnedLocator:
             seen = [Sightings(none.long(), corners, none, none)]
             # Frame by frame: what is found must not depend on how many are computed together.
             for i in range(len(exact) if exact.grey.numel() else 0):
-                quads, looks = sighted(nets, exact[i : i + 1], shape)
-                logit, order = nets.judge(looks).double().sort(descending=True, stable=True)
-                if self.weights:
-                    alarms, sure = torch.full_like(logit, torch.nan), logit >= 0
-                else:
-                    alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
-                    sure = alarms <= self.false_alarms
-                rows = torch.full_like(order[sure], i)
-                seen.append(Sightings(rows, quads[order][sure], logit[sure].sigmoid(), alarms[sure]))
+                quads, logit = sighted(nets, exact[i : i + 1], shape)
+                alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
+                if self.weights:  # of which nothing is stated, so only what is likelier than not
+                    quads, logit, alarms = (
+                        quads[logit >= 0],
+                        logit[logit >= 0],
+                        alarms[logit >= 0] * torch.nan,
+                    )
+                rows = torch.full_like(logit, i, dtype=torch.int64)
+                seen.append(Sightings(rows, quads, logit.sigmoid(), alarms))
             parts = zip(
                 *([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen),
                 strict=True,
@@ -226,7 +225,7 @@ def zooms(shape: PanelShape) -> list[int]:
     """
     first = int(math.log2(max(shape.rows, shape.columns, 8) / 8))
     steps = [2**n for n in range(first, -1, -1)]
-    return steps + [1] * max(1, _STEPS - len(steps))
+    return steps + [1] * max(1, _CORNER_STEPS - len(steps))
 
 
 def corner_step(
@@ -244,14 +243,58 @@ def corner_step(
     return moves, judged[..., 2]
 
 
-def sighted(nets: Nets, frame: Frames, shape: PanelShape, places: int = _PLACES) -> tuple[Tensor, Tensor]:
-    """Give the panels that one frame may show, and what speaks for each.
+def sighted(nets: Nets, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tensor]:
+    """Give the panels that one frame may show, and how likely they are.
 
     Returns:
-        (n,4,2) float64 corners on the sensor; (n,8) what :class:`Judge` weighs.
+        (n,4,2) float64 corners on the sensor, and (n,) logits, the likeliest first.
     """
+    scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
+    quads = torch.cat([spectral_places(scales, shape), looked_places(nets, frame, shape)])
+    quads, logit = placings(nets.panel, scales, quads, shape, _REACH)
+    quads, logit = distinct(quads, logit, shape, _KEPT)
+    for _ in range(_STEPS):
+        quads, logit = placings(nets.panel, scales, quads, shape, 1, moved=True)
+    quads, logit = distinct(quads, logit, shape, _FITTED)
+    # Two fits, kept where the panel is as likely then: of two patterns to whole cells, and of round spots.
+    cells = Cells.at(scales, quads, shape)
+    again = (
+        fit_cells(scales, best_places(scales, cells, shape, 0), shape, most_random=0.0).corners_px
+        * 2.0 ** cells.level.double()[:, None, None]
+    )
+    quads, logit = _likelier(nets, scales, (quads, logit), again, shape)
+    if max(shape.rows, shape.columns) <= _MOST_LEDS:
+        best = logit.argsort(descending=True, stable=True)[:_SPOTS]
+        here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
+        again = fitted(_repeated(here, len(best)), quads[best], shape)
+        quads[best], logit[best] = _likelier(nets, scales, (quads[best], logit[best]), again, shape)
+    quads, logit = distinct(quads, logit, shape, _FITTED, _OVERLAP)
+    return quads + frame.origin_px, logit.double()
+
+
+def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
+    """Give quadrilaterals (n,4,2) px of lattices in the spectra of windows, about the windows' middles."""
+    guess = lattice_hypotheses(scales, 1, shape)
+    guess = guess[guess.strength.argsort(descending=True, stable=True)]
+    scale = 2.0 ** guess.level.float()
+    centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
+    # Windows side by side see one lattice: those that another has within its reach are left out.
+    own = torch.linalg.inv(basis)
+    steps = (own[:, None] @ (centre - centre[:, None])[..., None])[..., 0]
+    whole = steps.round()
+    bent = (own[:, None] @ basis - torch.eye(2, device=basis.device)).abs().amax((2, 3))
+    same = (bent < _SAME_BASIS) & (whole.abs().amax(2) <= _REACH // 2)
+    same &= (steps - whole).abs().amax(2) < _SAME_PHASE
+    rows = _first_of_each(same)
+    cell = lattice_model.corner_cells(shape).to(centre)
+    cell = cell - cell.new_tensor([shape.columns // 2, shape.rows // 2]) - 0.5
+    return (centre[rows, None] + cell @ basis[rows].mT).double()
+
+
+def looked_places(nets: Nets, frame: Frames, shape: PanelShape) -> Tensor:
+    """Give quadrilaterals (n,4,2) px of the finder's places, with corners of the second network."""
     scales = pyramid(frame.grey)
-    quads, logit, _ = found_places(nets.finder, scales, shape, places)
+    quads, _, _ = found_places(nets.finder, scales, shape, _PLACES)
     steps = zooms(shape)
     sign = quads.new_tensor([1.0, -1.0, 1.0, -1.0]).view(1, 4, 1)
     for number, zoom in enumerate(steps):
@@ -259,28 +302,69 @@ def sighted(nets: Nets, frame: Frames, shape: PanelShape, places: int = _PLACES)
         if number < len(steps) - 1:  # a parallelogram stays one until the last
             moves = moves - sign * (moves * sign).mean(1, keepdim=True)
         quads = quads + moves
-    corners = quads.to(torch.float64) + frame.origin_px
-    looks = seen_at(nets, scales, frame, corners, logit, shape)
-    if max(shape.rows, shape.columns) <= _MOST_LEDS:
-        # The likeliest are fitted, and stay so where that makes them likelier.
-        before = nets.judge(looks)
-        best = before.argsort(descending=True, stable=True)[:_FITTED]
-        again = fitted(_repeated(frame, len(best)), corners[best], shape)
-        seen = seen_at(nets, scales, frame, again, logit[best], shape)
-        better = nets.judge(seen) > before[best]
-        corners[best[better]], looks[best[better]] = again[better], seen[better]
-    return corners, looks
+    return quads.double()
 
 
-def seen_at(
-    nets: Nets, scales: Sequence[Tensor], frame: Frames, corners_px: Tensor, logit: Tensor, shape: PanelShape
-) -> Tensor:
-    """Give what :class:`Judge` weighs, (n,8), at places (n,4,2) of a frame with the finder's logits (n,)."""
-    quads = (corners_px - frame.origin_px).to(torch.float32)
-    _, sure = corner_step(nets, scales, quads, shape, 1)
-    same = _repeated(frame, len(corners_px))
-    looks = cell_looks(lattice_model.read_patches(same, corners_px, shape, lattice_model.MARGIN), shape)
-    return torch.cat([torch.stack([logit, sure.mean(1), sure.amin(1)], 1), looks], 1)
+def placings(
+    net: PanelNet, scales: Pyramid, quads: Tensor, shape: PanelShape, reach: int, *, moved: bool = False
+) -> tuple[Tensor, Tensor]:
+    """Shift quadrilaterals (n,4,2) px by up to ``reach`` cells to the likeliest place, and give its logit.
+
+    ``moved`` moves the corners to where the network sees them, too.
+    """
+    cells = Cells.at(scales, quads, shape)
+    patches = read_cells(scales, cells, shape, SAMPLES, reach + CONTEXT)
+    pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt()
+    judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape).flatten(2)
+    logit, place = judged[:, 0].max(1)
+    wide = 2 * reach + 1
+    shift = torch.stack([place % wide, place // wide], 1)[:, None] - float(reach)
+    if moved:
+        moves = judged[torch.arange(len(place), device=place.device), 1:, place].view(-1, 4, 2)
+        shift = shift + moves.clamp(-_MOST_MOVE, _MOST_MOVE)
+    return map_points(quads, lattice_model.corner_cells(shape).to(quads) + shift, shape), logit
+
+
+def distinct(
+    quads: Tensor, logit: Tensor, shape: PanelShape, most: int, overlap: float | None = None
+) -> tuple[Tensor, Tensor]:
+    """Keep the likeliest quadrilaterals (n,4,2), at most ``most``, one of those with nearly the same corners.
+
+    With ``overlap`` of those whose middles are nearer than that share of a side.
+    """
+    order = logit.nan_to_num(-torch.inf).argsort(descending=True, stable=True)
+    order = order[quads[order].isfinite().flatten(1).all(1)]
+    quads, logit = quads[order], logit[order]
+    size = (quads[:, 0] - quads[:, 2]).norm(dim=1).clamp(min=1e-6)
+    if overlap is None:
+        apart = (quads[:, None] - quads).norm(dim=3).amax(2) / size
+        near = apart < _SAME_CELLS / math.hypot(shape.rows, shape.columns)
+    else:
+        near = (quads.mean(1)[:, None] - quads.mean(1)).norm(dim=2) < overlap * size
+    kept = _first_of_each(near)[:most]
+    return quads[kept], logit[kept]
+
+
+def _first_of_each(same: Tensor) -> list[int]:
+    """Rows of which none before is kept that is the same, by (n,n) bool."""
+    kept: list[int] = []
+    taken = torch.zeros(len(same), dtype=torch.bool, device=same.device)
+    for row in range(len(same)):
+        if not taken[row]:
+            kept.append(row)
+            taken |= same[row]
+    return kept
+
+
+def _likelier(
+    nets: Nets, scales: Pyramid, before: tuple[Tensor, Tensor], again: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
+    """Take the corners of a fit where it left the panel about as likely, with its logit."""
+    safe = torch.where(again.isfinite(), again, before[0])
+    _, logit = placings(nets.panel, scales, safe, shape, 0)
+    cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
+    good = (logit > before[1] - _MOST_LOST) & ((safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell)
+    return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
 
 
 def _repeated(frame: Frames, times: int) -> Frames:

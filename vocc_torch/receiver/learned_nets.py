@@ -117,61 +117,6 @@ class CornerNet(nn.Module):
         return judged
 
 
-class Judge(nn.Module):
-    """Whether a place shows a panel: what the networks say of it, weighed with how its cells look.
-
-    Example:
-        >>> Judge()(torch.zeros(4, 8)).shape
-        torch.Size([4])
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.weigh = nn.Sequential(nn.Linear(8, 16), nn.ReLU(), nn.Linear(16, 1))
-
-    def forward(self, looks: Tensor) -> Tensor:
-        """Give logits (n,) from the finder's, the corners' mean and least, and :func:`cell_looks`, (n,8)."""
-        judged: Tensor = self.weigh(looks)[:, 0]
-        return judged
-
-
-def cell_looks(patches: Tensor, shape: PanelShape) -> Tensor:
-    """Measure what parts a panel that sends random bits from what is as even, or as regular, as a fence.
-
-    The cells are split into dark and bright ones at the greatest variance between the two.
-
-    Args:
-        patches: (n,(R+2)K,(C+2)K) grey values, with a cell of margin.
-        shape: R and C.
-
-    Returns:
-        (n,5): how many more neighbours differ along rows, and along columns, than of random bits, in standard
-        deviations; how far the share of bright cells is from a half; the share of the cells' variance that
-        the two levels explain; logarithm of the variance between cells over that within them.
-    """
-    side = patches.shape[-1] // (shape.columns + 2)
-    inside = patches[:, side:-side, side:-side]
-    cells = inside.reshape(len(patches), shape.rows, side, shape.columns, side)
-    quarter = side // 4
-    middles = cells[:, :, quarter : side - quarter, :, quarter : side - quarter].movedim(2, 3).flatten(3)
-    means, within = middles.mean(3), middles.var(3, unbiased=False).mean((1, 2))
-    ordered = means.flatten(1).sort(1).values
-    low = torch.arange(1, shape.leds, dtype=ordered.dtype, device=ordered.device)
-    below = ordered.cumsum(1)
-    gap = (below[:, -1:] - below[:, :-1]) / (shape.leds - low) - below[:, :-1] / low
-    between, best = (low * (shape.leds - low) * gap**2 / shape.leds**2).max(1)
-    bits = means > ((ordered.gather(1, best[:, None]) + ordered.gather(1, best[:, None] + 1)) / 2)[..., None]
-    lit, spread = bits.float().mean((1, 2)), means.flatten(1).var(1, unbiased=False)
-    differ, looks = 2 * lit * (1 - lit), []
-    for axis in (2, 1):
-        turns = bits.diff(dim=axis).flatten(1).float()
-        many = max(1, turns.shape[1])
-        apart = turns.sum(1) - many * differ
-        looks.append((apart / (many * differ * (1 - differ)).clamp(min=0.1).sqrt()).clamp(-8, 8))
-    share = between / spread.clamp(min=1e-6)
-    return torch.stack([*looks, (lit - 0.5).abs() * 4, share * 4, ((spread + 0.1) / (within + 0.5)).log()], 1)
-
-
 def pyramid(grey: Tensor, most: int = 6) -> list[Tensor]:
     """Halve grey values (B,1,H,W) again and again while 16 px are left: float32 pictures, largest first.
 

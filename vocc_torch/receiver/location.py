@@ -1,11 +1,12 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy.ndimage
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
@@ -16,8 +17,8 @@ from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
 _PASS_PX, _SMALL_PASS_PX = 1 << 21, 1 << 18
-# Up to this size masks are tried one by one before they are laid in passes; more frames are quicker together.
-_SMALL_MASK_PX, _MOST_ALONE = 1 << 15, 4
+# Up to this size masks are tried without the ladder.
+_SMALL_MASK_PX = 1 << 15
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
 # A merged blob replaces one of its parts from the first share of the best score so far on, for it explains
@@ -26,6 +27,7 @@ _MERGE_RATIO, _WHOLE_SHARE = 0.75, 0.99
 # LED pitches: from these on a closing spans one Off LED between two On ones, or has filled all but the widest
 # gaps, and no blob will look more like a panel later.
 _REACH_PITCHES, _LAST_PITCHES = 1.4, 3.0
+_TOUCHING = np.ones((3, 3), dtype=bool)
 
 
 class Stages(NamedTuple):
@@ -157,14 +159,12 @@ class PaperLocator(LocatorLimits):
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
-        if exact.surround is None:
-            choice = self.choose(exact, threshold, shape)
-        else:
-            lit = exact.surround.round() > threshold
-            choice = self.choose(exact, threshold.masked_fill(lit, 255), shape)
-            for row in lit.nonzero():
-                choice.put(row, self.choose(_on_sensor(exact[row]), threshold[row], shape))
-        return Panels(*(getattr(choice, name) for name in Panels.__slots__))
+        lit = torch.zeros_like(threshold) if exact.surround is None else exact.surround.round() > threshold
+        bright = lit.nonzero()
+        choice = self.choose(exact, threshold.masked_fill(lit, 255) if len(bright) else threshold, shape)
+        for row in bright:
+            choice.put(row, self.choose(_on_sensor(exact[row]), threshold[row], shape))
+        return Panels(choice.corners_px, choice.found, choice.score, choice.candidates)
 
     def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
         """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
@@ -172,21 +172,24 @@ class PaperLocator(LocatorLimits):
         Returns:
             The choice, with corners on the sensor.
         """
-        boxes = _foreground_boxes(frames.grey, threshold)
-        corner = boxes[:, :2] + frames.origin_px.to(boxes)
-        choice = Choice.none(len(frames), frames.grey.device)
-        if boxes.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
-            small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
-            for rows, width, height in _passes(boxes * small[:, None]):
-                mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-                made, part = choose_single(mask, shape, self)
-                choice.put(rows[made], part)
-            boxes = boxes.index_fill(0, choice.found.nonzero()[:, 0], 0)
-        for rows, width, height in _passes(boxes):
-            mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-            choice.put(rows, climb(mask, shape, self))
-        corners = torch.where(choice.found[:, None, None], choice.corners_px + corner[:, None], 0.0)
-        return replace(choice, corners_px=corners)
+        boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
+        place, choice = boxes[:, :2] + frames.origin_px.cpu().numpy(), None
+        for some, width, height in _passes(boxes):
+            mask = _cut(grey, threshold, boxes, some, width, height)
+            if grey.device.type == "cpu" and width * height <= _SMALL_MASK_PX:
+                made, part = choose_single(mask.numpy(), place[some], shape, self)
+                if len(made) == len(boxes) == 1:
+                    return part
+                choice = choice or Choice.none(len(boxes), grey.device)
+                choice.put(torch.from_numpy(some[made]), part)
+                mask, some = mask[np.delete(np.arange(len(some)), made)], np.delete(some, made)
+            if len(some):
+                rows, at = (torch.from_numpy(one).to(grey.device) for one in (some, place[some]))
+                part = climb(mask, shape, self)
+                part.corners_px.add_((at * part.found[:, None])[:, None])
+                choice = choice or Choice.none(len(boxes), grey.device)
+                choice.put(rows, part)
+        return choice or Choice.none(len(boxes), grey.device)
 
 
 def exact_frames(frames: Images) -> Frames:
@@ -226,27 +229,29 @@ def _on_sensor(crop: Frames) -> Frames:
     return Frames.whole(grey)
 
 
-def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
+def _foreground_boxes(grey: Tensor, threshold: Tensor) -> NDArray[np.int64]:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
-    if not grey.numel():
-        return torch.zeros(grey.shape[0], 4, dtype=torch.int64, device=grey.device)
-    ends = []
-    for axis in (-2, -1):
+    boxes = np.zeros((len(grey), 4), dtype=np.int64)
+    on_host = grey.device.type == "cpu"
+    planes: Any = grey[:, 0].numpy() if on_host else grey[:, 0]
+    limit = threshold.cpu().numpy()[:, None]
+    for place, axis in enumerate((1, 2) if grey.numel() else ()):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
-        lit = (grey.amax(axis)[:, 0] > threshold[:, None]).to(torch.uint8)
-        first, length = lit.argmax(1), lit.shape[1]
-        ends.append((first, (length - lit.flip(1).argmax(1) - first) * lit.amax(1)))
-    (left, width), (top, height) = ends
-    return torch.stack([left, top, width, height], 1)
+        most = np.amax(planes, axis) if on_host else torch.amax(planes, axis).cpu().numpy()
+        lit = most > limit
+        first = lit.argmax(1)
+        boxes[:, place] = first
+        boxes[:, place + 2] = (lit.shape[1] - lit[:, ::-1].argmax(1) - first) * lit.any(1)
+    return boxes
 
 
-def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
+def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]]:
     """Group frames by the size of their box of foreground: indices, common width and height of each pass."""
     area = boxes[:, 2] * boxes[:, 3]
-    order = area.argsort(stable=True)
+    order = area.argsort(kind="stable")
     order = order[area[order] > 0]
     sizes = boxes[order, 2:].tolist()
-    passes: list[tuple[Tensor, int, int]] = []
+    passes: list[tuple[NDArray[np.int64], int, int]] = []
     begin = width = height = own = 0
     for index, (wide, high) in enumerate(sizes):
         padded = (index + 1 - begin) * max(width, wide) * max(height, high)
@@ -259,15 +264,27 @@ def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
     return passes
 
 
-def _cut(grey: Tensor, threshold: Tensor, boxes: Tensor, rows: Tensor, width: int, height: int) -> Tensor:
+def _cut(
+    grey: Tensor,
+    threshold: Tensor,
+    boxes: NDArray[np.int64],
+    some: NDArray[np.int64],
+    width: int,
+    height: int,
+) -> Tensor:
     """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
-    if len(rows) == 1:
-        left, top = boxes[int(rows), :2].tolist()
-        whole = grey[rows, 0, top : top + height, left : left + width]
-        return whole > threshold[rows, None, None]
+    if grey.device.type == "cpu":
+        planes, limits = grey[:, 0].numpy(), threshold.tolist()
+        masks = np.zeros((len(some), height, width), dtype=bool)
+        for mask, row, (left, top, wide, high) in zip(
+            masks, some.tolist(), boxes[some].tolist(), strict=True
+        ):
+            mask[:high, :wide] = planes[row, top : top + high, left : left + wide] > limits[row]
+        return torch.from_numpy(masks)
+    rows, box = (torch.from_numpy(one).to(grey.device) for one in (some, boxes[some]))
     down = torch.arange(height, device=grey.device)
     right = torch.arange(width, device=grey.device)
-    y, x = boxes[rows, 1, None] + down, boxes[rows, 0, None] + right
+    y, x = box[:, 1, None] + down, box[:, 0, None] + right
     inside_y, inside_x = y < grey.shape[-2], x < grey.shape[-1]
     y, x = y.clamp(max=grey.shape[-2] - 1), x.clamp(max=grey.shape[-1] - 1)
     values = grey[rows[:, None, None], 0, y[:, :, None], x[:, None, :]]
@@ -348,40 +365,49 @@ def _level_choice(
     return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
 
 
-def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:
+def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last foreground column of each row (B,H) of masks (B,H,W); 0 and -1 where there is none."""
+    first, last = mask.argmax(2), mask.shape[2] - 1 - mask[..., ::-1].argmax(2)
+    last[~mask.any(2)] = -1
+    return first, last
+
+
+def choose_single(
+    mask: NDArray[np.bool_], place_px: NDArray[np.int64], shape: PanelShape, search: LocatorLimits
+) -> tuple[NDArray[np.int64], Choice]:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
-    In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
-
     Args:
-        mask: (B,H,W) bool in the CPU's memory, each mask's foreground starting in its first row and column.
+        mask: (B,H,W) bool, each mask's foreground starting in its first row and its first column.
+        place_px: (B,2) where the masks' first pixels are, (x, y).
         shape: the panel looked for.
         search: limits and settings.
 
     Returns:
-        The indices (n,) of the masks whose choice is made, and the choice; the ladder is left those whose
-        closed mask has several blobs, whose blob is outside the limits, and those that it would climb for.
+        The indices (n,) of the masks whose choice is made, and the choice, with corners counted as
+        ``place_px`` is; the ladder is left those whose closed mask has several blobs, whose blob is outside
+        the limits, and those that it would climb for.
 
     Example:
-        >>> mask = torch.ones(1, 20, 20, dtype=torch.bool)
+        >>> mask, place = np.ones((1, 20, 20), dtype=bool), np.array([[30, 0]])
         >>> mask[0, 5, 5] = False
-        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), LocatorLimits())
+        >>> chosen, choice = choose_single(mask, place, PanelShape(8, 8), LocatorLimits())
         >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
-        ([0], [20.0, 20.0])
+        ([0], [50.0, 20.0])
     """
-    closed = components.close_mask(mask[:, None], search.closing_px)[:, 0].numpy()
-    single = [row for row, one in enumerate(closed) if scipy.ndimage.label(one, np.ones((3, 3)))[1] == 1]
-    single = [row for row in single if np.count_nonzero(closed[row]) >= search.min_area_px]
-    if not single:
-        return torch.zeros(0, dtype=torch.int64), Choice.none(0, mask.device)
-    lit, area_px = mask.numpy()[single], closed[single].sum((1, 2))
-    some = lit.any(2)
-    first = np.where(some, lit.argmax(2), 0)
-    last = np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1)
-    one, seed = np.ones_like(area_px), np.stack([first[:, 0], 0 * area_px], 1)
-    measures = measure_blobs(first, last, area_px, 0 * seed, shape, search)
+    closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[:, 0].numpy()
+    (first, last), area_px = _row_ends(closed), closed.sum((1, 2))
+    # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
+    touching = (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
+    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
+    several = [r for r in (~plain).nonzero()[0] if scipy.ndimage.label(closed[r], _TOUCHING)[1] != 1]
+    area_px[several] = 0
+    single = (area_px >= search.min_area_px).nonzero()[0]
+    lit = mask[single]
+    first, last = _row_ends(lit)
+    measures = measure_blobs(first, last, area_px[single], place_px[single], shape, search)
     sure = measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
-    score = measures.score
-    parts = (measures.corners_px, score > 0, score, one, seed, lit.sum((1, 2)))
-    choice = Choice(*(torch.from_numpy(part[sure]) for part in parts))
-    return torch.from_numpy(np.array(single)[sure]), choice
+    score, ones = measures.score, np.ones_like(single)
+    seed = np.stack([first[:, 0], 0 * single], 1)
+    parts = (measures.corners_px, score > 0, score, ones, seed, lit.sum((1, 2)))
+    return single[sure], Choice(*(torch.from_numpy(part[sure]) for part in parts))

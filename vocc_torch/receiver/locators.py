@@ -277,9 +277,14 @@ class OutsideLocator:
 
 
 def locator_named(
-    name: str, paper: PaperLocator
+    name: str, paper: PaperLocator, false_alarms: float = 1e-3
 ) -> PaperLocator | RefinedLocator | LatticeLocator | LearnedLocator:
     """Return the locator of a name, with the settings of the paper's, which ``refined`` uses too.
+
+    Args:
+        name: one of ``LOCATORS``.
+        paper: the settings of the paper's.
+        false_alarms: in a frame without a panel, at which ``lattice`` and ``learned`` find one, above 0.
 
     Raises:
         VoccError: an unknown name.
@@ -291,9 +296,9 @@ def locator_named(
     if name not in LOCATORS:
         raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
     if name == "lattice":
-        return LatticeLocator()
+        return LatticeLocator(false_alarms)
     if name == "learned":
-        return LearnedLocator()
+        return LearnedLocator(false_alarms=false_alarms)
     return RefinedLocator(paper) if name == "refined" else paper
 
 

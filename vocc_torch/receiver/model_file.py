@@ -43,6 +43,21 @@ def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor
         VoccError: a tensor of another type than float64, float32, int64, uint8 and bool, more than 64 MiB, or
             the file cannot be written.
     """
+    content: Settings = {"format": FORMAT, "version": FORMAT_VERSION}
+    content |= {"settings": settings, "classifier": arrays_as_json(state)}
+    content["sha256"] = _checksum(content)
+    text = (json.dumps(content, indent=1) + "\n").encode()
+    if len(text) > MOST_BYTES:
+        raise VoccError(f"model {path} would have {len(text)} bytes: at most {MOST_BYTES} are allowed")
+    write_atomically(path, text)
+
+
+def arrays_as_json(state: Mapping[str, torch.Tensor]) -> Settings:
+    """Write tensors as what JSON can hold; :func:`array_of` reads one back.
+
+    Raises:
+        VoccError: a tensor of another type than float64, float32, int64, uint8 and bool.
+    """
     arrays: Settings = {}
     for name, value in state.items():
         given = value.detach().cpu().contiguous().numpy()
@@ -52,13 +67,7 @@ def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor
         raw = given.astype(given.dtype.newbyteorder("<")).tobytes()
         data = base64.b64encode(raw).decode()
         arrays[name] = {"dtype": str(given.dtype), "shape": list(given.shape), "base64": data}
-    content: Settings = {"format": FORMAT, "version": FORMAT_VERSION}
-    content |= {"settings": settings, "classifier": arrays}
-    content["sha256"] = _checksum(content)
-    text = (json.dumps(content, indent=1) + "\n").encode()
-    if len(text) > MOST_BYTES:
-        raise VoccError(f"model {path} would have {len(text)} bytes: at most {MOST_BYTES} are allowed")
-    write_atomically(path, text)
+    return arrays
 
 
 def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
@@ -84,13 +93,13 @@ def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
     if not fits:
         raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
     try:
-        return dict(content["settings"]), {k: _tensor(value) for k, value in content["classifier"].items()}
+        return dict(content["settings"]), {k: array_of(value) for k, value in content["classifier"].items()}
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
         raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
 
 
-def _tensor(array: Mapping[str, Any]) -> torch.Tensor:
-    """Read one array."""
+def array_of(array: Mapping[str, Any]) -> torch.Tensor:
+    """Read one array that :func:`arrays_as_json` wrote."""
     if (name := array["dtype"]) not in _DTYPES:
         raise ValueError
     kind = np.dtype(name)

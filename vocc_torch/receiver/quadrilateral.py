@@ -17,14 +17,16 @@ from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.types import PanelShape
 
 Floats = NDArray[np.float64]
+Points = NDArray[np.complex128]
 Whole = NDArray[np.int64]
 
 # Lengths are added as integers of this fraction of a pixel: an exact sum has no order.
 _LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
 _TIE = 1e-9
-# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory.
-_PART_ROWS, _STEP_PAIRS = 32, 1 << 21
+# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory; fewer
+# pairs are not worth parting.
+_PART_ROWS, _STEP_PAIRS, _FEW_PAIRS = 8, 1 << 21, 1 << 13
 
 
 class Rectangles(NamedTuple):
@@ -45,7 +47,7 @@ class Rectangles(NamedTuple):
 def _chain(side: Floats) -> NDArray[np.bool_]:
     """Mark the rows where ``side``, (N,H) columns with inf in empty rows, has a vertex of its lower chain."""
     blobs, height = side.shape
-    if height <= 2 * _PART_ROWS:
+    if blobs * height**2 <= _FEW_PAIRS:
         return _vertices(side, np.arange(height)[None])
     # A vertex of the whole is one of its part: most rows fall away before all that are left are paired.
     parts = np.pad(side, ((0, 0), (0, -height % _PART_ROWS)), constant_values=np.inf)
@@ -59,11 +61,12 @@ def _chain(side: Floats) -> NDArray[np.bool_]:
 
 def _vertices(side: Floats, rows: Whole) -> NDArray[np.bool_]:
     """Mark the vertices of the lower chain of points in distinct ``rows`` (N,P), by all pairs."""
+    # The second point of a pair comes first: a maximum over the first axis is quick.
     with np.errstate(divide="ignore", invalid="ignore"):
-        step = rows[:, None, :] - rows[:, :, None]
-        slope = (side[:, None, :] - side[:, :, None]) / step
-        steepest_before = np.where(step < 0, slope, -np.inf).max(2, initial=-np.inf)
-        flattest_after = np.where(step > 0, slope, np.inf).min(2, initial=np.inf)
+        step = rows.T[:, :, None] - rows
+        slope = (side.T[:, :, None] - side) / step
+        steepest_before = np.where(step < 0, slope, -np.inf).max(0, initial=-np.inf)
+        flattest_after = np.where(step > 0, slope, np.inf).min(0, initial=np.inf)
         found: NDArray[np.bool_] = np.isfinite(side) & (steepest_before < flattest_after)
     return found
 
@@ -125,23 +128,28 @@ def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
     return twice / 2 + extent.sum(1) + 1, around + 4
 
 
-def _project(hull: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Project vertices (M,V,2) along and across directions (M,E), scaled by their lengths: two (M,E,V)."""
-    px, py, x, y = hull[:, None, :, 0], hull[:, None, :, 1], x[..., None], y[..., None]
-    return x * px + y * py, x * py - y * px
+def _extents(hull: Floats, direction: Points) -> tuple[Floats, Floats]:
+    """Find where vertices (M,V,2) begin and end along and across directions (M,E), scaled by their lengths.
+
+    Returns:
+        Two (M,E,2); of whole numbers they are exact.
+    """
+    # The real part of a product with a conjugate is the inner product, the imaginary one the outer.
+    places = (hull.view(np.complex128) * direction.conj()[:, None]).view(np.float64)
+    low, high = (ends.reshape(*direction.shape, 2) for ends in (places.min(1), places.max(1)))
+    return low, high
 
 
-def _around(hull: Floats, x: Floats, y: Floats, expand_px: float) -> Rectangles:
-    """Return the rectangles around the hulls with sides along the directions (M,1)."""
-    length = np.sqrt(x * x + y * y)
-    along, across = _project(hull, x, y)
-    low_u, high_u = along.min(2) / length - expand_px, along.max(2) / length + expand_px
-    low_v, high_v = across.min(2) / length - expand_px, across.max(2) / length + expand_px
-    u = np.concatenate([low_u, high_u, high_u, low_u], 1)
-    v = np.concatenate([low_v, low_v, high_v, high_v], 1)
-    x, y = x / length, y / length
-    corners = np.stack([u * x - v * y, u * y + v * x], 2) + 0.5
-    return Rectangles(corners, (high_u - low_u)[:, 0], (high_v - low_v)[:, 0])
+def _around(direction: Points, low: Floats, high: Floats, expand_px: float) -> Rectangles:
+    """Return the rectangles with sides along directions (M,), between the ends (M,2) of :func:`_extents`."""
+    length = np.abs(direction)[:, None]
+    low, high = low / length - expand_px, high / length + expand_px
+    ends = np.stack([low, high], 1)
+    corners = np.empty((len(ends), 4, 2))
+    corners[..., 0], corners[..., 1] = ends[:, [0, 1, 1, 0], 0], ends[:, [0, 0, 1, 1], 1]
+    turned = corners.view(np.complex128) * (direction[:, None] / length)[..., None]
+    size = high - low
+    return Rectangles(turned.view(np.float64) + 0.5, size[:, 0], size[:, 1])
 
 
 def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
@@ -165,25 +173,22 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         [[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]]
     """
     # The upright rectangle is always tried.
-    around, upright = np.concatenate([hull, hull[:, :1]], 1), np.array([[[1.0, 0.0]]] * len(hull))
-    edge = np.concatenate([around[:, 1:] - hull, upright.reshape(-1, 1, 2)], 1)
-    x, y = edge[..., 0], edge[..., 1]
-    divisor = np.gcd(x.astype(np.int64), y.astype(np.int64)).clip(min=1)
-    x, y = x / divisor, y / divisor
+    vertices = hull.view(np.complex128)[..., 0]
+    edge = np.ones((len(hull), hull.shape[1] + 1), dtype=np.complex128)
+    edge[:, :-2], edge[:, -2] = vertices[:, 1:] - vertices[:, :-1], vertices[:, 0] - vertices[:, -1]
     # By quarter turns into (-45, 45] degrees.
-    steep = np.abs(y) > np.abs(x)
-    x, y = np.where(steep, y, x), np.where(steep, -x, y)
-    x, y = np.abs(x), np.where(x < 0, -y, y)
-    y = np.where(y == -x, x, y)
-    along, across = _project(hull, x, y)
-    square = x * x + y * y
-    spans = (along.max(2) - along.min(2)) * (across.max(2) - across.min(2))
+    edge = np.where(np.abs(edge.imag) > np.abs(edge.real), edge * -1j, edge)
+    edge = np.where(edge.real < 0, -edge, edge)
+    edge = np.where(edge.imag == -edge.real, edge * 1j, edge)
+    low, high = _extents(hull, edge)
+    x, y = edge.real, edge.imag
+    square, spans = x * x + y * y, (high - low).prod(2)
     area = np.where(square > 0, spans / square.clip(min=1.0), np.inf)
     turn = y / x.clip(min=1.0)
     preference = np.where(turn < 0, _TIE - turn, turn)
-    preference = np.where(area > area.min(1, keepdims=True) * (1 + _TIE), np.inf, preference)
-    chosen = np.arange(len(hull))[:, None], preference.argmin(1)[:, None]
-    return _around(hull, x[chosen], y[chosen], expand_px)
+    preference[area > area.min(1, keepdims=True) * (1 + _TIE)] = np.inf
+    chosen = np.arange(len(hull)), preference.argmin(1)
+    return _around(edge[chosen], low[chosen], high[chosen], expand_px)
 
 
 def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
@@ -194,7 +199,7 @@ def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         >>> upright_rectangle(hull).corners_px[0].tolist()
         [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
     """
-    return _around(hull, np.ones((len(hull), 1)), np.zeros((len(hull), 1)), expand_px)
+    return _around(np.ones(len(hull), dtype=np.complex128), hull.min(1), hull.max(1), expand_px)
 
 
 def compactness(area: Floats, perimeter: Floats, shape: PanelShape) -> Floats:
@@ -280,12 +285,10 @@ def measure_blobs(
         >>> found.score.item(), found.pitch_px.item()
         (1.0, 3.0)
     """
-    filled, compact, score, pitch = np.zeros((4, len(first)))
-    corners = np.zeros((len(first), 4, 2))
     heights = (np.arange(1, first.shape[1] + 1) * (first <= last)).max(1)
     order = np.argsort(heights, kind="stable")
     # By height, in steps of bounded memory.
-    begin, tall = 0, heights[order].tolist()
+    steps, begin, tall = [], 0, heights[order].tolist()
     for end, height in enumerate(tall, start=1):
         if end < len(tall) and (end + 1 - begin) * tall[end] ** 2 <= _STEP_PAIRS:
             continue
@@ -296,10 +299,14 @@ def measure_blobs(
         around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
         rectangle = least.width_px * least.height_px
         # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-        filled[rows] = (np.minimum(area_px[rows], area) / rectangle).clip(max=1.0)
-        compact[rows] = compactness(area, perimeter, shape)
-        score[rows] = filled[rows] * compact[rows] * proportion(least.width_px, least.height_px, shape) ** 2
-        corners[rows] = around.corners_px + place_px[rows, None]
-        pitch[rows] = np.sqrt(rectangle / shape.leds)
-    within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
-    return Measures(corners, within, score, pitch)
+        filled = (np.minimum(area_px[rows], area) / rectangle).clip(max=1.0)
+        compact = compactness(area, perimeter, shape)
+        within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
+        score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
+        corners = around.corners_px + place_px[rows, None]
+        steps.append(Measures(corners, within, score, np.sqrt(rectangle / shape.leds)))
+    if len(steps) == 1 == len(order):
+        return steps[0]
+    back, none = order.argsort(), np.zeros(0)
+    steps.append(Measures(np.zeros((0, 4, 2)), none > 0, none, none))
+    return Measures(*(np.concatenate(parts)[back] for parts in zip(*steps, strict=True)))

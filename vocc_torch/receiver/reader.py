@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
-from vocc_torch.types import Frames, Panels, PanelShape, holds
+from vocc_torch.types import Frames, Panels, PanelShape, holds, without_autocast
 
 _GREYS = ("average", "centre")
 MEASURED = (*FEATURE_NAMES, *_GREYS)
@@ -142,7 +142,7 @@ class Reader:
         for take in takes:
             demand_kind("frames", take, Frames)
         demand_kind("panels", panels, Panels)
-        with torch.autocast(takes[0].grey.device.type, enabled=False):
+        with without_autocast(takes[0].grey.device):
             patches = rectify_takes(takes, panels, self.shape, self.samples_per_led, dtype)
         for take, patch in zip(takes, patches, strict=True):
             # Bytes cannot be anything else than grey values.
@@ -166,7 +166,7 @@ class Reader:
         """
         needed = {*MEASURED, *self.names} if needed is None else needed
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
-        with torch.autocast(frames.grey.device.type, enabled=False):
+        with without_autocast(frames.grey.device):
             count = frames.grey.shape[0]
             features = average = centre = sizes[0].new_zeros(count, shape.rows, shape.columns)
             if "centre" in needed:

@@ -241,7 +241,9 @@ class Receiver(torch.nn.Module):
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
         if isinstance(self.classifier, Guarded):
             return self.classifier.decision_function(self.inputs.of(readings, readings.cell_px, self.shape))
-        features = readings.features[..., feature_indices(self.name)]
+        features, chosen = readings.features, feature_indices(self.name)
+        if list(chosen) != list(range(features.shape[-1])):
+            features = features[..., chosen]
         scores: torch.Tensor = self.classifier.decision_function(features)
         return scores
 

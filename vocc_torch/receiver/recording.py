@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,12 @@ from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES, VIDEO_SUFFIXES
 
 GREYS = ".npy"
 """An array (N,H,W) uint8 of greys, as NumPy writes it."""
+
+JPEG_RANGE = 2
+"""FFmpeg's number for greys that use 0 to 255."""
+
+SPREAD = np.rint((np.arange(256) - 16) * 255 / 219).clip(0, 255).astype(np.uint8).tobytes()
+"""From greys as most films have them, 16 to 235, to 0 to 255."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +34,7 @@ class RecordedFrame:
         time_s: when the frame was taken, for a video; else None.
         colour: (H,W,3) uint8, for drawing on.
         grey: (H,W) uint8, for decoding.
+        light: the colour of light that ``grey`` holds, where several are sent at once; else empty.
     """
 
     source: str
@@ -34,6 +42,7 @@ class RecordedFrame:
     time_s: float | None
     colour: NDArray[np.uint8]
     grey: NDArray[np.uint8]
+    light: str = ""
 
 
 def to_grey(colour: NDArray[np.uint8], channel: str) -> NDArray[np.uint8]:
@@ -184,6 +193,8 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
         # A file even where its name reads as an address: FFmpeg would send a request.
         with av.open(f"file:{path.absolute()}") as container:
             stream = container.streams.video[0]
+            if grey_only:  # several frames at a time, on all cores, while others are read here
+                stream.thread_type = "AUTO"
             length_s = (stream.duration or 0) * float(stream.time_base or 0)
             length_s = length_s or (container.duration or 0) / av.time_base
             declared = stream.frames or round(length_s * float(stream.average_rate or 0))
@@ -193,11 +204,11 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
                 except av.error.FFmpegError as error:  # others of its frames may be whole
                     frames, reason = [], str(error)
                 for frame in frames:
-                    form = "gray" if grey_only else "rgb24"
-                    colour = np.asarray(frame.to_ndarray(format=form), dtype=np.uint8)
                     if grey_only:
-                        grey, colour = colour, np.broadcast_to(colour[..., None], (*colour.shape, 3))
+                        grey = grey_plane(frame)
+                        colour = np.broadcast_to(grey[..., None], (*grey.shape, 3))
                     else:
+                        colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
                         grey = to_grey(colour, channel)
                     yield RecordedFrame(printable(path.name), done, frame.time, colour, grey)
                     done, damaged = done + 1, damaged + frame.is_corrupt
@@ -210,6 +221,16 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
         raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
     if done == 0:
         raise VoccError(f"input {path} is a video without frames")
+
+
+def grey_plane(frame: Any) -> NDArray[np.uint8]:
+    """Take the greys (H,W) of a frame of PyAV as its film has them, 16 to 235 spread over 0 to 255."""
+    if frame.format.name != "yuv420p" or frame.color_range == JPEG_RANGE:
+        return np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
+    plane = frame.planes[0]
+    spread = np.frombuffer(bytes(plane).translate(SPREAD), np.uint8)
+    grey: NDArray[np.uint8] = spread.reshape(-1, plane.line_size)[: frame.height, : frame.width]
+    return grey
 
 
 def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -46,27 +47,53 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
         >>> cell_homography(corners, PanelShape(8, 8))[0].round(decimals=6).tolist()
         [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
     """
-    corners = corners_px.to(torch.float64)
-    if not holds(corners.abs() <= MOST_PX):
-        most = float(corners.abs().amax())
+    xp, corners = _numbers(corners_px)
+    return _tensor(_homography(xp, corners, shape), corners_px.device)
+
+
+def _numbers(*values: Tensor) -> tuple[Any, ...]:
+    """Give NumPy and a few numbers in float64 for it; torch and tensors in a graph or for a gradient.
+
+    A call on a tensor costs more than such arithmetic does, and both know the functions that are used here.
+    """
+    if is_exporting() or any(one.requires_grad for one in values):
+        return torch, *(one.to(torch.float64) for one in values)
+    return np, *(one.to("cpu", torch.float64).numpy() for one in values)
+
+
+def _tensor(values: Any, device: torch.device) -> Tensor:
+    """Give what NumPy or torch made of :func:`_numbers` as a tensor."""
+    return values if isinstance(values, Tensor) else torch.from_numpy(values).to(device)
+
+
+def _sides(xp: Any, corners: Any) -> Any:
+    """Sides of quadrilaterals (B,4,2) as vectors, (B,4,2), from each corner to the next."""
+    return xp.concatenate([corners[:, 1:], corners[:, :1]], 1) - corners
+
+
+def _homography(xp: Any, corners: Any, shape: PanelShape) -> Any:
+    """Do what :func:`cell_homography` does, by NumPy or by torch."""
+    far = abs(corners) <= MOST_PX
+    if not (holds(far) if xp is torch else far.all()):
+        most = float(xp.amax(abs(corners)))
         raise VoccError(f"corners_px reaches {most:g} px: corners must be finite and within {MOST_PX:g} px")
-    side = corners.roll(-1, 1) - corners
-    following = side.roll(-1, 1)
+    side = _sides(xp, corners)
+    following = xp.concatenate([side[:, 1:], side[:, :1]], 1)
     turn = side[..., 0] * following[..., 1] - side[..., 1] * following[..., 0]
-    least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)
-    convex = (turn.amin(1) > least) | (turn.amax(1) < -least)
-    first, second, third, fourth = corners.unbind(1)
+    least = _FLAT_PX2 + _FLAT_SHARE * xp.amax((side * side).sum(2), 1)
+    convex = (xp.amin(turn, 1) > least) | (xp.amax(turn, 1) < -least)
+    first, second, third, fourth = (corners[:, n] for n in range(4))
     right, left = second - third, fourth - third
     skew = first - second + third - fourth
-    area = torch.where(convex, right[:, 0] * left[:, 1] - right[:, 1] * left[:, 0], 1.0)
+    area = xp.where(convex, right[:, 0] * left[:, 1] - right[:, 1] * left[:, 0], 1.0)
     g = (skew[:, :1] * left[:, 1:] - skew[:, 1:] * left[:, :1]) / area[:, None]
     h = (right[:, :1] * skew[:, 1:] - right[:, 1:] * skew[:, :1]) / area[:, None]
     across, down = 1 / shape.columns, 1 / shape.rows
     to_x, to_y = (second - first + g * second) * across, (fourth - first + h * fourth) * down
-    columns = torch.stack([torch.cat([to_x, g * across], 1), torch.cat([to_y, h * down], 1)], 2)
+    columns = xp.stack([xp.concatenate([to_x, g * across], 1), xp.concatenate([to_y, h * down], 1)], 2)
     # With zero added, no zero is negative.
-    columns = columns * convex.view(-1, 1, 1) + 0.0
-    return torch.cat([columns, torch.cat([first, torch.ones_like(g)], 1)[..., None]], 2)
+    columns = columns * convex[:, None, None] + 0.0
+    return xp.concatenate([columns, xp.concatenate([first, xp.ones_like(g)], 1)[..., None]], 2)
 
 
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
@@ -77,8 +104,16 @@ def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]
         >>> [float(size) for size in cell_size_px(corners, PanelShape(8, 8))]
         [2.0, 3.0]
     """
-    sides = torch.linalg.vector_norm(corners_px.roll(-1, 1) - corners_px, dim=-1)
-    both = (sides[:, :2] + sides[:, 2:]) / 2
+    xp, corners = _numbers(corners_px)
+    width, height = (_tensor(one, corners_px.device) for one in _cell_size(xp, corners, shape))
+    return width, height
+
+
+def _cell_size(xp: Any, corners: Any, shape: PanelShape) -> tuple[Any, Any]:
+    """Do what :func:`cell_size_px` does, by NumPy or by torch."""
+    side = _sides(xp, corners)
+    length = xp.sqrt((side * side).sum(2))
+    both = (length[:, :2] + length[:, 2:]) / 2
     return both[:, 0] / shape.columns, both[:, 1] / shape.rows
 
 
@@ -97,64 +132,78 @@ def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
     return (mapped[..., :2] / mapped[..., 2:]).nan_to_num().clamp(-MOST_PX, MOST_PX)
 
 
-def _map_grid(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+def _map_grid(xp: Any, homography: Any, x: Any, y: Any) -> Any:
     """Map the grid of cell coordinates x (w,) by y (h,), or each (B,1,w) and (B,1,h), to pixels, (B,2,h,w).
 
     From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
     """
-    across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
-    mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
-    if not is_exporting() and holds(homography[:, 2, :2] == 0):
-        return mapped[:, :2]
-    return mapped[:, :2] / mapped[:, 2:].clamp(min=torch.finfo(mapped.dtype).tiny)
+    across = homography[:, :, :1] * x + homography[:, :, 2:]
+    mapped = across[:, :, None, :] + (homography[:, :, 1:2] * y)[..., None]
+    # Of a map without a horizon, two rows long, the third would be ones.
+    if homography.shape[1] == 2:
+        return mapped
+    return mapped[:, :2] / mapped[:, 2:].clip(xp.finfo(mapped.dtype).tiny)
 
 
-class _Spots(NamedTuple):
-    """Where n frames are read.
+class _Window(NamedTuple):
+    """Where n frames are read, in few numbers of NumPy or torch.
 
     Args:
         begin: (n,2) float64, on the sensor, the first pixel of a window that holds all that is read.
-        last: (n,2,1,1) the last pixel, from the window's first.
-        whole: (n,2,h,w) pixels to the left and above, from the window's first.
-        share: (n,2,h,w) of the pixels to the right and below.
+        first: (n,2) where that pixel is, counted from a whole sensor pixel beside the panel.
+        last: (n,2) where the last pixel that is read is, likewise.
+        moved: (n,3,3) from cells to places counted likewise, in which whole numbers are pixel centres; only
+            two rows, (n,2,3), where no map has a horizon.
     """
 
-    begin: Tensor
-    last: Tensor
-    whole: Tensor
-    share: Tensor
+    begin: Any
+    first: Any
+    last: Any
+    moved: Any
 
 
-def _spots(
-    least: Tensor, most: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
-) -> _Spots:
-    """Find where n frames are read at cell coordinates, as :func:`_map_grid` has them.
+def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends: Any) -> _Window:
+    """Find where n frames are read between the ends of cell coordinates, as :func:`_map_grid` has them.
 
     On the sensor that is between ``least`` and ``most``, (n,2) float64 or broadcast to it.
     Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
     values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
     horizon are pixels on the border.
     """
-    x_ends, y_ends = x[..., [0, -1]], y[..., [0, -1]]
-    ends = _map_grid(homography, x_ends, y_ends).flatten(2)
-    low, high = (torch.minimum(torch.maximum(end, least), most) for end in (ends.amin(2), ends.amax(2)))
-    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
-    slopes = torch.cat([homography[:, 2:, :1] * x_ends, homography[:, 2:, 1:2] * y_ends], 1)
-    endless = slopes.amin(2).sum(1, keepdim=True) <= -homography[:, 2, 2:]
-    low, high = torch.where(endless, least, low), torch.where(endless, most, high)
-    begin = torch.floor(low - 0.5)
-    corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), begin), high.floor())
-    # The whole pixel from which positions count, and of these the window's first and the last that is read.
-    origin = torch.where(endless, corner, begin)
-    first, last = (end.to(dtype).view(-1, 2, 1, 1) for end in (begin - origin, torch.ceil(high - origin)))
+    flat = not is_exporting() and not bool((homography[:, 2, :2] != 0).any())
+    maps = homography[:, :2] if flat else homography
+    ends = _map_grid(xp, maps, x_ends, y_ends)
+    ends = ends.reshape(*ends.shape[:2], -1)
+    low, high = (xp.minimum(xp.maximum(end, least), most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
+    # The whole pixel from which positions count.
+    origin = begin = xp.floor(low - 0.5)
+    if not flat:
+        # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
+        slopes = xp.concatenate([homography[:, 2:, :1] * x_ends, homography[:, 2:, 1:2] * y_ends], 1)
+        endless = xp.amin(slopes, 2).sum(1)[:, None] <= -homography[:, 2, 2:]
+        low, high = xp.where(endless, least, low), xp.where(endless, most, high)
+        begin = xp.floor(low - 0.5)
+        corner = xp.minimum(xp.maximum(xp.floor(homography[:, :2, 2]), begin), xp.floor(high))
+        origin = xp.where(endless, corner, begin)
     # Half a pixel off, so that whole numbers are pixel centres.
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
-    moved = torch.cat([moved, homography[:, 2:]], 1).to(dtype)
-    at = _map_grid(moved, x.to(dtype), y.to(dtype))
-    at = torch.minimum(torch.maximum(at, first), last)
+    if not flat:
+        moved = xp.concatenate([moved, homography[:, 2:]], 1)
+    return _Window(begin, begin - origin, xp.ceil(high - origin), moved)
+
+
+def _places(window: _Window, x: Tensor, y: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """Find the pixels read at cell coordinates x (w,) by y (h,), or (n,1,w) and (n,1,h), in tensors.
+
+    Returns:
+        (n,2,h,w) whole pixels to the left and above, from the window's first, and the share of the pixels to
+        the right and below.
+    """
+    first, last = (end[..., None, None] for end in (window.first.to(dtype), window.last.to(dtype)))
+    at = _map_grid(torch, window.moved.to(dtype), x, y).clamp(first, last)
     whole = torch.floor(at)
     share = at.sub_(whole)
-    return _Spots(begin, last.sub_(first), whole.sub_(first), share)
+    return whole.sub_(first), share
 
 
 def _blend(near: Sequence[Tensor], share: Tensor) -> Tensor:
@@ -165,22 +214,33 @@ def _blend(near: Sequence[Tensor], share: Tensor) -> Tensor:
 
 
 def _sample(
-    takes: Sequence[Frames], chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+    takes: Sequence[Frames],
+    chosen: list[int],
+    sides: list[list[float]],
+    window: _Window,
+    x: Tensor,
+    y: Tensor,
+    dtype: torch.dtype,
 ) -> list[Tensor]:
-    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take."""
-    place = takes[0].origin_px[chosen]
-    extent = place.new_tensor(takes[0].grey.shape[:1:-1])
-    sensor = place.new_tensor(takes[0].sensor_px[::-1])
-    # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild quadrilateral
-    # of a false panel needs no larger window.
-    least, most = (place - extent).clamp(min=0), torch.minimum(place + 2 * extent, sensor)
-    begin, last, whole, share = _spots(least.double(), most.double(), homography, x, y, dtype)
-    wide, tall = (int(side) + 2 for side in last.flatten(1).amax(0).tolist())
-    left, top = whole.long().unbind(1)
-    index = left.add_(top, alpha=wide).flatten(1)
+    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
+
+    Args:
+        takes: see :func:`rectify_takes`.
+        chosen: n frames.
+        sides: width and height, px, of a window that holds what is read of each.
+        window: that of each, of tensors, which begins in the takes' own pixels.
+        x: columns.
+        y: rows.
+        dtype: working precision.
+    """
+    whole, share = _places(window, x, y, dtype)
+    wide, tall = (int(max(each)) for each in zip(*sides, strict=True))
+    # Up to 2^24 float32 holds whole numbers exactly.
+    left, top = (whole if wide * tall <= 1 << 24 else whole.double()).unbind(1)
+    index = left.add(top, alpha=wide).long().flatten(1)
     read = []
     for take in takes:
-        grey = _cut(take, chosen, begin.long() - place, (tall, wide)).to(dtype).flatten(1)
+        grey = _cut(take, chosen, window.begin.long(), sides).to(dtype).flatten(1)
         near = [grey[:, by:].gather(1, index).view_as(left) for by in (0, 1, wide, wide + 1)]
         read.append(_blend(near, share))
     return read
@@ -203,8 +263,10 @@ def _rectified_in_graph(
         axes.append(((samples.double() + 0.5) / (side * own) - 1).flatten(1)[:, None])
     height, width = frames.grey.shape[-2:]
     ends = torch.stack([homography.new_full((), side) for side in (width, height)])
-    begin, _, whole, share = _spots(torch.zeros_like(ends), ends, homography, axes[0], axes[1], dtype)
-    left, top = (whole.long() + begin.long().view(-1, 2, 1, 1)).unbind(1)
+    x_ends, y_ends = (axis[..., [0, -1]] for axis in axes)
+    window = _window(torch, torch.zeros_like(ends), ends, homography, x_ends, y_ends)
+    whole, share = _places(window, axes[0].to(dtype), axes[1].to(dtype), dtype)
+    left, top = (whole.long() + window.begin.long().view(-1, 2, 1, 1)).unbind(1)
     rows, columns = (
         [(one + by).clamp(0, size - 1) for by in (0, 1)] for one, size in ((top, height), (left, width))
     )
@@ -217,16 +279,30 @@ def _rectified_in_graph(
     return (summed / own.square())[:, None]
 
 
-def _cut(frames: Frames, chosen: Tensor, place: Tensor, size: tuple[int, int]) -> Tensor:
-    """Cut windows out of n frames, from whose first pixels their places (n,2) count; border pixels go on."""
-    (high, wide), (height, width) = size, frames.grey.shape[-2:]
-    if len(chosen) == 1 and place.device.type == "cpu":
-        left, top = place[0].tolist()
-        if min(left, top) >= 0 and left + wide <= width and top + high <= height:
-            return frames.grey[int(chosen), :, top : top + high, left : left + wide]
-    rows = (place[:, 1:] + torch.arange(high, device=place.device)).clamp(0, height - 1)
+def _cut(frames: Frames, chosen: list[int], place: Tensor, sides: list[list[float]]) -> Tensor:
+    """Cut windows out of n frames, in a common size; border pixels go on.
+
+    Args:
+        frames: whole or crops.
+        chosen: n of them.
+        place: (n,2) int64, from a frame's first pixel to its window's.
+        sides: width and height of each window, px; what lies beyond it is never read.
+    """
+    (wide, tall), (height, width) = map(int, map(max, zip(*sides, strict=True))), frames.grey.shape[-2:]
+    if frames.grey.device.type == "cpu" and frames.grey.dtype == torch.uint8:
+        planes, cut = frames.grey[:, 0].numpy(), np.zeros((len(chosen), tall, wide), dtype=np.uint8)
+        for part, row, (x, y), (own, high) in zip(cut, chosen, place.tolist(), sides, strict=True):
+            w, h = int(own), int(high)
+            if 0 <= x <= width - w and 0 <= y <= height - h:
+                part[:h, :w] = planes[row, y : y + h, x : x + w]
+            else:
+                down, right = np.arange(y, y + h).clip(0, height - 1), np.arange(x, x + w).clip(0, width - 1)
+                part[:h, :w] = planes[row, down[:, None], right]
+        return torch.from_numpy(cut)
+    rows = (place[:, 1:] + torch.arange(tall, device=place.device)).clamp(0, height - 1)
     columns = (place[:, :1] + torch.arange(wide, device=place.device)).clamp(0, width - 1)
-    return frames.grey[chosen.view(-1, 1, 1), 0, rows[:, :, None], columns[:, None]]
+    taken = torch.tensor(chosen, device=place.device).view(-1, 1, 1)
+    return frames.grey[taken, 0, rows[:, :, None], columns[:, None]]
 
 
 def rectify(
@@ -290,36 +366,60 @@ def rectify_takes(
         2
     """
     _check_takes(takes, panels)
-    grey, homography = takes[0].grey, cell_homography(panels.corners_px, shape)
+    grey, device = takes[0].grey, takes[0].grey.device
     size = (grey.shape[0], 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
+    xp, corners, place = _numbers(panels.corners_px, takes[0].origin_px)
+    homography, cell_px = _homography(xp, corners, shape), xp.maximum(*_cell_size(xp, corners, shape))
     dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
     # Image pixels that a sample stands for along an axis, rounded; a frame has at most MOST_READINGS, which
     # for 8 x 8 LEDs and K = 8 are cells of 200 px.
     cells = (shape.rows + 2) * (shape.columns + 2)
     most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples_per_led))
-    cell_px = torch.maximum(*cell_size_px(panels.corners_px, shape))
-    factors = torch.round(cell_px / samples_per_led).long().clamp(1, most)
+    factors = (cell_px / samples_per_led).round().clip(1, most)
     if is_exporting():
-        return [_rectified_in_graph(one, homography, factors, shape, samples_per_led, dtype) for one in takes]
-    patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
-    for factor in sorted(set(factors.tolist())):
-        x, y = _grid(shape, samples_per_led * factor, grey.device)
-        for rows in (factors == factor).nonzero()[:, 0].split(max(1, MOST_READINGS // (len(x) * len(y)))):
-            reads = _sample(takes, rows, homography[rows], x, y, dtype)
+        fine = factors.long()
+        return [_rectified_in_graph(one, homography, fine, shape, samples_per_led, dtype) for one in takes]
+    fine = samples_per_led * factors[:, None]
+    x_ends, y_ends = (
+        xp.concatenate([0.5 / fine, ((leds + 2) * fine - 0.5) / fine], 1)[:, None] - 1
+        for leds in (shape.columns, shape.rows)
+    )
+    sides = [grey.shape[:1:-1], takes[0].sensor_px[::-1]]
+    extent, sensor = np.array(sides) if xp is np else place.new_tensor(sides)
+    # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild quadrilateral
+    # of a false panel needs no larger window.
+    least, farthest = (place - extent).clip(0), xp.minimum(place + 2 * extent, sensor)
+    with np.errstate(over="ignore", invalid="ignore"):
+        window = _window(xp, least, farthest, homography, x_ends, y_ends)
+    reach, each = window.last - window.first, factors.tolist()
+    window = _Window(*(_tensor(one, device) for one in (window.begin - place, *window[1:])))
+    patches: list[Tensor] = []
+    for factor in sorted(set(each)):
+        x, y = _grid(shape, samples_per_led * int(factor), dtype, device)
+        rows = [row for row, one in enumerate(each) if one == factor]
+        step = max(1, MOST_READINGS // (len(x) * len(y)))
+        for some in (rows[begin : begin + step] for begin in range(0, len(rows), step)):
+            at = slice(None) if len(some) == len(each) else some
+            part, sides = _Window(*(one[at] for one in window)), (reach[at] + 2).tolist()
+            reads = [one.unsqueeze(1) for one in _sample(takes, some, sides, part, x, y, dtype)]
+            if factor > 1:
+                reads = [nn.functional.avg_pool2d(one, int(factor)) for one in reads]
+            if len(some) == len(each):
+                return reads
+            patches = patches or [torch.empty(size, dtype=dtype, device=device) for _ in takes]
             for patch, read in zip(patches, reads, strict=True):
-                whole = read.unsqueeze(1)
-                patch[rows] = nn.functional.avg_pool2d(whole, factor) if factor > 1 else whole
+                patch[at] = read
     return patches
 
 
 @lru_cache(maxsize=64)
-def _grid(shape: PanelShape, fine: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Cell coordinates of ``fine`` samples a cell's side, margin included: (w,) and (h,) float64."""
+def _grid(shape: PanelShape, fine: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Cell coordinates of ``fine`` samples a cell's side, margin included: (w,) and (h,)."""
     # Normal tensors even inside inference_mode, for they are kept.
     with torch.inference_mode(False):
         ends = ((cells + 2) * fine for cells in (shape.columns, shape.rows))
-        x, y = (((torch.arange(end, dtype=torch.float64) + 0.5) / fine - 1).to(device) for end in ends)
-        return x, y
+        x, y = ((torch.arange(end, dtype=torch.float64) + 0.5) / fine - 1 for end in ends)
+        return x.to(device, dtype), y.to(device, dtype)
 
 
 def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
@@ -350,7 +450,7 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     homography = cell_homography(panels.corners_px, shape)
     middles = (torch.arange(cells).to(homography) + 0.5 for cells in (shape.columns, shape.rows))
     height, width = frames.grey.shape[-2:]
-    place = torch.floor(_map_grid(homography, *middles)) - frames.origin_px.view(-1, 2, 1, 1)
+    place = torch.floor(_map_grid(torch, homography, *middles)) - frames.origin_px.view(-1, 2, 1, 1)
     # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
     column, row = place[:, 0].clamp(0, width - 1).long(), place[:, 1].clamp(0, height - 1).long()
     read = frames.grey.flatten(1).gather(1, (row * width + column).flatten(1)).view(row.shape)

@@ -262,7 +262,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
     """
     lines: list[Cells] = [PAIRED_COLUMNS]
     for curves in all_curves:
-        for value in curves.values:
+        for value in curves.values if curves.paired else ():
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found, worse = paired_interval(paired), (paired.a_worse, paired.b_worse)

@@ -270,7 +270,13 @@ Facets = Sequence[Mapping[str, BerTable | str]]
 
 
 def facet_figure(
-    rows: Facets, title: str, footnote: str, *, axes_alike: bool = True, styles: Looks | None = None
+    rows: Facets,
+    title: str,
+    footnote: str,
+    *,
+    axes_alike: bool = True,
+    styles: Looks | None = None,
+    rate: str = "Bit error rate",
 ) -> Figure:
     """Draw tables in a grid of facets with one vertical axis for all.
 
@@ -280,6 +286,7 @@ def facet_figure(
         footnote: what it rests on.
         axes_alike: whether all tables have one axis, which the last row names for all.
         styles: by name in the tables; those of receivers by default.
+        rate: label of the vertical axis.
 
     Raises:
         VoccError: no facet, or a table without points.
@@ -303,7 +310,7 @@ def facet_figure(
         if isinstance(one, BerTable):
             draw_rates(axes, one, styles, shown, 0.82)
             lowest = not axes_alike or i == len(rows) - 1
-            canvas.label_edges(axes, lowest, j == 0, axis_label(one.axis), "Bit error rate")
+            canvas.label_edges(axes, lowest, j == 0, axis_label(one.axis), rate)
         else:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_color(canvas.GRID)

@@ -173,7 +173,7 @@ def write_receiver(
             writer.add_scalar(*rate)
         if mine := part.table.of(receiver):
             name = "BER" if len(parts) == 1 else part.tag("BER")
-            rates[f"all_points/{name}"] = sum(row.bit_errors for row in mine) / sum(row.bits for row in mine)
+            rates[f"all_points/{name}"] = sum(row.wrong_bits for row in mine) / sum(row.bits for row in mine)
             rows += [(part.group, row) for row in mine]
     if len(parts) == 1:
         rates["all_points/lowest_BER"] = min(row.ber for _, row in rows)

@@ -146,6 +146,11 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     text = f"{count} frames a point; {where}; 95 % intervals over frames, not bits"
     if any(row.error_free for row in table):
         text += "; <: no error seen, rate below this (95 %) if wrong frames are as bad as at other points"
+    if unseen := [row.unseen_below for row in table if row.unseen_below is not None]:
+        text += (
+            "; drawn where errors are expected, and weighed: a kind of wrong frame that was not sought may"
+        )
+        text += f" be unseen below {rate_text(max(unseen))} of the frames (95 %)"
     console.print(Text(text, style="dim"))
     for line in trainings_told(table):
         console.print(line, soft_wrap=True, highlight=False, markup=False)

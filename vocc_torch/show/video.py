@@ -35,7 +35,9 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, qua
         extra = "install the extra with pip install 'vocc-torch[video]'"
         raise VoccError(f"{path} is a video: {extra}") from None
     count = 0
-    with atomic_file(path) as temporary, av.open(str(temporary), "w") as container:
+    # What says how to read it goes first, so that a film which is cut can be read up to there.
+    first = {"movflags": "faststart"}
+    with atomic_file(path) as temporary, av.open(str(temporary), "w", options=first) as container:
         rate = Fraction(fps).limit_denominator(SLOWEST_PARTS)
         stream = container.add_stream("libx264", rate=rate, options={"crf": str(quality), "preset": "fast"})
         stream.pix_fmt = "yuv420p"

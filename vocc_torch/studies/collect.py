@@ -29,7 +29,10 @@ LEFT = {TABLE, FAILED, run_folder.LEDGER, run_folder.LEDGERS}
 _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""
 
-_NO_RESULT = ("task", "name", "input", "model", "device", "workers", "batch_frames", "tensorboard")
+_NO_RESULT = (
+    *("task", "name", "input", "model", "device", "workers", "executor.kind", "executor.address"),
+    *("batch_frames", "tensorboard"),
+)
 """Keys that change no number of a result."""
 _OTHER_TASKS = ("decode.", "figures.", "effects.")
 _NAMES = ("experiment.name", "scene.name")

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, train, workers
+from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, timing, train, workers
+from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -42,7 +43,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     """
     plan, console = begun(settings, folder, run_folder.LEDGER)
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
-    pool = workers.Workers(settings.workers)
+    pool = workers.Workers.of(settings)
     for line in strangers(plan):
         console.print(line, highlight=False, soft_wrap=True)
     experiment, locator, names = plan.experiment, plan.receiver.locator, plan.receiver.names
@@ -58,13 +59,20 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         run_folder.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
         run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as opened,
+        pool,
+        timing.threads(1),
     ):
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
-        training = terminal.train_shown(plan, console)
+        trained, known = KeptTrainings([opened]).or_trained(
+            plan, [locator], lambda: {locator: terminal.train_shown(plan, console)}
+        )
+        training = trained[locator]
+        if known:
+            console.print("resuming: the receivers are trained already", highlight=False)
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
         view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
-        with pool, view:
+        with view:
 
             def show(
                 _: sweep.Study, at: float, frames: int, told: Mapping[ledger.Label, ledger.Tally]
@@ -200,7 +208,7 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
     """
     lines = []
     others = [name for name in curves.receivers if name != reference]
-    for name in others if reference in curves.receivers else ():
+    for name in others if reference in curves.receivers and curves.paired else ():
         places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
             # Of the algorithms where there are several trainings.
@@ -236,7 +244,7 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
             run_folder.write_config(settings, folder)
             samples.write_samples(folder, plan)
 
-        with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames, console) as view:
+        with workers.Workers.of(settings) as pool, terminal.ProgressView(frames, console) as view:
             campaign = sweep.run_campaign(
                 studies,
                 pool,

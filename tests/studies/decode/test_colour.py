@@ -1,17 +1,20 @@
 """``decode.channel=auto``: the plane that parts On from Off is found, and luma stays where none is better."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.receiver.rectification import rectify_takes
-from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix
+from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed
 from vocc_torch.studies.decode.reading import decode
-from vocc_torch.studies.decode.run import in_best_channel
+from vocc_torch.studies.decode.run import in_best_channel, in_each_colour
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -104,3 +107,44 @@ def test_a_singular_scatter_has_a_finite_mix_and_one_group_none():
     assert plane[~bits] == pytest.approx(63.75, abs=3)
     for one in (torch.zeros_like(truth), torch.ones_like(truth)):
         assert fisher_mix(takes, panels, one, SHAPE, margin=False) is None
+
+
+def three_colours(leak, frames=2, gamma=2.2):
+    """A board whose LEDs shine in three colours that leak into all channels, and the bits (N,3,8,8)."""
+    rng = np.random.default_rng(7)
+    bits = rng.random((frames, 3, 8, 8)) < 0.5
+    light = np.full((frames, 140, 150, 3), 0.01)
+    light[:, 22:118, 27:123] = 0.02
+    spot = np.exp(-((np.arange(12) - 5.5) ** 2) / 18)
+    for colour in range(3):
+        lit = np.kron(bits[:, colour], np.outer(spot, spot)[None])
+        light[:, 22:118, 27:123] += 0.3 * lit[..., None] * leak[colour]
+    grey = 255 * light ** (1 / gamma) + rng.normal(0, 2.0, light.shape)
+    return grey.round().clip(0, 255).astype(np.uint8), bits
+
+
+LEAK = np.array([[1.0, 0.35, 0.05], [0.4, 1.0, 0.3], [0.1, 0.45, 1.0]])
+
+
+def test_three_colours_that_leak_are_read_each_by_itself(receiver):
+    """Without a wrong bit, where single channels have many; the mixes undo the leak."""
+    colours, bits = three_colours(LEAK)
+    frames, told = in_each_colour(receiver, recorded(colours))
+    read = list(decode(receiver, frames))
+    assert [one.row()[-1] for one in read] == ["red", "green", "blue"] * 2
+    assert np.array_equal(np.stack([one.bits for one in read]).reshape(2, 3, 8, 8), bits)
+    assert told.startswith("decode.channel=unmix: red (")
+    own = np.array([one.weights for one in unmixed(receiver, list(colours))])
+    ratio = LEAK @ own.T  # of each colour's light in each plane
+    assert np.abs(ratio / ratio.diagonal() - np.eye(3)).max() < 0.1
+    mixed = [
+        next(decode(receiver, iter([replace(one, grey=one.colour[..., 1])]))) for one in recorded(colours)
+    ]
+    assert np.mean([(one.bits != bit[1]).mean() for one, bit in zip(mixed, bits, strict=True)]) > 0.02
+
+
+def test_one_colour_is_not_unmixed(receiver):
+    colours, _ = red_on_white(frames=2)
+    for one in (colours, np.full_like(colours, 90)):
+        with pytest.raises(VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"):
+            in_each_colour(receiver, recorded(one))

@@ -34,7 +34,7 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
         run_folder.write_config(settings, folder)
         frames = sum(one.frames for one in study.studies)
         view = held.enter_context(terminal.ProgressView(frames, console))
-        pool = held.enter_context(workers.Workers(settings.workers))
+        pool = held.enter_context(workers.Workers.of(settings))
         stage = terminal.Stopwatch(console).stage
         comparison, training = compare_classifiers(study, ledgers, pool, stage, view)
     run_folder.write_training(settings, study.base, training, folder)

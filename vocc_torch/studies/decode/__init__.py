@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError
 
-CHANNELS = ("luma", "max", "red", "green", "blue", "auto")
+CHANNELS = ("luma", "max", "red", "green", "blue", "auto", "unmix")
 FOLLOWS = ("true", "false", "auto")
 MOST_SCALE = 16
 MOST_PANELS = 64
@@ -16,7 +16,8 @@ class DecodeConfig:
 
     Args:
         channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``,
-            ``green``, ``blue``, or ``auto``: the channel or mix that the first frames are read best in.
+            ``green``, ``blue``, ``auto``: the channel or mix that the first frames are read best in, or
+            ``unmix``: three colours sent at once on one panel, each read by itself.
         annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
         most: panels that are read in a frame, at most, 1 to 64; more than one only with the lattice or the
@@ -46,6 +47,8 @@ class DecodeConfig:
             raise VoccError.of("decode.follow", repr(self.follow), "true, false or auto")
         if self.scale > 1 and not self.annotate:
             raise VoccError.of("decode.scale", self.scale, "1 where decode.annotate is false")
+        if self.channel == "unmix" and (self.follow != "false" or self.most > 1):
+            raise VoccError.of("decode.channel", "unmix", "another where panels are followed or several")
         if not 1 <= self.most <= MOST_PANELS:
             raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")
         if self.most > 1 and self.follow != "false":

@@ -1,4 +1,4 @@
-"""``decode.channel=auto``: find the channel or the linear mix of channels that parts On from Off."""
+"""``decode.channel=auto``: find the mix that parts On from Off; ``unmix``: the colours sent at once."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
+from vocc_torch.receiver.lattice_model import GAMMA
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import to_grey
 from vocc_torch.receiver.rectification import cell_size_px, rectify_takes
@@ -22,6 +23,13 @@ CLEARLY, ELSEWHERE = 1.2, 2.0
 """A plane is taken instead of luma where it parts On from Off this many times as far, at its panel or not."""
 
 
+_LIGHT = (255 * (np.arange(256) / 255) ** GAMMA).astype(np.float32)
+
+
+# Rounds of unmixing at most; least singular value of bits of colours that differ, over the root of the rows.
+_ROUNDS, _LEAST_APART = 30, 0.1
+
+
 class Mix(NamedTuple):
     """One grey plane of a colour picture.
 
@@ -29,6 +37,7 @@ class Mix(NamedTuple):
         name: a channel of :func:`~vocc_torch.receiver.recording.to_grey`, or of the mix.
         weights: of red, green and blue; none for a channel.
         offset: grey value of a black pixel.
+        linear: whether light is mixed, grey values freed of the camera's gamma, 255 being white.
 
     Example:
         >>> Mix("red - green", (1.0, -1.0, 0.0))(np.array([[[200, 90, 7]]], dtype=np.uint8)).item()
@@ -38,12 +47,16 @@ class Mix(NamedTuple):
     name: str
     weights: tuple[float, ...] = ()
     offset: float = 0.0
+    linear: bool = False
 
     def __call__(self, colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Turn (H,W,3) uint8 into (H,W) uint8; what is beyond 0 to 255 is clipped."""
         if not self.weights:
             return to_grey(colour, self.name)
-        mixed = np.float32(self.offset) + colour @ np.array(self.weights, dtype=np.float32)
+        light = _LIGHT[colour] if self.linear else colour
+        mixed = np.float32(self.offset) + light @ np.array(self.weights, dtype=np.float32)
+        if self.linear:
+            mixed = 255 * (mixed / 255).clip(0, 1) ** (1 / GAMMA)
         return mixed.round().clip(0, 255).astype(np.uint8)
 
     def __str__(self) -> str:
@@ -156,3 +169,43 @@ def fisher_mix(
         return None
     gain = 127.5 / (high - low)
     return tuple((direction * gain).tolist()), 63.75 - low * gain
+
+
+def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[Mix, ...]:
+    """Find what part of each channel's light is of which colour of LEDs, where three send bits of their own.
+
+    The panel is located in the brightest channel. Light of a cell is that of its Off LEDs, and of each that
+    is On: bits are split channel by channel first, the colours' light follows by least squares, bits anew
+    from what each colour then has, and so on until none changes.
+
+    Args:
+        receiver: locates.
+        colours: frames (H,W,3) uint8 of one size.
+
+    Returns:
+        Three planes, in which a quarter of white's light is Off and three quarters On; none where there is no
+        panel, or where two colours, or a colour and none, send the same bits.
+    """
+    panels = _judged(receiver, [to_grey(one, "max") for one in colours]).panels
+    planes = torch.from_numpy(_LIGHT[np.stack(colours)]).permute(3, 0, 1, 2).to(receiver.device)
+    takes = [Frames.whole(plane.contiguous()) for plane in planes]
+    patches = rectify_takes(takes, panels, receiver.shape, 8)
+    cells = torch.stack([cell_means(one, receiver.shape).double() for one in patches], dim=-1)[panels.found]
+    rows = cells[:, 1:-1, 1:-1].reshape(-1, 3)
+    if not len(rows):
+        return ()
+    bits = rows > (rows.amin(0) + rows.amax(0)) / 2
+    for _ in range(_ROUNDS):
+        told = torch.cat([torch.ones_like(rows[:, :1]), bits.double()], 1)
+        if float(torch.linalg.svdvals(told)[-1]) < _LEAST_APART * len(rows) ** 0.5:
+            return ()
+        light = torch.linalg.lstsq(told, rows, driver="gelsd").solution
+        own = torch.linalg.pinv(light[1:])
+        before, bits = bits, (rows - light[0]) @ own > 0.5
+        if torch.equal(before, bits):
+            break
+    offset = 63.75 - 127.5 * light[0] @ own
+    return tuple(
+        Mix(name, tuple((127.5 * own[:, number]).tolist()), float(offset[number]), True)
+        for number, name in enumerate(CHANNELS[2:5])
+    )

@@ -20,7 +20,7 @@ from vocc_torch.types import Frames
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
     *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
-    *("candidates", "expected_errors", "panel", "false_alarms"),
+    *("candidates", "expected_errors", "panel", "false_alarms", "light"),
 )
 """Columns of ``bits.csv``."""
 BATCH_PIXELS = 32_000_000
@@ -86,7 +86,8 @@ class Reading:
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
         expected = f"{self.expected_errors:.3g}" if self.found else ""
         stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
-        return [*head, *corners, self.text, *judged, str(self.candidates), expected, str(self.panel), stated]
+        rest = [str(self.candidates), expected, str(self.panel), stated, frame.light]
+        return [*head, *corners, self.text, *judged, *rest]
 
 
 def decode(

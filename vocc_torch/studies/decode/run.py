@@ -22,7 +22,7 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.colour import SEEN_FRAMES, channel_of
+from vocc_torch.studies.decode.colour import SEEN_FRAMES, channel_of, unmixed
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode
 
 
@@ -139,7 +139,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
     source, console = Path(settings.input), Console()
     failures: list[str] = []
-    channel = "luma" if config.channel == "auto" else config.channel  # until the receiver has chosen
+    # Until the receiver has chosen.
+    channel = "luma" if config.channel in ("auto", "unmix") else config.channel
     recording = readable(read_recording(source, channel), failures)
     first = list(islice(recording, 1))  # before a receiver is trained
     if not first:
@@ -147,8 +148,9 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     model = None if settings.model is None else Path(settings.model)
     receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
     recording = chain(first, recording)
-    if config.channel == "auto":
-        recording, told = in_best_channel(receiver, recording)
+    if config.channel in ("auto", "unmix"):
+        choose = in_best_channel if config.channel == "auto" else in_each_colour
+        recording, told = choose(receiver, recording)
         console.print(told, soft_wrap=True, markup=False, highlight=False)
     read, album = Summary(), Album(folder, config.scale)
     try:
@@ -192,3 +194,25 @@ def in_best_channel(
         why = f"On and Off lie {far:.3g} standard deviations apart in the first {len(shown)} frames"
         why += f", {sure} of them without doubt"
     return frames, f"decode.channel=auto: {mix}, for {why}"
+
+
+def in_each_colour(
+    receiver: Receiver, recording: Iterator[RecordedFrame]
+) -> tuple[Iterator[RecordedFrame], str]:
+    """Give each frame of a recording three times, with the light of each colour of LEDs as its grey plane.
+
+    Raises:
+        VoccError: the first frames show no panel on which three colours send different bits.
+    """
+    first = list(islice(recording, SEEN_FRAMES))
+    shown = [one.colour for one in first if one.colour.shape == first[0].colour.shape]
+    mixes = unmixed(receiver, shown)
+    if not mixes:
+        rule = (
+            f"auto, or one channel: the first {len(shown)} frames show no panel on which three colours differ"
+        )
+        raise VoccError.of("decode.channel", "unmix", rule)
+    frames = (
+        replace(one, grey=mix(one.colour), light=mix.name) for one in chain(first, recording) for mix in mixes
+    )
+    return frames, f"decode.channel=unmix: {'; '.join(map(str, mixes))}, of linear light"

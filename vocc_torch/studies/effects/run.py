@@ -50,7 +50,7 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
     """
     run_folder.refuse_results(folder)
     study, console = build_effect_study(settings, own, folder), terminal.Console()
-    pool, watch = workers.Workers(settings.workers), terminal.Stopwatch(console)
+    pool, watch = workers.Workers.of(settings), terminal.Stopwatch(console)
     view = terminal.ProgressView(measured.frames_to_do(study), console)
     with run_folder.resumable(settings, folder, console):
         run_folder.write_config(settings, folder)

@@ -1,6 +1,7 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
 import shutil
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -39,7 +40,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         raise VoccError("scene.effects.quantization must be {bits: 8}: task=export writes greys of 8 bits")
     kind: sweep.Kind = "test" if config.points == "test" else "train"
     shards = [Shards(plan, point, model, config) for point, model in sweep.scenes_of(plan, kind).items()]
-    pool = workers.Workers(settings.workers)
+    pool = workers.Workers.of(settings)
     with (
         run_folder.resumable(settings, folder, console),
         run_folder.open_ledger(folder / run_folder.LEDGER, identity_of(plan, config), console) as ledger,
@@ -77,8 +78,7 @@ def render(
 
         works = [workers.PointWork(one.point, one, rule, ledger, told) for one in shards]
         with workers.worker_losses_told():
-            for _ in workers.run_points(works, pool.submit, window=pool.window, blocks_at_once=at_once):
-                pass
+            deque(pool.run(works, at_once), maxlen=0)
 
 
 def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:

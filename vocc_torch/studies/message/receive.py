@@ -55,7 +55,7 @@ def receive(
             if fps is not None:
                 times = [(number + i) / fps for i in range(len(batch))]
             number += len(batch)
-            yield from reception.push(front(np.stack([frame.grey for frame in batch])), times)
+            yield from reception.push(front([frame.grey for frame in batch]), times)
     yield from reception.finish()
 
 
@@ -81,12 +81,20 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     receiver = receiver_for(study if model else at_true_corners(study), model, settings.plug_ins)
     if model is None:
         (receiver.locator,) = study.receiver.finders([study.receiver.locator]).values()  # type: ignore[assignment]  # not truth
-    front = Front(receiver, config.locate_every, config.soft)
+    front = Front(receiver, config.locate_every, config.soft, config.follow)
     rows: list[run_folder.Cells] = [COLUMNS]
-    for one in receive(receiver, reception, front, chain(first, recording), config.fps):
-        rows.append(one.row())
-        if one.packet is not None:
-            assembly.add(one.packet)
+
+    def take(packets: Iterable[Received]) -> None:
+        for one in packets:
+            rows.append(one.row())
+            if one.packet is not None:
+                assembly.add(one.packet)
+
+    try:
+        take(receive(receiver, reception, front, chain(first, recording), config.fps))
+    except KeyboardInterrupt:  # what arrived until then is written
+        failures.append(f"interrupted after {front.frames} frames")
+        take(reception.finish())
     info_bytes = reception.code.info_bytes
     whole, missing = assembly.whole(info_bytes), assembly.missing(info_bytes)
     run_folder.write_rows(folder / "report.csv", rows)
@@ -95,6 +103,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         receiver.save(folder / "receiver.pt")
     shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
     told = f"{len(rows) - 1} packets in {front.frames} frames; {shown}"
+    if front.tracker is not None:
+        told += "; it was followed" + ", for it moves" * front.auto
     console.print(told, soft_wrap=True, highlight=False)
     places = [("packets", "report.csv")]
     if whole is not None:

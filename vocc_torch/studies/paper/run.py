@@ -111,7 +111,7 @@ class Report:
         """
         ordered, begun = self.plan.studies(), time.perf_counter()
         frames, own = sum(study.frames for study in ordered), ordered[0]
-        with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames) as view:
+        with workers.Workers.of(settings) as pool, terminal.ProgressView(frames) as view:
 
             def opened(study: sweep.Study) -> ledger.Ledger:
                 path = self.folder / run_folder.LEDGERS / f"{study.key}.sqlite"

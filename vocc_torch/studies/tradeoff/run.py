@@ -43,7 +43,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     console = terminal.Console()
     with run_folder.resumable(settings, folder, console), console.status("training, counting, timing"):
         run_folder.write_config(settings, folder)
-        prices = price_receivers(study, Workers(settings.workers), terminal.Stopwatch(console).stage)
+        prices = price_receivers(study, Workers.of(settings), terminal.Stopwatch(console).stage)
     words = report.recommendation(prices)
     figures: dict[str, Figure] = {}
     for scenes, (device, frames) in itertools.product(prices.errors, prices.kinds):

@@ -1,0 +1,224 @@
+"""The rare-event estimator: does its interval hold the truth, and what do wrong frames look like?
+
+    python benchmarks/rare.py coverage
+    python benchmarks/rare.py frames 1400 experiment=ambient receiver.locator=truth classifier=tag_planes
+    python benchmarks/rare.py picture 1600 experiment=ambient receiver.locator=truth classifier=tag_planes
+
+``coverage`` simulates studies with errors whose rate is known: an LED that is Off between four that are On is
+wrong where luminance, distance and background all lie in the last part of their distributions. ``frames``
+resamples the weighted errors of real frames. ``picture`` draws frames that a receiver has wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from hydra import compose, initialize_config_module
+from matplotlib.figure import Figure
+
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
+from vocc_torch.measure import rare, sweep, train
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Budget
+from vocc_torch.measure.counts import WeightedCounts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.tilted import WIDTHS, Component, TiltedScenes
+from vocc_torch.measure.workers import Workers, parts_of, stop_reason
+from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation import SceneModel
+from vocc_torch.types import PanelShape
+
+SHAPE, NAMES = PanelShape(8, 8), ("led_luminance_cd_m2", "distance_m", "background_grey")
+
+
+def toy_scenes(frames: int) -> TiltedScenes:
+    """Tilt towards Off LEDs between On ones and the upper ends of three values, but not all the way."""
+    template = np.full((5, 5), 0.5)
+    template[1:4, 2], template[2, 1:4], template[2, 2] = 0.9, 0.9, 0.1
+    tilts = dict.fromkeys(NAMES, 0.8 * np.array([0, 0, 0, 0, 0, 0.1, 0.2, 0.2, 0.25, 0.25]) + 0.2 * WIDTHS)
+    seeks = rare.around_leds(SHAPE, frames, template, 0.5, {0: 1.0, 1: 0.1, 2: 0.1}, tilts)
+    return TiltedScenes.of(SceneModel(), [Component.nominal(BLOCK_FRAMES - frames, SHAPE), seeks])
+
+
+def toy_errors(scenes: TiltedScenes, key: BlockKey, share: float) -> np.ndarray:
+    """Count the wrong LEDs of each frame of a block."""
+    bits, placed = scenes.draw(key, SHAPE)[1].numpy(), scenes.placed(key, SHAPE)
+    around = [bits[:, :-2, 1:-1], bits[:, 2:, 1:-1], bits[:, 1:-1, :-2], bits[:, 1:-1, 2:]]
+    surrounded = ~bits[:, 1:-1, 1:-1] & np.logical_and.reduce(around)
+    hard = np.logical_and.reduce([placed[name] >= 1 - share for name in NAMES])
+    return surrounded.sum(axis=(1, 2)) * hard
+
+
+def told(name: str, truth: float, counts: Sequence[WeightedCounts], spent: float) -> None:
+    """Print how often intervals hold the truth."""
+    found = [ber_interval(one) for one in counts]
+    low, high = sum(one.low > truth for one in found), sum(one.high < truth for one in found)
+    cover, mean = 1 - (low + high) / len(found), np.mean([one.value for one in found])
+    error = np.std([one.value for one in found]) / len(found) ** 0.5 / truth
+    kish = np.median([one.weighted**2 / max(1, one.squares) for one in counts])
+    width = np.median([(one.high - one.low) / truth for one in found])
+    print(
+        f"| {name} | {truth:.2g} | {kish:.0f} | {100 * (mean / truth - 1):+.1f} ± {100 * error:.1f} "
+        f"| {100 * cover:.1f} ± {100 * (cover * (1 - cover) / len(found)) ** 0.5:.1f} "
+        f"| {100 * high / len(found):.1f} / {100 * low / len(found):.1f} | {width:.2f} | {spent:.0f} |"
+    )
+
+
+COLUMNS = (
+    "studies",
+    "BER",
+    "effective wrong frames",
+    "bias, %",
+    "covers, %",
+    "truth above / below, %",
+    "width / BER",
+)
+HEAD = f"| {' | '.join((*COLUMNS, 'CPU s'))} |\n{'|---' * (len(COLUMNS) + 1)}|"
+
+
+LAWS = (0.1, 48, 4), (0.1, 48, 16), (0.03, 48, 16), (0.1, 4, 16)
+"""The last share of three values in which LEDs are wrong, frames of 64 that seek it, blocks of a study."""
+
+
+def coverage(studies: int) -> None:
+    """Simulate studies of a receiver whose rate is known."""
+    print(HEAD)
+    for share, frames, blocks in LAWS:
+        begin, counts, scenes = time.process_time(), [], toy_scenes(frames)
+        truth = 36 / 64 / 32 * share**3
+        for study in range(studies):
+            total = WeightedCounts()
+            for block in range(blocks):
+                key = BlockKey(study, "toy", block)
+                wrong, weights = toy_errors(scenes, key, share), scenes.weights(key, SHAPE)
+                found = np.ones(len(wrong), dtype=bool)
+                total += WeightedCounts.weigh(2 * wrong, found, SHAPE.leds, weights, scenes.nominal)
+            counts.append(total)
+        name = f"toy, {blocks * BLOCK_FRAMES} frames, {frames} of 64 sought"
+        told(name, truth, counts, time.process_time() - begin)
+
+
+def planned(words: Sequence[str]) -> Plan:
+    """Compose a plan as the command line does."""
+    register_schema()
+    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+        return build_plan(resolved(compose("config", overrides=list(words)), words), Path("runs"))
+
+
+def proposed(plan: Plan, value: float) -> tuple[dict[str, ReceiverBank], str, TiltedScenes]:
+    """Train, and find the proposal of a point."""
+    banks = {plan.receiver.locator: train.train(plan).bank(plan.receiver.names)}
+    name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
+    return banks, name, rare.proposal(plan, banks, model, name, Workers(1).submit)
+
+
+def resampled(plan: Plan, value: float, blocks: int, studies: int) -> None:
+    """Draw studies, with repetition, from the blocks of a real point, whose mean is their truth."""
+    banks, name, scenes = proposed(plan, value)
+    begin, rule, random = time.process_time(), Budget(precision=0.2), np.random.default_rng(0)
+    parts = list(parts_of(blocks * BLOCK_FRAMES))
+    counted = [rare.count_parts(plan, banks, name, scenes, [part])[0] for part in parts]
+    print(HEAD)
+    for label in counted[0]:
+        own = [one[label] for one in counted]
+        truth = sum(own[1:], own[0]).ber
+        for taken in (16, 64, 128):
+            drawn = random.integers(blocks, size=(studies, taken))
+            counts = [sum((own[i] for i in row[1:]), own[row[0]]) for row in drawn.tolist()]
+            told(f"{label[1]} at {value:g}, {taken * 64} frames", truth, counts, time.process_time() - begin)
+        stopped = []
+        for _ in range(studies):
+            total, count = 0, 0
+            while not count or (stop_reason(rule, {label: total}, count) is None and count < 4096):
+                total, count = own[random.integers(blocks)] + total, count + 1
+            stopped.append(total)
+        told(f"{label[1]} at {value:g}, stopped at 20 %", truth, stopped, time.process_time() - begin)
+
+
+def picture(plan: Plan, value: float, path: Path) -> None:
+    """Draw twelve frames of the saved receiver with a wrong bit, drawn as often as their weights say."""
+    banks, name, scenes = proposed(plan, value)
+    link, (locator, bank) = Link.of(plan), next(iter(banks.items()))
+    kept, place = [], list(bank.names).index(plan.receiver.save)
+    for block in range(64):
+        key, first = BlockKey(plan.seed, name, block), 0
+        weights = scenes.weights(key, plan.world.panel.shape)
+        for seen in link.observe(scenes, [key], preambles=False):
+            decided = list(bank.scores(seen.readings, seen.preambles).values())[place] >= 0
+            wrong = (decided != seen.bits) & seen.panels.found.view(-1, 1, 1)
+            for i in torch.nonzero(wrong.flatten(1).any(1) | ~seen.panels.found).flatten().tolist():
+                kept.append((weights[first + i] * max(1, int(wrong[i].sum())), seen, i, wrong[i]))
+            first += len(seen.bits)
+    if not kept:
+        print("no wrong frame of 4096")
+        return
+    share = np.array([one[0] for one in kept]) / sum(one[0] for one in kept)
+    drawn = np.random.default_rng(0).choice(len(kept), size=min(12, len(kept)), replace=False, p=share)
+    figure = Figure(figsize=(12, 7.4), dpi=110)
+    for number, row in enumerate(drawn.tolist()):
+        _, seen, i, wrong = kept[row]
+        axes = figure.add_subplot(3, 4, number + 1)
+        true = (
+            link.simulator.true_panels(seen.scene, [], rendered=True).corners_px[i] - seen.frames.origin_px[i]
+        )
+        grey = seen.frames.grey[i, 0].numpy()
+        axes.imshow(grey, cmap="gray", vmin=60, vmax=255, extent=(0, grey.shape[1], grey.shape[0], 0))
+        (left, top), (right, bottom) = true[0].tolist(), true[2].tolist()
+        for r, c in torch.nonzero(wrong).tolist():
+            x = left + (c + 0.5) * (right - left) / wrong.shape[1]
+            y = top + (r + 0.5) * (bottom - top) / wrong.shape[0]
+            colour = "tab:orange" if seen.bits[i, r, c] else "tab:red"
+            axes.plot(x, y, "s", ms=11, mfc="none", mec=colour, mew=1.5)
+        found = (seen.panels.corners_px[i] - seen.frames.origin_px[i]).numpy()
+        axes.plot(*found[[0, 1, 2, 3, 0]].T, color="tab:blue", lw=1)
+        pitch = (right - left) / wrong.shape[1]
+        axes.set_xlim(left - 2 * pitch, right + 2 * pitch)
+        axes.set_ylim(bottom + 2 * pitch, top - 2 * pitch)
+        one = seen.scene
+        axes.set_title(
+            f"{float(one.led_luminance_cd_m2[i]):.0f} cd/m2, {float(one.distance_m[i]):.1f} m, "
+            f"grey {float(one.background_grey[i]):.0f}\n{int(wrong.sum())} wrong",
+            fontsize=8,
+        )
+        axes.set_axis_off()
+    title = (
+        f"{plan.receiver.save} at {plan.experiment.axis} = {value:g}, locator {locator}: {len(kept)} wrong"
+    )
+    title += " of 4096 tilted frames, twelve drawn by their weight; red: sent Off, orange: sent On"
+    figure.suptitle(title, fontsize=10)
+    figure.tight_layout()
+    figure.savefig(path)
+    print(f"{len(kept)} wrong frames; {path}")
+
+
+def main() -> None:
+    """Read the command line and run."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("coverage", "frames", "picture"))
+    parser.add_argument("value", nargs="?", type=float, help="of the experiment's axis")
+    parser.add_argument("words", nargs="*", help="as on the command line of vocc-torch")
+    parser.add_argument("--studies", type=int, default=1000)
+    parser.add_argument("--blocks", type=int, default=256)
+    parser.add_argument("--out", type=Path, default=Path("wrong_frames.png"))
+    given = parser.parse_args()
+    if given.what == "coverage":
+        coverage(given.studies)
+    elif given.what == "frames":
+        resampled(planned(given.words), given.value, given.blocks, given.studies)
+    else:
+        picture(planned(given.words), given.value, given.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Trained receivers in a ledger: a run that goes on takes them from there and trains nothing again.
+
+They stand under a key of all that training depends on, as numbers, texts and arrays. Nothing of it is
+executed: a classifier is built from the plan of the run that goes on, and takes up what it had learned.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
+from typing import Any
+
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.ledger import Ledger, canonical
+from vocc_torch.measure.plan import ClassifierPlan, Locator, Plan, resolve_device
+from vocc_torch.measure.train import Making, Training, training_key
+from vocc_torch.receiver.classifiers import plugged
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
+
+_NUMBERS = ("frames", "missed", "seconds")
+_NOT_KEPT = (VoccError, LookupError, TypeError, ValueError, RuntimeError, AttributeError)
+"""What a classifier raises that cannot say what it learned, or cannot take it up."""
+
+
+class KeptTrainings:
+    """What was trained, in the ledgers of a run.
+
+    Args:
+        ledgers: at least one; the first takes what is new, all are asked for what is known.
+    """
+
+    def __init__(self, ledgers: Iterable[Ledger]) -> None:
+        self._ledgers = tuple(ledgers)
+
+    def known(self, key: str, plan: Plan) -> dict[Locator, Training] | None:
+        """Give the trained receivers that stand under a key, or None where they must be trained.
+
+        Args:
+            key: of :func:`vocc_torch.measure.train.training_key`.
+            plan: what they are trained for.
+        """
+        for content in (one.kept(key) for one in self._ledgers):
+            with suppress(*_NOT_KEPT):
+                if content is not None:
+                    return {name: _unpacked(one, plan) for name, one in content.items()}
+        return None
+
+    def keep(self, key: str, plan: Plan, trainings: Mapping[Locator, Training]) -> None:
+        """Write trained receivers down, but for those that cannot be kept: they are trained again.
+
+        Raises:
+            VoccError: the ledger cannot be written.
+        """
+        content = ""
+        with suppress(*_NOT_KEPT):
+            parts = {name: _packed(one) for name, one in trainings.items()}
+            if all(_alike(one, _unpacked(parts[name], plan), plan) for name, one in trainings.items()):
+                content = canonical(parts)
+        if 0 < len(content) <= MOST_BYTES:
+            self._ledgers[0].keep(key, content)
+
+    def or_trained(
+        self, plan: Plan, locators: Sequence[Locator], train: Callable[[], dict[Locator, Training]]
+    ) -> tuple[dict[Locator, Training], bool]:
+        """Give a plan's trained receivers, and whether they were known; else they are trained and kept."""
+        key = training_key(plan, locators)
+        if (there := self.known(key, plan)) is not None:
+            return there, True
+        trained = train()
+        self.keep(key, plan, trained)
+        return trained, False
+
+
+def _alike(one: Training, other: Training, plan: Plan) -> bool:
+    """Whether classifiers score alike to the last bit: one may take up less than it gave."""
+    shape, drawn = plan.world.panel.shape, torch.Generator().manual_seed(0)
+    for name, learned in one.classifiers.items():
+        size = shape.rows, shape.columns, learned.inputs.size
+        x = torch.rand(2, *size, generator=drawn).to(resolve_device(plan.world.device))
+        if not torch.equal(learned.decision_function(x), other.classifiers[name].decision_function(x)):
+            return False
+    return all(_alike(*pair, plan) for pair in zip(one.more, other.more, strict=True))
+
+
+def _packed(training: Training) -> dict[str, Any]:
+    """Take a training apart."""
+    arrays = {**training.flda.state_dict(), "features": training.features, "bits": training.bits}
+    learned = {}
+    for name, one in training.classifiers.items():
+        values, state = plugged.state_of(one)
+        learned[name] = {"values": values, "arrays": arrays_as_json(state)}
+    return {
+        **{key: getattr(training, key) for key in _NUMBERS},
+        "arrays": arrays_as_json(arrays),
+        "classifiers": learned,
+        "made": {name: asdict(one) for name, one in training.made.items()},
+        "more": [_packed(one) for one in training.more],
+    }
+
+
+def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
+    """Put a training together."""
+    plans: dict[str, ClassifierPlan] = {one.name: one for one in plan.receiver.classifiers}
+    arrays = {name: array_of(one) for name, one in content["arrays"].items()}
+    device = resolve_device(plan.world.device)
+    kept: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
+    flda = FLDA(arrays["mean"].shape[-1])
+    flda.load_state_dict(arrays)
+    learned = {}
+    for name, one in content["classifiers"].items():
+        state = {key: array_of(array) for key, array in one["arrays"].items()}
+        guarded = plugged.restored(plans[name].build, plans[name].inputs, one["values"], state)
+        learned[name] = guarded if device.type == "cpu" else guarded.to(device)
+    made = {name: Making(**one) for name, one in content["made"].items()}
+    more = tuple(_unpacked(one, plan) for one in content["more"])
+    numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
+    return replace(Training(flda.to(device), classifiers=learned, made=made, more=more), **numbers, **kept)

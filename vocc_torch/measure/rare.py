@@ -1,0 +1,333 @@
+"""Rates that counting cannot reach: scenes are tilted towards errors, and errors weighted back.
+
+A pilot, which is not counted, looks where every receiver's scores come nearest to a wrong bit, and makes of
+it a proposal: scenes as they are meant, patterns that locators may fail at, and for each receiver the
+neighbourhoods and scenes of its weakest LEDs (the cross-entropy method: Rubinstein, Methodology and Computing
+in Applied Probability 1, 1999). The proposal is then frozen, and all receivers are counted on its frames.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from vocc_torch.measure import frame_errors
+from vocc_torch.measure.counts import WeightedCounts
+from vocc_torch.measure.ledger import Label, Tally
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.measure.tilted import WIDTHS, Component, Floats, TiltedScenes, part_of
+from vocc_torch.measure.timing import threads
+from vocc_torch.measure.workers import Part
+from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
+from vocc_torch.simulation import SceneModel
+from vocc_torch.types import PanelShape
+
+Banks = Mapping[Locator, ReceiverBank]
+
+NOMINAL, PATTERNS = 16, 16
+"""Frames of a block that are drawn as they are meant, and with patterns that locators may fail at."""
+LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
+"""Blocks of each of the pilot's looks."""
+WEAKEST = 256
+"""LEDs of each receiver that a look learns from, or all that were wrong if these are more."""
+ENOUGH = 48
+"""Effective number of LEDs that a component is learned from at least."""
+REACH = 2
+"""LEDs around a weak one whose bits are learned."""
+FAILED_CELLS = 0.5
+"""A corner this far from its place, in pitches, is a failed location."""
+CLASSES = (0, 1, 2)
+"""How many sides of the panel an LED lies at."""
+
+
+@dataclass(frozen=True, eq=False)
+class PilotFrames:
+    """What a pilot saw of N frames.
+
+    Args:
+        placed: where each value of the scenes lies in its distribution, (N,) by name.
+        bits: (N,R,C) bool.
+        weights: (N,) float64.
+        margins: (L,N,R,C) by locator and receiver: how far each score is on the right side.
+        failed: (L,N) bool, whether the panel was not found where it is.
+    """
+
+    placed: Mapping[str, Floats]
+    bits: NDArray[np.bool_]
+    weights: Floats
+    margins: Floats
+    failed: NDArray[np.bool_]
+
+
+def count_parts(
+    plan: Plan, banks: Banks, point: str, scenes: TiltedScenes, parts: Sequence[Part]
+) -> list[dict[Label, Tally]]:
+    """Count the weighted errors of every receiver on blocks of one point.
+
+    Args:
+        plan: the study.
+        banks: the receivers, trained with each of the locators, by the locator.
+        point: name that keys its random draws.
+        scenes: the frozen proposal.
+        parts: the blocks; only the last one may be used in part.
+
+    Returns:
+        For each block the counts by (locator, receiver, 0).
+    """
+    receivers, shape = frame_errors.Banks(list(banks.items())), plan.world.panel.shape
+    job = frame_errors.FrameJob(plan, scenes, point, tuple(banks), receivers, receivers.needs_preambles)
+    errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
+    labels: list[Label] = [(locator, name, 0) for locator, bank in banks.items() for name in bank.names]
+    counted: list[dict[Label, Tally]] = []
+    for number, part in enumerate(parts):
+        weights = scenes.weights(BlockKey(plan.seed, point, part.block), shape)[: part.frames]
+        one = errors.of(frames=slice(number * BLOCK_FRAMES, number * BLOCK_FRAMES + part.frames))
+        rows = zip(labels, one.half_errors, one.found, strict=True)
+        counted.append(
+            {
+                label: WeightedCounts.weigh(halves, found, shape.leds, weights, scenes.nominal)
+                for label, halves, found in rows
+            }
+        )
+    return counted
+
+
+Submit = Callable[[Callable[[int], PilotFrames], int], Future[PilotFrames]]
+
+
+def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Submit) -> TiltedScenes:
+    """Find where a point's errors come from, by a pilot whose frames are not counted.
+
+    The pilot's blocks have keys of their own and are computed one by one on one thread, so neither workers
+    nor the size of a batch change the proposal.
+
+    Args:
+        plan: the study.
+        banks: the receivers, trained with each of the locators, by the locator.
+        model: the scenes that are meant.
+        point: the point's name.
+        submit: hands out a call for a block.
+    """
+    shape = plan.world.panel.shape
+    guess = first_guess(shape, locates=any(one != "truth" for one in banks))
+    scenes = TiltedScenes.of(model, guess)
+    looks: list[PilotFrames] = []
+    for level, blocks in enumerate(LEVEL_BLOCKS):
+        call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
+        looks.append(joined([one.result() for one in [submit(call, block) for block in range(blocks)]]))
+        scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
+    return scenes
+
+
+def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int) -> PilotFrames:
+    """Look at one block of a pilot."""
+    plan, key, shape = (
+        replace(plan, batch_frames=BLOCK_FRAMES),
+        BlockKey(plan.seed, point, block),
+        plan.world.panel.shape,
+    )
+    names = [FrameKey(key, frame) for frame in range(BLOCK_FRAMES)]
+    with threads(1), torch.inference_mode():
+        link, finders = Link.of(plan), plan.receiver.finders(tuple(banks))
+        preambles = frame_errors.Banks(list(banks.items())).needs_preambles
+        (views,) = link.observe_each(finders, scenes, [key], preambles=preambles)
+        margins, failed = [], []
+        for locator, bank in banks.items():
+            seen = views[locator]
+            true = link.simulator.true_panels(seen.scene, names, rendered=True).corners_px
+            pitch = (true[:, 1] - true[:, 0]).norm(dim=-1) / shape.columns
+            off = (seen.panels.corners_px - true).norm(dim=-1).amax(dim=1) > FAILED_CELLS * pitch
+            for scores in bank.scores(seen.readings, seen.preambles).values():
+                margins.append((scores * (2.0 * seen.bits - 1)).cpu().double().numpy())
+                failed.append((off | ~seen.panels.found).cpu().numpy())
+    bits = next(iter(views.values())).bits.cpu().numpy()
+    return PilotFrames(
+        scenes.placed(key, shape), bits, scenes.weights(key, shape), np.stack(margins), np.stack(failed)
+    )
+
+
+def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
+    """Join what was seen of several blocks."""
+    placed = {name: np.concatenate([one.placed[name] for one in looks]) for name in looks[0].placed}
+    bits, weights = (np.concatenate([getattr(one, name) for one in looks]) for name in ("bits", "weights"))
+    margins, failed = (
+        np.concatenate([getattr(one, name) for one in looks], axis=1) for name in ("margins", "failed")
+    )
+    return PilotFrames(placed, bits, weights, margins, failed)
+
+
+def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
+    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
+    components = [Component.nominal(NOMINAL, shape), patterns(shape, PATTERNS if locates else PATTERNS // 4)]
+    rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
+    for number, (own, near) in enumerate([(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]):
+        template = np.full((side, side), 0.5)
+        template[1:-1, 1:-1] = near
+        template[REACH, REACH] = own
+        frames = rest // 4 + (number < rest % 4)
+        components.append(around_leds(shape, frames, template, 0.5, dict.fromkeys(CLASSES, 1.0), {}))
+    return components
+
+
+def patterns(shape: PanelShape, frames: int) -> Component:
+    """Up to three neighbouring rows or columns that are dark, and panels with few or with many LEDs On."""
+    maps = []
+    for axis, lines in enumerate((shape.rows, shape.columns)):
+        for width in range(1, min(4, lines)):
+            for first in range(lines - width + 1):
+                one = np.full((shape.rows, shape.columns), 0.5)
+                one[(slice(None),) * axis + (slice(first, first + width),)] = 0.05
+                maps.append(one)
+    maps += [np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)]
+    return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))
+
+
+def around_leds(
+    shape: PanelShape,
+    frames: int,
+    template: Floats,
+    beyond: float,
+    by_class: Mapping[int, float],
+    tilts: Mapping[str, Floats],
+) -> Component:
+    """Lay a template of probabilities around each LED, with a share of each class of LEDs.
+
+    Args:
+        shape: of the panel.
+        frames: share of the component, in 64ths.
+        template: (5,5) probability to be On of an LED and those around it.
+        beyond: probability of all other LEDs to be On.
+        by_class: share of the LEDs that lie at none, one and two of the panel's sides.
+        tilts: as of a component.
+    """
+    wide = np.full((shape.leds, shape.rows + 2 * REACH, shape.columns + 2 * REACH), beyond)
+    for led in range(shape.leds):
+        row, column = divmod(led, shape.columns)
+        wide[led, row : row + len(template), column : column + len(template)] = template
+    which = sides(shape).ravel()
+    share = np.array([by_class[one] / np.sum(which == one) for one in which.tolist()])
+    inner = wide[:, REACH : REACH + shape.rows, REACH : REACH + shape.columns]
+    return Component(frames, inner, share / share.sum(), tilts)
+
+
+def sides(shape: PanelShape) -> NDArray[np.int64]:
+    """Count for each LED the sides of the panel that it lies at, (R,C); 2 is a corner."""
+    rows, columns = (np.isin(np.arange(n), (0, n - 1)).astype(np.int64) for n in (shape.rows, shape.columns))
+    return rows[:, None] + columns
+
+
+def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape) -> list[Component]:
+    """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
+    (nominal, dark), seen = scenes.components[:2], looks[-1]
+    components = [nominal, relearned(dark, joined(looks))]
+    of_each = zip(seen.margins, seen.failed, strict=True)
+    weak = [one for margins, failed in of_each for one in weakest(margins, failed, seen)]
+    rest = BLOCK_FRAMES - sum(one.frames for one in components)
+    weak = sorted(weak, key=lambda one: -len(one[0]))[:rest]
+    for number, (leds, weights) in enumerate(weak):
+        frames = rest // len(weak) + (number < rest % len(weak))
+        components.append(of_leds(shape, frames, leds, weights, seen))
+    return components
+
+
+def weakest(
+    margins: Floats, failed: NDArray[np.bool_], seen: PilotFrames
+) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+    """Give the weakest LEDs of a receiver, those that are Off and those that are On, and their weights.
+
+    Frames in which the panel was not found where it is tell nothing of LEDs, and are left out. So is one of
+    the two whose wrong LEDs have less than a fiftieth of the weight of all that are wrong. Where few LEDs
+    have most of the weight, a root of the weights takes their place, which tells of more of them.
+
+    Returns:
+        Frame, row and column of each, (n,3), and the weights (n,).
+    """
+    wrong = ((margins < 0) | ((margins == 0) & ~seen.bits)) & ~failed[:, None, None]
+    shares = [seen.weights @ (wrong & (seen.bits == lit)).sum(axis=(1, 2)) for lit in (False, True)]
+    for lit in (False, True):
+        if shares[lit] < 0.02 * sum(shares):
+            continue
+        own = np.where((seen.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf)
+        count = max(WEAKEST, int(np.sum(wrong & (seen.bits == lit))))
+        order = np.argsort(own, axis=None, kind="stable")[:count]
+        places = np.stack(np.unravel_index(order[np.isfinite(own.ravel()[order])], own.shape), axis=1)
+        if len(places):
+            yield places, evened(seen.weights[places[:, 0]])
+
+
+def of_leds(
+    shape: PanelShape, frames: int, leds: NDArray[np.int64], weights: Floats, seen: PilotFrames
+) -> Component:
+    """Make a component of weak LEDs: their neighbourhoods, where they lie, and their scenes."""
+    (frame, row, column), side = leds.T, 2 * REACH + 1
+    bits = seen.bits.astype(np.float64)
+    wide = np.pad(bits, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=np.nan)
+    around = sliding_window_view(wide, (side, side), axis=(1, 2))[frame, row, column]
+    # A panel looks the same to its receivers when it is turned or mirrored.
+    turned = [np.rot90(one, k, (1, 2)) for one in (around, around.transpose(0, 2, 1)) for k in range(4)]
+    there = np.sum([np.einsum("n,nij->ij", weights, ~np.isnan(one)) for one in turned], axis=0)
+    lit = np.sum([np.einsum("n,nij->ij", weights, np.nan_to_num(one)) for one in turned], axis=0)
+    every, near = bits[frame].sum(axis=(1, 2)), np.nansum(around, axis=(1, 2))
+    others = shape.leds - np.sum(~np.isnan(around), axis=(1, 2))
+    count = effective(weights)
+    prior = 2 * weights.sum() / count
+    template = ((lit + len(turned) * prior / 2) / (there + len(turned) * prior)).clip(0.05, 0.95)
+    beyond = (weights @ (every - near) + others.mean() * prior / 2) / (
+        weights @ others + others.mean() * prior
+    )
+    which, every_led = sides(shape)[row, column], sides(shape)
+    share = {one: weights[which == one].sum() / weights.sum() for one in CLASSES}
+    share = {one: share[one] + 0.1 * float(np.mean(every_led == one)) for one in CLASSES}
+    return around_leds(shape, frames, template, float(beyond), share, tilts(seen, frame, weights))
+
+
+def relearned(component: Component, seen: PilotFrames) -> Component:
+    """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
+    frame = np.flatnonzero(seen.failed.any(axis=0))
+    if len(frame) < 4:
+        return component
+    one = seen.bits[frame]
+    # As likely from either side.
+    bits = np.concatenate([one, one[:, ::-1], one[:, :, ::-1], one[:, ::-1, ::-1]])
+    weights = np.tile(evened(seen.weights[frame]) / 4, 4)
+    ratios = component.log_ratios(bits)
+    # How likely each frame came of each pattern.
+    belongs = np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None]) * weights[:, None]
+    count = effective(weights) / 4
+    own = belongs.sum(axis=0) / weights.sum()
+    lit = np.einsum("np,nrc->prc", belongs, bits.astype(np.float64)) / weights.sum()
+    places = (count * own + 8 / len(own)) / (count + 8)
+    maps = (count * lit + 8 * component.maps) / (count * own + 8)[:, None, None]
+    return Component(
+        component.frames, maps.clip(0.03, 0.97), places, tilts(seen, frame, weights[: len(frame)])
+    )
+
+
+def evened(weights: Floats) -> Floats:
+    """Give a root of weights, where a few of them are most of their sum: it tells of more than these."""
+    powers, enough = (1.0, 0.75, 0.5, 0.25, 0.0), min(ENOUGH, 0.99 * len(weights))
+    return next(one for one in (weights**power for power in powers) if effective(one) >= enough)
+
+
+def tilts(seen: PilotFrames, frame: NDArray[np.int64], weights: Floats) -> dict[str, Floats]:
+    """Give the share of each part of the values of chosen scenes, where these are not as all others."""
+    count, found = effective(weights), {}
+    for name, placed in seen.placed.items():
+        share = np.bincount(part_of(placed[frame]), weights, len(WIDTHS)) / weights.sum()
+        # Pearson's statistic, above which chance comes in one of a hundred cases.
+        if count * np.sum((share - WIDTHS) ** 2 / WIDTHS) > 21.7:
+            shrunk = (count * share + 8 * WIDTHS) / (count + 8)
+            found[name] = 0.9 * shrunk + 0.1 * WIDTHS
+    return found
+
+
+def effective(weights: Floats) -> float:
+    """Give the number of equal weights that would tell as much."""
+    return float(weights.sum() ** 2 / np.sum(weights**2))

@@ -1,0 +1,85 @@
+"""A small network that sees a whole panel's cells: whether it is one, where it ends, how corners are off."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from vocc_torch.types import PanelShape
+
+SAMPLES, CONTEXT = 4, 2
+"""Samples along a cell's side, and cells beyond a placing that are seen."""
+
+_FIRST, _CELL, _SIDE, _QUARTER, _HIDDEN = 16, 32, 8, 16, 48
+_MOST = 4.0
+OUTPUTS = 9
+"""A logit, and moves of four corners along the rows and down the columns."""
+
+
+class PanelNet(nn.Module):
+    """Judge every placing by whole cells of a panel on a lattice.
+
+    Convolutions see cells with their neighbours. A placing is told by means of what is seen inside it, of the
+    squares of that, so that two levels can be told from many, along each of its sides, and in its quarters.
+
+    Example:
+        >>> PanelNet()(torch.rand(5, 64, 80), torch.full((5,), 3.0), PanelShape(8, 12)).shape
+        torch.Size([5, 9, 5, 5])
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spot = nn.Conv2d(1, _FIRST, 4, 2, 1)
+        self.cell = nn.Conv2d(_FIRST, 24, SAMPLES // 2, SAMPLES // 2)
+        self.near = nn.Conv2d(24, _CELL, 3)
+        self.far = nn.Conv2d(_CELL, _CELL, 3)
+        self.side = nn.Conv2d(_CELL, 4 * _SIDE, 1)
+        self.quarter = nn.Conv2d(_CELL, _QUARTER, 1)
+        self.judge = nn.Sequential(
+            nn.Conv2d(2 * _CELL + 4 * _SIDE + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 1, 1)
+        )
+        self.move = nn.Sequential(
+            nn.Conv2d(4 * _QUARTER + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 8, 1)
+        )
+
+    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape) -> Tensor:
+        """Judge placings.
+
+        Args:
+            patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells with a margin of m, K = ``SAMPLES``.
+            pitch_px: (n,) in the frame.
+            shape: R and C.
+
+        Returns:
+            (n,9,P,P) with P = 2 (m - ``CONTEXT``) + 1, for shifts down and right by up to m - ``CONTEXT``:
+            a logit, and moves (4,2) of the corners, cells.
+        """
+        high, wide = shape.rows, shape.columns
+        margin = (patches.shape[-1] // SAMPLES - wide) // 2
+        many = 2 * (margin - CONTEXT) + 1
+        edge = (margin - 1) * SAMPLES
+        middle = patches[:, edge : patches.shape[1] - edge, edge : patches.shape[2] - edge]
+        spread, mean = torch.var_mean(middle, (1, 2), keepdim=True, correction=0)
+        contrast = (spread + 1.0).sqrt()
+        seen = ((patches - mean) / contrast).clamp(-_MOST, _MOST)[:, None]
+        seen = self.cell(self.spot(seen).relu()).relu()
+        seen = self.far(self.near(seen).relu()).relu()
+        told = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(len(patches), 2)
+        told = torch.cat([told, pitch_px.log2()[:, None] / 4, contrast[:, 0].log2() / 4], 1)
+        told = told[..., None, None].expand(-1, -1, many, many)
+        inside = nn.functional.avg_pool2d(torch.cat([seen, seen.square()], 1), (high, wide), 1)
+        sides = self.side(seen).relu().split(_SIDE, 1)
+        lines = [nn.functional.avg_pool2d(one, (1, wide), 1) for one in sides[:2]]
+        lines += [nn.functional.avg_pool2d(one, (high, 1), 1) for one in sides[2:]]
+        at = [lines[0][:, :, :many], lines[1][:, :, high - 1 : high - 1 + many]]
+        at += [lines[2][..., :many], lines[3][..., wide - 1 : wide - 1 + many]]
+        logit = self.judge(torch.cat([inside, *at, told], 1))
+        half = ((high + 1) // 2, (wide + 1) // 2)
+        quarters = nn.functional.avg_pool2d(self.quarter(seen).relu(), half, 1)
+        low, right = high - half[0], wide - half[1]
+        four = [
+            quarters[:, :, y : y + many, x : x + many]
+            for y, x in ((0, 0), (0, right), (low, right), (low, 0))
+        ]
+        moves = self.move(torch.cat([*four, told], 1))
+        return torch.cat([logit, moves], 1)
