@@ -209,7 +209,7 @@ def spent(settings):
         return told, plan.seed, settings.record, settings.receive, settings.framing
     if task == "calibrate":
         one, world = plan.receiver, plan.world
-        found = one.locator, one.locators, one.location, world.camera, world.panel
+        found = one.locator, one.locators, one.location, one.false_alarms, world.camera, world.panel
         return found, settings.calibrate
     if task == "messages":
         told = identity(plan, [plan.receiver.locator])["experiment"]["scene"]

@@ -13,7 +13,6 @@ from vocc_torch.files import write_atomically
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, locator_named
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.calibrate import CalibrateConfig
@@ -34,12 +33,9 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         raise VoccError("input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture")
     plan, console = build_plan(settings, folder), Console()
     receiver, panel, source = plan.receiver, plan.world.panel, Path(settings.input)
-    finder = receiver.locator
-    locator = (
-        locator_named(finder, receiver.location)
-        if finder in LOCATORS
-        else OutsideLocator(receiver.locators[finder])
-    )
+    locator = receiver.finders([receiver.locator])[receiver.locator]
+    if locator is None:
+        raise VoccError.of("receiver.locator", "truth", "one that looks for the panel, for task=calibrate")
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
     footage = read_footage(source, config.channel, locator, panel.shape, config.frames)
     camera, taken = scenes.of_size(plan.world.camera, *footage.greys.shape[1:])

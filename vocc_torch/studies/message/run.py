@@ -68,7 +68,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     receivers = receivers_of(build_plan(settings, folder), terminal.train_shown(plan, console))
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
-    pool = workers.Workers(settings.workers)
+    pool = workers.Workers.of(settings)
     with terminal.ProgressView(len(jobs), console, "recordings") as view, pool, timing.threads(1):
         # Handed out as they are wanted: in this process a call is made at once.
         calls = ((job.place, pool.submit(recorded, job)) for job in jobs)
