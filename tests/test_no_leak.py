@@ -223,7 +223,9 @@ def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(undrawn, tm
         assert (asked.requires_grad, vars(asked)) == (False, {})
         assert asked.untyped_storage().nbytes() == 4 * asked.numel()
     asked = sum(len(given[0]) for _, given, _ in kept[1:])
-    assert asked == 64 + 64  # the frames of the test, and as many as trained it, for what scores are worth
+    # The frames of the test, as many as trained it, for what scores are worth, and two that were drawn at
+    # random, to see that what the ledger keeps scores alike.
+    assert asked == 64 + 64 + 2 * 2
 
 
 # Validation

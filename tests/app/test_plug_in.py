@@ -176,6 +176,7 @@ def test_a_worker_refuses_a_file_that_changed_since_its_run_began(tmp_path, monk
     """Or one ledger would count the frames of two texts as those of one."""
     path = tmp_path / "mine.py"
     path.write_text("ANSWER = 42")
+    monkeypatch.setattr(plugins, "READ", {*plugins.READ})
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
     monkeypatch.setattr(plugins, "EXPECTED", *executors.ProcessEngine(2)._initargs)
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42

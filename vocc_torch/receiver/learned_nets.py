@@ -158,7 +158,7 @@ def corner_patches(
     axes = corner_frames(corners_px, shape) * zoom.view(-1, 1, 1, 1)
     x = axes[:, :, 0, None, None, :] * steps[:, None]
     points = corners_px[:, :, None, None] + x + axes[:, :, 1, None, None, :] * steps[:, None, None]
-    patches = points.new_empty(len(frame), 4 * PATCH * PATCH)
+    patches = scales[0].new_empty(len(frame), 4 * PATCH * PATCH)
     for one in sorted(set(level.tolist())):
         rows = (level == one).nonzero()[:, 0]
         at = points[rows].flatten(1, 3) / 2**one - 0.5
@@ -172,7 +172,7 @@ def _bilinear(planes: Tensor, frame: Tensor, at: Tensor) -> Tensor:
     height, width = planes.shape[-2:]
     at = torch.stack([at[..., 0].clamp(0, width - 1), at[..., 1].clamp(0, height - 1)], -1)
     first = at.floor()
-    share, (left, top) = at - first, first.long().unbind(-1)
+    share, (left, top) = (at - first).to(planes.dtype), first.long().unbind(-1)
     begin = frame[:, None] * (height * width)
     flat, rows = planes.flatten(), (top, (top + 1).clamp(max=height - 1))
     columns = (left, (left + 1).clamp(max=width - 1))
