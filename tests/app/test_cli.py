@@ -279,6 +279,20 @@ def test_interrupted_while_it_loads_or_ends(command, tmp_path, prepare):
     assert "Traceback" not in ran.err
 
 
+def test_a_calibrated_scene_goes_by_its_runs_name(app, tmp_path):
+    scene = tmp_path / "runs" / "mine" / "scene" / "mine.yaml"
+    scene.parent.mkdir(parents=True)
+    scene.write_text(
+        (ROOT / "conf" / "scene" / "night.yaml").read_text().replace("name: night", "name: mine")
+    )
+    ran = app("scene=mine", "task=train", "budget.training_frames=64", "device=cpu", "name=x")
+    assert ran.status == 0, ran.err
+    assert "name: mine" in (tmp_path / "runs" / "x" / "config.yaml").read_text()
+    # Nothing that is no name of a run is looked for.
+    for name in ("9" * 5000, "../mine", "other"):
+        assert app(f"scene={name}", "name=y").complaint.startswith("scene")
+
+
 def test_reader_that_leaves_early(tmp_path):
     """``vocc-torch | head -1`` ends without a word on standard error, and leaves no half results."""
     with started("-u", "-m", "vocc_torch", *QUICK, cwd=tmp_path) as run:

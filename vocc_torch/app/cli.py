@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import re
 import sys
 import tempfile
 import traceback
@@ -191,7 +192,8 @@ def own_scenes(words: Sequence[str]) -> list[str]:
     A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
     chosen = [word.removeprefix("scene=") for word in words if word.startswith("scene=")]
-    names = [name for one in chosen for name in one.split(",")]
+    # No path, and nothing that is too long for one.
+    names = [name for one in chosen for name in one.split(",") if re.fullmatch(r"\w[\w.-]{0,99}", name)]
     found = [Path("runs", name) for name in names if Path("runs", name, "scene", f"{name}.yaml").is_file()]
     if not found or any(word.startswith("hydra.searchpath=") for word in words):
         return []
