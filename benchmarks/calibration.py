@@ -26,7 +26,7 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.photometry import transmission
 from vocc_torch.studies.calibrate.reading import Footage
-from vocc_torch.studies.calibrate.study import Study, calibrate
+from vocc_torch.studies.calibrate.study import CalibratedScene, calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
@@ -103,7 +103,7 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, object]:
     return footage, bits[rows], scene[rows]
 
 
-def off_by(study: Study, world: World, scene: object) -> dict[str, list[float]]:
+def off_by(study: CalibratedScene, world: World, scene: object) -> dict[str, list[float]]:
     """Say by how many of its standard deviations each value is off."""
     fit, told = study.fit, {one.key: one for one in study.scene.values}
     camera, panel = world.camera, LedPanel()

@@ -283,7 +283,7 @@ def test_a_calibrated_scene_goes_by_its_runs_name(app, tmp_path):
     scene = tmp_path / "runs" / "mine" / "scene" / "mine.yaml"
     scene.parent.mkdir(parents=True)
     scene.write_text(
-        (ROOT / "conf" / "scene" / "night.yaml").read_text().replace("name: night", "name: mine")
+        (ROOT / "conf" / "scene" / "paper.yaml").read_text().replace("name: paper", "name: mine")
     )
     ran = app("scene=mine", "task=train", "budget.training_frames=64", "device=cpu", "name=x")
     assert ran.status == 0, ran.err

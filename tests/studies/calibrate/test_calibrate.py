@@ -17,7 +17,15 @@ from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies.calibrate import model, statistics
-from vocc_torch.studies.calibrate.fit import BASE, Fit, amplitudes, decided, settled, start, two_levels
+from vocc_torch.studies.calibrate.fit import (
+    BASE,
+    RecordingFit,
+    amplitudes,
+    decided,
+    settled,
+    start,
+    two_levels,
+)
 from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
 from vocc_torch.studies.calibrate.reading import Footage, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
@@ -379,7 +387,7 @@ def test_amplitudes_are_those_that_were_drawn():
     lit = torch.tensor([[1.0, 0.0, 1.1, 0.9, 0.0, 1.0]], dtype=torch.float64)
     own, of_all = values_of(scene, CAMERA, panel), torch.tensor([2.2, 1.7, 1.7, 0.0, 0.0]).double()
     grey = model.encoded(model.light(known, own, of_all, lit), of_all[0])
-    fit = Fit(known, grey, own, of_all, (lit > 0).double())
+    fit = RecordingFit(known, grey, own, of_all, (lit > 0).double())
     again = amplitudes(replace(fit, lit=lit))[0]
     assert torch.allclose(again, lit, atol=1e-6)
     near = amplitudes(fit)[0]

@@ -11,7 +11,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate import statistics
-from vocc_torch.studies.calibrate.fit import RANGES, Fit
+from vocc_torch.studies.calibrate.fit import RANGES, RecordingFit
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.statistics import Curve, Scatter
 
@@ -60,7 +60,7 @@ class Findings:
         self.named.append(Named(effect, gain > needed, criterion, gain, needed, explains))
         return gain > needed
 
-    def judge(self, effect: str, simple: Fit, rich: Fit, explains: str) -> Fit:
+    def judge(self, effect: str, simple: RecordingFit, rich: RecordingFit, explains: str) -> RecordingFit:
         """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
         added = (rich.values - simple.values) * math.log(rich.pixels)
         gain = (simple.misfit - rich.misfit) / rich.scale - added
@@ -86,7 +86,7 @@ def level(name: str, own: Mapping[str, Tensor], of_all: Tensor) -> Tensor:
 
 
 def describe(
-    fit: Fit,
+    fit: RecordingFit,
     curve: Curve | None,
     scatter: Scatter,
     apart: Tensor,
@@ -148,7 +148,7 @@ def describe(
     )
 
 
-def where(fit: Fit, apart: Tensor, found: Findings) -> None:
+def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
     """Describe place and pose."""
     camera = found.camera
     whole = camera.focal_length_px * found.panel.pitch_m
@@ -176,7 +176,7 @@ def where(fit: Fit, apart: Tensor, found: Findings) -> None:
 
 
 def how_bright(
-    fit: Fit, curve: Curve | None, found: Findings, ambient_lx: float | None, efficiency: float
+    fit: RecordingFit, curve: Curve | None, found: Findings, ambient_lx: float | None, efficiency: float
 ) -> float:
     """Describe the light, and give the quantum efficiency that fits to it."""
     camera, panel = found.camera, found.panel
@@ -237,7 +237,7 @@ def how_bright(
     return efficiency
 
 
-def through_the_lens(fit: Fit, found: Findings) -> None:
+def through_the_lens(fit: RecordingFit, found: Findings) -> None:
     """Describe blur, motion, distortion and vignetting."""
     camera, fall = found.camera, found.fall
     across, down, slant = (float(moment) for moment in fit.of_all[1:4])
@@ -274,7 +274,7 @@ def through_the_lens(fit: Fit, found: Findings) -> None:
         )
 
 
-def how_noisy(fit: Fit, curve: Curve, found: Findings, efficiency: float) -> None:
+def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: float) -> None:
     """Describe the sensor's noise, in electrons, which shot noise counts."""
     criterion = "gain of likelihood of the residuals' variances, twice its logarithm, less log(pixels)"
     shot = found.tried("shot_noise", curve.gains[0], 0.0, criterion, "variance grows with light")
@@ -324,7 +324,7 @@ def how_noisy(fit: Fit, curve: Curve, found: Findings, efficiency: float) -> Non
         found.tell("effects.row_noise.electrons", amount, amount * relative, "of each row")
 
 
-def beside(fit: Fit, found: Findings) -> None:
+def beside(fit: RecordingFit, found: Findings) -> None:
     """Describe lamps beside the panel."""
     count, wide, grey = statistics.lamps(found.around)
     explains = "round bright things stand beside the panel"

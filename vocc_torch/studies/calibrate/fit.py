@@ -33,7 +33,7 @@ BRIGHTEST = 5000.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class RecordingFit:
     """Values that explain a recording, and how well.
 
     Args:
@@ -120,7 +120,7 @@ class Fit:
             return self.of_frame[:, OF_FRAME.index(name)]
         return self.of_all[OF_ALL.index("blur_xx" if name == "blur" else name)]
 
-    def first(self, frames: int) -> "Fit":
+    def first(self, frames: int) -> "RecordingFit":
         """Take the first frames."""
         rows = slice(0, frames)
         parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}
@@ -136,7 +136,9 @@ class Fit:
         return model.expected(self.light(), self.of_all[0], self.noise)
 
 
-def start(windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | None, gamma: float) -> Fit:
+def start(
+    windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | None, gamma: float
+) -> RecordingFit:
     """Begin from the corners that the locator found.
 
     Args:
@@ -172,7 +174,7 @@ def start(windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | Non
     values = [points[:, -1, 0], points[:, -1, 1], pitch.log(), *(0 * roll, 0 * roll, roll)]
     values += [behind.clamp(min=1), off.clamp(min=1), 1.3 * on.clamp(min=2), off.clamp(min=1)]
     of_all = torch.tensor([gamma, 1.0, 1.0, 0.0, 0.0]).double()
-    begun = Fit(windows, grey, torch.stack(values, 1), of_all, lit.double())
+    begun = RecordingFit(windows, grey, torch.stack(values, 1), of_all, lit.double())
     few, tried = begun.first(BEGUN_WITH), []
     for share in (0.12, 0.25, 0.45, 0.7):
         moment = float(pitch.median() * share) ** 2
@@ -192,7 +194,9 @@ def two_levels(greys: Tensor) -> Tensor:
     return greys > ordered.gather(1, best)
 
 
-def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool = True) -> Fit:
+def settled(
+    fit: RecordingFit, free: Sequence[str], steps: int = STEPS, *, robust: bool = True
+) -> RecordingFit:
     """Take damped Gauss-Newton steps until the misfit settles (Levenberg and Marquardt).
 
     The frames' own values are eliminated first, so that the work grows with the number of frames only.
@@ -249,7 +253,7 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
     return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, alone=alone, lead=lead)
 
 
-def trusted(fit: Fit) -> Fit:
+def trusted(fit: RecordingFit) -> RecordingFit:
     """Let pixels without noise count less the flatter the picture is there: neighbours are rounded alike.
 
     Where the picture rises by two grey values a pixel, each pixel's rounding is its own; a flat area of the
@@ -305,7 +309,7 @@ def damped(matrix: Tensor, damping: float) -> Tensor:
 
 
 def covariances(own: Tensor, mixed: Tensor, shared: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Invert the normal equations; see :class:`Fit` for the parts."""
+    """Invert the normal equations; see :class:`RecordingFit` for the parts."""
     inverse = torch.linalg.inv(damped(own, 0.0))
     lead = inverse @ mixed
     return inverse, lead, torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
@@ -329,7 +333,7 @@ def bounded_all(of_all: Tensor) -> Tensor:
     return made
 
 
-def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
+def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
     """Solve for each LED's own light by linear least squares, all else being as fitted.
 
     Returns:
@@ -363,7 +367,7 @@ def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
     return torch.stack(values), torch.stack(errors)
 
 
-def decided(fit: Fit, free: Sequence[str], rounds: int = 4) -> tuple[Fit, Tensor, Tensor]:
+def decided(fit: RecordingFit, free: Sequence[str], rounds: int = 4) -> tuple[RecordingFit, Tensor, Tensor]:
     """Fit and decide the bits in turns until none changes: the likeliest bits of the likeliest values.
 
     Returns:
@@ -380,7 +384,7 @@ def decided(fit: Fit, free: Sequence[str], rounds: int = 4) -> tuple[Fit, Tensor
     return fit, own, error
 
 
-def mirrored(fit: Fit, free: Sequence[str]) -> tuple[Fit, Tensor]:
+def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Tensor]:
     """Turn each panel the other way where that explains its frame better: from afar both look alike.
 
     Returns:

@@ -10,7 +10,7 @@ from vocc_torch.files import write_atomically
 from vocc_torch.show import canvas, page
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.statistics import Curve
-from vocc_torch.studies.calibrate.study import Study
+from vocc_torch.studies.calibrate.study import CalibratedScene
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end."""
@@ -18,7 +18,7 @@ SHOWN = 3
 """Frames in the picture."""
 
 
-def write_page(study: Study, source: str, command: str, folder: Path) -> None:
+def write_page(study: CalibratedScene, source: str, command: str, folder: Path) -> None:
     """Write ``page.md``, ``page.html`` and their pictures.
 
     Args:
@@ -64,7 +64,7 @@ def shown(given: float | Sequence[object]) -> str:
     return f"{given:.5g}"
 
 
-def write_frames(study: Study, path: Path) -> None:
+def write_frames(study: CalibratedScene, path: Path) -> None:
     """Draw frames as measured, as expected, and what is left of them."""
     fit = study.fit
     mean, variance = fit.predicted()
@@ -89,7 +89,7 @@ def write_frames(study: Study, path: Path) -> None:
     canvas.save_figure(figure, path)
 
 
-def write_transfer(study: Study, curve: Curve, path: Path) -> None:
+def write_transfer(study: CalibratedScene, curve: Curve, path: Path) -> None:
     """Draw the photon transfer curve."""
     figure, (axes,) = canvas.new_grid(1, 1, (5.0, 3.2), (0, 0), (0.8, 0.3, 0.3, 0.7))
     light = np.geomspace(curve.light.min(), curve.light.max(), 100)

@@ -13,7 +13,7 @@ from torch import Tensor
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import MIDDLE_GREY
-from vocc_torch.studies.calibrate.fit import Fit
+from vocc_torch.studies.calibrate.fit import RecordingFit
 
 SURE = 1.96
 """Standard deviations to either side of a 95 % interval."""
@@ -167,7 +167,7 @@ def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> V
 
     Args:
         key: of the value.
-        derived: as :meth:`vocc_torch.studies.calibrate.fit.Fit.derived` gives it.
+        derived: as :meth:`vocc_torch.studies.calibrate.fit.RecordingFit.derived` gives it.
         note: what it is.
         least: the lowest value allowed.
     """
@@ -201,12 +201,14 @@ class Lighting:
     reflectance: float | None = None
 
 
-def linear(fit: Fit, name: str) -> Tensor:
+def linear(fit: RecordingFit, name: str) -> Tensor:
     """Give a fitted level as light, (B,)."""
     return (fit.value(name) / MIDDLE_GREY) ** fit.of_all[0]
 
 
-def lighting(fit: Fit, camera: Camera, panel: LedPanel, ambient_lx: float, *, veiled: bool) -> Lighting:
+def lighting(
+    fit: RecordingFit, camera: Camera, panel: LedPanel, ambient_lx: float, *, veiled: bool
+) -> Lighting:
     """Turn levels of light into luminances in an illuminance, by the panel's reflectances.
 
     Off LEDs and background reflect the same daylight: where their ratio is nearer to 1 than that of their
@@ -224,7 +226,9 @@ def lighting(fit: Fit, camera: Camera, panel: LedPanel, ambient_lx: float, *, ve
     return Lighting(whole, veil, ambient_lx, max(0.0, (on - off) / behind * whole), reflectance)
 
 
-def illuminance(fit: Fit, camera: Camera, panel: LedPanel, efficiency: float, *, veiled: bool) -> float:
+def illuminance(
+    fit: RecordingFit, camera: Camera, panel: LedPanel, efficiency: float, *, veiled: bool
+) -> float:
     """Say which illuminance gives the electrons that the photon transfer curve counts, lx."""
     unit = lighting(fit, camera, panel, 1.0, veiled=veiled)
     exposure = 10 * unit.background_cd_m2 * camera.exposure_time_s

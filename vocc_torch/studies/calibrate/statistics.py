@@ -13,7 +13,7 @@ from torch import Tensor
 
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.fit import UNDITHERED, Fit
+from vocc_torch.studies.calibrate.fit import UNDITHERED, RecordingFit
 from vocc_torch.studies.calibrate.model import Noise
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Curve:
     still: bool
 
 
-def residuals(fit: Fit) -> tuple[Tensor, Tensor, bool]:
+def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
     """Give residuals, how much of their variance is left in them, and whether the panel stands still.
 
     Where it does, each pixel loses its mean over the frames in which the LED next to it is On, and over those
@@ -81,8 +81,8 @@ def residuals(fit: Fit) -> tuple[Tensor, Tensor, bool]:
     return left, kept, True
 
 
-def transfer(fit: Fit) -> Curve:
-    """Fit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
+def transfer(fit: RecordingFit) -> Curve:
+    """RecordingFit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
     left, kept, still = residuals(fit)
     light = fit.light().flatten()
     mean = model.encoded(light, fit.of_all[0])

@@ -18,7 +18,7 @@ from vocc_torch.studies.calibrate.fit import (
     BASE,
     POSED,
     UNDITHERED,
-    Fit,
+    RecordingFit,
     amplitudes,
     decided,
     mirrored,
@@ -41,7 +41,7 @@ LEAST_FRAMES = 4
 
 
 @dataclass(frozen=True)
-class Study:
+class CalibratedScene:
     """A calibration with all that its page shows.
 
     Args:
@@ -53,7 +53,7 @@ class Study:
     """
 
     scene: Calibrated
-    fit: Fit
+    fit: RecordingFit
     curve: statistics.Curve | None
     own: Tensor
     footage: Footage
@@ -115,8 +115,8 @@ def calibrate(
     bits: NDArray[np.bool_] | None = None,
     ambient_lx: float | None = None,
     quantum_efficiency: float = 0.6,
-) -> Study:
-    """Fit a scene to a recording.
+) -> CalibratedScene:
+    """RecordingFit a scene to a recording.
 
     Args:
         footage: frames with the panel's corners.
@@ -157,7 +157,7 @@ def calibrate(
         curve = statistics.transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
     scene = describe(fit, curve, scatter, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
-    return Study(finer(scene, whole, times), fit, curve, own, footage)
+    return CalibratedScene(finer(scene, whole, times), fit, curve, own, footage)
 
 
 def coarseness(corners_px: Tensor, shape: PanelShape) -> int:
@@ -196,8 +196,8 @@ def finer(scene: Calibrated, camera: Camera, times: int) -> Calibrated:
     return replace(scene, values=tuple(values), camera=replace(camera, gamma=scene.camera.gamma))
 
 
-def placed(begun: Fit, found: Findings) -> tuple[Fit, tuple[str, ...], Tensor]:
-    """Fit place, levels, blur and gamma, and the pose where the image is no upright square grid.
+def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[str, ...], Tensor]:
+    """RecordingFit place, levels, blur and gamma, and the pose where the image is no upright square grid.
 
     Returns:
         the fit, the names of what is fitted, and by how much each frame tells a pose from its mirror image.
@@ -226,7 +226,7 @@ def shaded(known: Windows, camera: Camera, fall: statistics.Falloff) -> Windows:
     return replace(known, gain=torch.from_numpy(np.stack(parts)))
 
 
-def demand_contrast(fit: Fit, footage: Footage) -> None:
+def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
     """Refuse frames in which no LED differs from another."""
     on, off = fit.value("on"), fit.value("off")
     seen = float((on - off).median())
@@ -236,7 +236,9 @@ def demand_contrast(fit: Fit, footage: Footage) -> None:
         raise VoccError(f"input: all LEDs look alike in all {len(footage)} frames: {rule}")
 
 
-def sensor_and_lens(fit: Fit, free: Sequence[str], found: Findings) -> tuple[Fit, tuple[str, ...]]:
+def sensor_and_lens(
+    fit: RecordingFit, free: Sequence[str], found: Findings
+) -> tuple[RecordingFit, tuple[str, ...]]:
     """Try demosaicing, motion, the lens and a board, one after the other."""
     free = tuple(free)
     if not found.needed and not bool((fit.windows.origin_px % 2).any()):
