@@ -82,7 +82,7 @@ def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
 
 
 def transfer(fit: RecordingFit) -> Curve:
-    """RecordingFit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
+    """Fit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
     left, kept, still = residuals(fit)
     light = fit.light().flatten()
     mean = model.encoded(light, fit.of_all[0])

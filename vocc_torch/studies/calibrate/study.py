@@ -116,7 +116,7 @@ def calibrate(
     ambient_lx: float | None = None,
     quantum_efficiency: float = 0.6,
 ) -> CalibratedScene:
-    """RecordingFit a scene to a recording.
+    """Fit a scene to a recording.
 
     Args:
         footage: frames with the panel's corners.
@@ -197,7 +197,7 @@ def finer(scene: Calibrated, camera: Camera, times: int) -> Calibrated:
 
 
 def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[str, ...], Tensor]:
-    """RecordingFit place, levels, blur and gamma, and the pose where the image is no upright square grid.
+    """Fit place, levels, blur and gamma, and the pose where the image is no upright square grid.
 
     Returns:
         the fit, the names of what is fitted, and by how much each frame tells a pose from its mirror image.
