@@ -259,3 +259,7 @@ def test_each_frame_has_its_own_threshold():
     assert threshold.shape == (5, 1, 1)
     expected = [(a.mean() + b.mean()) / 2 for a, b in zip(on, off, strict=True)]
     np.testing.assert_allclose(threshold.flatten().numpy(), expected, rtol=1e-13)
+
+
+def test_no_frames_have_no_features():
+    assert checked_greys(torch.zeros(0, 10, 10), "means").shape == (0, 10, 10)
