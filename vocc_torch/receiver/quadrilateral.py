@@ -27,6 +27,8 @@ _TIE = 1e-9
 # Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory; fewer
 # pairs are not worth parting.
 _PART_ROWS, _STEP_PAIRS, _FEW_PAIRS = 8, 1 << 21, 1 << 13
+# Whether a corner, clockwise from the top left, is at the high end in x and in y.
+_HIGH = np.array([[False, False], [True, False], [True, True], [False, True]])
 
 
 class Rectangles(NamedTuple):
@@ -144,9 +146,7 @@ def _around(direction: Points, low: Floats, high: Floats, expand_px: float) -> R
     """Return the rectangles with sides along directions (M,), between the ends (M,2) of :func:`_extents`."""
     length = np.abs(direction)[:, None]
     low, high = low / length - expand_px, high / length + expand_px
-    ends = np.stack([low, high], 1)
-    corners = np.empty((len(ends), 4, 2))
-    corners[..., 0], corners[..., 1] = ends[:, [0, 1, 1, 0], 0], ends[:, [0, 0, 1, 1], 1]
+    corners = np.where(_HIGH, high[:, None], low[:, None])
     turned = corners.view(np.complex128) * (direction[:, None] / length)[..., None]
     size = high - low
     return Rectangles(turned.view(np.float64) + 0.5, size[:, 0], size[:, 1])
@@ -183,8 +183,8 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
     low, high = _extents(hull, edge)
     x, y = edge.real, edge.imag
     square, spans = x * x + y * y, (high - low).prod(2)
-    area = np.where(square > 0, spans / square.clip(min=1.0), np.inf)
-    turn = y / x.clip(min=1.0)
+    area = np.where(square > 0, spans / np.maximum(square, 1.0), np.inf)
+    turn = y / np.maximum(x, 1.0)
     preference = np.where(turn < 0, _TIE - turn, turn)
     preference[area > area.min(1, keepdims=True) * (1 + _TIE)] = np.inf
     chosen = np.arange(len(hull)), preference.argmin(1)
@@ -285,28 +285,29 @@ def measure_blobs(
         >>> found.score.item(), found.pitch_px.item()
         (1.0, 3.0)
     """
-    heights = (np.arange(1, first.shape[1] + 1) * (first <= last)).max(1)
-    order = np.argsort(heights, kind="stable")
-    # By height, in steps of bounded memory.
-    steps, begin, tall = [], 0, heights[order].tolist()
-    for end, height in enumerate(tall, start=1):
-        if end < len(tall) and (end + 1 - begin) * tall[end] ** 2 <= _STEP_PAIRS:
-            continue
-        rows, begin = order[begin:end], end
-        hull = convex_hull(first[rows, :height], last[rows, :height])
-        area, perimeter = hull_area_and_perimeter(hull)
-        least = minimum_area_rectangle(hull)
-        around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
-        rectangle = least.width_px * least.height_px
-        # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-        filled = (np.minimum(area_px[rows], area) / rectangle).clip(max=1.0)
-        compact = compactness(area, perimeter, shape)
-        within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
-        score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
-        corners = around.corners_px + place_px[rows, None]
-        steps.append(Measures(corners, within, score, np.sqrt(rectangle / shape.leds)))
-    if len(steps) == 1 == len(order):
-        return steps[0]
-    back, none = order.argsort(), np.zeros(0)
-    steps.append(Measures(np.zeros((0, 4, 2)), none > 0, none, none))
-    return Measures(*(np.concatenate(parts)[back] for parts in zip(*steps, strict=True)))
+    blobs, height = first.shape
+    if not blobs:
+        none = np.zeros(0)
+        return Measures(np.zeros((0, 4, 2)), none > 0, none, none)
+    if blobs > 1 and blobs * height**2 > _STEP_PAIRS:
+        # In two halves by height, for bounded memory.
+        heights = (np.arange(1, height + 1) * (first <= last)).max(1)
+        order, halves = np.argsort(heights, kind="stable"), []
+        for rows in (order[: blobs // 2], order[blobs // 2 :]):
+            tall = heights[rows[-1]]
+            given = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
+            halves.append(measure_blobs(*given, shape, limits))
+        back = order.argsort()
+        return Measures(*(np.concatenate(both)[back] for both in zip(*halves, strict=True)))
+    hull = convex_hull(first, last)
+    area, perimeter = hull_area_and_perimeter(hull)
+    least = minimum_area_rectangle(hull)
+    around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
+    rectangle = least.width_px * least.height_px
+    # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
+    filled = np.minimum(np.minimum(area_px, area) / rectangle, 1.0)
+    compact = compactness(area, perimeter, shape)
+    within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
+    score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
+    pitch = np.sqrt(rectangle / shape.leds)
+    return Measures(around.corners_px + place_px[:, None], within, score, pitch)
