@@ -167,7 +167,9 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     parts = (counts > 0) & (below < total)
     # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
     apart = (total_mass * below - mass * total).astype(np.float64)
-    between = np.where(parts, apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0), -1.0)
+    between = np.where(
+        parts, apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0), -1.0
+    )
     best = parts & ((between >= between.max(1, keepdims=True) * (1 - _TIE_SHARE)) | (total > _MOST_EXACT_PX))
     threshold = best.argmax(1)
     for row in (best.sum(1) != 1).nonzero()[0].tolist():

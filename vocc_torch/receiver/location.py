@@ -159,9 +159,13 @@ class PaperLocator(LocatorLimits):
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
-        levels = () if exact.surround is None else zip(exact.surround.tolist(), threshold.tolist(), strict=True)
+        levels = (
+            () if exact.surround is None else zip(exact.surround.tolist(), threshold.tolist(), strict=True)
+        )
         bright = [row for row, (level, limit) in enumerate(levels) if round(level) > limit]
-        choice = self.choose(exact, threshold.index_fill(0, torch.tensor(bright), 255) if bright else threshold, shape)
+        choice = self.choose(
+            exact, threshold.index_fill(0, torch.tensor(bright), 255) if bright else threshold, shape
+        )
         for at in (slice(row, row + 1) for row in bright):
             choice.put(at, self.choose(_on_sensor(exact[at]), threshold[at], shape))
         return Panels(choice.corners_px, choice.found, choice.score, choice.candidates)

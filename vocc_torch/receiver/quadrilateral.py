@@ -24,9 +24,10 @@ Whole = NDArray[np.int64]
 _LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
 _TIE = 1e-9
-# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory; fewer
-# pairs are not worth parting.
-_PART_ROWS, _STEP_PAIRS, _FEW_PAIRS = 8, 1 << 21, 1 << 13
+# Most pairs of vertices, at one for each row, in one step, to bound the memory.
+_STEP_PAIRS = 1 << 21
+# A column beyond all others.
+_NOWHERE = 1 << 20
 # Whether a corner, clockwise from the top left, is at the high end in x and in y.
 _HIGH = np.array([[False, False], [True, False], [True, True], [False, True]])
 
@@ -46,39 +47,11 @@ class Rectangles(NamedTuple):
     height_px: Floats
 
 
-def _chain(side: Floats) -> NDArray[np.bool_]:
-    """Mark the rows where ``side``, (N,H) columns with inf in empty rows, has a vertex of its lower chain."""
-    blobs, height = side.shape
-    if blobs * height**2 <= _FEW_PAIRS:
-        return _vertices(side, np.arange(height)[None])
-    # A vertex of the whole is one of its part: most rows fall away before all that are left are paired.
-    parts = np.pad(side, ((0, 0), (0, -height % _PART_ROWS)), constant_values=np.inf)
-    parts = parts.reshape(-1, _PART_ROWS)
-    likely = _vertices(parts, np.arange(_PART_ROWS)[None]).reshape(blobs, -1)[:, :height]
-    order = np.argsort(~likely, axis=1, kind="stable")[:, : int(likely.sum(1).max(initial=0))]
-    found = np.zeros_like(likely)
-    np.put_along_axis(found, order, _vertices(np.take_along_axis(side, order, 1), order), 1)
-    return found
-
-
-def _vertices(side: Floats, rows: Whole) -> NDArray[np.bool_]:
-    """Mark the vertices of the lower chain of points in distinct ``rows`` (N,P), by all pairs."""
-    # The second point of a pair comes first: a maximum over the first axis is quick.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        step = rows.T[:, :, None] - rows
-        slope = (side.T[:, :, None] - side) / step
-        steepest_before = np.where(step < 0, slope, -np.inf).max(0, initial=-np.inf)
-        flattest_after = np.where(step > 0, slope, np.inf).min(0, initial=np.inf)
-        found: NDArray[np.bool_] = np.isfinite(side) & (steepest_before < flattest_after)
-    return found
-
-
 def convex_hull(first: Whole, last: Whole) -> Floats:
     """Find the vertices of each blob's convex hull.
 
-    Row i is a vertex of the left chain if the steepest slope to it from a row above is less than the flattest
-    from it to a row below; all pairs of rows are tested at once, M * H^2 slopes, or in tall blobs those that
-    are vertices of their own part of the rows. Points on an edge are left out.
+    Each side's chain is built row by row (Andrew 1979), of the rows that lie outside of the line between the
+    two beside them. Points on an edge are left out.
 
     Args:
         first: (M,H) leftmost column of each row, ``first > last`` where the row is empty; each blob has a
@@ -94,15 +67,31 @@ def convex_hull(first: Whole, last: Whole) -> Floats:
         [[1, 0], [2, 1], [1, 2], [1, 2], [0, 1], [1, 0]]
     """
     blobs, height = first.shape
-    empty = first > last
-    sides = np.concatenate([np.where(empty, np.inf, first), np.where(empty, np.inf, -last.astype(float))])
-    left, right = _chain(sides).reshape(2, blobs, height)
-    flags = np.concatenate([right, left[:, ::-1]], 1)
-    order = np.argsort(~flags, axis=1, kind="stable")[:, : int(flags.sum(1).max(initial=0))]
-    blob = np.arange(blobs)[:, None]
-    order = np.where(flags[blob, order], order, order[:, :1])
-    column = np.concatenate([last, first[:, ::-1]], 1)[blob, order]
-    return np.stack([column, np.minimum(order, 2 * height - 1 - order)], 2).astype(np.float64)
+    # Of each blob both sides, as columns inwards from it; none is beyond an empty row and the ends.
+    around = np.full((blobs, 2, height + 2), _NOWHERE)
+    inside = around[..., 1:-1]
+    filled = first <= last
+    np.copyto(inside[:, 0], -last, where=filled)
+    np.copyto(inside[:, 1], first, where=filled)
+    likely = (around[..., :-2] + around[..., 2:] > 2 * inside) & filled[:, None]
+    blob, side, rows = likely.nonzero()
+    chains: list[list[tuple[int, int]]] = [[] for _ in range(2 * blobs)]
+    for chain, row, column in zip(
+        (2 * blob + side).tolist(), rows.tolist(), inside[likely].tolist(), strict=True
+    ):
+        points = chains[chain]
+        while len(points) > 1:
+            (y0, x0), (y1, x1) = points[-2:]
+            if (x1 - x0) * (row - y0) < (column - x0) * (y1 - y0):
+                break
+            points.pop()
+        points.append((row, column))
+    hulls = [
+        [(-x, y) for y, x in right] + [(x, y) for y, x in reversed(left)]
+        for right, left in zip(chains[::2], chains[1::2], strict=True)
+    ]
+    most = max(map(len, hulls), default=0)
+    return np.array([hull + hull[:1] * (most - len(hull)) for hull in hulls], dtype=np.float64)
 
 
 def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
