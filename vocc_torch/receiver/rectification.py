@@ -22,6 +22,9 @@ MOST_PX = 1e15
 MOST_READINGS = 1 << 22
 """Most bilinear readings at a time, and of a frame where its samples alone are not more."""
 
+# Of more readings at a time a processor's cache does not hold what is worked out on the way.
+_CACHED_READINGS = 1 << 18
+
 # A corner between sides a and b is one where they part: a x b above this, px^2, and above this share of the
 # longest side's square.
 _FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12
@@ -173,7 +176,7 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     maps = homography[:, :2] if flat else homography
     ends = _map_grid(xp, maps, x_ends, y_ends)
     ends = ends.reshape(*ends.shape[:2], -1)
-    low, high = (xp.minimum(xp.maximum(end, least), most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
+    low, high = (end.clip(least, most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
     # The whole pixel from which positions count.
     origin = begin = xp.floor(low - 0.5)
     if not flat:
@@ -200,7 +203,7 @@ def _places(xp: Any, window: _Window, x: Any, y: Any) -> tuple[Any, Any]:
     """
     first, last, moved = (xp.asarray(one, dtype=x.dtype) for one in window[1:])
     first, last = first[..., None, None], last[..., None, None]
-    at = xp.minimum(xp.maximum(_map_grid(xp, moved, x, y), first), last)
+    at = _map_grid(xp, moved, x, y).clip(first, last)
     whole = xp.floor(at)
     at -= whole
     whole -= first
@@ -403,7 +406,7 @@ def rectify_takes(
     for factor in sorted(set(each)):
         x, y = _grid(shape, samples_per_led * int(factor), dtype, device)
         rows = [row for row, one in enumerate(each) if one == factor]
-        step = max(1, MOST_READINGS // (len(x) * len(y)))
+        step = max(1, (_CACHED_READINGS if xp is np else MOST_READINGS) // (len(x) * len(y)))
         for some in (rows[begin : begin + step] for begin in range(0, len(rows), step)):
             at = slice(None) if len(some) == len(each) else some
             part, sides = _Window(*(one[at] for one in window)), (reach[at] + 2).tolist()
