@@ -176,11 +176,11 @@ def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
         [1.0, 2.0]
     """
     if kernel == "sobel":
-        # On a processor torch 2.15 takes five times as long for a frame of more than some hundred at once.
+        # On a processor torch 2.15 takes five times as long a frame where it has more than some hundred.
         whole = is_exporting() or patches.device.type != "cpu"
-        parts = [patches] if whole else patches.split(_CONVOLVED_FRAMES)
-        found = [kornia.filters.spatial_gradient(part, mode="sobel")[:, 0] for part in parts]
-        return found[0] if len(found) == 1 else torch.cat(found)
+        parts = 1 if whole else max(1, len(patches) // _CONVOLVED_FRAMES)
+        found = [kornia.filters.spatial_gradient(part, mode="sobel")[:, 0] for part in patches.chunk(parts)]
+        return found[0] if parts == 1 else torch.cat(found)
     if kernel != "central":
         raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")
     padded = torch.nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")

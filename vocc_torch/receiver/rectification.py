@@ -69,6 +69,11 @@ def _tensor(values: Any, device: torch.device) -> Tensor:
     return values if isinstance(values, Tensor) else torch.from_numpy(values).to(device)
 
 
+def _cast(values: Any, dtype: Any) -> Any:
+    """Give an array or a tensor in a dtype of its own library."""
+    return values.to(dtype) if isinstance(values, Tensor) else values.astype(dtype, copy=False)
+
+
 def _sides(xp: Any, corners: Any) -> Any:
     """Sides of quadrilaterals (B,4,2) as vectors, (B,4,2), from each corner to the next."""
     return xp.concatenate([corners[:, 1:], corners[:, :1]], 1) - corners
@@ -172,7 +177,8 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
     horizon are pixels on the border.
     """
-    flat = not is_exporting() and not bool((homography[:, 2, :2] != 0).any())
+    # A gradient goes through the third row too.
+    flat = xp is np and not (homography[:, 2, :2] != 0).any()
     maps = homography[:, :2] if flat else homography
     ends = _map_grid(xp, maps, x_ends, y_ends)
     ends = ends.reshape(*ends.shape[:2], -1)
@@ -201,7 +207,7 @@ def _places(xp: Any, window: _Window, x: Any, y: Any) -> tuple[Any, Any]:
         (n,2,h,w) whole pixels to the left and above, from the window's first, and the share of the pixels to
         the right and below.
     """
-    first, last, moved = (xp.asarray(one, dtype=x.dtype) for one in window[1:])
+    first, last, moved = (_cast(one, x.dtype) for one in window[1:])
     first, last = first[..., None, None], last[..., None, None]
     at = _map_grid(xp, moved, x, y).clip(first, last)
     whole = xp.floor(at)
@@ -235,16 +241,14 @@ def _sample(
         x: columns, in the working precision.
         y: rows.
     """
-    xp, device, size = np, x.device, (-1, 1, len(y), len(x))
-    if isinstance(window.begin, Tensor):
-        whole, share = _places(torch, window, x, y)
-    else:
-        xp, (whole, share) = np, _places(np, window, x.numpy(), y.numpy())
+    size: Any = (-1, 1, len(y), len(x))
+    xp: Any = torch if isinstance(window.begin, Tensor) else np
+    whole, share = _places(xp, window, *((x, y) if xp is torch else (x.numpy(), y.numpy())))
     wide, tall = (int(max(each)) for each in zip(*sides, strict=True))
     # Up to 2^24 float32 holds whole numbers exactly.
-    exact = whole if wide * tall <= 1 << 24 else xp.asarray(whole, dtype=xp.float64)
-    index = xp.asarray(exact[:, 0] + exact[:, 1] * wide, dtype=xp.int64)
-    index, share, read = _tensor(index, device).flatten(1), _tensor(share, device).flatten(2), []
+    exact = whole if wide * tall <= 1 << 24 else _cast(whole, xp.float64)
+    places = _cast(exact[:, 0] + exact[:, 1] * wide, xp.int64)
+    index, share, read = _tensor(places, x.device).flatten(1), _tensor(share, x.device).flatten(2), []
     for take in takes:
         grey = _cut(take, chosen, window.begin, sides).to(x.dtype).flatten(1)
         near = [grey[:, by:].gather(1, index) for by in (0, 1, wide, wide + 1)]
