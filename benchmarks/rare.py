@@ -30,8 +30,9 @@ from vocc_torch.measure.counts import WeightedCounts
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.point_work import parts_of, stop_reason
 from vocc_torch.measure.tilted import WIDTHS, Component, TiltedScenes
-from vocc_torch.measure.workers import Workers, parts_of, stop_reason
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel

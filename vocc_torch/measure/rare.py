@@ -21,9 +21,9 @@ from vocc_torch.measure.counts import WeightedCounts
 from vocc_torch.measure.ledger import Label, Tally
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.measure.point_work import Part
 from vocc_torch.measure.tilted import WIDTHS, Component, Floats, TiltedScenes, part_of
 from vocc_torch.measure.timing import threads
-from vocc_torch.measure.workers import Part
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
