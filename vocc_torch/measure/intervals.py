@@ -207,19 +207,23 @@ def weighted_interval(counts: WeightedCounts, confidence: float = 0.95) -> Estim
     1997) take the gamma distribution with the sum's mean and variance, exact where all weights are equal. Its
     shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` over the frames' weighted errors y,
     corrected for a number of frames that is fixed, times the ratio of t quantiles that pays for a variance
-    which is itself an estimate. The upper end allows for one more effective wrong frame.
+    which is itself an estimate: few large y make it, so its degrees of freedom are ``(sum y^2)^2 / sum y^4``.
+    The upper end allows for one more wrong frame of the large ones, ``y^2 = sum y^4 / sum y^2``.
 
     Args:
         counts: at least one wrong frame of a weight above 0.
         confidence: above 0, below 1.
     """
-    total, squares = counts.weighted, counts.squares
-    seen = total**2 / squares
+    total, squares, fourths, frames = counts.weighted, counts.squares, counts.fourths, counts.frames
+    seen, freedom = total**2 / squares, squares**2 / fourths
     # Frames were a number fixed beforehand.
-    shape = total**2 / (squares - total**2 / counts.frames) if seen < counts.frames else float(counts.frames)
-    shape *= t_correction(MOST_TRIALS, max(1.0, min(counts.frames - 1, seen + 1)), confidence)
-    tail, rate = (1 - confidence) / 2, counts.ber
-    low, high = gammaincinv(shape, tail) / shape, gammainccinv(shape + 1, tail) / shape
+    shape = total**2 / (squares - total**2 / frames) if seen < frames else float(frames)
+    paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
+    one_more = math.sqrt(fourths / squares) / total
+    mean, variance = 1 + one_more, (1 / shape + one_more**2) / paid
+    tail, rate, shape = (1 - confidence) / 2, counts.ber, shape * paid
+    low = gammaincinv(shape, tail) / shape
+    high = gammainccinv(mean**2 / variance, tail) * variance / mean
     return Estimate(rate, float(low) * rate, max(rate, min(1.0, float(high) * rate)))
 
 
