@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,9 +61,8 @@ def toy_scenes(frames: int, law: str) -> TiltedScenes:
     return TiltedScenes.of(SceneModel(), [Component.nominal(BLOCK_FRAMES - frames, SHAPE), seeks])
 
 
-def toy_errors(scenes: TiltedScenes, key: BlockKey, share: float, law: str) -> np.ndarray:
+def toy_errors(placed: Mapping[str, np.ndarray], bits: np.ndarray, share: float, law: str) -> np.ndarray:
     """Count the wrong LEDs of each frame of a block."""
-    bits, placed = scenes.draw(key, SHAPE)[1].numpy(), scenes.placed(key, SHAPE)
     around = [bits[:, :-2, 1:-1], bits[:, 2:, 1:-1], bits[:, 1:-1, :-2], bits[:, 1:-1, 2:]]
     surrounded = ~bits[:, 1:-1, 1:-1] & np.logical_and.reduce(around)
     left = 1 - np.stack([placed[name] for name in NAMES])
@@ -99,11 +98,8 @@ HEAD = f"| {' | '.join((*COLUMNS, 'CPU s'))} |\n{'|---' * (len(COLUMNS) + 1)}|"
 
 
 LAWS = (
-    *[
-        ("each", share, frames, blocks)
-        for share, frames, blocks in [(0.1, 48, 4), (0.1, 48, 16), (0.03, 48, 16)]
-    ],
-    *[("each", 0.1, 4, 16), ("sum", 0.2, 48, 16), ("sum", 0.2, 48, 64), ("missed", 0.2, 48, 64)],
+    *(("each", 0.1, 48, 4), ("each", 0.1, 48, 16), ("each", 0.03, 48, 16), ("each", 0.1, 4, 16)),
+    *(("sum", 0.2, 48, 16), ("sum", 0.2, 48, 32), ("missed", 0.2, 48, 32)),
 )
 """Whether LEDs are wrong in this last share of each value or of their sum; frames of 64 that seek; blocks."""
 
@@ -117,8 +113,8 @@ def coverage(studies: int) -> None:
         for study in range(studies):
             total = WeightedCounts()
             for block in range(blocks):
-                key = BlockKey(study, "toy", block)
-                wrong, weights = toy_errors(scenes, key, share, law), scenes.weights(key, SHAPE)
+                drawn = scenes.drawn(BlockKey(study, "toy", block), SHAPE)
+                wrong, weights = toy_errors(*drawn, share, law), scenes.weights(*drawn)
                 found = np.ones(len(wrong), dtype=bool)
                 total += WeightedCounts.weigh(2 * wrong, found, SHAPE.leds, weights, scenes.nominal)
             counts.append(total)
@@ -204,7 +200,7 @@ def picture(plan: Plan, value: float, path: Path) -> None:
     kept, place = [], list(bank.names).index(plan.receiver.save)
     for block in range(64):
         key, first = BlockKey(plan.seed, name, block), 0
-        weights = scenes.weights(key, plan.world.panel.shape)
+        weights = scenes.weights(*scenes.drawn(key, plan.world.panel.shape))
         for seen in link.observe(scenes, [key], preambles=False):
             decided = list(bank.scores(seen.readings, seen.preambles).values())[place] >= 0
             wrong = (decided != seen.bits) & seen.panels.found.view(-1, 1, 1)

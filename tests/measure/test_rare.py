@@ -50,9 +50,10 @@ def density(scenes, bits, far):
 
 def test_a_weight_is_the_ratio_of_two_densities(scenes):
     key = BlockKey(3, "p", 1)
-    bits, far = scenes.draw(key, SHAPE)[1].numpy(), scenes.placed(key, SHAPE)["distance_m"]
+    placed, bits = scenes.drawn(key, SHAPE)
+    far = placed["distance_m"]
     asked = [0.5**6 / density(scenes, one, at) for one, at in zip(bits, far, strict=True)]
-    assert np.allclose(scenes.weights(key, SHAPE), asked, rtol=1e-12)
+    assert np.allclose(scenes.weights(placed, bits), asked, rtol=1e-12)
     assert max(asked) <= 64 / 20
 
 
@@ -68,7 +69,7 @@ def test_the_proposal_is_a_probability(scenes):
 def test_frames_are_drawn_as_the_weights_say(scenes):
     keys = [BlockKey(0, "drawn", block) for block in range(300)]
     bits = np.concatenate([scenes.draw(key, SHAPE)[1].numpy() for key in keys])
-    far = np.concatenate([scenes.placed(key, SHAPE)["distance_m"] for key in keys])
+    far = np.concatenate([scenes.drawn(key, SHAPE)[0]["distance_m"] for key in keys])
     every = np.array(list(itertools.product([False, True], repeat=6))).reshape(-1, 3, 2)
     near = np.array([density(scenes, one, 0.1) for one in every])
     last = np.array([density(scenes, one, 0.99) for one in every])
@@ -81,7 +82,7 @@ def test_frames_are_drawn_as_the_weights_say(scenes):
 
 def test_values_come_from_their_places_and_stay_in_bounds(scenes):
     key = BlockKey(0, "values", 0)
-    scene, placed = scenes.draw(key, SHAPE)[0], scenes.placed(key, SHAPE)
+    scene, placed = scenes.draw(key, SHAPE)[0], scenes.drawn(key, SHAPE)[0]
     assert np.allclose(scene.distance_m, 30 + 40 * placed["distance_m"])
     assert set(scene.ambient_lx.tolist()) == {1e3, 2e3, 3e3}
     assert part_of(np.array([0.0, 1 / 32, 1 - 1e-12])).tolist() == [0, 1, 9]
@@ -99,11 +100,11 @@ def test_the_mean_of_weighted_errors_is_the_known_rate():
     )
     scenes, total = TiltedScenes.of(SceneModel(), [Component.nominal(16, shape), seeks]), WeightedCounts()
     for key in (BlockKey(1, "toy", block) for block in range(60)):
-        bits, placed = scenes.draw(key, shape)[1].numpy(), scenes.placed(key, shape)
+        placed, bits = scenes.drawn(key, shape)
         around = (bits[:, :-2, 1:-1], bits[:, 2:, 1:-1], bits[:, 1:-1, :-2], bits[:, 1:-1, 2:])
         surrounded = np.logical_and.reduce([~bits[:, 1:-1, 1:-1], *around]).sum(axis=(1, 2))
         wrong = surrounded * np.logical_and.reduce([placed[name] >= 31 / 32 for name in names])
-        weights = scenes.weights(key, shape)
+        weights = scenes.weights(placed, bits)
         total += WeightedCounts.weigh(2 * wrong, np.ones(64, bool), 64, weights, scenes.nominal)
     truth = 36 / 64 / 32 / 32**2
     assert total.ber == pytest.approx(truth, rel=0.15)
