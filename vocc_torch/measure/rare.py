@@ -87,7 +87,8 @@ def count_parts(
     labels: list[Label] = [(locator, name, 0) for locator, bank in banks.items() for name in bank.names]
     counted: list[dict[Label, Tally]] = []
     for number, part in enumerate(parts):
-        weights = scenes.weights(BlockKey(plan.seed, point, part.block), shape)[: part.frames]
+        drawn = scenes.drawn(BlockKey(plan.seed, point, part.block), shape)
+        weights = scenes.weights(*drawn)[: part.frames]
         one = errors.of(frames=slice(number * BLOCK_FRAMES, number * BLOCK_FRAMES + part.frames))
         rows = zip(labels, one.half_errors, one.found, strict=True)
         counted.append(
@@ -147,10 +148,8 @@ def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int)
             for scores in bank.scores(seen.readings, seen.preambles).values():
                 margins.append((scores * (2.0 * seen.bits - 1)).cpu().double().numpy())
                 failed.append((off | ~seen.panels.found).cpu().numpy())
-    bits = next(iter(views.values())).bits.cpu().numpy()
-    return PilotFrames(
-        scenes.placed(key, shape), bits, scenes.weights(key, shape), np.stack(margins), np.stack(failed)
-    )
+    placed, bits = scenes.drawn(key, shape)
+    return PilotFrames(placed, bits, scenes.weights(placed, bits), np.stack(margins), np.stack(failed))
 
 
 def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
