@@ -28,8 +28,8 @@ def scores(name: str) -> Callable[[Frames, PanelShape], torch.Tensor]:
     """Give what scores the panels that one frame may show, as the table takes them."""
     if name == "lattice":
         return lambda frame, shape: LatticeLocator().sightings(frame, shape).score
-    nets = LearnedLocator().nets(torch.device("cpu"))
-    return lambda frame, shape: sighted(nets, frame, shape)[1]
+    net = LearnedLocator().net(torch.device("cpu"))
+    return lambda frame, shape: sighted(net, frame, shape)[1]
 
 
 def maxima(names: list[str], shape: PanelShape, frames: int) -> dict[str, torch.Tensor]:

@@ -7,15 +7,7 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_search import Pyramid
-from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, Nets, distinct, placings, save_weights
-from vocc_torch.receiver.learned_nets import (
-    CornerNet,
-    Finder,
-    corner_frames,
-    corner_patches,
-    places_px,
-    pyramid,
-)
+from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, distinct, placings, save_weights
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
@@ -91,42 +83,6 @@ def test_nothing_is_found_where_nothing_is(level):
     assert not panels.corners_px.any()
 
 
-def test_a_negative_looks_alike_from_afar():
-    grey = torch.randint(0, 256, (1, 1, 256, 256), generator=torch.Generator().manual_seed(0)).float()
-    finder = Finder().eval()
-    with torch.inference_mode():
-        seen, negative = (finder(one, SHAPE)[..., 13:19, 13:19] for one in (grey, 255 - grey))
-    assert torch.allclose(seen, negative, atol=1e-4)
-    assert seen.std() > 1e-3
-
-
-def test_places_lie_where_filters_look():
-    """What a lone bright pixel changes lies about it, by the places as they are said to lie."""
-    torch.manual_seed(0)
-    finder, dark = Finder().eval(), torch.full((1, 1, 256, 256), 100.0)
-    for x, y in ((130, 122), (90, 150)):
-        lit = dark.clone()
-        lit[0, 0, y, x] = 200
-        with torch.inference_mode():
-            change = (finder(lit, SHAPE) - finder(dark, SHAPE)).abs().sum(1)[0]
-        middle = (places_px((32, 32)) * change).sum((1, 2)) / change.sum()
-        assert (middle - torch.tensor([x + 0.5, y + 0.5])).abs().max() < 4
-
-
-def test_patches_are_read_where_corners_are():
-    """On a ramp the patch of each corner holds its own coordinates, its first samples outside the panel."""
-    rows, columns = torch.meshgrid(torch.arange(80.0), torch.arange(120.0), indexing="ij")
-    quad = torch.tensor([[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]])
-    shape, zero = PanelShape(8, 16), torch.zeros(1, dtype=torch.int64)
-    for axis, plane in enumerate((columns, rows)):
-        scales = pyramid(plane[None, None])
-        patches = corner_patches(scales, zero, zero, quad, shape, torch.ones(1)).view(4, 32, 32)
-        assert torch.allclose(patches.mean((1, 2)), quad[0, :, axis] - 0.5, atol=1e-3)
-        inside = patches[:, -1, -1] - patches[:, 0, 0]
-        assert inside.sign().tolist() == ([1, -1, -1, 1] if axis == 0 else [1, 1, -1, -1])
-    assert corner_frames(quad, shape)[0, 0].tolist() == [[2.0, 0.0], [0.0, 2.0]]
-
-
 def test_the_panel_network_sees_placings_where_they_are():
     """A change of one cell changes what is judged of the placings that hold it or border on it alone."""
     torch.manual_seed(0)
@@ -189,7 +145,7 @@ def damaged(text):
     """Ways in which a file of weights may be wrong, and what is said."""
     content = json.loads(text)
     name = next(iter(content["classifier"]))
-    yield text.replace('"finder.', '"other.'), "its checksum does not fit"
+    yield text.replace('"judge.', '"other.'), "its checksum does not fit"
     yield text[: len(text) // 2], "damaged or of another kind"
     yield json.dumps({**content, "version": 99}), "format version 99"
     content["classifier"][name]["shape"] = [1]
@@ -206,10 +162,10 @@ def test_damaged_weights_are_refused(tmp_path):
 
 
 def test_weights_of_another_kind_are_refused(tmp_path):
-    finder, *others = Finder(), CornerNet(), PanelNet()
+    net = PanelNet()
     with torch.no_grad():
-        finder.lift[0] = torch.nan
-    save_weights(tmp_path / "nan.json", Nets(finder, *others))
+        net.judge[0].bias[0] = torch.nan
+    save_weights(tmp_path / "nan.json", net)
     for path in (tmp_path / "nan.json", tmp_path / "missing.json"):
         with pytest.raises(VoccError, match=r"model .*(damaged|does not exist)"):
             LearnedLocator(str(path))(torch.zeros(1, 64, 64, dtype=torch.uint8), SHAPE)
@@ -219,6 +175,4 @@ def test_weights_of_another_kind_are_refused(tmp_path):
 
 def test_the_weights_are_small():
     assert (resources.files("vocc_torch.receiver") / SHIPPED).stat().st_size < 2_000_000
-    assert (
-        sum(one.numel() for net in (Finder(), CornerNet(), PanelNet()) for one in net.parameters()) < 300_000
-    )
+    assert sum(one.numel() for one in PanelNet().parameters()) < 300_000

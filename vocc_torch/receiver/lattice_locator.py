@@ -109,11 +109,11 @@ class LatticeLocator:
 def _candidates(grey: Tensor, shape: PanelShape) -> Cells:
     """Fit the likeliest panels of one frame (1,1,H,W)."""
     pyramid = Pyramid.of(grey, 3 * max(shape.rows, shape.columns) // 2)
-    guess = lattice_hypotheses(pyramid, 1, shape)
-    if not len(guess.frame):
+    guess = lattice_hypotheses(pyramid, shape)
+    if not len(guess.level):
         none = guess.centre_px.new_zeros(0, 4, 2, dtype=torch.float64)
-        bits = guess.frame.new_zeros(0, shape.rows, shape.columns, dtype=torch.bool)
-        return Cells(guess.frame, guess.level, none, bits, guess.strength)
+        bits = guess.level.new_zeros(0, shape.rows, shape.columns, dtype=torch.bool)
+        return Cells(guess.level, none, bits, guess.strength)
     most = max(shape.rows, shape.columns)
     cell = corner_cells(shape).to(guess.centre_px) - (
         torch.tensor([shape.columns // 2, shape.rows // 2], device=grey.device) + 0.5
@@ -121,7 +121,7 @@ def _candidates(grey: Tensor, shape: PanelShape) -> Cells:
     corners = (guess.centre_px[:, None] + cell @ guess.basis_px.mT).double()
     bits = torch.zeros(len(corners), shape.rows, shape.columns, dtype=torch.bool, device=grey.device)
     reach = min(4, max(2, round(0.4 * most)))
-    cells = best_places(pyramid, Cells(guess.frame, guess.level, corners, bits, guess.strength), shape, reach)
+    cells = best_places(pyramid, Cells(guess.level, corners, bits, guess.strength), shape, reach)
     scale = 2.0 ** cells.level.double()
     middle = cells.corners_px.mean(1) * scale[:, None]
     size = (cells.corners_px[:, 0] - cells.corners_px[:, 2]).norm(dim=1) * scale
