@@ -29,12 +29,12 @@ _REACH, _KEPT, _STEPS, _FITTED = 4, 16, 2, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
-# A lattice is kept that explains the first share of the picture, and none is looked for beyond the second;
-# cells that corners may move by, from a first start and from a search.
-_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 2.5, 0.3, 16
+# A lattice of spots is kept that explains the first share of the picture, and none is looked for beyond the
+# second; cells that its corners may move by.
+_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
-# Logit from which on a placing is fitted.
-_WORTH_A_FIT = 0.0
+# Logit from which on a placing is fitted, and steps of the fit to cells.
+_WORTH_A_FIT, _CELL_STEPS = 0.0, 4
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -163,7 +163,7 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     best = (logit > _WORTH_A_FIT).nonzero()[:, 0]
     if len(best):
         cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
-        fit = fit_cells(scales, cells, shape, most_random=0.0)
+        fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
         if max(shape.rows, shape.columns) <= _MOST_LEDS:
@@ -266,8 +266,7 @@ def _repeated(frame: Frames, times: int) -> Frames:
 def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near.
 
-    They begin at the corners; where that explains too little, with the panel's own dark cells for background
-    and where a search over pitch and place leads.
+    They begin at the corners; where that explains too little, with the panel's own dark cells for background.
     """
     patches = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
     side = lattice_model.SAMPLES
@@ -276,18 +275,14 @@ def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
     cell = torch.maximum(*rectification.cell_size_px(corners_px, shape)).clamp(min=1e-6)
     best, share = corners_px.clone(), torch.full_like(ring, _LEAST_SHARE)
-    for number, (level, farthest) in enumerate(
-        ((ring, _NEAR_CELLS), (dark, _NEAR_CELLS), (ring, _FAR_CELLS))
-    ):
+    for level in (ring, dark):
         rows = (share < _GOOD_SHARE).nonzero()[:, 0]
         if not len(rows):
             break
         start, blur = corners_px[rows], torch.full_like(ring[rows], _BLUR)
-        if number == 2:
-            start, blur = lattice_model.search_lattice(frames[rows], start, level[rows], shape)
         begun = lattice_model.Lattice.at(start, blur, level[rows], shape)
         lattice = lattice_fit.fit_lattice(frames[rows], begun)
         moved = (lattice.corners_px - corners_px[rows]).norm(dim=2).amax(1) / cell[rows]
-        better = (lattice.share > share[rows]) & (moved <= farthest)
+        better = (lattice.share > share[rows]) & (moved <= _NEAR_CELLS)
         best[rows[better]], share[rows[better]] = lattice.corners_px[better], lattice.share[better]
     return best
