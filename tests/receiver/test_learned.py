@@ -44,9 +44,9 @@ def noisy():
 def test_the_shipped_weights_find_most_panels_in_noise(noisy):
     """With one false alarm in twenty frames allowed; what is found is where the panel is."""
     frames, truth = noisy
-    panels = LearnedLocator(false_alarms=0.05)(frames, SHAPE)
+    panels = LearnedLocator()(frames, SHAPE)
     assert panels.found.sum() >= 6
-    assert (panels.false_alarms[panels.found] <= 0.05).all()
+    assert (panels.false_alarms[panels.found] <= 1e-3).all()
     pitch = (truth.corners_px[:, 1] - truth.corners_px[:, 0]).norm(dim=1) / 8
     off = (panels.corners_px - truth.corners_px).norm(dim=2).amax(1) / pitch
     assert (off[panels.found] < 0.25).all()

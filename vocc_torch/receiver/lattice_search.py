@@ -92,13 +92,15 @@ def _boxes(planes: Tensor, size: tuple[int, int], join: Callable[[Tensor, Tensor
     Spans of 1, 2, 4, ... values are joined to those of the sides: many times faster than pooling.
     """
     around = (size[1] // 2, size[1] // 2, size[0] // 2, size[0] // 2)
-    planes = nn.functional.pad(planes, around, mode="replicate")
+    planes = nn.functional.pad(planes[:, None], around, mode="replicate")[:, 0]
     for axis, side in ((1, size[0]), (2, size[1])):
         many, at, span, whole = planes.shape[axis] - side + 1, 0, 1, None
-        while span <= side:
+        while True:
             if side & span:
                 piece = planes.narrow(axis, at, many)
                 whole, at = piece if whole is None else join(whole, piece), at + span
+            if 2 * span > side:
+                break
             left = planes.shape[axis] - span
             planes = join(planes.narrow(axis, 0, left), planes.narrow(axis, span, left))
             span *= 2

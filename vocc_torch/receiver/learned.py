@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
-from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
+from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells
 from vocc_torch.receiver.false_alarms import calibrated
 from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
@@ -21,7 +21,7 @@ from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 SHIPPED = "learned_locator.json"
-"""The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
+"""The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
 # Cells that lattices are shifted by, placings that are kept, and those that are fitted.
@@ -35,6 +35,9 @@ _LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 0.3
 _PARTS_PER_PX = 1024.0
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
+# Weights of the logit, of what two levels explain and of random bits, and a constant: a logistic regression
+# over 285 panels and 1417 other places in simulated frames; and below which less random says no more.
+_EVIDENCE, _LEAST_RANDOM = (1.2, 0.67, 0.54, -2.1), -10.0
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -67,22 +70,23 @@ def load_weights(path: Path, device: torch.device) -> PanelNet:
 
 @dataclass(frozen=True, slots=True)
 class LearnedLocator:
-    """Find panels by networks that have seen simulated frames only, then fit the lattice of LEDs.
+    """Find panels by a network that has seen simulated frames only, then fit the lattice of LEDs.
 
-    - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator; and those of
-      a first network, which judges every 8th pixel of a pyramid, with corners by a second one.
-    - Placings: a third network sees the cells of each with their surroundings, and tells which placing by
-      whole cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
+    - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator.
+    - Placings: the network sees the cells of each with their surroundings, and tells which placing by whole
+      cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
     - Fits: of two patterns to the cells, and of up to 16 x 16 LEDs of round spots, kept where the placing
       stays as likely.
+    - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
 
-    The third network's logit says how many false alarms a frame without a panel is expected to give, by a
-    table of such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)).
-    Of weights of one's own there is no table: a panel is found where the score is at least 0.5.
+    The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
+    frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-evidence)). Of weights
+    of one's own there is no table: a panel is found where the score is at least 0.5.
 
     Args:
-        weights: a file of ``benchmarks/train_locator.py``; None takes the one that ships.
-        false_alarms: a panel is found where at most as many are expected in a frame without one, above 0.
+        weights: a file of ``benchmarks/train_panel_net.py``; None takes the one that ships.
+        false_alarms: a panel is found where at most as many are expected in a frame without one; above 0, and
+            with infinity anything is.
 
     Raises:
         VoccError: a number out of its range; when called, weights that are missing or damaged.
@@ -93,7 +97,8 @@ class LearnedLocator:
 
     def __post_init__(self) -> None:
         """Refuse a number out of its range."""
-        if finite_number("location.false_alarms", self.false_alarms) <= 0:
+        most = self.false_alarms
+        if most != math.inf and finite_number("location.false_alarms", most) <= 0:
             raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
 
     def net(self, device: torch.device) -> PanelNet:
@@ -131,20 +136,14 @@ class LearnedLocator:
                 quads, logit = sighted(net, exact[i : i + 1], shape)
                 alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
                 if self.weights:  # of which nothing is stated, so only what is likelier than not
-                    quads, logit, alarms = (
-                        quads[logit >= 0],
-                        logit[logit >= 0],
-                        alarms[logit >= 0] * torch.nan,
-                    )
+                    quads, logit = quads[logit >= 0], logit[logit >= 0]
+                    alarms = torch.full_like(logit, torch.nan)
                 rows = torch.full_like(logit, i, dtype=torch.int64)
                 seen.append(Sightings(rows, quads, logit.sigmoid(), alarms))
-            parts = zip(
-                *([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen),
-                strict=True,
-            )
-            found = Sightings(*(torch.cat(part) for part in parts))
+            names = Sightings.__dataclass_fields__
+            found = Sightings(*(torch.cat([getattr(one, name) for one in seen]) for name in names))
             found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
-        return Sightings(*(getattr(found, name).clone() for name in Sightings.__dataclass_fields__))
+        return Sightings(*(getattr(found, name).clone() for name in names))
 
 
 def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tensor]:
@@ -156,6 +155,8 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
     quads, logit = placings(net, scales, spectral_places(scales, shape), shape, _REACH)
     quads, logit = distinct(quads, logit, shape, _KEPT)
+    if not len(quads):
+        return quads, logit.double()
     for _ in range(_STEPS):
         quads, logit = placings(net, scales, quads, shape, 1, moved=True)
     quads, logit = distinct(quads, logit, shape, _FITTED, _OVERLAP)
@@ -170,8 +171,21 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
             here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
             again = fitted(_repeated(here, len(best)), quads[best], shape)
             quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-    quads, logit = distinct(quads, logit, shape, _FITTED)
+    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _FITTED)
     return quads + frame.origin_px, logit.double()
+
+
+def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, shape: PanelShape) -> Tensor:
+    """Log odds (n,) of panels at quadrilaterals: the network's logit, what two levels explain, random bits.
+
+    Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
+    cells look; that their bits follow a rule is seen in the bits.
+    """
+    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
+    cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
+    random = randomness(cells.bits).clamp(max=0.0)
+    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM)], 1)
+    return told @ told.new_tensor(_EVIDENCE[:3]) + _EVIDENCE[3]
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
