@@ -8,7 +8,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness
-from vocc_torch.receiver.false_alarms import calibrated
+from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.foreground import ring_statistics
 from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
@@ -71,7 +71,8 @@ class LatticeLocator:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.
 
         Raises:
-            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or a panel so small
+                that no false alarms are stated of it.
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
@@ -98,7 +99,8 @@ class LatticeLocator:
             if bool(corners[row].isfinite().all()) and bool((apart > _OVERLAP * size[kept] / 2**0.5).all()):
                 kept.append(row)
         corners, score = corners[kept], score[kept]
-        table = calibrated("lattice", shape)
+        any_rate = self.false_alarms == float("inf")
+        table = calibrated("lattice", shape) if any_rate else demand_stated("lattice", shape)
         alarms = torch.full_like(score, torch.inf) if table is None else table.expected(score)
         sure = alarms <= self.false_alarms
         corners[sure] = _sharpened(frame, corners[sure], shape)

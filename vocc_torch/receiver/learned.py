@@ -12,7 +12,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells
-from vocc_torch.receiver.false_alarms import calibrated
+from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
@@ -121,11 +121,15 @@ class LearnedLocator:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.
 
         Raises:
-            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or damaged weights.
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, damaged weights, or a
+                panel so small that no false alarms are stated of it.
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
-        device, table = exact.grey.device, None if self.weights else calibrated("learned", shape)
+        device, table = exact.grey.device, None
+        if self.weights is None:
+            any_rate = self.false_alarms == math.inf
+            table = calibrated("learned", shape) if any_rate else demand_stated("learned", shape)
         net = self.net(device)
         with torch.inference_mode(), torch.autocast(device.type, enabled=False):
             corners = torch.zeros(0, 4, 2, dtype=torch.float64, device=device)
