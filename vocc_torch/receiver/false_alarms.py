@@ -17,7 +17,7 @@ from vocc_torch.types import PanelShape
 TABLE = Path(__file__).parent / "false_alarms.csv"
 """What ``benchmarks/false_alarms.py`` wrote."""
 
-_TAIL, _LEAST_FRAMES = 0.15, 50
+_TAIL, _LEAST_FRAMES = 0.07, 50
 
 
 @dataclass(frozen=True, slots=True)

@@ -195,7 +195,8 @@ def _peak(planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> tuple[Tens
     flat = (planes * taper).square().sum((2, 3)) + 4.0 * taper.square().sum()
     # Real pictures by real waves, which come as pairs of real and imaginary parts.
     lines = planes @ torch.view_as_real(own.wave).permute(1, 0, 2).flatten(1)
-    waves = other.wave @ torch.view_as_complex(lines.view(*lines.shape[:3], -1, 2))
+    pairs = lines.view(*lines.shape[:3], len(own.frequency), 2)
+    waves = other.wave @ torch.view_as_complex(pairs)
     waves = waves / flat.sqrt()[..., None, None]
     power = waves.abs().square().sum(0)
     power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
