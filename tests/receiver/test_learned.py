@@ -7,7 +7,7 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_search import Pyramid
-from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, distinct, placings, save_weights
+from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, distinct, evidence, placings, save_weights
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
@@ -115,6 +115,22 @@ def test_places_are_shifted_to_where_the_network_is_surest():
     placed, logit = placings(Sure(), scales, quad, PanelShape(8, 16), 2, moved=True)
     assert logit.tolist() == [3.0]
     assert torch.allclose(placed - quad, torch.tensor([[-2.0, 5.0], [-2, 4], [-2, 4], [-2, 4]]).double())
+
+
+def test_dots_by_a_rule_are_less_evidence_than_random_bits():
+    """As sure as the network may be, lamps in rows are no panel."""
+    across = torch.arange(8)
+    rule = ~((across % 2 == 1)[:, None] & (across % 2 == 1))
+    told = []
+    for bits in (torch.rand(8, 8, generator=torch.Generator().manual_seed(2)) < 0.5, rule):
+        grey = torch.full((1, 1, 90, 100), 20.0)
+        spot = torch.zeros(6, 6)
+        spot[1:5, 1:5] = 150.0
+        grey[0, 0, 20:68, 30:78] += torch.kron(bits.float(), spot)
+        quad = torch.tensor([[[30.0, 20.0], [78.0, 20.0], [78.0, 68.0], [30.0, 68.0]]]).double()
+        told.append(float(evidence(Pyramid.of(grey, 12), quad, torch.tensor([5.0]), SHAPE)))
+    assert told[0] > 5
+    assert told[1] < told[0] - 4
 
 
 def test_of_panels_that_overlap_the_likeliest_is_kept():
