@@ -184,6 +184,13 @@ def test_a_denominator_that_may_be_far_higher_leaves_the_low_end_above_0():
     assert ends.low == pytest.approx(low / (0.05 * -0.03))
 
 
+def test_a_denominator_that_may_be_0_leaves_no_high_end():
+    for value in (0.0, 0.2):
+        ends = compare.mover_ratio(Estimate(value, value / 2, 0.25), Estimate(0.01, 0.0, 0.05))
+        assert ends.high == math.inf
+        assert (ends.low > 0) == (value > 0)
+
+
 def test_without_errors_there_is_a_limit():
     ends = compare.mover_ratio(Estimate(0.0, 0.0, 0.001), Estimate(0.1, 0.08, 0.13))
     assert ends.low == 0

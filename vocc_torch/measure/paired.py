@@ -387,13 +387,14 @@ def mover_ratio(over: Estimate, under: Estimate, correlation: float = 0.0) -> Es
 
     Args:
         over: the number above the line.
-        under: the rate below the line, above 0, its low end too.
+        under: the rate below the line, above 0.
         correlation: of the two, -1 to 1.
 
     Returns:
-        ``low`` to ``high``, which may be above 1. Where ``over`` is 0, low is 0 and high a limit of the same
-        confidence as its own high end. A rate below the line whose high end is more than twice the rate
-        leaves low above 0 as long as that of the number above the line is.
+        ``low`` to ``high``, which may be above 1, and is infinite where the rate below the line may be 0.
+        Where ``over`` is 0, low is 0 and high a limit of the same confidence as its own high end. A rate
+        below the line whose high end is more than twice the rate leaves low above 0 as long as that of the
+        number above the line is.
 
     Example:
         >>> ends = mover_ratio(Estimate(0.02, 0.01, 0.04), Estimate(0.2, 0.19, 0.21))
@@ -411,6 +412,8 @@ def mover_ratio(over: Estimate, under: Estimate, correlation: float = 0.0) -> Es
         a, c = near * (rate + aside), low * (value + below)
         b = value * rate - shared * below * aside
         root = math.sqrt(max(0.0, b * b - a * c))
+        if a == 0 and b <= 0:
+            return -math.inf if b or c else 0.0
         return c / (b + root) if b > 0 or a <= 0 else (b - root) / a
 
     high = -least(-over.value, -over.high, -correlation)
