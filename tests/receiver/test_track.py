@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from vocc_torch import load_scene
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.track import Tracker, fit
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
+from vocc_torch.simulation.recording import Shutter, record
+from vocc_torch.simulation.scene import narrowed
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Panels, PanelShape, Scene
 
@@ -71,6 +74,18 @@ def test_a_shaking_panel_is_followed_and_found_again(approach):
     assert errors[HIDDEN.stop] < 0.25
     # Once at the beginning, once a hidden frame, and once again; all else is followed.
     assert tracker.searches == locator.asked <= 2 + len(grey[HIDDEN]) + 2
+
+
+def test_a_small_panel_that_stands_at_night_stays_where_it_is():
+    """Of 3 px an LED, in noise: where a line of LEDs away explains nearly as much."""
+    world, key = load_scene("night"), BlockKey(0, "night", 0)
+    scene = narrowed(world.scene, {"distance_m": 80}).draw(key, SHAPE)[0][:1]
+    film = torch.from_numpy(np.random.default_rng(5).random((40, 8, 8)) < 0.5)
+    (part,) = record(world.simulator(), scene, film, 0.01, Shutter(100.0, 0.005), key)
+    corners = (part.panels.corners_px - part.frames.origin_px[:, None]).numpy()
+    locator = Told(corners)
+    errors = errors_cells(Tracker(locator, SHAPE), locator, part.frames.grey[:, 0].numpy(), corners)
+    assert (errors < 0.25).mean() > 0.9
 
 
 def test_full_searches_come_every_so_often(approach):

@@ -210,7 +210,10 @@ class Track:
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
         expected = self.corners + self.motion * (1 + self.misses)
-        corners, blur, share = fit(grey, shift(grey, expected, self.seen), shape, self.blur)
+        # A shift finds a panel that shakes, and of few pixels errs where the motion alone leads there.
+        starts = expected, shift(grey, expected, self.seen)
+        tried = [fit(grey, start, shape, self.blur) for start in starts]
+        corners, blur, share = max(tried, key=lambda one: one[2])
         # Bits change, so that a shift may be off by a line of LEDs: then lattices a line away explain more.
         for _ in range(_LINES):
             if share >= _GOOD_SHARE * self.share:
