@@ -285,10 +285,10 @@ def load():
     parts = record(world.simulator(), *told, window=None, batch=16)
     seen = [grey for part in parts for grey in part.frames.grey[:, 0].numpy()]
     with tempfile.TemporaryDirectory() as folder:
-        for quality in (12, 20, 23):
+        for quality in (12, 20):
             path = Path(folder) / f"{quality}.mp4"
-            write_video(path, seen * 3, 100.0, quality)
-            count = 3 * len(seen)
+            write_video(path, seen * 5, 100.0, quality)
+            count = 5 * len(seen)
             mbit = path.stat().st_size * 8 * 100 / count / 1e6
             spent = [time.process_time()]
             greys = [one.grey for one in read_recording(path, "luma", grey_only=True)]
