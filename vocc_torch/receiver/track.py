@@ -211,7 +211,7 @@ class Track:
         """Look where the motion leads, and say whether the panel is there."""
         expected = self.corners + self.motion * (1 + self.misses)
         # A shift finds a panel that shakes, and of few pixels errs where the motion alone leads there.
-        starts = expected, shift(grey, expected, self.seen)
+        starts = [expected, shift(grey, expected, self.seen)]
         tried = [fit(grey, start, shape, self.blur) for start in starts]
         corners, blur, share = max(tried, key=lambda one: one[2])
         # Bits change, so that a shift may be off by a line of LEDs: then lattices a line away explain more.

@@ -2,7 +2,7 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
@@ -103,7 +103,7 @@ class RecordingResult:
     seconds: float = 0.0
     frames: int = 0
     wrong: dict[str, tuple[int, int]] = field(default_factory=dict)
-    spent_s: dict[str | tuple[str, ...], float] = field(default_factory=partial(defaultdict, float))
+    spent_s: dict[Hashable, float] = field(default_factory=partial(defaultdict, float))
     false: dict[Variant, int] = field(default_factory=partial(defaultdict, int))
 
 
