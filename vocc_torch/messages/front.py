@@ -15,10 +15,10 @@ from vocc_torch.types import Frames, Panels
 REMEMBERED = 5
 """Places of the panel of which the middle one is taken."""
 
-MOVED_CELLS, STEADY, CORNERS = 0.2, 0.5, 3
+MOVED_CELLS, STEADY, CORNERS = 0.1, 0.2, 3
 """A panel moves of which so many corners are farther than that from where the first of the remembered looks
-saw them, and have come nearer to there in all steps but one, each by so much of a step's share: errors of
-location go to and fro, and a single look that errs, first or last, makes one step."""
+saw them, and came nearer to there in each step, by so much of its share: errors of location go to and fro,
+and a single look that errs makes one step."""
 
 AROUND, LEAST_AROUND_PX = 0.5, 16
 """Share of the panel's extent, and px beside, that are read around it."""
@@ -162,7 +162,7 @@ class Front:
         seen = torch.stack([*self._looks])
         cell = float((seen[-1, 1] - seen[-1, 0]).norm()) / self.receiver.shape.columns
         way = seen[-1] - seen[0]
-        # Of each step, the share of the way that it goes; the second least.
-        share = ((seen.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)).kthvalue(2, dim=0).values
-        moved = (way.norm(dim=1) > MOVED_CELLS * cell) & (share > STEADY / (REMEMBERED - 1))
+        share = (seen.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)
+        steady = (share > STEADY / (REMEMBERED - 1)).all(dim=0)
+        moved = (way.norm(dim=1) > MOVED_CELLS * cell) & steady
         return int(moved.sum()) >= CORNERS
