@@ -61,6 +61,21 @@ def test_a_panel_that_moves_is_followed_and_one_that_stands_is_not(receiver, spe
     assert (wrong["false"] > 0.05) == moves
 
 
+@pytest.mark.parametrize("astray", [0, 32])
+def test_a_single_look_that_errs_is_no_motion(trained, astray):
+    """Of the first five looks the first, or the last, is a cell off."""
+
+    def erring(frames, shape):
+        panels = RefinedLocator()(frames, shape)
+        if len(frames) == 40:
+            panels.corners_px[astray] += (panels.corners_px[0, 1] - panels.corners_px[0, 0]) / 8
+        return panels
+
+    front = Front(Receiver("flda_3", erring, Reader(), trained))
+    front(frames_of(0.0)[0][:40])
+    assert front.tracker is None
+
+
 def test_a_window_is_read_as_the_whole_frame_is(receiver):
     greys, _ = frames_of(0.0)
     large = [np.pad(grey, ((300, 90), (11, 400)), constant_values=int(grey[0, 0])) for grey in greys[:6]]

@@ -15,9 +15,10 @@ from vocc_torch.types import Frames, Panels
 REMEMBERED = 5
 """Places of the panel of which the middle one is taken."""
 
-MOVED_CELLS, STRAIGHT, CORNERS = 0.2, 0.4, 3
+MOVED_CELLS, STEADY, CORNERS = 0.1, 0.2, 3
 """A panel moves of which so many corners are farther than that from where the first of the remembered looks
-saw them, and have gone there on a way of which so much is straight: errors of location go to and fro."""
+saw them, and came nearer to there in each step, by so much of its share: errors of location go to and fro,
+and a single look that errs makes one step."""
 
 AROUND, LEAST_AROUND_PX = 0.5, 16
 """Share of the panel's extent, and px beside, that are read around it."""
@@ -160,5 +161,8 @@ class Front:
             return False
         seen = torch.stack([*self._looks])
         cell = float((seen[-1, 1] - seen[-1, 0]).norm()) / self.receiver.shape.columns
-        way, net = seen.diff(dim=0).norm(dim=2).sum(dim=0), (seen[-1] - seen[0]).norm(dim=1)
-        return int(((net > MOVED_CELLS * cell) & (net > STRAIGHT * way)).sum()) >= CORNERS
+        way = seen[-1] - seen[0]
+        share = (seen.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)
+        steady = (share > STEADY / (REMEMBERED - 1)).all(dim=0)
+        moved = (way.norm(dim=1) > MOVED_CELLS * cell) & steady
+        return int(moved.sum()) >= CORNERS

@@ -144,6 +144,11 @@ def told(results: Sequence[Carried]) -> Iterator[str]:
                 at = f"{axis} {value_text(one.place.value)}: {one.goodput.value:.2f} kbit/s ({ends})"
                 raw = f"raw bit error rate {rate_text(one.raw.ber)}"
                 yield f"{receiver}, {at} by {name_of(one).partition(' ')[2]}; {raw}"
+        frames, codes = sum(one.frames for _, one in mine), dict.fromkeys(one.variant.code for _, one in mine)
+        read = sum(one.read_ms * one.frames for _, one in mine) / frames
+        each = {code: [one.decode_ms for _, one in mine if one.variant.code == code] for code in codes}
+        priced = ", ".join(f"{code} {sum(every) / len(every):.2f}" for code, every in each.items())
+        yield f"{receiver} costs {read:.2f} ms of processor time a frame, and ms a packet: {priced}"
         if axis == "distance_m":
             yield f"{receiver} carries {reach(one for _, one in mine)}"
     if false := sum(one.false for one in results):

@@ -2,7 +2,7 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
@@ -93,7 +93,8 @@ class RecordingResult:
         seconds: the recording's length.
         frames: of the camera.
         wrong: wrong bits in single frames by receiver, and how many bits there were.
-        spent_s: processor time to locate and read frames, and to decode, by receiver and by variant.
+        spent_s: processor time to locate and read frames by receiver, to add symbols up by receiver and kind
+            of soft values, and to decode by variant.
         false: packets that a checksum vouched for and nobody sent.
     """
 
@@ -102,7 +103,7 @@ class RecordingResult:
     seconds: float = 0.0
     frames: int = 0
     wrong: dict[str, tuple[int, int]] = field(default_factory=dict)
-    spent_s: dict[str | Variant, float] = field(default_factory=partial(defaultdict, float))
+    spent_s: dict[Hashable, float] = field(default_factory=partial(defaultdict, float))
     false: dict[Variant, int] = field(default_factory=partial(defaultdict, int))
 
 
@@ -172,9 +173,13 @@ def recorded(job: RecordingJob) -> RecordingResult:
                 done.spent_s[name] += located_s + time.process_time() - begun
                 wrong[name] += int(((bits >= 0) != truth).sum())
                 for soft in config.soft:
+                    begun = time.process_time()
                     blocks[name, soft] += combiners[name, soft].push(front.values(*read, soft), stamps)
+                    done.spent_s[name, soft] += time.process_time() - begun
     for of, combiner in combiners.items():
+        begun = time.process_time()
         blocks[of] += combiner.finish()
+        done.spent_s[of] += time.process_time() - begun
     done.wrong = {name: (count, done.frames * shape.leds) for name, count in wrong.items()}
     for one in variants:
         begun = time.process_time()
@@ -246,7 +251,7 @@ class Carried:
         payload_bits: of a packet.
         packets_s: packets sent a second.
         frames: of the camera.
-        read_ms: processor time to locate and read a frame, ms.
+        read_ms: processor time from a frame to the sums of its symbols, ms.
         decode_ms: to decode a packet, ms.
         false: packets that were vouched for and never sent.
     """
@@ -297,7 +302,8 @@ def carried(
         bits, lost = 8 * payload_bytes(code_of(layout).info_bytes), [one.lost[variant] for one in outcomes]
         sent, wrong = outcomes[0].sent[variant], [one.wrong[variant.receiver] for one in outcomes]
         least = min(count for _, count in wrong)
-        spent = [sum(one.spent_s[of] for one in outcomes) for of in (variant.receiver, variant)]
+        parts = variant.receiver, variant[:2], variant
+        spent = [sum(one.spent_s[of] for one in outcomes) for of in parts]
         yield Carried(
             place,
             variant,
@@ -307,8 +313,8 @@ def carried(
             bits,
             sent / outcomes[0].seconds,
             frames,
-            1e3 * spent[0] / frames,
-            1e3 * spent[1] / (sent * len(outcomes)),
+            1e3 * (spent[0] + spent[1]) / frames,
+            1e3 * spent[2] / (sent * len(outcomes)),
             sum(one.false[variant] for one in outcomes),
         )
 
