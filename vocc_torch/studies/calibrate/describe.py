@@ -11,7 +11,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate import statistics
-from vocc_torch.studies.calibrate.fit import RANGES, RecordingFit
+from vocc_torch.studies.calibrate.fit import RANGES, SURE, RecordingFit
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.statistics import Curve, Scatter
 
@@ -23,6 +23,13 @@ CODED_GAIN = 30.0
 """Gain that an effect needs in coded pictures."""
 BLIND_BLUR_PX = 0.15
 """A narrower blur is none."""
+BY_GAMMA = (
+    *("camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.veiling_glare.luminance_cd_m2"),
+    *("effects.blooming.sigma_px", "effects.vignetting.corner_loss"),
+)
+"""Values that have no interval where gamma is not told."""
+WIDE_GAMMA = 0.3
+"""Half of gamma's 95 % interval from which on the page says that it is hardly told."""
 RESPONSE = 0.05
 """Sensors whose pixels differ by a larger share of the background's light differ in their offsets."""
 BIC = "gain of likelihood, twice its logarithm, less log(pixels) a value (BIC)"
@@ -39,6 +46,7 @@ class Findings:
         around: the picture around it.
         fall: how light falls off there.
         coded: the likeliest JPEG quality, and how sure it is.
+        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
         named: effects that were tried.
         values: of the scene.
         unknown: what the recording does not tell.
@@ -50,6 +58,7 @@ class Findings:
     around: statistics.Surround
     fall: statistics.Falloff
     coded: tuple[int, float] = (0, 0.0)
+    loose: bool = False
     named: list[Named] = field(default_factory=list)
     values: list[Value] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
@@ -73,7 +82,13 @@ class Findings:
 
     def tell(self, key: str, given: float, deviation: float = math.nan, note: str = "") -> None:
         """Note a value."""
-        self.values.append(Value(key, given, deviation, note))
+        self.note(Value(key, given, deviation, note))
+
+    def note(self, value: Value) -> None:
+        """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
+        if value.key in BY_GAMMA and self.loose:
+            value = replace(value, deviation=math.nan, note=value.note + "; no interval, see below")
+        self.values.append(value)
 
     def asked(self, effect: str) -> bool:
         """Say whether the recording asks for an effect."""
@@ -106,16 +121,28 @@ def describe(
         ambient_lx: where it is known.
         efficiency: the quantum efficiency that is assumed where it is not.
     """
-    gamma = float(fit.of_all[0])
-    if min(abs(gamma - end) for end in RANGES["gamma"]) > 1e-6:
-        found.camera = replace(found.camera, gamma=round(gamma, 5))
-    else:
-        found.doubts.append(
-            f"gamma runs to its bound, {gamma:g}: the camera's, {found.camera.gamma:g}, is taken"
+    gamma, quality = float(fit.of_all[0]), found.coded[0]
+    coded = found.tried("jpeg", found.coded[1], CODED, "standard deviations off chance", "pictures are coded")
+    bound = min(abs(gamma - end) for end in RANGES["gamma"]) < 1e-6
+    found.loose = coded or bound
+    if coded:
+        found.unknown.append(
+            "gamma, blur, the LEDs' luminance and vignetting under coding, which rounds the picture's fine "
+            "parts away: they are written as they are seen, without intervals"
         )
+    if bound:
+        found.doubts.append(
+            f"gamma runs to its bound, {gamma:g}: the camera's, {found.camera.gamma:g}, is taken, and what "
+            "hangs on it has no interval"
+        )
+    else:
+        found.camera = replace(found.camera, gamma=round(gamma, 5))
+        found.tell("camera.gamma", gamma, fit.deviation("gamma"), "by the flanks of the spots")
+        if SURE * fit.deviation("gamma") > WIDE_GAMMA:
+            found.unknown.append(
+                "gamma, hardly: LEDs and background are too alike in brightness to tell it from the levels"
+            )
     where(fit, apart, found)
-    quality, sure = found.coded
-    coded = found.tried("jpeg", sure, CODED, "standard deviations off chance", "pictures are coded")
     if coded:
         found.unknown.append(
             "the sensor's colours: coding takes away by what demosaicing is told; its blur is in blooming"
@@ -125,11 +152,13 @@ def describe(
     efficiency = how_bright(fit, curve if counts else None, found, ambient_lx, efficiency)
     through_the_lens(fit, found)
     explains = "LEDs differ in brightness"
-    if found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, explains):
+    if coded:
+        found.unknown.append("how the LEDs differ: coding changes each of them, too")
+    elif found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, explains):
         key = "effects.led_scatter.coefficient_of_variation"
         found.tell(key, min(scatter.share, 2.0), scatter.deviation, "of this panel")
     if curve is None or coded:
-        why = "coding takes most of it away" if coded else "fewer than 4 frames show none"
+        why = "coding takes it away" if coded else "rounding hides it, or fewer than 4 frames show none"
         found.unknown.append(f"the sensor's noise: {why}; the scene has none")
     else:
         how_noisy(fit, curve, found, efficiency)
@@ -215,7 +244,7 @@ def how_bright(
             * seen.background_cd_m2
         )
     )
-    found.values.append(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
+    found.note(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
     found.unknown.append("the air: what attenuation takes from the LEDs is missing in led_luminance_cd_m2")
     if veiled:
         slope = 1 / (shares - middle) + 1 / (middle - 1)

@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
-from torch import Tensor
+from scipy import stats
+from torch import Tensor, nn
 
 from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.simulation import raster
@@ -16,16 +17,22 @@ from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED,
 CLEAR_SIGMAS = 4.0
 """A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
 STEPS = 15
-OWN_ROUNDING = 4.0
-"""Grey values between a pixel's neighbours from which on its rounding tells nothing of theirs."""
-FIRST_DAMPING, LOOSE = 1e-4, 1e-7
-"""Share of the diagonal that the first step adds, and from which on a step is held back no more."""
+OWN_ROUNDING = 2.0
+"""Grey values from a pixel to the next from which on its rounding tells nothing of theirs."""
+FIRST_DAMPING, LOOSE = 1e-6, 1e6
+"""Share of the diagonal that the first step adds, and beyond which no step helps."""
 UNDITHERED = 0.1
 """Variance of noise, in grey values, below which pixels of one light are rounded alike."""
 BEGUN_WITH = 3
 """Frames by which the blur's size is searched for."""
-SETTLED = 1e-5
-"""Share of the misfit that a step must take away, or it is the last."""
+SETTLED = 0.01
+"""Twice the log-likelihood that a step must promise: no value then moves by a tenth of its deviation."""
+CORRECTIONS = 40
+"""Steps in which rounding is taken out."""
+GRID_PX = 8
+"""Side of the blocks in which residuals hang together: JPEG's."""
+SURE = 1.96
+"""Standard deviations to either side of a 95 % interval."""
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
 """Bounds of what all frames share."""
 STEEPEST = 1.3
@@ -47,8 +54,10 @@ class RecordingFit:
         free: names of the values that were fitted.
         misfit: weighted sum of squared residuals, in units of the noise.
         scale: variance of the residuals over that of the noise.
-        shared: (M,M) covariance of the fitted values that all share.
-        alone: (B,N,N) covariance of each frame's fitted values, were those that all share known.
+        shared: (3,M,M) covariances of the fitted values that all share, of which the widest counts: by the
+            curvature of the likelihood times ``scale``, by the scatter of its slopes from block to block of 8
+            x 8 px, and by that from frame to frame (sandwiches), with Student's t for the frames there are.
+        alone: (2,B,N,N) of each frame's values, were those that all share known: by curvature, by blocks.
         lead: (B,N,M) by how much a frame's values follow those that all share.
     """
 
@@ -62,8 +71,8 @@ class RecordingFit:
     free: tuple[str, ...] = ()
     misfit: float = math.inf
     scale: float = 1.0
-    shared: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
-    alone: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
+    shared: Tensor = field(default_factory=lambda: torch.zeros(3, 0, 0))
+    alone: Tensor = field(default_factory=lambda: torch.zeros(2, 0, 0, 0))
     lead: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
 
     @property
@@ -85,7 +94,7 @@ class RecordingFit:
     def deviation(self, name: str) -> float:
         """Standard deviation of a fitted value that all share."""
         at = [one for one in self.free if one not in OF_FRAME].index(name)
-        return math.sqrt(max(0.0, float(self.shared[at, at]) * self.scale))
+        return math.sqrt(max(0.0, float(self.shared[:, at, at].max())))
 
     def derived(self, of: Callable[[Mapping[str, Tensor], Tensor], Tensor]) -> tuple[Tensor, Tensor, float]:
         """Derive a value of every frame from the fitted ones, and how sure it is.
@@ -109,10 +118,15 @@ class RecordingFit:
             along[1] @ t if along[1].ndim > 1 else along[1] for name, _, t in turns if name not in OF_FRAME
         ]
         a, b = torch.stack(mine, 1), torch.stack(common, 1)
-        variance = torch.einsum("bi,bij,bj->b", a, self.alone, a) * self.scale
+        variance = torch.einsum("bi,wbij,bj->wb", a, self.alone, a).amax(0)
         pulled = (b - torch.einsum("bi,bij->bj", a, self.lead)).mean(0)
-        added = float(pulled @ self.shared @ pulled) * self.scale
+        added = float((pulled @ self.shared @ pulled).max())
         return made.detach(), variance.clamp(min=0).sqrt(), math.sqrt(max(0.0, added))
+
+    def sure(self, blocks: "Blocks", scores: Tensor) -> "RecordingFit":
+        """Note how sure the values are, by the normal equations and what each pixel adds (D,B,H,W)."""
+        shared, alone, lead = covariances(*blocks[:3], scores, self.scale)
+        return replace(self, shared=shared, alone=alone, lead=lead)
 
     def value(self, name: str) -> Tensor:
         """A value: of each frame (B,), or of all."""
@@ -179,7 +193,7 @@ def start(
     for share in (0.12, 0.25, 0.45, 0.7):
         moment = float(pitch.median() * share) ** 2
         blurred = replace(few, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
-        tried.append(settled(blurred, (*LEVELS[:3], "blur"), steps=4, robust=False))
+        tried.append(settled(blurred, (*LEVELS[:3], "blur"), steps=2, robust=False))
     best = min(tried, key=lambda one: one.misfit)
     return settled(replace(begun, of_all=best.of_all), LEVELS[:3], steps=3, robust=False)
 
@@ -207,50 +221,111 @@ def settled(
         steps: most steps.
         robust: whether far residuals count less.
     """
-    own, all_ = ([name for name in free if (name in OF_FRAME) == is_own] for is_own in (True, False))
-    along = [model.direction(name) for name in (*own, *all_)]
-    frame_turns = torch.stack([frame for _, frame, _ in along[: len(own)]])
-    shared_turns = (
-        torch.stack([shared for _, _, shared in along[len(own) :]]) if all_ else torch.zeros(0, len(OF_ALL))
-    ).double()
+    turns, rendered = Turns.of(free), expecting(fit)
+    along, own = turns.along, len(turns.own)
+    variance = fit.predicted()[1]
+    damping, current = FIRST_DAMPING, (fit.of_frame, fit.of_all)
+
+    def weighed(residual: Tensor) -> Tensor:
+        weights = fit.trust / variance
+        return weights * calmed(residual, variance) if robust else weights
+
+    for step in range(steps + 1):
+        mean, slopes = model.slopes(rendered, *current, along)
+        residual = fit.grey - mean
+        weights = weighed(residual)
+        misfit = float((weights * residual.square()).sum())
+        counted = max(fit.pixels - own * len(fit.grey) - len(turns.shared), 1.0)
+        scale = max(misfit / counted, 1e-12)
+        blocks = normal(slopes, residual, weights, own)
+        if step == steps:
+            break
+        moved = True
+        while True:
+            own_step, all_step = arrow_step(*blocks, damping)
+            promised = float((own_step * blocks[3]).sum() + (all_step * blocks[4]).sum())
+            if promised < SETTLED * scale:
+                moved = False
+                break
+            of_frame, of_all = turns.moved(*current, own_step, all_step)
+            new = float((weights * (fit.grey - rendered(of_frame, of_all)).square()).sum())
+            if new <= misfit or damping > LOOSE:
+                moved = new < misfit
+                break
+            damping *= 8
+        if not moved:
+            break
+        current, damping = (of_frame, of_all), max(damping / 10, 1e-10)
+    made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names, misfit=misfit)
+    return replace(made, scale=scale).sure(blocks, slopes * (weights * residual))
+
+
+def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> RecordingFit:
+    """Compare the frames with what rounding makes of the expected ones, so that it moves no value.
+
+    Rounding without noise is no random error: it has the same sign wherever the picture is alike. At the true
+    values the rounded picture differs from the measured one by noise alone, so the steps of :func:`settled`
+    are taken on with that difference. Intervals keep the width that they had with rounding
+    as noise, or take that of the slopes' scatter where it is wider.
+
+    Args:
+        fit: a settled one.
+        free: names of the values to fit.
+        sigma: standard deviation of the noise, in grey values.
+    """
+    turns, rendered = Turns.of(free), expecting(fit)
+    weights = fit.trust / fit.predicted()[1]
+    weights = weights * calmed(fit.grey - fit.predicted()[0], fit.predicted()[1])
+    current = fit.of_frame, fit.of_all
+    slopes = model.slopes(rendered, *current, turns.along)[1]
+    for _ in range(CORRECTIONS):
+        residual = fit.grey - model.written(rendered(*current), sigma)
+        blocks = normal(slopes, residual, weights, len(turns.own))
+        current = turns.moved(*current, *arrow_step(*blocks, FIRST_DAMPING))
+    made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names)
+    return made.sure(blocks, slopes * (weights * residual))
+
+
+@dataclass(frozen=True)
+class Turns:
+    """The ways in which values are changed.
+
+    Args:
+        own: names of those that each frame has.
+        shared: names of those that all share.
+        along: their directions.
+    """
+
+    own: tuple[str, ...]
+    shared: tuple[str, ...]
+    along: list[model.Direction]
+
+    @classmethod
+    def of(cls, free: Sequence[str]) -> "Turns":
+        """Sort names: each frame's first."""
+        own, shared = (tuple(n for n in free if (n in OF_FRAME) == is_own) for is_own in (True, False))
+        return cls(own, shared, [model.direction(name) for name in (*own, *shared)])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.own, *self.shared)
+
+    def moved(self, of_frame: Tensor, of_all: Tensor, own: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
+        """Take a step, within bounds."""
+        count = len(self.own)
+        frame = torch.stack([one for _, one, _ in self.along])[:count]
+        of_all = of_all + shared @ torch.stack([one for _, _, one in self.along])[count:]
+        return bounded(of_frame + own @ frame), bounded_all(of_all)
+
+
+def expecting(fit: RecordingFit) -> Callable[[Tensor, Tensor], Tensor]:
+    """Give the function that makes expected grey values of a fit's kind from values."""
 
     def rendered(of_frame: Tensor, of_all: Tensor) -> Tensor:
         return model.expected(model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise)[0]
 
-    variance = fit.predicted()[1] / fit.trust
-    damping, current, weights = FIRST_DAMPING, (fit.of_frame, fit.of_all), 1 / variance
-    mean, slopes = model.slopes(rendered, *current, along)
-    residual = fit.grey - mean
-    if robust:
-        weights = weights * calmed(residual, variance * fit.trust)
-    cost = (weights * residual.square()).sum(dim=(1, 2))
-    for _ in range(steps):
-        blocks = normal(slopes, residual, weights, len(own))
-        while True:
-            own_step, all_step = arrow_step(*blocks, damping)
-            of_frame = bounded(current[0] + own_step @ frame_turns)
-            of_all = bounded_all(current[1] + all_step @ shared_turns)
-            tried = fit.grey - rendered(of_frame, of_all)
-            new = (weights * tried.square()).sum(dim=(1, 2))
-            if float(new.sum()) <= float(cost.sum()) or damping > 1e6:
-                break
-            damping *= 8
-        gained = 1 - float(new.sum()) / max(float(cost.sum()), 1e-300)
-        if gained < 0:
-            break
-        current, damping, cost = (of_frame, of_all), max(damping / 10, 1e-10), new
-        mean, slopes = model.slopes(rendered, *current, along)
-        residual = fit.grey - mean
-        if robust:
-            weights = calmed(residual, variance * fit.trust) / variance
-            cost = (weights * residual.square()).sum(dim=(1, 2))
-        if gained < SETTLED and damping <= LOOSE:  # else the damping holds it back
-            break
-    misfit = float(cost.sum())
-    counted = max(fit.pixels - len(own) * len(fit.grey) - len(all_), 1.0)
-    alone, lead, shared = covariances(*normal(slopes, residual, weights, len(own))[:3])
-    made = replace(fit, of_frame=current[0], of_all=current[1], free=(*own, *all_), misfit=misfit)
-    return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, alone=alone, lead=lead)
+    return rendered
 
 
 def trusted(fit: RecordingFit) -> RecordingFit:
@@ -263,10 +338,8 @@ def trusted(fit: RecordingFit) -> RecordingFit:
     mean, variance = fit.predicted()
     if float((variance - model.ROUNDING).median()) > UNDITHERED:
         return replace(fit, trust=torch.ones(1, 1, 1).double())
-    padded = torch.nn.functional.pad(mean.unsqueeze(1), (1, 1, 1, 1), mode="replicate")
-    high, low = (torch.nn.functional.max_pool2d(sign * padded, 3, 1)[:, 0] for sign in (1, -1))
-    rise = (high + low) / OWN_ROUNDING
-    return replace(fit, trust=rise.square().clamp(min=1 / mean.numel(), max=1.0))
+    steep = torch.stack(torch.gradient(mean, dim=(1, 2))).square().sum(0) / OWN_ROUNDING**2
+    return replace(fit, trust=steep.square().clamp(min=1 / mean.numel(), max=1.0))
 
 
 def calmed(residual: Tensor, variance: Tensor) -> Tensor:
@@ -308,11 +381,36 @@ def damped(matrix: Tensor, damping: float) -> Tensor:
     return matrix + torch.diag_embed(damping * diagonal + least)
 
 
-def covariances(own: Tensor, mixed: Tensor, shared: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Invert the normal equations; see :class:`RecordingFit` for the parts."""
+def covariances(
+    own: Tensor, mixed: Tensor, shared: Tensor, scores: Tensor, scale: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Say how sure the values are; see :class:`RecordingFit` for the parts.
+
+    Args:
+        own: the normal equations' blocks, as ``mixed`` and ``shared``.
+        mixed: likewise.
+        shared: likewise.
+        scores: (D,B,H,W) what each pixel adds to the slopes of the likelihood.
+        scale: variance of the residuals over that of the noise.
+    """
     inverse = torch.linalg.inv(damped(own, 0.0))
     lead = inverse @ mixed
-    return inverse, lead, torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
+    whole = torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
+    parts = nn.functional.avg_pool2d(scores, GRID_PX, ceil_mode=True, divisor_override=1).flatten(2)
+    parts, count = parts.movedim(0, 1), own.shape[1]
+    of_own = parts[:, :count]
+    of_all = parts[:, count:] - lead.mT @ of_own  # (B,M,K): what a block pulls at that which all share
+    frames = len(own)
+    freedom = max(frames - 1, 1)
+    wide = frames / freedom * (float(stats.t.ppf(0.975, freedom)) / SURE) ** 2
+    by_frame = of_all.sum(2)
+    meats = (of_all @ of_all.mT).sum(0), wide * by_frame.mT @ by_frame
+    by_scatter = [whole @ meat @ whole for meat in meats]
+    return (
+        torch.stack([whole * scale, *by_scatter]),
+        torch.stack([inverse * scale, inverse @ (of_own @ of_own.mT) @ inverse]),
+        lead,
+    )
 
 
 def bounded(of_frame: Tensor) -> Tensor:

@@ -45,7 +45,6 @@ def write_page(study: CalibratedScene, source: str, command: str, folder: Path) 
         scene=study.scene,
         has_curve=has_curve,
         still=curve is not None and curve.still,
-        gamma=(float(fit.of_all[0]), fit.deviation("gamma")),
         shown=shown,
     )
     write_atomically(folder / "page.md", text.encode())

@@ -13,10 +13,8 @@ from torch import Tensor
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import MIDDLE_GREY
-from vocc_torch.studies.calibrate.fit import RecordingFit
+from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 
-SURE = 1.96
-"""Standard deviations to either side of a 95 % interval."""
 Derived = tuple[Tensor, Tensor, float]
 """A value of every frame (B,), its own standard deviation (B,), and what that adds which all share."""
 UNKNOWN_LX = 8000.0
@@ -105,7 +103,7 @@ class Calibrated:
         made: dict[str, Any] = {"name": name}
         camera = self.camera
         for one in self.values:
-            if not one.key.startswith("effects."):
+            if "." not in one.key:
                 made[one.key] = one.given
         kept = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
         made["camera"] = {key: getattr(camera, key) for key in (*kept, "gamma")}

@@ -93,9 +93,9 @@ def transfer(fit: RecordingFit) -> Curve:
     count = torch.bincount(place, minlength=BINS).double()
     good = count >= 50
     level = (torch.bincount(place, light, BINS) / count.clamp(min=1))[good]
-    raw = (torch.bincount(place, square, BINS) / count.clamp(min=1))[good]
     # Far residuals are what passes by, not noise.
-    calm = square < 25 * raw.new_zeros(BINS).masked_scatter(good, raw)[place]
+    bulk = torch.stack([square[place == i].median() if good[i] else count[i] for i in range(BINS)]) / 0.455
+    calm = square < 16 * bulk[place]
     calm_count = torch.bincount(place[calm], minlength=BINS).double()[good]
     raw = torch.bincount(place[calm], square[calm], BINS)[good] / calm_count.clamp(min=1)
     gamma = fit.of_all[0]
@@ -322,12 +322,12 @@ def patterns(around: Surround) -> Pattern:
     fixed = math.sqrt(max(0.0, found - noise))
     error = found * math.sqrt(2 / count) / (2 * fixed) if fixed > 0 else math.nan
     moving = rest - mean
-    wide = outside.sum(1)
+    wide = calm.sum(1)
     rows = wide >= 16
-    shared = (moving * outside).sum(2)[:, rows] / wide[rows]
+    shared = (moving * calm).sum(2)[:, rows] / wide[rows]
     shared = shared - shared.mean(1, keepdims=True)
     left = (1 - 1 / frames) * (1 - 1 / max(rows.sum(), 2))
-    each = (temporal * outside).sum(1)[rows] / wide[rows] / wide[rows]
+    each = (temporal * calm).sum(1)[rows] / wide[rows] / wide[rows]
     row_found, row_noise = float((shared**2).mean()) / left, float(each.mean())
     row_count = frames * int(rows.sum()) * left
     row = math.sqrt(max(0.0, row_found - row_noise))

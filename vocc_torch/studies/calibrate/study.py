@@ -20,6 +20,7 @@ from vocc_torch.studies.calibrate.fit import (
     UNDITHERED,
     RecordingFit,
     amplitudes,
+    corrected,
     decided,
     mirrored,
     settled,
@@ -143,9 +144,9 @@ def calibrate(
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     curve = None
-    for _ in range(2):
-        curve = statistics.transfer(fit) if len(grey) >= LEAST_FRAMES else None
-        fit = settled(trusted(fit if curve is None else replace(fit, noise=curve.noise)), free, steps=8)
+    for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
+        curve = statistics.transfer(fit)
+        fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
     fit, free = sensor_and_lens(fit, free, found)
     own, error = amplitudes(fit)
     if bits is None and bool(((own > 0.5) != fit.bits).any()):
@@ -156,6 +157,8 @@ def calibrate(
     if curve is not None:
         curve = statistics.transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
+    if quiet and not found.needed:
+        fit = corrected(fit, free, math.sqrt(around.noise()))
     scene = describe(fit, curve, scatter, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
     return CalibratedScene(finer(scene, whole, times), fit, curve, own, footage)
 
@@ -242,7 +245,7 @@ def sensor_and_lens(
     """Try demosaicing, motion, the lens and a board, one after the other."""
     free = tuple(free)
     if not found.needed and not bool((fit.windows.origin_px % 2).any()):
-        tried = settled(replace(fit, windows=replace(fit.windows, mosaic=True)), free, steps=6)
+        tried = settled(replace(fit, windows=replace(fit.windows, mosaic=True)), free, steps=2)
         # No value more: the likelier of the two, by what one value would cost.
         gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.pixels)
         explains = "colours are guessed from neighbours"
@@ -258,9 +261,10 @@ def sensor_and_lens(
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
     free = (*free, "k1") if kept is rich else free
     fit = kept if kept is rich else fit
-    boards = replace(fit, windows=replace(fit.windows, has_board=True))
-    boards.of_frame[:, OF_FRAME.index("board")] = fit.value("off").clamp(max=300)
-    rich = settled(boards, (*free, "board"), steps=6)
+    own = fit.of_frame.clone()
+    own[:, OF_FRAME.index("board")] = fit.value("background")
+    boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
+    rich = settled(boards, (*free, "board"), steps=4)
     kept = found.judge(
         "panel.board_reflectance", fit, rich, "between the LEDs it is not as bright as around them"
     )
