@@ -16,16 +16,10 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.studies.calibrate import model, statistics
-from vocc_torch.studies.calibrate.fit import (
-    BASE,
-    RecordingFit,
-    amplitudes,
-    decided,
-    settled,
-    start,
-    two_levels,
-)
+from vocc_torch.studies.calibrate import model, surround
+from vocc_torch.studies.calibrate.coded import compression
+from vocc_torch.studies.calibrate.fit import RecordingFit, settled
+from vocc_torch.studies.calibrate.leds import BASE, amplitudes, decided, scatter, start, two_levels
 from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
 from vocc_torch.studies.calibrate.reading import Footage, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
@@ -226,9 +220,9 @@ def test_leds_that_differ_are_told_from_noise():
     bits = torch.from_numpy(draws.random((20, 64)) > 0.5)
     error = torch.full((20, 64), 0.05).double()
     noise = torch.from_numpy(draws.normal(0, 0.05, (20, 64)))
-    alike = statistics.scatter(bits + noise, error, bits)
+    alike = scatter(bits + noise, error, bits)
     factors = torch.from_numpy(np.exp(draws.normal(0, 0.08, 64)))
-    apart = statistics.scatter(bits * factors + noise, error, bits)
+    apart = scatter(bits * factors + noise, error, bits)
     assert alike.gain < 10.8 < apart.gain
     assert abs(apart.share - 0.08) < 4 * apart.deviation
 
@@ -244,9 +238,9 @@ def test_the_quality_of_coded_pictures_is_found(quality):
     file = io.BytesIO()
     Image.fromarray(plane).save(file, "JPEG", quality=quality)
     coded = np.array(Image.open(file))
-    found, sure = statistics.compression(coded[None])
+    found, sure = compression(coded[None])
     assert abs(found - quality) <= 1
-    assert sure > 12 > statistics.compression(plane[None])[1]
+    assert sure > 12 > compression(plane[None])[1]
 
 
 def test_patterns_and_rows_are_told_from_noise():
@@ -254,22 +248,22 @@ def test_patterns_and_rows_are_told_from_noise():
     fixed, rows = draws.normal(0, 1.0, (1, 90, 90)), draws.normal(0, 0.8, (12, 90, 1))
     noise = draws.normal(0, 2.0, (12, 90, 90))
     corners = torch.tensor([[[40.0, 40], [50, 40], [50, 50], [40, 50]]]).expand(12, 4, 2).double()
-    around = statistics.Surround.of(100 + fixed + rows + noise, corners, 8)
-    found = statistics.patterns(around)
+    around = surround.Surround.of(100 + fixed + rows + noise, corners, 8)
+    found = surround.patterns(around)
     assert found.fixed == pytest.approx(1.0, abs=4 * found.fixed_deviation)
     assert found.row == pytest.approx(0.8, abs=4 * found.row_deviation)
-    none = statistics.patterns(statistics.Surround.of(100 + noise, corners, 8))
+    none = surround.patterns(surround.Surround.of(100 + noise, corners, 8))
     assert max(none.fixed_gain, none.row_gain) < 10.8 < min(found.fixed_gain, found.row_gain)
 
 
 def test_light_that_falls_off_is_told_from_even_light():
     draws = np.random.default_rng(3)
-    shade, out = statistics.natural(240, 320, 400.0)
+    shade, out = surround.natural(240, 320, 400.0)
     corners = torch.tensor([[[140.0, 100], [180, 100], [180, 140], [140, 140]]]).expand(4, 4, 2).double()
     light = shade * (1 - 0.2 * out)
     for plane, named in ((light, True), (np.ones_like(light), False)):
         greys = 110 * plane ** (1 / 2.2) + draws.normal(0, 2, (4, 240, 320))
-        found = statistics.falloff(statistics.Surround.of(greys.round(), corners, 8), 400.0, 2.2)
+        found = surround.falloff(surround.Surround.of(greys.round(), corners, 8), 400.0, 2.2)
         assert (found.natural_gain > 0) is named
         if named:
             assert found.corner_loss == pytest.approx(0.2, abs=4 * found.deviation)

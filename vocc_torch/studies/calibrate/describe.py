@@ -10,10 +10,11 @@ from torch import Tensor
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
-from vocc_torch.studies.calibrate import statistics
 from vocc_torch.studies.calibrate.fit import RANGES, SURE, RecordingFit
+from vocc_torch.studies.calibrate.leds import Scatter
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
-from vocc_torch.studies.calibrate.statistics import Curve, Scatter
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, lamps, patterns
+from vocc_torch.studies.calibrate.transfer import Curve, middle_slope
 
 LIKELIHOOD = 10.8
 """Twice the log-likelihood ratio that one value reaches by chance once in a thousand times (chi-squared)."""
@@ -55,8 +56,8 @@ class Findings:
 
     camera: Camera
     panel: LedPanel
-    around: statistics.Surround
-    fall: statistics.Falloff
+    around: Surround
+    fall: Falloff
     coded: tuple[int, float] = (0, 0.0)
     loose: bool = False
     named: list[Named] = field(default_factory=list)
@@ -324,9 +325,9 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
             "see camera.exposure_time_s and camera.f_number"
         )
     electrons, slope_error = 1 / curve.noise.slope, curve.deviation[0] / curve.noise.slope
-    pattern = statistics.patterns(found.around)
+    pattern = patterns(found.around)
     x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
-    steep = statistics.middle_slope(x, gamma, curve.noise)
+    steep = middle_slope(x, gamma, curve.noise)
     share = pattern.fixed / steep / x
     if read:
         # Where the panel moves over the pixels, what differs from pixel to pixel is in the floor too.
@@ -355,7 +356,7 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
 
 def beside(fit: RecordingFit, found: Findings) -> None:
     """Describe lamps beside the panel."""
-    count, wide, grey = statistics.lamps(found.around)
+    count, wide, grey = lamps(found.around)
     explains = "round bright things stand beside the panel"
     if not found.tried("lamps", count, 0.5, "how many a frame", explains):
         return

@@ -12,24 +12,16 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
-from vocc_torch.studies.calibrate import model, statistics
+from vocc_torch.studies.calibrate import model
+from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.describe import BIC, LIKELIHOOD, Findings, describe
-from vocc_torch.studies.calibrate.fit import (
-    BASE,
-    POSED,
-    UNDITHERED,
-    RecordingFit,
-    amplitudes,
-    corrected,
-    decided,
-    mirrored,
-    settled,
-    start,
-    trusted,
-)
+from vocc_torch.studies.calibrate.fit import UNDITHERED, RecordingFit, corrected, settled, trusted
+from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, falloff, natural
+from vocc_torch.studies.calibrate.transfer import Curve, transfer
 
 GRID_PX = 8
 """Windows begin on multiples of it, as JPEG's blocks and Bayer's cells do."""
@@ -55,7 +47,7 @@ class CalibratedScene:
 
     scene: Calibrated
     fit: RecordingFit
-    curve: statistics.Curve | None
+    curve: Curve | None
     own: Tensor
     footage: Footage
 
@@ -135,31 +127,31 @@ def calibrate(
     camera = coarser(camera, times)
     known, grey, footage = windows_of(binned(footage, times), camera, panel, most)
     cells = max(panel.shape.rows, panel.shape.columns)
-    around = statistics.Surround.of(footage.greys, footage.corners_px, cells)
-    fall = statistics.falloff(around, camera.focal_length_px, camera.gamma)
+    around = Surround.of(footage.greys, footage.corners_px, cells)
+    fall = falloff(around, camera.focal_length_px, camera.gamma)
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
     demand_contrast(begun, footage)
-    found = Findings(camera, panel, around, fall, statistics.compression(uncut.greys))
+    found = Findings(camera, panel, around, fall, compression(uncut.greys))
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     curve = None
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
-        curve = statistics.transfer(fit)
+        curve = transfer(fit)
         fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
     fit, free = sensor_and_lens(fit, free, found)
     own, error = amplitudes(fit)
     if bits is None and bool(((own > 0.5) != fit.bits).any()):
         fit, own, error = decided(replace(fit, lit=(own > 0.5).double()), free)
-    scatter = statistics.scatter(own, error, fit.bits)
-    if scatter.gain > LIKELIHOOD:
-        fit = settled(replace(fit, lit=fit.bits * scatter.factors), free, steps=8)
+    differ = scatter(own, error, fit.bits)
+    if differ.gain > LIKELIHOOD:
+        fit = settled(replace(fit, lit=fit.bits * differ.factors), free, steps=8)
     if curve is not None:
-        curve = statistics.transfer(fit)
+        curve = transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
     if quiet and not found.needed:
         fit = corrected(fit, free, math.sqrt(around.noise()))
-    scene = describe(fit, curve, scatter, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
+    scene = describe(fit, curve, differ, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
     return CalibratedScene(finer(scene, whole, times), fit, curve, own, footage)
 
 
@@ -217,11 +209,11 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     return fit, POSED, apart
 
 
-def shaded(known: Windows, camera: Camera, fall: statistics.Falloff) -> Windows:
+def shaded(known: Windows, camera: Camera, fall: Falloff) -> Windows:
     """Dim the windows as the background falls off, where it does."""
     if fall.natural_gain <= 0:
         return known
-    shade, out = statistics.natural(camera.height_px, camera.width_px, camera.focal_length_px)
+    shade, out = natural(camera.height_px, camera.width_px, camera.focal_length_px)
     if fall.barrel_gain > 0 and fall.corner_loss > 0:
         shade = shade * (1 - fall.corner_loss * out)
     height, width = known.size_px
