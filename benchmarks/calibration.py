@@ -1,12 +1,14 @@
 """What ``task=calibrate`` finds in simulated recordings of known scenes: coverage, effects, and receivers.
 
     python benchmarks/calibration.py [RECORDINGS A SCENE] [SCENE ...]
+    python benchmarks/calibration.py receivers night_0 ...
 
 Each recording is of a scene that ships, with values drawn at random: those of the scene, and blur, gamma,
 read noise, and where the scene has them pattern noise and vignetting. The sensor is a part of 320 x 240
 px, with pixels of the scene's own size. The tables in ``docs/results`` grow by a recording at a time:
 ``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there and
-which were named. What is in them is not done again; delete them where the fit changes.
+which were named. The second command trains receivers on the paper's scene, the calibrated one and the true one,
+and counts their errors in fresh frames of the true one. What is in the tables is not done again; delete them where the fit changes.
 """
 
 import csv
@@ -21,11 +23,14 @@ from typing import Any
 import numpy as np
 import torch
 
+import vocc_torch as vt
 from vocc_torch import Scene
 from vocc_torch.api import load_scene
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import World
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.photometry import transmission
@@ -48,6 +53,9 @@ COMPARED = tuple(
     )
 )
 """Values of effects that are compared with the truth."""
+SCENES_MADE = Path("runs/calibration")
+TRAINED_ON, TESTED_ON = 1000, 2048
+"""Frames."""
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 Row = list[Any]
 
@@ -167,6 +175,9 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
         return [], [], f"the panel was found in {len(footage)} of {FRAMES} frames"
     study = calibrate(footage, replace(world.camera, gamma=2.2, iso_limits=None), world.panel, most=FRAMES)
     wrong = int((study.fit.bits != bits.flatten(1)).sum())
+    path = SCENES_MADE / f"{name}_{seed}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(study.scene.text(path.stem, "a recording"))
     rows = compared(study, world, scene)
     true = {ALIKE.get(effect, effect) for effect in world.effects if effect not in UNSEEN}
     effects = [[one.effect, int(one.effect in true), int(one.asked)] for one in study.scene.effects]
@@ -180,6 +191,13 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
 def main() -> None:
     """Calibrate what is not in the files yet, and print their tables."""
     words = sys.argv[1:]
+    if words and words[0] == "receivers":
+        for one in words[1:]:
+            name, seed = one.rsplit("_", 1)
+            rows = receivers(name, int(seed))
+            print(one, rows, flush=True)
+            append("calibration_receivers.csv", "trained_on frames bits bit_errors", name, int(seed), rows)
+        return
     count = int(words.pop(0)) if words and words[0].isdigit() else 1
     done = {(row["scene"], int(row["recording"])) for row in read(RESULTS / "calibration_effects.csv")}
     for seed in range(count):
@@ -191,6 +209,30 @@ def main() -> None:
             append("calibration.csv", "key truth estimate low high", name, seed, rows)
             append("calibration_effects.csv", "effect present named", name, seed, effects or [["none", 0, 0]])
     print_tables()
+
+
+def receivers(name: str, seed: int) -> list[Row]:
+    """Train on the paper's scene, on the one found and on the true one; count errors in frames of the last.
+
+    All read at the panel's true corners: what differs is what the scene taught.
+    """
+    true = truth_of(name, seed)
+    mine = load_scene(SCENES_MADE / f"{name}_{seed}.yaml")
+    worlds = {"paper": load_scene("paper"), "calibrated": mine, "true": true}
+    made = {one: vt.train(world, locator="truth", frames=TRAINED_ON) for one, world in worlds.items()}
+    link = Link(true.simulator(), None, Reader(true.panel.shape))
+    wrong: dict[str, list[torch.Tensor]] = {one: [] for one in made}
+    keys = block_keys(0, f"calibrated {name}", TESTED_ON)
+    with torch.inference_mode():
+        for seen in link.observe_each({"truth": None}, true.scene, keys, preambles=False, frames=TESTED_ON):
+            one = seen["truth"]
+            for trained, receiver in made.items():
+                read_ = receiver.score(one.readings) >= 0
+                wrong[trained].append((read_ != one.bits).flatten(1).sum(1))
+    return [
+        [trained, TESTED_ON, TESTED_ON * true.panel.shape.leds, int(torch.cat(parts).sum())]
+        for trained, parts in wrong.items()
+    ]
 
 
 def read(path: Path) -> list[dict[str, str]]:

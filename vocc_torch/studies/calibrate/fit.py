@@ -42,7 +42,7 @@ class RecordingFit:
         windows: what is known of the frames.
         grey: (B,H,W) measured.
         of_frame: (B,10).
-        of_all: (5,).
+        of_all: (4,).
         lit: (B,R*C) share of On's light of each LED.
         noise: of the light.
         trust: (B,H,W) how much each pixel counts, as :func:`trusted` says; all alike where it is one number.
@@ -95,7 +95,7 @@ class RecordingFit:
         """Derive a value of every frame from the fitted ones, and how sure it is.
 
         Args:
-            of: makes (B,) of what frames have by name, (B,) each, and of what all share, (B,5).
+            of: makes (B,) of what frames have by name, (B,) each, and of what all share, (B,4).
 
         Returns:
             the values (B,), their standard deviations (B,) were that known which all share, and the standard
@@ -363,6 +363,4 @@ def bounded_all(of_all: Tensor) -> Tensor:
     made = of_all.clone()
     for name, (low, high) in RANGES.items():
         made[OF_ALL.index(name)] = made[OF_ALL.index(name)].clamp(low, high)
-    most = 0.95 * (made[1] * made[2]).sqrt()
-    made[3] = made[3].clamp(-most, most)
     return made

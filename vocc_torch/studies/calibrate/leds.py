@@ -58,7 +58,7 @@ def start(
     off = torch.where((~lit).any(1), off, behind)
     values = [points[:, -1, 0], points[:, -1, 1], pitch.log(), *(0 * roll, 0 * roll, roll)]
     values += [behind.clamp(min=1), off.clamp(min=1), 1.3 * on.clamp(min=2), off.clamp(min=1)]
-    of_all = torch.tensor([gamma, 1.0, 1.0, 0.0, 0.0]).double()
+    of_all = torch.tensor([gamma, 1.0, 1.0, 0.0]).double()
     begun = RecordingFit(windows, grey, torch.stack(values, 1), of_all, lit.double())
     few, tried = begun.first(BEGUN_WITH), []
     for share in (0.12, 0.25, 0.45, 0.7):

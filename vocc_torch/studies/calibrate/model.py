@@ -27,8 +27,8 @@ OF_FRAME = (*PLACED, *TURNED, *LEVELS)
 logarithm of the image of a pitch (px), angles (rad) as of ``pose``, and grey values, not clipped, of the
 background, of wide Off and On LEDs and of the board."""
 
-OF_ALL = ("gamma", "blur_xx", "blur_yy", "blur_xy", "k1")
-"""What all frames share: the encoding, the blur's second moments (px^2) and the lens."""
+OF_ALL = ("gamma", "blur_xx", "blur_yy", "k1")
+"""What all frames share: the encoding, the blur's second moments along rows and columns (px^2), the lens."""
 
 WHITE = 255.0
 LEAST_LIGHT = 1e-9
@@ -72,7 +72,6 @@ class Windows:
         gain: (B,H,W) what the lens lets through; None for all.
         mosaic: whether colours are interpolated, Bayer's cells beginning at the sensor's first pixel.
         has_board: whether a board stands behind the LEDs.
-        slanted: whether the blur may lie aslant, which costs more.
     """
 
     shape: PanelShape
@@ -84,7 +83,6 @@ class Windows:
     gain: Tensor | None = None
     mosaic: bool = False
     has_board: bool = False
-    slanted: bool = False
 
     def taken(self, rows: slice) -> "Windows":
         """Take some frames'."""
@@ -114,7 +112,7 @@ def seen(windows: Windows, of_frame: Tensor, of_all: Tensor, at: Tensor) -> tupl
     Args:
         windows: what is known.
         of_frame: (B,10).
-        of_all: (5,).
+        of_all: (4,).
         at: (N,2) the discs' centres, in pitches from the panel's.
 
     Returns:
@@ -160,7 +158,7 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
     Args:
         windows: what is known.
         of_frame: (B,10) as :data:`OF_FRAME`.
-        of_all: (5,) as :data:`OF_ALL`.
+        of_all: (4,) as :data:`OF_ALL`.
         lit: (B,R*C) share of On's own light that each LED shows: bits, or an LED's own factor where it is On.
 
     Returns:
@@ -188,7 +186,7 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
 
 def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
     """Blur, dim and interpolate (B,H,W) light as lens and sensor do."""
-    blurred = spread_out(canvas, of_all[1:4], slanted=windows.slanted)
+    blurred = spread_out(canvas, of_all[1:3])
     if windows.gain is not None:
         blurred = blurred * windows.gain
     if windows.mosaic:  # windows lie on a grid of whole cells
@@ -196,21 +194,13 @@ def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
     return blurred.clamp(min=LEAST_LIGHT)
 
 
-def spread_out(canvas: Tensor, moments: Tensor, *, slanted: bool = False) -> Tensor:
-    """Blur (B,H,W) by a Gaussian of second moments xx, yy and xy (px^2), sampled at pixels as Kornia's is."""
-    least = LEAST_SIGMA_PX**2
-    across, down, slant = moments[0].clamp(min=least), moments[1].clamp(min=least), moments[2]
+def spread_out(canvas: Tensor, moments: Tensor) -> Tensor:
+    """Blur (B,H,W) by a Gaussian of second moments xx and yy (px^2), sampled at pixels as Kornia's is."""
+    across, down = moments.clamp(min=LEAST_SIGMA_PX**2)
     reach = max(1, math.ceil(TRUNCATION_SIGMAS * math.sqrt(max(float(across), float(down)))))
     height, width = canvas.shape[1:]
     padded = nn.functional.pad(canvas.unsqueeze(1), (reach,) * 4, mode="replicate").squeeze(1)
-    if not slanted:
-        return mixing(down, height, reach).mT @ padded @ mixing(across, width, reach)
-    dx = torch.arange(-reach, reach + 1, dtype=canvas.dtype)
-    dy, whole = dx.unsqueeze(-1), (across * down - slant.square()).clamp(min=least**2)
-    kernel = torch.exp(-(down * dx.square() - 2 * slant * dx * dy + across * dy.square()) / (2 * whole))
-    size = padded.shape[1:]
-    spectrum = torch.fft.rfft2(padded) * torch.fft.rfft2(kernel / kernel.sum(), s=size)
-    return torch.fft.irfft2(spectrum, s=size)[:, 2 * reach :, 2 * reach :]
+    return mixing(down, height, reach).mT @ padded @ mixing(across, width, reach)
 
 
 def mixing(moment: Tensor, side: int, reach: int) -> Tensor:
@@ -274,7 +264,7 @@ def written(mean: Tensor, sigma: float) -> Tensor:
 
 
 Direction = tuple[str, Tensor, Tensor]
-"""A way to change the values: its name, the change of a frame's (10,) and of what all share (5,)."""
+"""A way to change the values: its name, the change of a frame's (10,) and of what all share (4,)."""
 
 
 def direction(name: str) -> Direction:

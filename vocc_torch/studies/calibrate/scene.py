@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,6 @@ class Named:
         gain: by how much the criterion favours the effect.
         needed: the gain from which it is named.
         explains: what it explains.
-        parameters: of the effect, for the scene.
     """
 
     effect: str
@@ -71,7 +70,6 @@ class Named:
     gain: float
     needed: float
     explains: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -107,10 +105,7 @@ class Calibrated:
                 made[one.key] = one.given
         kept = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
         made["camera"] = {key: getattr(camera, key) for key in (*kept, "gamma")}
-        made["effects"] = {}
-        for effect in self.effects:
-            if effect.asked:
-                made["effects"][effect.effect] = dict(effect.parameters)
+        made["effects"] = {effect.effect: {} for effect in self.effects if effect.asked}
         for one in self.values:
             if one.key.startswith("effects."):
                 _, effect_name, parameter = one.key.split(".")
@@ -174,29 +169,11 @@ def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> V
     middle, count = float((weights * each).sum() / weights.sum()), len(each)
     misfit = float((weights * (each - middle).square()).sum())
     if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
-        return Value(key, max(middle, least), math.hypot(float(weights.sum()) ** -0.5, common), note)
+        scatter = max(1.0, misfit / max(count - 1, 1)) / float(weights.sum())
+        return Value(key, max(middle, least), math.hypot(math.sqrt(scatter), common), note)
     ends = ["uniform", max(float(each.min()), least), max(float(each.max()), least)]
     alone = float(each.std()) / math.sqrt(count)
     return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
-
-
-@dataclass(frozen=True)
-class Lighting:
-    """Levels of light, and what they say together with the configuration.
-
-    Args:
-        background_cd_m2: luminance that the background has with any veil before it.
-        veil_cd_m2: of a veil over the whole picture; 0 for none.
-        ambient_lx: illuminance.
-        led_cd_m2: an On LED's own light.
-        reflectance: of the LEDs, where the configuration's cannot be.
-    """
-
-    background_cd_m2: float
-    veil_cd_m2: float
-    ambient_lx: float
-    led_cd_m2: float
-    reflectance: float | None = None
 
 
 def linear(fit: RecordingFit, name: str) -> Tensor:
@@ -204,33 +181,27 @@ def linear(fit: RecordingFit, name: str) -> Tensor:
     return (fit.value(name) / MIDDLE_GREY) ** fit.of_all[0]
 
 
-def lighting(
-    fit: RecordingFit, camera: Camera, panel: LedPanel, ambient_lx: float, *, veiled: bool
-) -> Lighting:
-    """Turn levels of light into luminances in an illuminance, by the panel's reflectances.
+def veil(fit: RecordingFit, panel: LedPanel) -> float:
+    """Give the luminance of a veil that makes Off LEDs and background as alike as they are, at 1 lx.
 
-    Off LEDs and background reflect the same daylight: where their ratio is nearer to 1 than that of their
-    reflectances, a veil lies over both.
+    Both reflect the same daylight: where their ratio is nearer to 1 than that of their reflectances, a veil
+    lies over both.
     """
-    behind, off, on = (float(linear(fit, name).median()) for name in ("background", "off", "on"))
-    ratio, share = off / behind, panel.background_reflectance
-    own = ambient_lx * share / math.pi
-    veil, reflectance = 0.0, None
-    if veiled and ratio > 1:
-        veil = max(0.0, ambient_lx / math.pi * (panel.led_reflectance - ratio * share) / (ratio - 1))
-    if veil == 0:
-        reflectance = min(1.0, ratio * share)
-    whole = own + veil
-    return Lighting(whole, veil, ambient_lx, max(0.0, (on - off) / behind * whole), reflectance)
+    ratio = float(linear(fit, "off").median() / linear(fit, "background").median())
+    share = panel.background_reflectance
+    return max(0.0, (panel.led_reflectance - ratio * share) / (ratio - 1) / math.pi) if ratio > 1 else 0.0
 
 
-def illuminance(
-    fit: RecordingFit, camera: Camera, panel: LedPanel, efficiency: float, *, veiled: bool
-) -> float:
-    """Say which illuminance gives the electrons that the photon transfer curve counts, lx."""
-    unit = lighting(fit, camera, panel, 1.0, veiled=veiled)
-    exposure = 10 * unit.background_cd_m2 * camera.exposure_time_s
-    exposure /= camera.calibration_constant * camera.f_number**2
+def illuminance(fit: RecordingFit, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
+    """Say which illuminance gives the electrons that the photon transfer curve counts, lx.
+
+    Args:
+        fit: with the curve's noise.
+        camera: whose picture it is.
+        seen_cd_m2: luminance that the background has at 1 lx, with any veil.
+        efficiency: the quantum efficiency.
+    """
+    exposure = 10 * seen_cd_m2 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
     counted = float(linear(fit, "background").median()) / fit.noise.slope
     return counted / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
 

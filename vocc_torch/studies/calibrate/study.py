@@ -242,13 +242,13 @@ def sensor_and_lens(
         gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.pixels)
         explains = "colours are guessed from neighbours"
         fit = tried if found.tried("demosaicing", gained, 0.0, BIC, explains) else fit
-    moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy", "blur_xy")
-    rich = settled(replace(fit, windows=replace(fit.windows, slanted=True)), moving, steps=3)
-    kept = found.judge("motion_blur", fit, rich, "light is spread farther in one direction")
+    moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
+    rich = settled(fit, moving, steps=3)
+    kept = found.judge("motion_blur", fit, rich, "light is spread farther along rows or columns")
     free = moving if kept is rich else free
     fit = kept
     rich = settled(fit, (*free, "k1"), steps=6)
-    if abs(float(rich.of_all[4])) < 3 * rich.deviation("k1"):  # no gain that its own uncertainty allows
+    if abs(float(rich.value("k1"))) < 3 * rich.deviation("k1"):  # no gain that its own uncertainty allows
         rich = replace(rich, misfit=fit.misfit)
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
     free = (*free, "k1") if kept is rich else free

@@ -74,7 +74,7 @@ def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
 
 
 def by_level(fit: RecordingFit) -> tuple[Tensor, Tensor, Tensor, bool]:
-    """Give levels of light, the variance of the residuals there, of how many pixels, and if the panel stands."""
+    """Give levels of light, the residuals' variance there, of how many pixels, and if the panel stands."""
     left, kept, still = residuals(fit)
     light = fit.light().flatten()
     use = (model.encoded(light, fit.of_all[0]) < model.WHITE - 8) & (kept.flatten() > 0.4)
