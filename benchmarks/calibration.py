@@ -2,16 +2,21 @@
 
     python benchmarks/calibration.py [RECORDINGS A SCENE] [SCENE ...]
     python benchmarks/calibration.py receivers night_0 ...
+    python benchmarks/calibration.py pictures
 
 Each recording is of a scene that ships, with values drawn at random: those of the scene, and blur, gamma,
 read noise, and where the scene has them pattern noise and vignetting. The sensor is a part of 320 x 240
 px, with pixels of the scene's own size. The tables in ``docs/results`` grow by a recording at a time:
 ``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there and
-which were named. The second command trains receivers on the paper's scene, the calibrated one and the true one,
-and counts their errors in fresh frames of the true one. What is in the tables is not done again; delete them where the fit changes.
+which were named. What is in them is not done again; delete them where the fit changes.
+
+The second command trains receivers on the paper's scene, on the one that was found and on the true one, and
+counts their errors in fresh frames of the last: ``calibration_receivers.csv``. The third fits the photographs
+of real panels that the tests have, from their known corners, and writes a page of each.
 """
 
 import csv
+import json
 import math
 import sys
 import time
@@ -22,24 +27,29 @@ from typing import Any
 
 import numpy as np
 import torch
+from receivers_by_scene import PICTURES, panel_corners
 
 import vocc_torch as vt
 from vocc_torch import Scene
 from vocc_torch.api import load_scene
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import World
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.recording import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.photometry import transmission
 from vocc_torch.studies.calibrate.reading import Footage, agreeing
+from vocc_torch.studies.calibrate.report import write_page
+from vocc_torch.studies.calibrate.scene import of_size
 from vocc_torch.studies.calibrate.study import CalibratedScene, calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
-FRAMES = 16
+FRAMES = 8
 WIDTH, HEIGHT = 320, 240
 ALIKE = {"airlight": "veiling_glare", "bayer": "demosaicing"}
 """Effects that a recording does not tell from others, which stand for them."""
@@ -191,6 +201,9 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
 def main() -> None:
     """Calibrate what is not in the files yet, and print their tables."""
     words = sys.argv[1:]
+    if words == ["pictures"]:
+        pictures()
+        return
     if words and words[0] == "receivers":
         for one in words[1:]:
             name, seed = one.rsplit("_", 1)
@@ -233,6 +246,27 @@ def receivers(name: str, seed: int) -> list[Row]:
         [trained, TESTED_ON, TESTED_ON * true.panel.shape.leds, int(torch.cat(parts).sum())]
         for trained, parts in wrong.items()
     ]
+
+
+def pictures() -> None:
+    """Fit the photographs of real panels from their known corners, and write a page of each."""
+    told = json.loads((PICTURES / "pictures.json").read_text(encoding="utf-8"))
+    for name, one in told.items():
+        (picture,) = read_recording(PICTURES / name, "max")
+        corners = panel_corners(one["corner_led_centres_px"], PanelShape(one["rows"], one["columns"]))
+        none = np.full(1, np.nan)
+        footage = Footage(picture.grey[None], np.zeros(1, np.int64), none, corners.double(), 1, 1, [])
+        panel = replace(LedPanel(), shape=PanelShape(one["rows"], one["columns"]))
+        camera, _ = of_size(Camera(), *picture.grey.shape)
+        began, bits = time.process_time(), np.array([[bit == "1" for bit in row] for row in one["bits"]])
+        study = calibrate(footage, camera, panel, most=1)
+        wrong = int((study.fit.bits.numpy() != bits.reshape(1, -1)).sum())
+        folder = SCENES_MADE / Path(name).stem
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "scene.yaml").write_text(study.scene.text(folder.name, name))
+        write_page(study, name, "vocc-torch task=train", folder)
+        print(f"{name}: {time.process_time() - began:.0f} s, {wrong} of {bits.size} bits wrong", flush=True)
+        print("\n".join(f"  {line}" for line in (*study.scene.doubts, f"{folder}/page.html")), flush=True)
 
 
 def read(path: Path) -> list[dict[str, str]]:

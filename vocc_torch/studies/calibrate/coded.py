@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+BLOCKS = 5000
+"""Blocks that are looked at, at most about twice as many."""
 LUMINANCE_TABLE = (
     *(16, 11, 10, 16, 24, 40, 51, 61, 12, 12, 14, 19, 26, 58, 60, 55, 14, 13, 16, 24, 40, 57, 69, 56),
     *(14, 17, 22, 29, 51, 87, 80, 62, 18, 22, 37, 56, 68, 109, 103, 77, 24, 35, 55, 64, 81, 104, 113, 92),
@@ -42,7 +44,7 @@ def compression(greys: NDArray[Any]) -> tuple[int, float]:
     blocks = (
         frames.reshape(len(frames), height // 8, 8, width // 8, 8).transpose(0, 1, 3, 2, 4).reshape(-1, 8, 8)
     )
-    blocks = blocks[:: max(1, len(blocks) // 20_000)]
+    blocks = blocks[:: max(1, len(blocks) // BLOCKS)]
     coefficients = fft.dctn(blocks, axes=(1, 2), norm="ortho")
     coefficients[:, 0, 0] = 0
     best = 0, 0.0

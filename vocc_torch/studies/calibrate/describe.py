@@ -12,7 +12,7 @@ from torch import Tensor
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
-from vocc_torch.studies.calibrate.fit import RANGES, SURE, RecordingFit
+from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 from vocc_torch.studies.calibrate.leds import Scatter
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.surround import Falloff, Surround, lamps, patterns
@@ -53,6 +53,7 @@ class Findings:
         fall: how light falls off there.
         coded: the likeliest JPEG quality, and how sure it is.
         loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
+        bound: where gamma ran to, if that is no camera's.
         named: effects that were tried.
         values: of the scene.
         unknown: what the recording does not tell.
@@ -65,6 +66,7 @@ class Findings:
     fall: Falloff
     coded: tuple[int, float] = (0, 0.0)
     loose: bool = False
+    bound: float | None = None
     named: list[Named] = field(default_factory=list)
     values: list[Value] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
@@ -134,12 +136,11 @@ def describe(
     found.say("moving")
     gamma, quality = float(fit.of_all[0]), found.coded[0]
     coded = found.tried("jpeg", found.coded[1], CODED, "standard deviations off chance", "pictures are coded")
-    bound = min(abs(gamma - end) for end in RANGES["gamma"]) < 1e-6
-    found.loose = coded or bound
+    found.loose = coded or found.bound is not None
     if coded:
         found.say("coded")
-    if bound:
-        found.say("bound", gamma=gamma, own=found.camera.gamma)
+    if found.bound is not None:
+        found.say("bound", gamma=found.bound, own=gamma)
     else:
         found.camera = replace(found.camera, gamma=round(gamma, 5))
         found.tell("camera.gamma", gamma, fit.deviation("gamma"), "by the flanks of the spots")

@@ -87,7 +87,9 @@ class RecordingFit:
         return float(self.trust.expand_as(self.grey).sum())
 
     def deviation(self, name: str) -> float:
-        """Standard deviation of a fitted value that all share."""
+        """Standard deviation of a value that all share; NaN where it was not fitted."""
+        if name not in self.free:
+            return math.nan
         at = [one for one in self.free if one not in OF_FRAME].index(name)
         return math.sqrt(max(0.0, float(self.shared[:, at, at].max())))
 

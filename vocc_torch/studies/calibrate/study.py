@@ -15,7 +15,7 @@ from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.describe import BIC, LIKELIHOOD, Findings, describe
-from vocc_torch.studies.calibrate.fit import UNDITHERED, RecordingFit, corrected, settled, trusted
+from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
 from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.reading import Footage
@@ -135,6 +135,11 @@ def calibrate(
     found = Findings(camera, panel, around, fall, compression(uncut.greys))
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
+    if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
+        found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
+        own = fit.of_all.clone()
+        own[0] = camera.gamma
+        fit = settled(replace(fit, of_all=own), free)
     curve = None
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
         curve = transfer(fit)
@@ -244,12 +249,13 @@ def sensor_and_lens(
         fit = tried if found.tried("demosaicing", gained, 0.0, BIC, explains) else fit
     moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
     rich = settled(fit, moving, steps=3)
+    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
+    rich = certain(fit, rich, apart, math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy")))
     kept = found.judge("motion_blur", fit, rich, "light is spread farther along rows or columns")
     free = moving if kept is rich else free
     fit = kept
     rich = settled(fit, (*free, "k1"), steps=6)
-    if abs(float(rich.value("k1"))) < 3 * rich.deviation("k1"):  # no gain that its own uncertainty allows
-        rich = replace(rich, misfit=fit.misfit)
+    rich = certain(fit, rich, abs(float(rich.value("k1"))), rich.deviation("k1"))
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
     free = (*free, "k1") if kept is rich else free
     fit = kept if kept is rich else fit
@@ -261,3 +267,8 @@ def sensor_and_lens(
         "panel.board_reflectance", fit, rich, "between the LEDs it is not as bright as around them"
     )
     return kept, (*free, "board") if kept is rich else free
+
+
+def certain(simple: RecordingFit, rich: RecordingFit, value: float, deviation: float) -> RecordingFit:
+    """Take the gain away from a fit whose new value its own uncertainty allows to be none."""
+    return rich if value > 3 * deviation else replace(rich, misfit=simple.misfit)
