@@ -18,13 +18,22 @@ from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies.calibrate import model, surround
 from vocc_torch.studies.calibrate.coded import compression
-from vocc_torch.studies.calibrate.fit import RecordingFit, settled
+from vocc_torch.studies.calibrate.fit import (
+    RecordingFit,
+    arrow_step,
+    corrected,
+    covariances,
+    normal,
+    settled,
+    trusted,
+)
 from vocc_torch.studies.calibrate.leds import BASE, amplitudes, decided, scatter, start, two_levels
 from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
-from vocc_torch.studies.calibrate.reading import Footage, read_footage, thinned
+from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value, of_size, spread
-from vocc_torch.studies.calibrate.study import calibrate
+from vocc_torch.studies.calibrate.study import calibrate, demand_contrast
+from vocc_torch.types import Panels
 
 CAMERA = Camera(width_px=160, height_px=128, sensor_width_mm=13.2 * 160 / 1920)
 SMALL = LedPanel(shape=PanelShape(3, 4))
@@ -291,14 +300,81 @@ def test_what_shows_nothing_is_refused(frames, said, tmp_path):
         read_footage(tmp_path / "x.npy", "luma", locator, PanelShape(8, 8), 16)
 
 
-@pytest.mark.slow
-def test_leds_that_are_all_alike_are_refused(recording):
-    panel, scene, bits, footage = recording
-    effects = {"blooming": {"sigma_px": 1.3}, "saturation": {}, "quantization": {}}
-    frames = Simulator(CAMERA, panel, effects, framing="full").render(scene, torch.ones_like(bits))
-    same = replace(footage, greys=frames.grey[:, 0].numpy())
-    with pytest.raises(VoccError, match="all LEDs look alike in all 6 frames"):
-        calibrate(same, CAMERA, panel, most=6)
+class Jumping:
+    """A locator whose panel is elsewhere in every frame."""
+
+    def __call__(self, frames, shape):
+        """Find it a hundred pixels farther on."""
+        far = torch.arange(len(frames.grey)).view(-1, 1, 1) * 100.0
+        square = torch.tensor([[0.0, 0.0], [20, 0], [20, 20], [0, 20]])
+        return Panels.known((square + far).double())
+
+
+def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
+    for count in (5, 1):
+        np.save(tmp_path / f"{count}.npy", np.zeros((count, 64, 64), np.uint8))
+    with pytest.raises(VoccError, match="jumps by panels between all frames"):
+        read_footage(tmp_path / "5.npy", "luma", Jumping(), PanelShape(8, 8), 16)
+    one = read_footage(tmp_path / "1.npy", "luma", Jumping(), PanelShape(8, 8), 16)
+    assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
+
+
+def test_frames_that_agree_on_the_panel_outvote_false_alarms():
+    corners = torch.tensor([[0.0, 0.0], [40, 0], [40, 40], [0, 40]]).double() + torch.zeros(7, 1, 1)
+    corners = corners + torch.arange(7).view(-1, 1, 1) * 30.0
+    corners[2] *= 3
+    corners[5] += 900
+    assert agreeing(corners).tolist() == [True, True, False, True, True, False, True]
+
+
+def test_leds_that_are_all_alike_are_refused():
+    known, scene = whole(CAMERA, SMALL, 3), Scene.of(3, **AT, **LIGHT)
+    own, grey = values_of(scene, CAMERA, SMALL), torch.zeros(3, *CAMERA.sensor_px)
+    bits = torch.arange(12).repeat(3, 1) % 2
+    footage = Footage(grey.numpy(), np.arange(3), np.full(3, np.nan), torch.zeros(3, 4, 2), 3, 3, [])
+    for lit, on in ((torch.ones(3, 12), 200.0), (bits, 0.0)):
+        values = own.clone()
+        values[:, OF_FRAME.index("on")] = values[:, OF_FRAME.index("off")] + on
+        with pytest.raises(VoccError, match="all LEDs look alike in all 3 frames"):
+            demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()), footage)
+    demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()), footage)
+
+
+def test_what_hangs_together_widens_intervals():
+    """The stated variances of a common slope beside those that many draws have."""
+    draws = torch.Generator().manual_seed(0)
+    slopes = torch.randn(2, 12, 16, 16, generator=draws).double()
+    slopes[1] = slopes[1, :, :1, :1]  # the common value's slope is alike over a frame
+
+    def drawn(shared):
+        noise = torch.randn(400, 12, 16, 16, generator=draws).double()
+        return noise + shared * torch.randn(400, 12, 1, 1, generator=draws).double()
+
+    for shared in (0.0, 1.0):
+        residuals, weights, stated, found = drawn(shared), torch.ones(12, 16, 16).double(), [], []
+        for residual in residuals:
+            blocks = normal(slopes, residual, weights, 1)
+            found.append(float(arrow_step(*blocks, 0.0)[1]))
+            stated.append(covariances(*blocks[:3], slopes * residual, float(residual.var()))[0][:, 0, 0])
+        curvature, blocked, framed = torch.stack(stated).mean(0) / np.var(found)
+        assert 0.8 < framed / (2.2 / 1.96) ** 2 < 1.3
+        assert (curvature < 0.1) == (shared > 0)
+        assert curvature < 1.2
+        assert blocked < 1.2
+
+
+def test_rounding_without_noise_moves_no_value():
+    panel, camera = LedPanel(shape=PanelShape(2, 3)), CAMERA
+    scene = Scene.of(2, **(AT | {"distance_m": 25.0}), **LIGHT)
+    lit = torch.tensor([[1.0, 0, 1, 1, 0, 1], [0.0, 1, 1, 0, 1, 0]]).double()
+    own, of_all = values_of(scene, camera, panel), torch.tensor([2.2, 1.7, 1.7, 0.0]).double()
+    known = replace(whole(camera, panel, 2), origin_px=torch.tensor([[48, 32], [48, 32]]), size_px=(64, 64))
+    grey = model.encoded(model.light(known, own, of_all, lit), of_all[0]).round()
+    begun = trusted(RecordingFit(known, grey, own, of_all, lit))
+    rounded = settled(begun, BASE, steps=3)
+    exact = corrected(rounded, BASE, 0.0)
+    assert abs(float(exact.of_all[0]) - 2.2) < 0.5 * abs(float(rounded.of_all[0]) - 2.2)
+    assert abs(float(exact.of_all[0]) - 2.2) < 2 * exact.deviation("gamma")
 
 
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():

@@ -14,6 +14,7 @@ from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 from vocc_torch.studies.calibrate.leds import Scatter
+from vocc_torch.studies.calibrate.model import WHITE
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.surround import Falloff, Surround, lamps, patterns
 from vocc_torch.studies.calibrate.transfer import Curve, middle_slope
@@ -27,7 +28,7 @@ CODED_GAIN = 30.0
 BLIND_BLUR_PX = 0.15
 """A narrower blur is none."""
 SENTENCES = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
-DOUBTS = ("bound", "residuals", "photons")
+DOUBTS = ("white", "bound", "residuals", "photons")
 """Sentences of what the model does not explain; the others say what the recording does not tell."""
 BY_GAMMA = (
     *("camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.veiling_glare.luminance_cd_m2"),
@@ -233,6 +234,8 @@ def how_bright(
     )
     found.note(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
     found.say("air")
+    if float(fit.value("on").median()) >= WHITE:
+        found.say("white")
     if veiled:
         slope = 1 / (shares - middle) + 1 / (middle - 1)
         found.tell("effects.veiling_glare.luminance_cd_m2", over * lux, over * lux * error * slope)

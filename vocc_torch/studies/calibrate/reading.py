@@ -45,6 +45,16 @@ class Footage:
     looked: int
     failures: list[str]
 
+    def doubts(self) -> list[str]:
+        """Say what these frames cannot tell."""
+        said, count = [], len(self)
+        if count < 4:
+            few = f"{count} frame{'s' * (count > 1)} with the panel"
+            said.append(f"{few}: noise and what moves cannot be told; give a recording")
+        if count < self.looked / 2:
+            said.append(f"the panel was found in {count} of {self.looked} frames: the scene is of these only")
+        return said
+
     def __len__(self) -> int:
         """Count the frames."""
         return len(self.greys)
