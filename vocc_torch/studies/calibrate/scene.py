@@ -154,7 +154,7 @@ def inline(value: object) -> str:
 
 
 def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> Value:
-    """Describe a value of every frame: a number where it stays, and where it moves what it ranges over.
+    """Describe a value of every frame: a number where it stays, and where it moves a range of like scatter.
 
     It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
 
@@ -171,8 +171,9 @@ def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> V
     if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
         scatter = max(1.0, misfit / max(count - 1, 1)) / float(weights.sum())
         return Value(key, max(middle, least), math.hypot(math.sqrt(scatter), common), note)
-    ends = ["uniform", max(float(each.min()), least), max(float(each.max()), least)]
-    alone = float(each.std()) / math.sqrt(count)
+    mean, half = float(each.mean()), math.sqrt(3) * float(each.std())  # a uniform one's of that scatter
+    ends = ["uniform", max(mean - half, least), max(mean + half, least)]
+    alone = float(each.std() / math.sqrt(count) * stats.t.ppf(0.975, count - 1)) / SURE
     return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
 
 
