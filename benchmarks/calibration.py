@@ -51,7 +51,7 @@ from vocc_torch.types import Frames
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
 FRAMES = 8
 WIDTH, HEIGHT = 320, 240
-ALIKE = {"airlight": "veiling_glare", "bayer": "demosaicing"}
+ALIKE = {"airlight": "veiling_glare"}
 """Effects that a recording does not tell from others, which stand for them."""
 UNSEEN = ("attenuation", "full_well")
 """Effects that leave no trace of their own in these recordings."""

@@ -72,7 +72,7 @@ def whole(camera: Camera, panel: LedPanel, frames: int) -> Windows:
     [
         ({}, (0.0, 0.0, 0.0), 0.0, 1.4),
         ({"pose": {"yaw_deg": 35.0, "pitch_deg": -12.0, "roll_deg": 7.0}}, (35.0, -12.0, 7.0), 0.0, 0.8),
-        ({"lens_distortion": {"k1": -0.3}, "demosaicing": {}}, (0.0, 0.0, 0.0), -0.3, 2.1),
+        ({"lens_distortion": {"k1": -0.3}}, (0.0, 0.0, 0.0), -0.3, 2.1),
     ],
 )
 def test_the_renderer_draws_what_the_simulator_draws(effects, angles, k1, sigma):
@@ -81,7 +81,7 @@ def test_the_renderer_draws_what_the_simulator_draws(effects, angles, k1, sigma)
     scene = Scene.of(2, **AT, **LIGHT)
     bits = torch.rand(2, 3, 4, generator=torch.Generator().manual_seed(1)) > 0.5
     drawn = simulator.render(scene, bits).grey[:, 0]
-    known = replace(whole(CAMERA, SMALL, 2), mosaic="demosaicing" in effects)
+    known = whole(CAMERA, SMALL, 2)
     of_all = torch.tensor([2.2, sigma**2, sigma**2, k1], dtype=torch.float64)
     light = model.light(known, values_of(scene, CAMERA, SMALL, angles), of_all, bits.flatten(1).double())
     assert float((model.encoded(light, of_all[0]) - drawn).abs().max()) < 1e-3

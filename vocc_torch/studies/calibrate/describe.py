@@ -135,6 +135,7 @@ def describe(
         efficiency: the quantum efficiency that is assumed where it is not.
     """
     found.say("moving")
+    found.say("colours")
     gamma, quality = float(fit.of_all[0]), found.coded[0]
     coded = found.tried("jpeg", found.coded[1], CODED, "standard deviations off chance", "pictures are coded")
     found.loose = coded or found.bound is not None
@@ -149,7 +150,6 @@ def describe(
             found.say("hardly")
     where(fit, apart, found)
     if coded:
-        found.say("colours")
         found.tell("effects.jpeg.quality", quality, 1.0, "by the steps of the coefficients")
     counts = curve is not None and curve.noise.slope > 0 and not coded
     efficiency = how_bright(fit, curve if counts else None, found, ambient_lx, efficiency)

@@ -14,7 +14,6 @@ from torch import Tensor, nn
 
 from vocc_torch.hardware import PanelShape
 from vocc_torch.simulation import raster
-from vocc_torch.simulation.effects import coding
 from vocc_torch.simulation.effects.optics import LEAST_SIGMA_PX, TRUNCATION_SIGMAS
 from vocc_torch.simulation.effects.view import CLOCKWISE
 from vocc_torch.simulation.photometry import MIDDLE_GREY
@@ -70,7 +69,6 @@ class Windows:
         origin_px: (B,2) first pixel of each window, x and y.
         size_px: height and width of the windows, px.
         gain: (B,H,W) what the lens lets through; None for all.
-        mosaic: whether colours are interpolated, Bayer's cells beginning at the sensor's first pixel.
         has_board: whether a board stands behind the LEDs.
     """
 
@@ -81,7 +79,6 @@ class Windows:
     origin_px: Tensor
     size_px: tuple[int, int]
     gain: Tensor | None = None
-    mosaic: bool = False
     has_board: bool = False
 
     def taken(self, rows: slice) -> "Windows":
@@ -185,12 +182,10 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
 
 
 def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
-    """Blur, dim and interpolate (B,H,W) light as lens and sensor do."""
+    """Blur and dim (B,H,W) light as the lens does."""
     blurred = spread_out(canvas, of_all[1:3])
     if windows.gain is not None:
         blurred = blurred * windows.gain
-    if windows.mosaic:  # windows lie on a grid of whole cells
-        blurred = coding.luma_of(blurred.unsqueeze(1), coding.PATTERNS[0, 0]).squeeze(1)
     return blurred.clamp(min=LEAST_LIGHT)
 
 

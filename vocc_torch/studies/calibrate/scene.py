@@ -1,9 +1,8 @@
 """A scene as it is written: values and effects, how sure they are, and the light that they stand for."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import yaml
@@ -11,6 +10,7 @@ from scipy import stats
 from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.show.page import render
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
@@ -44,6 +44,12 @@ class Value:
         if isinstance(self.given, Sequence):
             return float(np.mean([v for v in self.given if isinstance(v, int | float)]))
         return self.given
+
+    @property
+    def remark(self) -> str:
+        """The comment that stands above it."""
+        sure = f"+- {SURE * self.deviation:.2g} (95 %)" if math.isfinite(self.deviation) else ""
+        return "; ".join(part for part in (self.note, sure) if part)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -92,55 +98,13 @@ class Calibrated:
     unknown: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
-    def value(self, key: str) -> Value:
-        """Find a value by its key."""
-        return next(one for one in self.values if one.key == key)
-
-    def settings(self, name: str) -> dict[str, Any]:
-        """Give the scene as a mapping, as those in ``conf/scene``."""
-        made: dict[str, Any] = {"name": name}
-        camera = self.camera
-        for one in self.values:
-            if "." not in one.key:
-                made[one.key] = one.given
-        kept = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
-        made["camera"] = {key: getattr(camera, key) for key in (*kept, "gamma")}
-        made["effects"] = {effect.effect: {} for effect in self.effects if effect.asked}
-        for one in self.values:
-            if one.key.startswith("effects."):
-                _, effect_name, parameter = one.key.split(".")
-                made["effects"][effect_name][parameter] = one.given
-        return made
+    def of(self, effect: str) -> list[Value]:
+        """Give an effect's values."""
+        return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
 
     def text(self, name: str, source: str) -> str:
         """Write the scene as YAML, each value beside what it explains and how sure it is."""
-        told = {one.key: one for one in self.values}
-        lines = [f"# Calibrated from {source} by task=calibrate; its page says how.", ""]
-        for key, given in self.settings(name).items():
-            if not isinstance(given, Mapping):
-                lines += [*noted(told.get(key), ""), f"{key}: {inline(given)}"]
-                continue
-            lines += ["", f"{key}:"]
-            for part, inner in given.items():
-                if not isinstance(inner, Mapping):
-                    lines.append(f"  {part}: {inline(inner)}")
-                    continue
-                lines += [
-                    f"  # {one.explains}" for one in self.effects if one.effect == part and one.explains
-                ]
-                lines.append(f"  {part}:" + " {}" * (not inner))
-                for parameter, value in inner.items():
-                    lines += [*noted(told.get(f"effects.{part}.{parameter}"), "    ")]
-                    lines.append(f"    {parameter}: {inline(value)}")
-        return "\n".join(lines) + "\n"
-
-
-def noted(value: Value | None, indent: str) -> list[str]:
-    """Write the comment that stands above a value."""
-    if value is None or not (value.note or math.isfinite(value.deviation)):
-        return []
-    sure = f"+- {SURE * value.deviation:.2g} (95 %)" if math.isfinite(value.deviation) else ""
-    return [f"{indent}# " + "; ".join(part for part in (value.note, sure) if part)]
+        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
 
 
 def inline(value: object) -> str:

@@ -14,7 +14,7 @@ from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.coded import compression
-from vocc_torch.studies.calibrate.describe import BIC, LIKELIHOOD, Findings, describe
+from vocc_torch.studies.calibrate.describe import LIKELIHOOD, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
 from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
@@ -24,7 +24,7 @@ from vocc_torch.studies.calibrate.surround import Falloff, Surround, falloff, na
 from vocc_torch.studies.calibrate.transfer import Curve, transfer
 
 GRID_PX = 8
-"""Windows begin on multiples of it, as JPEG's blocks and Bayer's cells do."""
+"""Windows begin on multiples of it, as JPEG's blocks do."""
 LEAST_CONTRAST = 6.0
 """Grey values between Off and On, as seen, below which LEDs are alike."""
 FINEST_PITCH_PX = 12
@@ -239,14 +239,8 @@ def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
 def sensor_and_lens(
     fit: RecordingFit, free: Sequence[str], found: Findings
 ) -> tuple[RecordingFit, tuple[str, ...]]:
-    """Try demosaicing, motion, the lens and a board, one after the other."""
+    """Try motion, the lens and a board, one after the other."""
     free = tuple(free)
-    if not found.needed and not bool((fit.windows.origin_px % 2).any()):
-        tried = settled(replace(fit, windows=replace(fit.windows, mosaic=True)), free, steps=2)
-        # No value more: the likelier of the two, by what one value would cost.
-        gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.pixels)
-        explains = "colours are guessed from neighbours"
-        fit = tried if found.tried("demosaicing", gained, 0.0, BIC, explains) else fit
     moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
     rich = settled(fit, moving, steps=3)
     apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
