@@ -1,7 +1,6 @@
 """How noise grows with light: the photon transfer curve of what a fit leaves."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,11 +109,18 @@ def transfer(fit: RecordingFit) -> Curve:
 
     unit = float((gamma * level / model.encoded(level, gamma)).square()[most] * raw[most])
     first = np.log(np.maximum([unit / float(level[most]), unit], 1e-15))
-    fits = {}
-    for at, lower in (([0], 0.0), ([1], 0.0), ([0, 1], 0.7)):
-        logs, value = least(lambda logs, at=at: loss(part(at, logs)), first[at] - lower)  # type: ignore[misc]
-        fits[len(at) * 2 + at[0] - 2] = part(at, logs), value
-    (_, slope), (_, floor), (wanted, both) = (fits[i] for i in range(3))
+
+    def best(at: list[int], lower: float) -> tuple[Array, float]:
+        found = optimize.minimize(
+            lambda logs: loss(part(at, logs)),
+            first[at] - lower,
+            method="Nelder-Mead",
+            options={"xatol": 1e-5, "fatol": 1e-6},
+        )
+        return part(at, found.x), float(found.fun)
+
+    fits = best([0], 0.0), best([1], 0.0), best([0, 1], 0.7)
+    (_, slope), (_, floor), (wanted, both) = fits
     # The curve's own misfit: bins that no curve meets say less.
     miss = float((count / 2 * (raw / predicted(wanted) - 1).square()).sum()) / max(len(level) - 2, 1)
     miss, cost = max(1.0, miss), math.log(max(float(count.sum()), 2.0))
@@ -131,15 +137,8 @@ def transfer(fit: RecordingFit) -> Curve:
         information = (slopes * (count / (2 * predicted(noise).square()))) @ slopes.T
         errors = torch.linalg.pinv(information, hermitian=True).diagonal().clamp(min=0)
         deviation[kept] = (errors * miss).sqrt().numpy()
-    parts = [one.numpy() for one in (level, raw, count)]
-    found = Noise(*noise.tolist())
-    return Curve(*parts, found, (deviation[0], deviation[1]), (gains[0], gains[1]), still)
-
-
-def least(loss: Callable[[Array], float], begin: Array) -> tuple[Array, float]:
-    """Find the least of a function of a few numbers (Nelder and Mead)."""
-    found = optimize.minimize(loss, begin, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6})
-    return np.asarray(found.x, dtype=np.float64), float(found.fun)
+    sure, gained = (deviation[0], deviation[1]), (gains[0], gains[1])
+    return Curve(level.numpy(), raw.numpy(), count.numpy(), Noise(*noise.tolist()), sure, gained, still)
 
 
 def middle_slope(x: float, gamma: Tensor, noise: Noise) -> float:
