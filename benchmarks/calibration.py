@@ -50,6 +50,8 @@ from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
 FRAMES = 8
+AMONG_LAMPS = 24
+"""Frames recorded where the locator takes lamps for the panel in more than half of them."""
 WIDTH, HEIGHT = 320, 240
 ALIKE = {"airlight": "veiling_glare"}
 """Effects that a recording does not tell from others, which stand for them."""
@@ -122,8 +124,9 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
     """Take the recording."""
     key = BlockKey(seed, "recording", 0)
     scene, bits = world.scene.draw(key, world.panel.shape)
-    scene, bits = scene[:FRAMES], bits[:FRAMES]
-    keys = [FrameKey(key, frame) for frame in range(FRAMES)]
+    taken = AMONG_LAMPS if "lamps" in world.effects else FRAMES
+    scene, bits = scene[:taken], bits[:taken]
+    keys = [FrameKey(key, frame) for frame in range(taken)]
     greys = (
         Simulator(world.camera, world.panel, world.effects, framing="full")
         .render(scene, bits, keys=keys)
@@ -131,10 +134,10 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
     )
     panels = locator_named("refined", PaperLocator())(Frames.whole(greys[:, 0]), world.panel.shape)
     rows = panels.found.nonzero()[:, 0]
-    rows = rows[agreeing(panels.corners_px[rows].double())]
+    rows = rows[agreeing(panels.corners_px[rows].double())][:FRAMES]
     none = np.full(len(rows), np.nan)
     footage = Footage(
-        greys[rows, 0].numpy(), rows.numpy(), none, panels.corners_px[rows].double(), FRAMES, FRAMES, []
+        greys[rows, 0].numpy(), rows.numpy(), none, panels.corners_px[rows].double(), taken, taken, []
     )
     return footage, bits[rows], scene[rows]
 
