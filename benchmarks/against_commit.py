@@ -13,6 +13,7 @@ about, so that a busy spell hits both. The ratio of each round is taken before t
 """
 
 import argparse
+import os
 import shlex
 import subprocess
 import sys
@@ -134,8 +135,8 @@ class Command:
 
     frames, warm_up = 1, 0
 
-    def __init__(self, tree: Path, words: str) -> None:
-        self.tree, self.words = tree, shlex.split(words)
+    def __init__(self, tree: Path, words: str, clock: str) -> None:
+        self.tree, self.words, self.clock = tree, shlex.split(words), clock
         # Installed, the configuration is a part of the package.
         if not (tree / "vocc_torch" / "conf").exists():
             (tree / "vocc_torch" / "conf").symlink_to(tree / "conf")
@@ -143,7 +144,7 @@ class Command:
     def turn(self) -> tuple[float, int]:
         """Give the seconds of one run, and 0."""
         with tempfile.TemporaryDirectory() as folder:
-            begin = time.perf_counter()
+            begin = self._now()
             subprocess.run(
                 [sys.executable, "-m", "vocc_torch", *self.words],
                 cwd=folder,
@@ -151,7 +152,11 @@ class Command:
                 stdout=subprocess.DEVNULL,
                 check=True,
             )
-            return time.perf_counter() - begin, 0
+            return self._now() - begin, 0
+
+    def _now(self) -> float:
+        """Give the seconds by the clock, or those that all ended processes have spent."""
+        return time.perf_counter() if self.clock == "perf_counter" else sum(os.times()[2:4])
 
 
 def main() -> None:
@@ -175,7 +180,7 @@ def main() -> None:
             sides = {
                 name: Side(tree, given.work, given.batch, clock)
                 if given.command is None
-                else Command(tree, given.command)
+                else Command(tree, given.command, clock)
                 for name, tree in trees.items()
             }
             spent: dict[str, list[float]] = {name: [] for name in sides}

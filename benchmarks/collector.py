@@ -21,7 +21,7 @@ from typing import Any
 
 import torch
 
-from vocc_torch.measure import executors, workers
+from vocc_torch.measure import executors, point_work, workers
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World
@@ -66,10 +66,10 @@ def counted(plan: Plan) -> tuple[partial[Any], dict[Label, Tally], float]:
     torch.set_num_threads(1)
     training = train(plan)
     count = partial(count_parts, plan, {"paper": training.bank(plan.receiver.names)}, 1000.0)
-    count([workers.Part(0, BLOCK_FRAMES)])
+    count([point_work.Part(0, BLOCK_FRAMES)])
     begun = time.process_time()
     for block in range(BLOCKS):
-        (counts,) = count([workers.Part(block, BLOCK_FRAMES)])
+        (counts,) = count([point_work.Part(block, BLOCK_FRAMES)])
     return count, counts, (time.process_time() - begun) / BLOCKS
 
 
@@ -77,7 +77,7 @@ def collected(engine: ReadyEngine, count: object, blocks: int, ledger: Ledger | 
     """Collect blocks of one point, and give processor time and wall time, s a block."""
     workers.engine_of = lambda *_: engine  # what executor=ray opens
     with workers.Workers(None, "ray") as pool:
-        work = workers.PointWork("p", count, Budget(BLOCK_FRAMES * blocks), ledger)  # type: ignore[arg-type]
+        work = point_work.PointWork("p", count, Budget(BLOCK_FRAMES * blocks), ledger)  # type: ignore[arg-type]
         begun, wall = time.process_time(), time.perf_counter()
         (outcome,) = pool.run([work])
         spent = time.process_time() - begun, time.perf_counter() - wall

@@ -1,6 +1,6 @@
 """How often each locator finds the panel, how far off, and what a frame takes, on the same simulated frames.
 
-    python benchmarks/located.py --scenes paper street --frames 64
+    python benchmarks/located.py --scenes street 'paper scene.distance_m=70' --frames 64
 
 Located: found, and every corner within a quarter of the pitch. Only panels whole on the sensor count.
 The sensor is a quarter of Full HD, with the scene's own pixels, so that it takes minutes.
@@ -37,11 +37,12 @@ def locator_of(name: str) -> PanelLocator:
 
 def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, absent: bool) -> None:
     """Render frames one by one, locate, and print a line for each locator."""
-    world = vt.load_scene(scene)
+    name, *words = scene.split()
+    world = vt.load_scene(name)
     width_mm = world.camera.sensor_width_mm * 960 / world.camera.width_px
-    own = [*SMALL, f"scene.camera.sensor_width_mm={width_mm}"]
+    own = [*words, *SMALL, f"scene.camera.sensor_width_mm={width_mm}"]
     own += ["+scene.effects.panel_absent.share=1.0"] if absent else []
-    world = vt.load_scene(scene, *own)
+    world = vt.load_scene(name, *own)
     hits = {name: [] for name in locators}
     errors, scores, spent = ({name: [] for name in locators} for _ in range(3))
     for batch in vt.simulate(world, frames, seed, batch=8, point="located"):

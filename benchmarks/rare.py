@@ -2,18 +2,21 @@
 
     python benchmarks/rare.py coverage
     python benchmarks/rare.py frames 1400 experiment=ambient receiver.locator=truth classifier=tag_planes
+    python benchmarks/rare.py seeds 1600 experiment=ambient receiver.locator=truth classifier=tag_planes
     python benchmarks/rare.py picture 1600 experiment=ambient receiver.locator=truth classifier=tag_planes
 
 ``coverage`` simulates studies with errors whose rate is known: an LED that is Off between four that are On is
-wrong where luminance, distance and background all lie in the last part of their distributions. ``frames``
-resamples the weighted errors of real frames. ``picture`` draws frames that a receiver has wrong.
+wrong where luminance, distance and background all lie in the last part of their distributions, or are so far
+up together. ``frames`` resamples the weighted errors of real frames, whose mean is then the truth. ``seeds``
+repeats one study, with pilots and frames of their own. ``picture`` draws frames that a receiver has wrong.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +30,13 @@ from vocc_torch.measure import rare, sweep, train
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import WeightedCounts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.point_work import parts_of, stop_reason
 from vocc_torch.measure.tilted import WIDTHS, Component, TiltedScenes
-from vocc_torch.measure.workers import Workers, parts_of, stop_reason
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -40,21 +45,29 @@ from vocc_torch.types import PanelShape
 SHAPE, NAMES = PanelShape(8, 8), ("led_luminance_cd_m2", "distance_m", "background_grey")
 
 
-def toy_scenes(frames: int) -> TiltedScenes:
-    """Tilt towards Off LEDs between On ones and the upper ends of three values, but not all the way."""
+ENDS = {
+    "each": [0, 0, 0, 0, 0, 0.1, 0.2, 0.2, 0.25, 0.25],
+    "sum": [0, 0, 0, 0, 0, 0, 0, 0.1, 0.2, 0.7],
+    "missed": [0, 0, 0, 0, 0, 0, 0, 0, 0.1, 0.9],
+}
+"""Where three values are sought: too little, a little too far out, and hardly where the errors are."""
+
+
+def toy_scenes(frames: int, law: str) -> TiltedScenes:
+    """Tilt towards Off LEDs between On ones and upper ends of values."""
     template = np.full((5, 5), 0.5)
     template[1:4, 2], template[2, 1:4], template[2, 2] = 0.9, 0.9, 0.1
-    tilts = dict.fromkeys(NAMES, 0.8 * np.array([0, 0, 0, 0, 0, 0.1, 0.2, 0.2, 0.25, 0.25]) + 0.2 * WIDTHS)
+    tilts = dict.fromkeys(NAMES, 0.8 * np.array(ENDS[law]) + 0.2 * WIDTHS)
     seeks = rare.around_leds(SHAPE, frames, template, 0.5, {0: 1.0, 1: 0.1, 2: 0.1}, tilts)
     return TiltedScenes.of(SceneModel(), [Component.nominal(BLOCK_FRAMES - frames, SHAPE), seeks])
 
 
-def toy_errors(scenes: TiltedScenes, key: BlockKey, share: float) -> np.ndarray:
+def toy_errors(placed: Mapping[str, np.ndarray], bits: np.ndarray, share: float, law: str) -> np.ndarray:
     """Count the wrong LEDs of each frame of a block."""
-    bits, placed = scenes.draw(key, SHAPE)[1].numpy(), scenes.placed(key, SHAPE)
     around = [bits[:, :-2, 1:-1], bits[:, 2:, 1:-1], bits[:, 1:-1, :-2], bits[:, 1:-1, 2:]]
     surrounded = ~bits[:, 1:-1, 1:-1] & np.logical_and.reduce(around)
-    hard = np.logical_and.reduce([placed[name] >= 1 - share for name in NAMES])
+    left = 1 - np.stack([placed[name] for name in NAMES])
+    hard = (left.max(axis=0) if law == "each" else left.sum(axis=0)) <= share
     return surrounded.sum(axis=(1, 2)) * hard
 
 
@@ -85,25 +98,28 @@ COLUMNS = (
 HEAD = f"| {' | '.join((*COLUMNS, 'CPU s'))} |\n{'|---' * (len(COLUMNS) + 1)}|"
 
 
-LAWS = (0.1, 48, 4), (0.1, 48, 16), (0.03, 48, 16), (0.1, 4, 16)
-"""The last share of three values in which LEDs are wrong, frames of 64 that seek it, blocks of a study."""
+LAWS = (
+    *(("each", 0.1, 48, 4), ("each", 0.1, 48, 16), ("each", 0.03, 48, 16), ("each", 0.1, 4, 16)),
+    *(("sum", 0.2, 48, 16), ("sum", 0.2, 48, 32), ("missed", 0.2, 48, 32)),
+)
+"""Whether LEDs are wrong in this last share of each value or of their sum; frames of 64 that seek; blocks."""
 
 
 def coverage(studies: int) -> None:
     """Simulate studies of a receiver whose rate is known."""
     print(HEAD)
-    for share, frames, blocks in LAWS:
-        begin, counts, scenes = time.process_time(), [], toy_scenes(frames)
-        truth = 36 / 64 / 32 * share**3
+    for law, share, frames, blocks in LAWS:
+        begin, counts, scenes = time.process_time(), [], toy_scenes(frames, law)
+        truth = 36 / 64 / 32 * share**3 / (1 if law == "each" else 6)
         for study in range(studies):
             total = WeightedCounts()
             for block in range(blocks):
-                key = BlockKey(study, "toy", block)
-                wrong, weights = toy_errors(scenes, key, share), scenes.weights(key, SHAPE)
+                drawn = scenes.drawn(BlockKey(study, "toy", block), SHAPE)
+                wrong, weights = toy_errors(*drawn, share, law), scenes.weights(*drawn)
                 found = np.ones(len(wrong), dtype=bool)
                 total += WeightedCounts.weigh(2 * wrong, found, SHAPE.leds, weights, scenes.nominal)
             counts.append(total)
-        name = f"toy, {blocks * BLOCK_FRAMES} frames, {frames} of 64 sought"
+        name = f"{law}, {blocks * BLOCK_FRAMES} frames, {frames} of 64 sought"
         told(name, truth, counts, time.process_time() - begin)
 
 
@@ -114,9 +130,14 @@ def planned(words: Sequence[str]) -> Plan:
         return build_plan(resolved(compose("config", overrides=list(words)), words), Path("runs"))
 
 
+def trained(plan: Plan) -> dict[str, ReceiverBank]:
+    """Train with the plan's locator."""
+    return {plan.receiver.locator: train.train(plan).bank(plan.receiver.names)}
+
+
 def proposed(plan: Plan, value: float) -> tuple[dict[str, ReceiverBank], str, TiltedScenes]:
     """Train, and find the proposal of a point."""
-    banks = {plan.receiver.locator: train.train(plan).bank(plan.receiver.names)}
+    banks = trained(plan)
     name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
     return banks, name, rare.proposal(plan, banks, model, name, Workers(1).submit)
 
@@ -144,6 +165,35 @@ def resampled(plan: Plan, value: float, blocks: int, studies: int) -> None:
         told(f"{label[1]} at {value:g}, stopped at 20 %", truth, stopped, time.process_time() - begin)
 
 
+def repeated(plan: Plan, value: float, seeds: int) -> None:
+    """Repeat the study of one training's receivers, each time with a pilot and frames of its own."""
+    banks, name = trained(plan), sweep.point_name(plan.experiment, value)
+    (locator,), model = banks, plan.experiment.model_at(plan.world, value)
+    print(f"| seed | frames | effective wrong frames | BER | CPU s |\n{'|---' * 5}|")
+    found: dict[str, list[Estimate]] = {one: [] for one in banks[locator].names}
+    for seed in range(1, seeds + 1):
+        begin, own = time.process_time(), replace(plan, seed=seed)
+        scenes = rare.proposal(own, banks, model, name, Workers(1).submit)
+        parts, total, count = list(parts_of(plan.budget.frames)), {}, 0
+        while count < len(parts) and (not count or stop_reason(plan.budget, total, count) is None):
+            for one in rare.count_parts(own, banks, name, scenes, parts[count : count + 16]):
+                total = {label: more + total.get(label, 0) for label, more in one.items()}
+            count += 16
+        for label, counts in total.items():
+            found[label[1]].append(one := ber_interval(counts))
+            kish = counts.weighted**2 / max(1, counts.squares)
+            print(
+                f"| {label[1]}, {seed} | {counts.frames} | {kish:.0f} | {one.value:.3g} [{one.low:.3g}, "
+                f"{one.high:.3g}] | {time.process_time() - begin:.0f} |",
+                flush=True,
+            )
+    for label, each in found.items():
+        rates = np.array([one.value for one in each])
+        mean, held = rates.mean(), sum(one.low <= rates.mean() <= one.high for one in each)
+        spread, most = 100 * rates.std(ddof=1) / mean, 100 * abs(rates / mean - 1).max()
+        print(f"{label}: {mean:.3g}, spread {spread:.0f} %, at most {most:.0f} %; {held} of {seeds} hold it")
+
+
 def picture(plan: Plan, value: float, path: Path) -> None:
     """Draw twelve frames of the saved receiver with a wrong bit, drawn as often as their weights say."""
     banks, name, scenes = proposed(plan, value)
@@ -151,7 +201,7 @@ def picture(plan: Plan, value: float, path: Path) -> None:
     kept, place = [], list(bank.names).index(plan.receiver.save)
     for block in range(64):
         key, first = BlockKey(plan.seed, name, block), 0
-        weights = scenes.weights(key, plan.world.panel.shape)
+        weights = scenes.weights(*scenes.drawn(key, plan.world.panel.shape))
         for seen in link.observe(scenes, [key], preambles=False):
             decided = list(bank.scores(seen.readings, seen.preambles).values())[place] >= 0
             wrong = (decided != seen.bits) & seen.panels.found.view(-1, 1, 1)
@@ -205,10 +255,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("coverage", "frames", "picture"))
+    parser.add_argument("what", choices=("coverage", "frames", "seeds", "picture"))
     parser.add_argument("value", nargs="?", type=float, help="of the experiment's axis")
     parser.add_argument("words", nargs="*", help="as on the command line of vocc-torch")
     parser.add_argument("--studies", type=int, default=1000)
+    parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--blocks", type=int, default=256)
     parser.add_argument("--out", type=Path, default=Path("wrong_frames.png"))
     given = parser.parse_args()
@@ -216,6 +267,8 @@ def main() -> None:
         coverage(given.studies)
     elif given.what == "frames":
         resampled(planned(given.words), given.value, given.blocks, given.studies)
+    elif given.what == "seeds":
+        repeated(planned(given.words), given.value, given.seeds)
     else:
         picture(planned(given.words), given.value, given.out)
 

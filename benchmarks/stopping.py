@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.workers import stop_reason
+from vocc_torch.measure.point_work import stop_reason
 from vocc_torch.rng import BLOCK_FRAMES
 
 ENDLESS = 10**12

@@ -1,9 +1,9 @@
-"""The recipe of the learned locator's last network, which judges placings: simulated frames in, weights out.
+"""The recipe of the learned locator's network, which judges placings: simulated frames in, weights out.
 
-    python benchmarks/train_panel_net.py --start learned.json --out first.json
+    python benchmarks/train_panel_net.py --out first.json
     python benchmarks/train_panel_net.py --start first.json --out learned.json --mine 8 110
 
-Finder and corners stay those of ``--start``. The places that are judged are those of lattices in the spectra
+The places that are judged are those of lattices in the spectra
 of windows, and about true panels; with ``--mine`` those too that the locator of ``--start`` finds likeliest,
 and only the layers that give the logit are trained.
 """
@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from panel_worlds import World, shaken, world
 from torch import Tensor, nn
-from train_locator import World, shaken, world
 
 import vocc_torch as vt
 from vocc_torch import PanelShape
@@ -29,10 +29,8 @@ from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.receiver.learned import (
     LearnedLocator,
-    Nets,
     distinct,
     load_weights,
-    looked_places,
     placings,
     save_weights,
     spectral_places,
@@ -100,12 +98,11 @@ def shaken_places(truth: Tensor, shape: PanelShape, draw: np.random.Generator) -
     return map_points(truth, places, shape)
 
 
-def found_places(nets: Nets, frame: Frames, scales: Pyramid, shape: PanelShape) -> Tensor:
+def found_places(net: PanelNet, scales: Pyramid, shape: PanelShape) -> Tensor:
     """Give what the locator of the moment finds likeliest, step by step, (n,4,2)."""
-    quads = torch.cat([spectral_places(scales, shape), looked_places(nets, frame, shape)])
-    quads, _ = distinct(*placings(nets.panel, scales, quads, shape, 4), shape, 14)
-    again, _ = placings(nets.panel, scales, quads, shape, 1, moved=True)
-    last, _ = placings(nets.panel, scales, again, shape, 1, moved=True)
+    quads, _ = distinct(*placings(net, scales, spectral_places(scales, shape), shape, 4), shape, 14)
+    again, _ = placings(net, scales, quads, shape, 1, moved=True)
+    last, _ = placings(net, scales, again, shape, 1, moved=True)
     return torch.cat([quads, again, last])
 
 
@@ -123,7 +120,7 @@ def cut_close(
     return grey[:, start[1] : end[1], start[0] : end[0]], truth - truth.new_tensor(start)
 
 
-def seen_in(one: World, nets: Nets | None, draw: np.random.Generator, many: tuple[int, int]) -> Seen:
+def seen_in(one: World, net: PanelNet | None, draw: np.random.Generator, many: tuple[int, int]) -> Seen:
     """Look at up to so many places of each frame that are nearly the panel's, and at so many others."""
     parts = []
     for number, grey in enumerate(one.grey.round()):
@@ -132,7 +129,7 @@ def seen_in(one: World, nets: Nets | None, draw: np.random.Generator, many: tupl
             grey, truth = cut_close(grey, truth, one.shape, draw)
         frame = Frames.whole(grey.to(torch.uint8))
         scales = Pyramid.of(frame.grey, 3 * max(one.shape.rows, one.shape.columns) // 2)
-        quads = found_places(nets, frame, scales, one.shape) if nets else spectral_places(scales, one.shape)
+        quads = found_places(net, scales, one.shape) if net else spectral_places(scales, one.shape)
         off = in_cells(quads, truth, one.shape)
         bent = (off - off.mean(1, keepdim=True).round()).norm(dim=2).amax(1)
         near = (bent < 0.6) & (off.mean(1).abs().amax(1) < REACH + 0.5)
@@ -151,14 +148,14 @@ def seen_in(one: World, nets: Nets | None, draw: np.random.Generator, many: tupl
     return Seen(*(torch.cat(part).clone() for part in zip(*parts, strict=True)))
 
 
-def dataset(nets: Nets | None, seed: int, blocks: int, streets: int) -> dict[PanelShape, Seen]:
+def dataset(net: PanelNet | None, seed: int, blocks: int, streets: int) -> dict[PanelShape, Seen]:
     """Look at blocks of small worlds, and at whole frames of streets, half of them without a panel."""
     draw, parts = np.random.default_rng(seed), defaultdict(list)
     with torch.inference_mode():
         for block in range(blocks):
             one = world(seed, block)
             one = shaken(one, draw) if draw.random() < 0.3 else one
-            parts[one.shape].append(seen_in(one, nets, draw, (4, 7)))
+            parts[one.shape].append(seen_in(one, net, draw, (4, 7)))
         for scene in SCENES if streets else ():
             model = vt.load_scene(scene, "+scene.effects.panel_absent.share=0.5")
             for batch in vt.simulate(model, streets // 2, seed, batch=8, point="train_locator streets"):
@@ -168,7 +165,7 @@ def dataset(nets: Nets | None, seed: int, blocks: int, streets: int) -> dict[Pan
                 rows = (known == 0).flatten(1).all(1) | (shape == model.panel.shape)
                 one = World(batch.frames.grey[rows].float(), known[rows], shape)
                 if len(one.grey):
-                    parts[shape].append(seen_in(one, nets, draw, (3, 14)))
+                    parts[shape].append(seen_in(one, net, draw, (3, 14)))
     return {
         shape: Seen(*(torch.cat(one) for one in zip(*part, strict=True))) for shape, part in parts.items()
     }
@@ -298,13 +295,13 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(given.seed)
     device = torch.device("cpu")
-    nets = load_weights(given.start, device) if given.start else LearnedLocator().nets(device)
     data = dataset(None, given.seed, given.blocks, given.streets)
     print({f"{one.rows}x{one.columns}": len(seen.pitch_px) for one, seen in data.items()}, flush=True)
     panel = PanelNet()
     if given.mine:
-        panel.load_state_dict(nets.panel.state_dict())
-        found = dataset(nets, given.seed + 1, *given.mine)
+        start = load_weights(given.start, device) if given.start else LearnedLocator().net(device)
+        panel.load_state_dict(start.state_dict())
+        found = dataset(start, given.seed + 1, *given.mine)
         parts = [(shape, seen, 1.0) for shape, seen in data.items()]
         for shape, seen in found.items():
             flipped = seen.off_cells[:, [1, 0, 3, 2]] * torch.tensor([-1.0, 1.0])
@@ -313,7 +310,7 @@ def main() -> None:
         sharpened(panel, parts, given.seed + 1)
     else:
         trained(panel, data, given.minutes, 3e-3, given.seed)
-    save_weights(given.out, Nets(nets.finder, nets.corners, panel))
+    save_weights(given.out, panel)
 
 
 if __name__ == "__main__":

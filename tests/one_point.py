@@ -3,8 +3,10 @@
 from dataclasses import replace
 from functools import partial
 
+from vocc_torch.measure.point_work import PointWork
+from vocc_torch.measure.schedule import run_points
 from vocc_torch.measure.sweep import count_parts, points_of
-from vocc_torch.measure.workers import PointWork, Workers, run_points
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 
 

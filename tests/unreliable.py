@@ -5,7 +5,7 @@ import random
 import threading
 from concurrent.futures import Future
 
-from vocc_torch.measure import workers
+from vocc_torch.measure import schedule, workers
 from vocc_torch.measure.executors import Engine
 
 
@@ -58,6 +58,6 @@ class Unreliable(Engine):
 def on(monkeypatch, engine, overdue_s=0.2):
     """Let executor=ray be this engine."""
     monkeypatch.setattr(workers, "engine_of", lambda *_: engine)
-    monkeypatch.setattr(workers, "OVERDUE_S", overdue_s)
-    monkeypatch.setattr(workers, "OVERDUE", 0)
+    monkeypatch.setattr(schedule, "OVERDUE_S", overdue_s)
+    monkeypatch.setattr(schedule, "OVERDUE", 0)
     return engine

@@ -61,7 +61,7 @@ class Batched:
         """Move every field to ``device``."""
         return type(self)(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))
 
-    def put(self, rows: Tensor, others: "Batched") -> None:
+    def put(self, rows: slice | Tensor, others: "Batched") -> None:
         """Overwrite the chosen rows in place, of the fields that ``others`` has too."""
         for name in others.__dataclass_fields__:
             getattr(self, name)[rows] = getattr(others, name)

@@ -17,7 +17,8 @@ from vocc_torch.measure import executors, workers
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import about_run, called, demand_answer
-from vocc_torch.measure.workers import PointWork, Workers
+from vocc_torch.measure.point_work import PointWork
+from vocc_torch.measure.workers import Workers
 
 
 def counted(parts, frames=64):

@@ -10,8 +10,9 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.genie import Genie, genie_reference
 from vocc_torch.measure.likelihood import overlap
 from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.point_work import Part
 from vocc_torch.measure.sweep import count_parts, point_name
-from vocc_torch.measure.workers import Part, Workers
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey

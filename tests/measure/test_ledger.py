@@ -30,7 +30,9 @@ from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger, canonical
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.workers import PointWork, Workers, parts_of, run_points
+from vocc_torch.measure.point_work import PointWork, parts_of
+from vocc_torch.measure.schedule import run_points
+from vocc_torch.measure.workers import Workers
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {

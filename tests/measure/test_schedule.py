@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from one_point import run_point
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import workers
+from vocc_torch.measure import schedule, workers
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.workers import Outcome, Part, PointWork, parts_of, run_points, stop_reason
+from vocc_torch.measure.point_work import Outcome, Part, PointWork, parts_of, stop_reason
+from vocc_torch.measure.schedule import run_points
 from vocc_torch.rng import BLOCK_FRAMES
 
 
@@ -88,7 +89,7 @@ class Hands:
     def run(self, works, **options):
         """All outcomes, with every wait in these hands."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(workers.futures, "wait", self.wait)
+            patch.setattr(schedule.futures, "wait", self.wait)
             return list(run_points(works, self.submit, **options))
 
 

@@ -16,9 +16,10 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.point_work import Outcome, Part
 from vocc_torch.measure.sweep import Study, count_parts
 from vocc_torch.measure.train import Training, train, train_each
-from vocc_torch.measure.workers import Outcome, Part, Workers
+from vocc_torch.measure.workers import Workers
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.types import Panels, Scene

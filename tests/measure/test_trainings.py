@@ -18,9 +18,10 @@ from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.plan import ClassifierPlan, identity
+from vocc_torch.measure.point_work import Outcome, Part, stop_reason
 from vocc_torch.measure.train import train, train_alone
 from vocc_torch.measure.trainings import TRAININGS, Trained, mean_difference, t_reach, widened
-from vocc_torch.measure.workers import Outcome, Part, Workers, stop_reason
+from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BlockKey

@@ -121,6 +121,13 @@ def test_radial_vectors_are_eq_8(samples):
     assert radial_inward_field(samples, torch.float64, meta).device == meta
 
 
+def test_gradients_of_a_large_batch_are_those_of_its_frames():
+    patches = torch.rand(71, 1, 12, 10) * 255
+    single = torch.cat([image_gradient(one[None], "sobel") for one in patches])
+    torch.testing.assert_close(image_gradient(patches, "sobel"), single, rtol=0, atol=0)
+    assert image_gradient(patches[:0], "sobel").shape == (0, 2, 12, 10)
+
+
 @pytest.mark.parametrize("kernel", ["sobel", "central"])
 @pytest.mark.parametrize(
     ("shape", "samples"), [(PanelShape(3, 2), 5), (PanelShape(1, 4), 4), (PanelShape(2, 2), 2)]

@@ -1,6 +1,7 @@
 """The lattice locator: panels darker than what is around, several, none; and its false alarms."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from vocc_torch.receiver.cell_model import randomness
 from vocc_torch.receiver.false_alarms import FalseAlarms
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.lattice_locator import LatticeLocator
+from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.reader import Reader
@@ -122,6 +124,16 @@ def test_a_table_is_read_as_written_and_serves_no_smaller_panel(tmp_path):
     assert false_alarms.calibrated("mine", PanelShape(8, 8), tmp_path / "table.csv") == row
     assert false_alarms.calibrated("mine", PanelShape(4, 4), tmp_path / "table.csv") is None
     assert false_alarms.calibrated("other", SHAPE, tmp_path / "table.csv") is None
+
+
+@pytest.mark.parametrize("locator", [LatticeLocator(), LearnedLocator()])
+def test_a_panel_too_small_for_a_statement_is_refused(locator):
+    with pytest.raises(
+        VoccError, match=r"panel is 3 x 4: it must be of at least 16 LEDs for receiver\.locator"
+    ):
+        locator(torch.zeros(1, 64, 64, dtype=torch.uint8), PanelShape(3, 4))
+    anything = replace(locator, false_alarms=math.inf)
+    assert not bool(anything(torch.zeros(1, 64, 64, dtype=torch.uint8), PanelShape(3, 4)).found[0])
 
 
 def test_it_is_kept_by_its_settings():

@@ -83,6 +83,19 @@ def test_patches_are_scipys_bilinear_reading_at_opencvs_points(name, dtype):
     np.testing.assert_allclose(patch[0, 0].numpy(), expected, rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", list(QUADRILATERALS))
+def test_gradients_flow_to_the_corners_through_the_same_values(name):
+    frames, corners = Frames.whole(picture(1)[None]), corners_of(QUADRILATERALS[name])
+    moved = corners.clone().requires_grad_()
+    patch = rectify(frames, Panels.known(moved), SHAPE, 2)
+    assert torch.equal(patch.detach(), rectify(frames, Panels.known(corners), SHAPE, 2))
+    (slope,) = torch.autograd.grad(patch.sum(), moved)
+    step = torch.zeros_like(corners)
+    step[0, 2, 0] = 1e-6
+    ends = [rectify(frames, Panels.known(corners + sign * step), SHAPE, 2).sum() for sign in (1, -1)]
+    np.testing.assert_allclose(slope[0, 2, 0], (ends[0] - ends[1]) / 2e-6, rtol=1e-4)
+
+
 def test_beyond_the_border_the_border_pixels_go_on():
     """A panel that fills the frame: its margin of one cell reads replicated border pixels."""
     image = picture(5, 40, 50)

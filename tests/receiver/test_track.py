@@ -1,9 +1,11 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
+import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.track import Tracker, fit
 from vocc_torch.rng import BlockKey, FrameKey
@@ -71,6 +73,19 @@ def test_a_shaking_panel_is_followed_and_found_again(approach):
     assert errors[HIDDEN.stop] < 0.25
     # Once at the beginning, once a hidden frame, and once again; all else is followed.
     assert tracker.searches == locator.asked <= 2 + len(grey[HIDDEN]) + 2
+
+
+def test_a_small_standing_panel_stays_where_it_is():
+    """Of 2.7 px an LED in a night's noise: by neither a line of dark LEDs nor by size or turn is it moved."""
+    given = ("distance_m=80", "ambient_lx=10", "led_luminance_cd_m2=400", "offset_x_m=0", "offset_y_m=0")
+    words = ["camera.width_px=160", "camera.height_px=120", "scene.camera.sensor_width_mm=1.1"]
+    world = vt.load_scene("night", *words, *(f"scene.{one}" for one in given))
+    (batch,) = vt.simulate(replace(world, framing="full"), 48, point="standing")
+    corners, locator = batch.corners_px.numpy(), Told(batch.corners_px.numpy())
+    errors = errors_cells(
+        Tracker(locator, SHAPE, every=100), locator, batch.frames.grey[:, 0].numpy(), corners
+    )
+    assert errors.max() < 0.25
 
 
 def test_full_searches_come_every_so_often(approach):

@@ -166,6 +166,7 @@ class WeightedCounts(Counts):
         weighted: sum of w h over the frames, h a frame's ``half_errors``.
         weighted_squares: sum of w h^2.
         squares: sum of (w h)^2.
+        fourths: sum of (w h)^4, which tells whether a few frames are most of ``squares``.
 
     Example:
         >>> halves, found = np.array([0, 2, 0, 4]), np.ones(4, dtype=bool)
@@ -178,6 +179,7 @@ class WeightedCounts(Counts):
     weighted: int = 0
     weighted_squares: int = 0
     squares: int = 0
+    fourths: int = 0
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give."""
@@ -187,6 +189,8 @@ class WeightedCounts(Counts):
             ("weighted", self.weighted_squares if self.half_errors else 0, "weighted_squares"),
             # By Cauchy and Schwarz.
             ("weighted", math.isqrt(self.squares * self.frame_errors), "the root of squares by frame_errors"),
+            ("squares", math.isqrt(self.fourths * self.frame_errors), "the root of fourths by frame_errors"),
+            ("fourths", self.squares**2, "squares squared"),
         )
         for name, limit, reason in limits:
             if getattr(self, name) > limit:
@@ -223,6 +227,7 @@ class WeightedCounts(Counts):
             weighted=sum(w * h for w, h in pairs),
             weighted_squares=sum(w * h * h for w, h in pairs),
             squares=sum((w * h) ** 2 for w, h in pairs),
+            fourths=sum((w * h) ** 4 for w, h in pairs),
         )
 
     @property

@@ -19,6 +19,8 @@ from vocc_torch.measure.estimate import Estimate
 
 MOST_TRIALS = 1e13
 """Most trials that an interval or a test is given of: SciPy's beta integral loses its digits beyond."""
+UNEVEN = 12
+"""Wrong frames to each that their weights are worth, above which the largest weights are too few to tell."""
 _TAIL_TOLERANCE = 1e-3
 
 
@@ -162,13 +164,14 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     if not 0 < errors_per_frame_error <= bits_per_frame:
         rule = f"above 0 and at most the bits of a frame, {bits_per_frame:g}"
         raise VoccError.of("errors_per_frame_error", errors_per_frame_error, rule)
-    if isinstance(counts, WeightedCounts) and counts.weighted:
-        return weighted_interval(counts, confidence)
     if counts.half_errors == 0 or isinstance(counts, WeightedCounts):
         frames = counts.nominal_frames if isinstance(counts, WeightedCounts) else counts.frames
         # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
         frame_error_limit = -math.expm1(math.log1p(-confidence) / frames)
-        return Estimate(ber, 0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
+        limit = frame_error_limit * errors_per_frame_error / bits_per_frame
+        if isinstance(counts, WeightedCounts) and counts.weighted:
+            return weighted_interval(counts, confidence, limit)
+        return Estimate(ber, 0.0, limit)
     if counts.bits > MOST_TRIALS:
         raise VoccError(f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits")
     # A missed panel of a single LED is half a bit error: the only wrong frame with less than one.
@@ -200,27 +203,36 @@ def clustered_interval(
     return Estimate(rate, min(low, rate), max(min(clustered.high, frame_error.high), rate))
 
 
-def weighted_interval(counts: WeightedCounts, confidence: float = 0.95) -> Estimate:
+def weighted_interval(counts: WeightedCounts, confidence: float = 0.95, unseen: float = 0.0) -> Estimate:
     """Give the interval of a rate from weighted frames, which are the independent units.
 
     Their sum is one of rare things of unequal sizes, for which Fay and Feuer (Statistics in Medicine 16,
     1997) take the gamma distribution with the sum's mean and variance, exact where all weights are equal. Its
     shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` over the frames' weighted errors y,
     corrected for a number of frames that is fixed, times the ratio of t quantiles that pays for a variance
-    which is itself an estimate. The upper end allows for one more effective wrong frame.
+    which is itself an estimate: few large y make it, so its degrees of freedom are ``(sum y^2)^2 / sum y^4``.
+    The upper end allows for one more wrong frame of the large ones, ``y^2 = sum y^4 / sum y^2``.
+
+    Where more than :data:`UNEVEN` wrong frames are worth one of equal weights, the proposal seeks other
+    errors than most there are; the frames drawn as they are meant then say how many it may miss.
 
     Args:
         counts: at least one wrong frame of a weight above 0.
         confidence: above 0, below 1.
+        unseen: rate of errors that may go unseen, added to the upper end of such counts.
     """
-    total, squares = counts.weighted, counts.squares
-    seen = total**2 / squares
+    total, squares, fourths, frames = counts.weighted, counts.squares, counts.fourths, counts.frames
+    seen, freedom = total**2 / squares, squares**2 / fourths
     # Frames were a number fixed beforehand.
-    shape = total**2 / (squares - total**2 / counts.frames) if seen < counts.frames else float(counts.frames)
-    shape *= t_correction(MOST_TRIALS, max(1.0, min(counts.frames - 1, seen + 1)), confidence)
-    tail, rate = (1 - confidence) / 2, counts.ber
-    low, high = gammaincinv(shape, tail) / shape, gammainccinv(shape + 1, tail) / shape
-    return Estimate(rate, float(low) * rate, max(rate, min(1.0, float(high) * rate)))
+    shape = total**2 / (squares - total**2 / frames) if seen < frames else float(frames)
+    paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
+    one_more = math.sqrt(fourths / squares) / total
+    mean, variance = 1 + one_more, (1 / shape + one_more**2) / paid
+    tail, rate, shape = (1 - confidence) / 2, counts.ber, shape * paid
+    low = gammaincinv(shape, tail) / shape
+    high = gammainccinv(mean**2 / variance, tail) * variance / mean
+    missed = unseen if counts.frame_errors > UNEVEN * seen else 0.0
+    return Estimate(rate, float(low) * rate, max(rate, min(1.0, float(high) * rate + missed)))
 
 
 def t_correction(bits: float, freedom: float, confidence: float) -> float:

@@ -15,6 +15,7 @@ from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.receiver.false_alarms import demand_stated
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
@@ -190,7 +191,9 @@ class Plan:
     batch_frames: int = 64
 
     def __post_init__(self) -> None:
-        """Check every range, and that every point and the training have scenes that auto-ISO can expose."""
+        """Check every range, that auto-ISO can expose every scene, and that the locator knows such panels."""
+        if self.receiver.locator in ("lattice", "learned"):
+            demand_stated(self.receiver.locator, self.world.panel.shape)
         tested = {f"{at:g}": self.experiment.model_at(self.world, at) for at in self.experiment.values}
         for value, model in (*tested.items(), ("", self.experiment.training_model(self.world))):
             if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:
@@ -286,7 +289,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         # A ledger of one training is what it was before there were several.
         **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
-        **({"rare": True} if plan.budget.rare else {}),
+        **({"rare": 2} if plan.budget.rare else {}),
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

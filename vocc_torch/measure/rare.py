@@ -21,9 +21,9 @@ from vocc_torch.measure.counts import WeightedCounts
 from vocc_torch.measure.ledger import Label, Tally
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.measure.point_work import Part
 from vocc_torch.measure.tilted import WIDTHS, Component, Floats, TiltedScenes, part_of
 from vocc_torch.measure.timing import threads
-from vocc_torch.measure.workers import Part
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
@@ -87,7 +87,8 @@ def count_parts(
     labels: list[Label] = [(locator, name, 0) for locator, bank in banks.items() for name in bank.names]
     counted: list[dict[Label, Tally]] = []
     for number, part in enumerate(parts):
-        weights = scenes.weights(BlockKey(plan.seed, point, part.block), shape)[: part.frames]
+        drawn = scenes.drawn(BlockKey(plan.seed, point, part.block), shape)
+        weights = scenes.weights(*drawn)[: part.frames]
         one = errors.of(frames=slice(number * BLOCK_FRAMES, number * BLOCK_FRAMES + part.frames))
         rows = zip(labels, one.half_errors, one.found, strict=True)
         counted.append(
@@ -147,10 +148,8 @@ def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int)
             for scores in bank.scores(seen.readings, seen.preambles).values():
                 margins.append((scores * (2.0 * seen.bits - 1)).cpu().double().numpy())
                 failed.append((off | ~seen.panels.found).cpu().numpy())
-    bits = next(iter(views.values())).bits.cpu().numpy()
-    return PilotFrames(
-        scenes.placed(key, shape), bits, scenes.weights(key, shape), np.stack(margins), np.stack(failed)
-    )
+    placed, bits = scenes.drawn(key, shape)
+    return PilotFrames(placed, bits, scenes.weights(placed, bits), np.stack(margins), np.stack(failed))
 
 
 def joined(looks: Sequence[PilotFrames]) -> PilotFrames:

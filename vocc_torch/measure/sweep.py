@@ -19,8 +19,9 @@ from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
+from vocc_torch.measure.point_work import Outcome, Part, PointWork
 from vocc_torch.measure.trainings import TRAININGS, Trained
-from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, worker_losses_told
+from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel

@@ -89,7 +89,7 @@ class TiltedScenes(SceneModel):
         >>> often_on = Component(48, np.full((1, 2, 2), 0.9), np.ones(1))
         >>> tilted = TiltedScenes(components=(Component.nominal(16, shape), often_on))
         >>> scene, bits = tilted.draw(key, shape)
-        >>> weights, lit = tilted.weights(key, shape), bits.sum(dim=(1, 2)).numpy()
+        >>> weights, lit = tilted.weights(*tilted.drawn(key, shape)), bits.sum(dim=(1, 2)).numpy()
         >>> bool(weights.max() < 4), [round(float(weights[lit == n].max()), 3) for n in (4, 2)]
         (True, [0.123, 2.88])
     """
@@ -114,13 +114,12 @@ class TiltedScenes(SceneModel):
 
     def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool."""
-        uniform, bits = self._drawn(key, shape)
+        uniform, bits = self.drawn(key, shape)
         values = (_value_at(getattr(self, name), uniform[name]) for name in SCENE_FIELDS)
         return Scene(*map(torch.from_numpy, values)), torch.from_numpy(bits)
 
-    def weights(self, key: BlockKey, shape: PanelShape) -> Floats:
-        """Give the weight of each frame of a block, (64,)."""
-        uniform, bits = self._drawn(key, shape)
+    def weights(self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]) -> Floats:
+        """Give the weight of each frame that was drawn, (N,)."""
         found: Floats = np.exp(-np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0))
         return found
 
@@ -134,8 +133,8 @@ class TiltedScenes(SceneModel):
             rows.append(row)
         return np.stack(rows)
 
-    def _drawn(self, key: BlockKey, shape: PanelShape) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
-        """Draw where each value lies in its distribution, 0 to below 1, and the bits."""
+    def drawn(self, key: BlockKey, shape: PanelShape) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
+        """Draw a block: where each value lies in its distribution, (64,) from 0 to below 1, and the bits."""
         order = np.repeat(np.arange(len(self.components)), [one.frames for one in self.components])
         order = key.generator("rare.component").permutation(order)
         uniform = {name: key.generator(f"rare.{name}").random(BLOCK_FRAMES) for name in SCENE_FIELDS}
@@ -152,10 +151,6 @@ class TiltedScenes(SceneModel):
                 inside = (drawn - (ends - shares)[part]) / shares[part]
                 uniform[name][rows] = EDGES[part] + WIDTHS[part] * inside.clip(0, 1 - 2**-40)
         return uniform, bits
-
-    def placed(self, key: BlockKey, shape: PanelShape) -> dict[str, Floats]:
-        """Give where each value of a block's scenes lies in its distribution, (64,) from 0 to below 1."""
-        return self._drawn(key, shape)[0]
 
 
 def part_of(uniform: Floats) -> NDArray[np.int64]:

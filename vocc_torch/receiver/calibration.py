@@ -154,8 +154,7 @@ def appearance(readings: Readings) -> torch.Tensor:
     The pitch is a cell's mean side in the image, the level the mean grey value of the panel, and the contrast
     the difference of its brightest and its darkest cell, in digital numbers both.
     """
-    side = readings.patches.shape[-1] // (readings.features.shape[2] + 2)
-    cells = torch.nn.functional.avg_pool2d(readings.patches.double(), side)[:, 0, 1:-1, 1:-1].flatten(1)
+    cells = readings.greys.average.double().flatten(1)
     darkest, brightest = cells.aminmax(dim=1)
     measured = [readings.cell_px.double().mean(dim=1), cells.mean(dim=1), brightest - darkest]
     return torch.stack(measured, dim=1)

@@ -38,14 +38,12 @@ class Cells(Batched):
     """Panels as they may lie in a level of the pyramid, n of them.
 
     Args:
-        frame: (n,) int64.
         level: (n,) int64.
         corners_px: (n,4,2) float64, px of the level, clockwise from the top left.
         bits: (n,R,C) bool.
         score: (n,) logarithm of what bits explain of the picture over what they leave, for its transitions.
     """
 
-    frame: Tensor
     level: Tensor
     corners_px: Tensor
     bits: Tensor
@@ -55,17 +53,17 @@ class Cells(Batched):
     def at(cls, pyramid: Pyramid, corners_px: Tensor, shape: PanelShape) -> "Cells":
         """Lay panels at corners (n,4,2) px of the one frame, in the levels that suit their pitches."""
         pitch = torch.stack(cell_size_px(corners_px, shape)).prod(0).sqrt()
-        most = len(pyramid.begin) - 1
+        most = len(pyramid.levels) - 1
         level = (pitch / PITCHES_PX[0]).clamp(min=1e-3).log2().floor().nan_to_num().clamp(0, most).long()
         bits = level.new_zeros(len(level), shape.rows, shape.columns, dtype=torch.bool)
         corners_px = corners_px.double() / 2.0 ** level.double()[:, None, None]
-        return cls(torch.zeros_like(level), level, corners_px, bits, torch.zeros_like(pitch))
+        return cls(level, corners_px, bits, torch.zeros_like(pitch))
 
 
 def read_cells(pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int) -> Tensor:
     """Read K x K samples a cell, (n,(R+2m)K,(C+2m)K)."""
     columns, rows = (
-        (torch.arange((leds + 2 * margin) * samples, device=cells.frame.device) + 0.5) / samples - margin
+        (torch.arange((leds + 2 * margin) * samples, device=cells.level.device) + 0.5) / samples - margin
         for leds in (shape.columns, shape.rows)
     )
     h = cell_homography(cells.corners_px, shape).to(torch.float32)[..., None, None]
@@ -73,7 +71,7 @@ def read_cells(pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, 
     scale = h[:, 2, 0] * u + h[:, 2, 1] * v + h[:, 2, 2]
     x, y = ((h[:, axis, 0] * u + h[:, axis, 1] * v + h[:, axis, 2]) / scale for axis in (0, 1))
     x, y = (one.nan_to_num().clamp(-1e6, 1e6).flatten(1) for one in (x, y))
-    return pyramid.read(cells.frame, cells.level, x, y).view(-1, len(rows), len(columns))
+    return pyramid.read(cells.level, x, y).view(-1, len(rows), len(columns))
 
 
 def randomness(bits: Tensor) -> Tensor:
@@ -169,7 +167,7 @@ def best_places(
     bits = torch.stack([one[3] for one in best], 1)[rows, line]
     cells = corner_cells(shape).to(shift.device) + shift[:, None]
     corners = map_points(start.corners_px, cells, shape)
-    return Cells(start.frame, start.level, corners, bits, merit)
+    return Cells(start.level, corners, bits, merit)
 
 
 def edge_changes(pyramid: Pyramid, cells: Cells, picture: Tensor) -> Tensor:
@@ -189,7 +187,7 @@ def edge_changes(pyramid: Pyramid, cells: Cells, picture: Tensor) -> Tensor:
     lit = middle[:, y, x] > ((bright + dark) / 2)[:, None]
     places = torch.stack([x, y], 1).to(torch.float64).expand(len(on), -1, 2) - 0.5
     at = map_points(cells.corners_px, places, PanelShape(high, wide))
-    inside = ((at >= 0) & (at <= pyramid.size[cells.level].flip(1)[:, None])).all(2)
+    inside = ((at >= 0) & (at <= pyramid.size_px(cells.level)[:, None])).all(2)
     return ((lit != lit.roll(1, 1)) & inside & inside.roll(1, 1)).sum(1)
 
 
@@ -245,7 +243,7 @@ def fit_cells(
     The patterns are eliminated from each step (variable projection, Golub and Pereyra 1973), and bits are
     decided anew before it.
     """
-    inside, corner = _fields(shape, start.frame.device)
+    inside, corner = _fields(shape, start.level.device)
     best, now = start, start
     for number in range(steps + 1):
         picture = read_cells(pyramid, now, shape, _FINE, 1)
@@ -287,10 +285,10 @@ def fit_cells(
         # What the On LEDs add to a panel of Off ones; a line of the dark around it in its place adds nothing.
         light = (weights[:, 1, :quarter].square().sum(1)) * 4 * bits.sum((1, 2))
         fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
-        now = Cells(now.frame, now.level, now.corners_px, bits, fit)
+        now = Cells(now.level, now.corners_px, bits, fit)
         beyond = (edge_changes(pyramid, now, picture) - _FREE_CHANGES).clamp(min=0)
         score = fit.clamp(max=_BEST_FIT) + randomness(bits).clamp(max=most_random) - _CHANGE_COST * beyond
-        now = Cells(now.frame, now.level, now.corners_px, bits, score)
+        now = Cells(now.level, now.corners_px, bits, score)
         if number == 0:
             best = now[torch.arange(n, device=score.device)]
         else:
@@ -308,5 +306,5 @@ def fit_cells(
         )
         moves = torch.stack([step[:, :4] @ corner.float(), step[:, 4:] @ corner.float()], 2).to(torch.float64)
         corners = map_points(now.corners_px, corner_cells(shape).to(moves.device) + moves, shape)
-        now = Cells(now.frame, now.level, corners, bits, score)
+        now = Cells(now.level, corners, bits, score)
     return best

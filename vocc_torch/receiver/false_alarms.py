@@ -17,7 +17,7 @@ from vocc_torch.types import PanelShape
 TABLE = Path(__file__).parent / "false_alarms.csv"
 """What ``benchmarks/false_alarms.py`` wrote."""
 
-_TAIL, _LEAST_FRAMES = 0.15, 50
+_TAIL, _LEAST_FRAMES = 0.07, 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +112,16 @@ def calibrated(locator: str, shape: PanelShape, path: Path = TABLE) -> FalseAlar
         one for one in read_table(path) if one.locator == locator and one.rows * one.columns <= shape.leds
     ]
     return max(rows, key=lambda one: one.rows * one.columns) if rows else None
+
+
+def demand_stated(locator: str, shape: PanelShape) -> FalseAlarms:
+    """Give what :func:`calibrated` gives.
+
+    Raises:
+        VoccError: there is none: of such a panel no false alarms can be stated.
+    """
+    if found := calibrated(locator, shape):
+        return found
+    least = min((one.rows * one.columns for one in read_table() if one.locator == locator), default=0)
+    rule = f"of at least {least} LEDs for receiver.locator={locator}, which states no false alarms of fewer"
+    raise VoccError.of("panel", f"{shape.rows} x {shape.columns}", rule)

@@ -50,7 +50,7 @@ def trimmed(frames: Frames) -> Frames:
     whole = frames.surround is None and frames.sensor_px == (height, width)
     if not whole or not len(frames) or grey.device.type != "cpu" or height * width < _LARGE_FRAME_PX:
         return frames
-    boxes, planes = [], grey[:, 0].numpy()
+    boxes, planes = [], grey.numpy()[:, 0]
     for plane in planes:
         if (plane[0] != plane[0, 0]).any():
             return frames
@@ -71,10 +71,11 @@ def trimmed(frames: Frames) -> Frames:
     room = (width // _BLOCK_PX - wide, height // _BLOCK_PX - high)
     origin = np.minimum([(left, top) for left, top, _, _ in boxes], room) * _BLOCK_PX
     down, across = high * _BLOCK_PX, wide * _BLOCK_PX
-    places = zip(planes, origin.tolist(), strict=True)
-    parts = np.stack([plane[None, y : y + down, x : x + across] for plane, (x, y) in places])
+    parts = np.empty((len(planes), 1, down, across), dtype=np.uint8)
+    for part, plane, (x, y) in zip(parts, planes, origin.tolist(), strict=True):
+        part[0] = plane[y : y + down, x : x + across]
     cut, level = torch.from_numpy(parts), torch.from_numpy(planes[:, 0, 0].copy())
-    return Frames(cut, frames.origin_px + torch.from_numpy(origin), frames.sensor_px, level)
+    return Frames(cut, torch.from_numpy(frames.origin_px.numpy() + origin), frames.sensor_px, level)
 
 
 def histogram256(grey: Tensor) -> Tensor:
@@ -127,15 +128,16 @@ def sensor_histogram(frames: Frames) -> Tensor:
         >>> sensor_histogram(frames)[0, [9, 200]].tolist()
         [12, 4]
     """
-    counts = histogram256(frames.grey)
+    counts = histogram256(frames.grey).cpu()
     if frames.surround is None:
-        return counts
+        return counts.to(frames.grey.device)
     height, width = frames.grey.shape[-2:]
     outside = frames.sensor_px[0] * frames.sensor_px[1] - height * width
     if outside < 0:
         raise VoccError(f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}")
-    level = frames.surround.round().long().clamp(0, _LEVELS - 1).to(counts.device)
-    return counts.scatter_add_(1, level[:, None], level.new_full((len(level), 1), outside))
+    levels = [min(max(round(level), 0), _LEVELS - 1) for level in frames.surround.tolist()]
+    counts.numpy()[range(len(levels)), levels] += outside
+    return counts.to(frames.grey.device)
 
 
 def otsu_threshold(histogram: Tensor) -> Tensor:
@@ -165,19 +167,20 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     parts = (counts > 0) & (below < total)
     # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
     apart = (total_mass * below - mass * total).astype(np.float64)
-    between = apart * apart / (below.astype(np.float64) * (total - below)).clip(min=1.0)
-    between[~parts] = -1.0
+    between = np.where(
+        parts, apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0), -1.0
+    )
     best = parts & ((between >= between.max(1, keepdims=True) * (1 - _TIE_SHARE)) | (total > _MOST_EXACT_PX))
     threshold = best.argmax(1)
-    for row in (best.sum(1) > 1).nonzero()[0].tolist():
+    for row in (best.sum(1) != 1).nonzero()[0].tolist():
+        if not parts[row].any():  # one grey value has all pixels, or nothing has any
+            threshold[row] = counts[row].argmax()
+            continue
         n, s = below[row].tolist(), mass[row].tolist()
         levels = best[row].nonzero()[0].tolist()
         apart_squared = [(s[-1] * n[level] - s[level] * n[-1]) ** 2 for level in levels]
         exact = map(Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels))
         threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[1]
-    # An image of one grey value has all pixels there; an empty one has none anywhere.
-    flat = (counts.max(1) == total[:, 0]).nonzero()[0]
-    threshold[flat] = counts[flat].argmax(1)
     return torch.from_numpy(threshold).to(histogram.device)
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness
-from vocc_torch.receiver.false_alarms import calibrated
+from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.foreground import ring_statistics
 from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
@@ -71,7 +71,8 @@ class LatticeLocator:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.
 
         Raises:
-            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or a panel so small
+                that no false alarms are stated of it.
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
@@ -98,7 +99,8 @@ class LatticeLocator:
             if bool(corners[row].isfinite().all()) and bool((apart > _OVERLAP * size[kept] / 2**0.5).all()):
                 kept.append(row)
         corners, score = corners[kept], score[kept]
-        table = calibrated("lattice", shape)
+        any_rate = self.false_alarms == float("inf")
+        table = calibrated("lattice", shape) if any_rate else demand_stated("lattice", shape)
         alarms = torch.full_like(score, torch.inf) if table is None else table.expected(score)
         sure = alarms <= self.false_alarms
         corners[sure] = _sharpened(frame, corners[sure], shape)
@@ -109,11 +111,11 @@ class LatticeLocator:
 def _candidates(grey: Tensor, shape: PanelShape) -> Cells:
     """Fit the likeliest panels of one frame (1,1,H,W)."""
     pyramid = Pyramid.of(grey, 3 * max(shape.rows, shape.columns) // 2)
-    guess = lattice_hypotheses(pyramid, 1, shape)
-    if not len(guess.frame):
+    guess = lattice_hypotheses(pyramid, shape)
+    if not len(guess.level):
         none = guess.centre_px.new_zeros(0, 4, 2, dtype=torch.float64)
-        bits = guess.frame.new_zeros(0, shape.rows, shape.columns, dtype=torch.bool)
-        return Cells(guess.frame, guess.level, none, bits, guess.strength)
+        bits = guess.level.new_zeros(0, shape.rows, shape.columns, dtype=torch.bool)
+        return Cells(guess.level, none, bits, guess.strength)
     most = max(shape.rows, shape.columns)
     cell = corner_cells(shape).to(guess.centre_px) - (
         torch.tensor([shape.columns // 2, shape.rows // 2], device=grey.device) + 0.5
@@ -121,7 +123,7 @@ def _candidates(grey: Tensor, shape: PanelShape) -> Cells:
     corners = (guess.centre_px[:, None] + cell @ guess.basis_px.mT).double()
     bits = torch.zeros(len(corners), shape.rows, shape.columns, dtype=torch.bool, device=grey.device)
     reach = min(4, max(2, round(0.4 * most)))
-    cells = best_places(pyramid, Cells(guess.frame, guess.level, corners, bits, guess.strength), shape, reach)
+    cells = best_places(pyramid, Cells(guess.level, corners, bits, guess.strength), shape, reach)
     scale = 2.0 ** cells.level.double()
     middle = cells.corners_px.mean(1) * scale[:, None]
     size = (cells.corners_px[:, 0] - cells.corners_px[:, 2]).norm(dim=1) * scale

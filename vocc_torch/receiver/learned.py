@@ -1,31 +1,19 @@
-"""A small learned locator: one network finds places, another their corners, and a lattice is fitted."""
+"""A small learned locator: a network judges placings of lattices that show in spectra, and a fit follows."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
-from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
-from vocc_torch.receiver.false_alarms import calibrated
+from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells
+from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
-from vocc_torch.receiver.learned_nets import (
-    CORNER_CELLS,
-    PITCH_PX,
-    CornerNet,
-    Finder,
-    corner_frames,
-    corner_patches,
-    places_px,
-    pyramid,
-)
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
@@ -33,45 +21,36 @@ from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 SHIPPED = "learned_locator.json"
-"""The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
+"""The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# The finder's places that are looked at closely, steps of their corners at least; cells that lattices are
-# shifted by, placings that are kept, and those that are fitted, by cells and by spots.
-_PLACES, _CORNER_STEPS, _REACH, _KEPT, _STEPS, _FITTED, _SPOTS = 10, 3, 4, 16, 2, 6, 2
+# Cells that lattices are shifted by, placings that are kept, and those that are fitted.
+_REACH, _KEPT, _STEPS, _FITTED = 4, 16, 2, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
-# A pitch that the finder says is off by at most this factor, as a logarithm; places nearer than this share of
-# the panel's diagonal are one.
-_MOST_LOG, _APART = 0.6, 0.25
-# A lattice is kept that explains the first share of the picture, and none is looked for beyond the second;
-# cells that corners may move by, from a first start and from a search.
-_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 2.5, 0.3, 16
+# A lattice of spots is kept that explains the first share of the picture, and none is looked for beyond the
+# second; cells that its corners may move by.
+_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
+# Logit from which on a placing is fitted, and steps of the fit to cells.
+_WORTH_A_FIT, _CELL_STEPS = 0.0, 4
+# Weights of the logit, of what two levels explain and of random bits, and a constant: a logistic regression
+# over 285 panels and 1417 other places in simulated frames; and below which less random says no more.
+_EVIDENCE, _LEAST_RANDOM = (1.2, 0.67, 0.54, -2.1), -10.0
 
 
-class Nets(NamedTuple):
-    """The networks of a file."""
-
-    finder: Finder
-    corners: CornerNet
-    panel: PanelNet
-
-
-def save_weights(path: Path, nets: Nets) -> None:
-    """Write the networks' weights, in the format of receivers: text, a checksum, and no code.
+def save_weights(path: Path, net: PanelNet) -> None:
+    """Write a network's weights, in the format of receivers: text, a checksum, and no code.
 
     Raises:
         VoccError: the file cannot be written.
     """
-    parts = zip(Nets._fields, nets, strict=True)
-    state = {f"{name}.{key}": value for name, net in parts for key, value in net.state_dict().items()}
-    write_model(path, {"kind": _KIND}, state)
+    write_model(path, {"kind": _KIND}, net.state_dict())
 
 
 @lru_cache(maxsize=8)
-def load_weights(path: Path, device: torch.device) -> Nets:
+def load_weights(path: Path, device: torch.device) -> PanelNet:
     """Read what :func:`save_weights` wrote; nothing in the file is executed.
 
     Raises:
@@ -79,38 +58,35 @@ def load_weights(path: Path, device: torch.device) -> Nets:
     """
     settings, state = read_model(path)
     with torch.inference_mode(False):
-        nets = Nets(Finder(), CornerNet(), PanelNet())
+        net = PanelNet()
         try:
             if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
                 raise ValueError
-            for name, net in zip(Nets._fields, nets, strict=True):
-                own = {k.removeprefix(f"{name}."): v for k, v in state.items() if k.startswith(f"{name}.")}
-                net.load_state_dict(own)
+            net.load_state_dict(state)
         except (KeyError, RuntimeError, ValueError):
             raise VoccError(f"model {path} holds no learned locator: train it again") from None
-        for net in nets:
-            net.eval().requires_grad_(False).to(device)
-        return nets
+        return net.eval().requires_grad_(False).to(device)
 
 
 @dataclass(frozen=True, slots=True)
 class LearnedLocator:
-    """Find panels by networks that have seen simulated frames only, then fit the lattice of LEDs.
+    """Find panels by a network that has seen simulated frames only, then fit the lattice of LEDs.
 
-    - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator; and those of
-      a first network, which judges every 8th pixel of a pyramid, with corners by a second one.
-    - Placings: a third network sees the cells of each with their surroundings, and tells which placing by
-      whole cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
+    - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator.
+    - Placings: the network sees the cells of each with their surroundings, and tells which placing by whole
+      cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
     - Fits: of two patterns to the cells, and of up to 16 x 16 LEDs of round spots, kept where the placing
       stays as likely.
+    - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
 
-    The third network's logit says how many false alarms a frame without a panel is expected to give, by a
-    table of such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)).
-    Of weights of one's own there is no table: a panel is found where the score is at least 0.5.
+    The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
+    frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-evidence)). Of weights
+    of one's own there is no table: a panel is found where the score is at least 0.5.
 
     Args:
-        weights: a file of ``benchmarks/train_locator.py``; None takes the one that ships.
-        false_alarms: a panel is found where at most as many are expected in a frame without one, above 0.
+        weights: a file of ``benchmarks/train_panel_net.py``; None takes the one that ships.
+        false_alarms: a panel is found where at most as many are expected in a frame without one; above 0, and
+            with infinity anything is.
 
     Raises:
         VoccError: a number out of its range; when called, weights that are missing or damaged.
@@ -121,11 +97,12 @@ class LearnedLocator:
 
     def __post_init__(self) -> None:
         """Refuse a number out of its range."""
-        if finite_number("location.false_alarms", self.false_alarms) <= 0:
+        most = self.false_alarms
+        if most != math.inf and finite_number("location.false_alarms", most) <= 0:
             raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
 
-    def nets(self, device: torch.device) -> Nets:
-        """Give the networks on a device."""
+    def net(self, device: torch.device) -> PanelNet:
+        """Give the network on a device."""
         if self.weights is not None:
             return load_weights(Path(self.weights), device)
         with resources.as_file(resources.files("vocc_torch.receiver") / SHIPPED) as path:
@@ -144,138 +121,80 @@ class LearnedLocator:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.
 
         Raises:
-            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or damaged weights.
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, damaged weights, or a
+                panel so small that no false alarms are stated of it.
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
-        device, table = exact.grey.device, None if self.weights else calibrated("learned", shape)
-        nets = self.nets(device)
+        device, table = exact.grey.device, None
+        if self.weights is None:
+            any_rate = self.false_alarms == math.inf
+            table = calibrated("learned", shape) if any_rate else demand_stated("learned", shape)
+        net = self.net(device)
         with torch.inference_mode(), torch.autocast(device.type, enabled=False):
             corners = torch.zeros(0, 4, 2, dtype=torch.float64, device=device)
             none = corners[:, 0, 0]
             seen = [Sightings(none.long(), corners, none, none)]
             # Frame by frame: what is found must not depend on how many are computed together.
             for i in range(len(exact) if exact.grey.numel() else 0):
-                quads, logit = sighted(nets, exact[i : i + 1], shape)
+                quads, logit = sighted(net, exact[i : i + 1], shape)
                 alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
                 if self.weights:  # of which nothing is stated, so only what is likelier than not
-                    quads, logit, alarms = (
-                        quads[logit >= 0],
-                        logit[logit >= 0],
-                        alarms[logit >= 0] * torch.nan,
-                    )
+                    quads, logit = quads[logit >= 0], logit[logit >= 0]
+                    alarms = torch.full_like(logit, torch.nan)
                 rows = torch.full_like(logit, i, dtype=torch.int64)
                 seen.append(Sightings(rows, quads, logit.sigmoid(), alarms))
-            parts = zip(
-                *([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen),
-                strict=True,
-            )
-            found = Sightings(*(torch.cat(part) for part in parts))
+            names = Sightings.__dataclass_fields__
+            found = Sightings(*(torch.cat([getattr(one, name) for one in seen]) for name in names))
             found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
-        return Sightings(*(getattr(found, name).clone() for name in Sightings.__dataclass_fields__))
+        return Sightings(*(getattr(found, name).clone() for name in names))
 
 
-def found_places(
-    finder: Finder, scales: Sequence[Tensor], shape: PanelShape, many: int
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Give the likeliest places of panels on a pyramid of one picture, the likeliest first.
-
-    Returns:
-        (n,4,2) corners, px of the largest scale; (n,) logits; (n,) the scale.
-    """
-    parts, half = [], math.sqrt(shape.leds) * PITCH_PX / 2
-    for level, picture in enumerate(scales):
-        judged = finder(picture, shape)[0]
-        logit = judged[0]
-        peak = logit == torch.nn.functional.max_pool2d(logit[None], 3, 1, 1)[0]
-        best = logit.masked_fill(~peak, -torch.inf).flatten().topk(min(2 * many, logit.numel())).indices
-        best = best[peak.flatten()[best]]
-        at = places_px((logit.shape[0], logit.shape[1])).to(logit.device).flatten(1)[:, best]
-        chosen = judged.flatten(1)[:, best]
-        centre = (at + chosen[1:3].clamp(-2, 2) * half) * 2**level
-        pitch = chosen[3].clamp(-_MOST_LOG, _MOST_LOG).exp() * PITCH_PX * 2**level
-        parts.append(
-            torch.cat([chosen[:1], centre, pitch[None], chosen[4:5], torch.full_like(pitch[None], level)])
-        )
-    together = torch.cat(parts, 1)
-    together = together[:, together[0].argsort(descending=True, stable=True)]
-    kept: list[int] = []
-    apart = _APART * math.hypot(shape.rows, shape.columns)
-    x, y, size = together[1:4].tolist()
-    for i in range(len(x)):
-        if all(math.hypot(x[i] - x[k], y[i] - y[k]) > apart * max(size[i], size[k]) for k in kept):
-            kept.append(i)
-        if len(kept) == many:
-            break
-    logit, cx, cy, pitch, turn, level_of = together[:, kept]
-    corners = lattice_model.corner_cells(shape).to(pitch) - pitch.new_tensor([shape.columns, shape.rows]) / 2
-    cosine, sine = turn.cos()[:, None], turn.sin()[:, None]
-    across = corners[:, 0] * cosine - corners[:, 1] * sine
-    down = corners[:, 0] * sine + corners[:, 1] * cosine
-    quads = torch.stack([across, down], 2) * pitch[:, None, None] + torch.stack([cx, cy], 1)[:, None]
-    return quads, logit, level_of.long()
-
-
-def zooms(shape: PanelShape) -> list[int]:
-    """How far a corner's patches reach, step by step, in units of four cells.
-
-    Example:
-        >>> zooms(PanelShape(8, 8)), zooms(PanelShape(16, 64))
-        ([1, 1, 1], [8, 4, 2, 1, 1])
-    """
-    first = int(math.log2(max(shape.rows, shape.columns, 8) / 8))
-    steps = [2**n for n in range(first, -1, -1)]
-    return steps + [1] * max(1, _CORNER_STEPS - len(steps))
-
-
-def corner_step(
-    nets: Nets, scales: Sequence[Tensor], quads: Tensor, shape: PanelShape, zoom: int
-) -> tuple[Tensor, Tensor]:
-    """Judge the corners of quadrilaterals (n,4,2) of one picture: where they are, and logits (n,4)."""
-    pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt().clamp(min=1e-3)
-    level = ((pitch * zoom / PITCH_PX).log2().round() - 1).clamp(0, len(scales) - 1).long()
-    frame, reach = torch.zeros_like(level), torch.full_like(pitch, zoom)
-    told = quads.new_tensor([math.log2(shape.rows), math.log2(shape.columns), math.log2(zoom)])
-    patches = corner_patches(scales, frame, level, quads, shape, reach)
-    judged = nets.corners(patches, told.expand(len(patches), 3)).view(-1, 4, 3)
-    axes = corner_frames(quads, shape) * (zoom * CORNER_CELLS)
-    moves = (judged[..., :2].clamp(-1, 1)[..., None] * axes).sum(2)
-    return moves, judged[..., 2]
-
-
-def sighted(nets: Nets, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tensor]:
+def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tensor]:
     """Give the panels that one frame may show, and how likely they are.
 
     Returns:
         (n,4,2) float64 corners on the sensor, and (n,) logits, the likeliest first.
     """
     scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
-    quads = torch.cat([spectral_places(scales, shape), looked_places(nets, frame, shape)])
-    quads, logit = placings(nets.panel, scales, quads, shape, _REACH)
+    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, _REACH)
     quads, logit = distinct(quads, logit, shape, _KEPT)
+    if not len(quads):
+        return quads, logit.double()
     for _ in range(_STEPS):
-        quads, logit = placings(nets.panel, scales, quads, shape, 1, moved=True)
-    quads, logit = distinct(quads, logit, shape, _FITTED)
-    # Two fits, kept where the panel is as likely then: of two patterns to whole cells, and of round spots.
-    cells = Cells.at(scales, quads, shape)
-    again = (
-        fit_cells(scales, best_places(scales, cells, shape, 0), shape, most_random=0.0).corners_px
-        * 2.0 ** cells.level.double()[:, None, None]
-    )
-    quads, logit = _likelier(nets, scales, (quads, logit), again, shape)
-    if max(shape.rows, shape.columns) <= _MOST_LEDS:
-        best = logit.argsort(descending=True, stable=True)[:_SPOTS]
-        here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
-        again = fitted(_repeated(here, len(best)), quads[best], shape)
-        quads[best], logit[best] = _likelier(nets, scales, (quads[best], logit[best]), again, shape)
+        quads, logit = placings(net, scales, quads, shape, 1, moved=True)
     quads, logit = distinct(quads, logit, shape, _FITTED, _OVERLAP)
+    # Two fits, kept where the panel is as likely then: of two patterns to whole cells, and of round spots.
+    best = (logit > _WORTH_A_FIT).nonzero()[:, 0]
+    if len(best):
+        cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
+        fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
+        again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
+        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
+        if max(shape.rows, shape.columns) <= _MOST_LEDS:
+            here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
+            again = fitted(_repeated(here, len(best)), quads[best], shape)
+            quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
+    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _FITTED)
     return quads + frame.origin_px, logit.double()
+
+
+def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, shape: PanelShape) -> Tensor:
+    """Log odds (n,) of panels at quadrilaterals: the network's logit, what two levels explain, random bits.
+
+    Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
+    cells look; that their bits follow a rule is seen in the bits.
+    """
+    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
+    cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
+    random = randomness(cells.bits).clamp(max=0.0)
+    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM)], 1)
+    return told @ told.new_tensor(_EVIDENCE[:3]) + _EVIDENCE[3]
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     """Give quadrilaterals (n,4,2) px of lattices in the spectra of windows, about the windows' middles."""
-    guess = lattice_hypotheses(scales, 1, shape)
-    guess = guess[guess.strength.argsort(descending=True, stable=True)]
+    guess = lattice_hypotheses(scales, shape)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
     # Windows side by side see one lattice: those that another has within its reach are left out.
@@ -291,20 +210,6 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     return (centre[rows, None] + cell @ basis[rows].mT).double()
 
 
-def looked_places(nets: Nets, frame: Frames, shape: PanelShape) -> Tensor:
-    """Give quadrilaterals (n,4,2) px of the finder's places, with corners of the second network."""
-    scales = pyramid(frame.grey)
-    quads, _, _ = found_places(nets.finder, scales, shape, _PLACES)
-    steps = zooms(shape)
-    sign = quads.new_tensor([1.0, -1.0, 1.0, -1.0]).view(1, 4, 1)
-    for number, zoom in enumerate(steps):
-        moves, _ = corner_step(nets, scales, quads, shape, zoom)
-        if number < len(steps) - 1:  # a parallelogram stays one until the last
-            moves = moves - sign * (moves * sign).mean(1, keepdim=True)
-        quads = quads + moves
-    return quads.double()
-
-
 def placings(
     net: PanelNet, scales: Pyramid, quads: Tensor, shape: PanelShape, reach: int, *, moved: bool = False
 ) -> tuple[Tensor, Tensor]:
@@ -312,6 +217,8 @@ def placings(
 
     ``moved`` moves the corners to where the network sees them, too.
     """
+    if not len(quads):
+        return quads, quads.new_zeros(0)
     cells = Cells.at(scales, quads, shape)
     patches = read_cells(scales, cells, shape, SAMPLES, reach + CONTEXT)
     pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt()
@@ -357,11 +264,11 @@ def _first_of_each(same: Tensor) -> list[int]:
 
 
 def _likelier(
-    nets: Nets, scales: Pyramid, before: tuple[Tensor, Tensor], again: Tensor, shape: PanelShape
+    net: PanelNet, scales: Pyramid, before: tuple[Tensor, Tensor], again: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Take the corners of a fit where it left the panel about as likely, with its logit."""
     safe = torch.where(again.isfinite(), again, before[0])
-    _, logit = placings(nets.panel, scales, safe, shape, 0)
+    _, logit = placings(net, scales, safe, shape, 0)
     cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
     good = (logit > before[1] - _MOST_LOST) & ((safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell)
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
@@ -377,8 +284,7 @@ def _repeated(frame: Frames, times: int) -> Frames:
 def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near.
 
-    They begin at the corners; where that explains too little, with the panel's own dark cells for background
-    and where a search over pitch and place leads.
+    They begin at the corners; where that explains too little, with the panel's own dark cells for background.
     """
     patches = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
     side = lattice_model.SAMPLES
@@ -387,18 +293,14 @@ def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
     cell = torch.maximum(*rectification.cell_size_px(corners_px, shape)).clamp(min=1e-6)
     best, share = corners_px.clone(), torch.full_like(ring, _LEAST_SHARE)
-    for number, (level, farthest) in enumerate(
-        ((ring, _NEAR_CELLS), (dark, _NEAR_CELLS), (ring, _FAR_CELLS))
-    ):
+    for level in (ring, dark):
         rows = (share < _GOOD_SHARE).nonzero()[:, 0]
         if not len(rows):
             break
         start, blur = corners_px[rows], torch.full_like(ring[rows], _BLUR)
-        if number == 2:
-            start, blur = lattice_model.search_lattice(frames[rows], start, level[rows], shape)
         begun = lattice_model.Lattice.at(start, blur, level[rows], shape)
         lattice = lattice_fit.fit_lattice(frames[rows], begun)
         moved = (lattice.corners_px - corners_px[rows]).norm(dim=2).amax(1) / cell[rows]
-        better = (lattice.share > share[rows]) & (moved <= farthest)
+        better = (lattice.share > share[rows]) & (moved <= _NEAR_CELLS)
         best[rows[better]], share[rows[better]] = lattice.corners_px[better], lattice.share[better]
     return best

@@ -159,11 +159,15 @@ class PaperLocator(LocatorLimits):
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
-        lit = torch.zeros_like(threshold) if exact.surround is None else exact.surround.round() > threshold
-        bright = lit.nonzero()
-        choice = self.choose(exact, threshold.masked_fill(lit, 255) if len(bright) else threshold, shape)
-        for row in bright:
-            choice.put(row, self.choose(_on_sensor(exact[row]), threshold[row], shape))
+        levels = (
+            () if exact.surround is None else zip(exact.surround.tolist(), threshold.tolist(), strict=True)
+        )
+        bright = [row for row, (level, limit) in enumerate(levels) if round(level) > limit]
+        choice = self.choose(
+            exact, threshold.index_fill(0, torch.tensor(bright), 255) if bright else threshold, shape
+        )
+        for at in (slice(row, row + 1) for row in bright):
+            choice.put(at, self.choose(_on_sensor(exact[at]), threshold[at], shape))
         return Panels(choice.corners_px, choice.found, choice.score, choice.candidates)
 
     def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
@@ -408,6 +412,8 @@ def choose_single(
     measures = measure_blobs(first, last, area_px[single], place_px[single], shape, search)
     sure = measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
     score, ones = measures.score, np.ones_like(single)
-    seed = np.stack([first[:, 0], 0 * single], 1)
+    seed = np.zeros((len(single), 2), dtype=np.int64)
+    seed[:, 0] = first[:, 0]
     parts = (measures.corners_px, score > 0, score, ones, seed, lit.sum((1, 2)))
-    return single[sure], Choice(*(torch.from_numpy(part[sure]) for part in parts))
+    kept = slice(None) if sure.all() else sure
+    return single[kept], Choice(*(torch.from_numpy(part[kept]) for part in parts))

@@ -67,15 +67,14 @@ class PanelNet(nn.Module):
         told = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(len(patches), 2)
         told = torch.cat([told, pitch_px.log2()[:, None] / 4, contrast[:, 0].log2() / 4], 1)
         told = told[..., None, None].expand(-1, -1, many, many)
-        inside = nn.functional.avg_pool2d(torch.cat([seen, seen.square()], 1), (high, wide), 1)
+        inside = _means(torch.cat([seen, seen.square()], 1), high, wide)
         sides = self.side(seen).relu().split(_SIDE, 1)
-        lines = [nn.functional.avg_pool2d(one, (1, wide), 1) for one in sides[:2]]
-        lines += [nn.functional.avg_pool2d(one, (high, 1), 1) for one in sides[2:]]
+        lines = [_means(one, 1, wide) for one in sides[:2]] + [_means(one, high, 1) for one in sides[2:]]
         at = [lines[0][:, :, :many], lines[1][:, :, high - 1 : high - 1 + many]]
         at += [lines[2][..., :many], lines[3][..., wide - 1 : wide - 1 + many]]
         logit = self.judge(torch.cat([inside, *at, told], 1))
         half = ((high + 1) // 2, (wide + 1) // 2)
-        quarters = nn.functional.avg_pool2d(self.quarter(seen).relu(), half, 1)
+        quarters = _means(self.quarter(seen).relu(), *half)
         low, right = high - half[0], wide - half[1]
         four = [
             quarters[:, :, y : y + many, x : x + many]
@@ -83,3 +82,14 @@ class PanelNet(nn.Module):
         ]
         moves = self.move(torch.cat([*four, told], 1))
         return torch.cat([logit, moves], 1)
+
+
+def _means(planes: Tensor, high: int, wide: int) -> Tensor:
+    """Means over every box of (...,H,W), as products with bands of ones: many times faster than pooling."""
+    rows, columns = (
+        torch.ones(side, side - size + 1, device=planes.device).tril().triu(1 - size) / size
+        for side, size in zip(planes.shape[-2:], (high, wide), strict=True)
+    )
+    if wide > 1:
+        planes = planes @ columns
+    return rows.mT @ planes if high > 1 else planes

@@ -24,9 +24,12 @@ Whole = NDArray[np.int64]
 _LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
 _TIE = 1e-9
-# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory; fewer
-# pairs are not worth parting.
-_PART_ROWS, _STEP_PAIRS, _FEW_PAIRS = 8, 1 << 21, 1 << 13
+# Most pairs of vertices, at one for each row, in one step, to bound the memory.
+_STEP_PAIRS = 1 << 21
+# A column beyond all others.
+_NOWHERE = 1 << 20
+# Whether a corner, clockwise from the top left, is at the high end in x and in y.
+_HIGH = np.array([[False, False], [True, False], [True, True], [False, True]])
 
 
 class Rectangles(NamedTuple):
@@ -44,39 +47,11 @@ class Rectangles(NamedTuple):
     height_px: Floats
 
 
-def _chain(side: Floats) -> NDArray[np.bool_]:
-    """Mark the rows where ``side``, (N,H) columns with inf in empty rows, has a vertex of its lower chain."""
-    blobs, height = side.shape
-    if blobs * height**2 <= _FEW_PAIRS:
-        return _vertices(side, np.arange(height)[None])
-    # A vertex of the whole is one of its part: most rows fall away before all that are left are paired.
-    parts = np.pad(side, ((0, 0), (0, -height % _PART_ROWS)), constant_values=np.inf)
-    parts = parts.reshape(-1, _PART_ROWS)
-    likely = _vertices(parts, np.arange(_PART_ROWS)[None]).reshape(blobs, -1)[:, :height]
-    order = np.argsort(~likely, axis=1, kind="stable")[:, : int(likely.sum(1).max(initial=0))]
-    found = np.zeros_like(likely)
-    np.put_along_axis(found, order, _vertices(np.take_along_axis(side, order, 1), order), 1)
-    return found
-
-
-def _vertices(side: Floats, rows: Whole) -> NDArray[np.bool_]:
-    """Mark the vertices of the lower chain of points in distinct ``rows`` (N,P), by all pairs."""
-    # The second point of a pair comes first: a maximum over the first axis is quick.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        step = rows.T[:, :, None] - rows
-        slope = (side.T[:, :, None] - side) / step
-        steepest_before = np.where(step < 0, slope, -np.inf).max(0, initial=-np.inf)
-        flattest_after = np.where(step > 0, slope, np.inf).min(0, initial=np.inf)
-        found: NDArray[np.bool_] = np.isfinite(side) & (steepest_before < flattest_after)
-    return found
-
-
 def convex_hull(first: Whole, last: Whole) -> Floats:
     """Find the vertices of each blob's convex hull.
 
-    Row i is a vertex of the left chain if the steepest slope to it from a row above is less than the flattest
-    from it to a row below; all pairs of rows are tested at once, M * H^2 slopes, or in tall blobs those that
-    are vertices of their own part of the rows. Points on an edge are left out.
+    Each side's chain is built row by row (Andrew 1979), of the rows that lie outside of the line between the
+    two beside them. Points on an edge are left out.
 
     Args:
         first: (M,H) leftmost column of each row, ``first > last`` where the row is empty; each blob has a
@@ -92,15 +67,31 @@ def convex_hull(first: Whole, last: Whole) -> Floats:
         [[1, 0], [2, 1], [1, 2], [1, 2], [0, 1], [1, 0]]
     """
     blobs, height = first.shape
-    empty = first > last
-    sides = np.concatenate([np.where(empty, np.inf, first), np.where(empty, np.inf, -last.astype(float))])
-    left, right = _chain(sides).reshape(2, blobs, height)
-    flags = np.concatenate([right, left[:, ::-1]], 1)
-    order = np.argsort(~flags, axis=1, kind="stable")[:, : int(flags.sum(1).max(initial=0))]
-    blob = np.arange(blobs)[:, None]
-    order = np.where(flags[blob, order], order, order[:, :1])
-    column = np.concatenate([last, first[:, ::-1]], 1)[blob, order]
-    return np.stack([column, np.minimum(order, 2 * height - 1 - order)], 2).astype(np.float64)
+    # Of each blob both sides, as columns inwards from it; none is beyond an empty row and the ends.
+    around = np.full((blobs, 2, height + 2), _NOWHERE)
+    inside = around[..., 1:-1]
+    filled = first <= last
+    np.copyto(inside[:, 0], -last, where=filled)
+    np.copyto(inside[:, 1], first, where=filled)
+    likely = (around[..., :-2] + around[..., 2:] > 2 * inside) & filled[:, None]
+    blob, side, rows = likely.nonzero()
+    chains: list[list[tuple[int, int]]] = [[] for _ in range(2 * blobs)]
+    for chain, row, column in zip(
+        (2 * blob + side).tolist(), rows.tolist(), inside[likely].tolist(), strict=True
+    ):
+        points = chains[chain]
+        while len(points) > 1:
+            (y0, x0), (y1, x1) = points[-2:]
+            if (x1 - x0) * (row - y0) < (column - x0) * (y1 - y0):
+                break
+            points.pop()
+        points.append((row, column))
+    hulls = [
+        [(-x, y) for y, x in right] + [(x, y) for y, x in reversed(left)]
+        for right, left in zip(chains[::2], chains[1::2], strict=True)
+    ]
+    most = max(map(len, hulls), default=0)
+    return np.array([hull + hull[:1] * (most - len(hull)) for hull in hulls], dtype=np.float64)
 
 
 def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
@@ -144,9 +135,7 @@ def _around(direction: Points, low: Floats, high: Floats, expand_px: float) -> R
     """Return the rectangles with sides along directions (M,), between the ends (M,2) of :func:`_extents`."""
     length = np.abs(direction)[:, None]
     low, high = low / length - expand_px, high / length + expand_px
-    ends = np.stack([low, high], 1)
-    corners = np.empty((len(ends), 4, 2))
-    corners[..., 0], corners[..., 1] = ends[:, [0, 1, 1, 0], 0], ends[:, [0, 0, 1, 1], 1]
+    corners = np.where(_HIGH, high[:, None], low[:, None])
     turned = corners.view(np.complex128) * (direction[:, None] / length)[..., None]
     size = high - low
     return Rectangles(turned.view(np.float64) + 0.5, size[:, 0], size[:, 1])
@@ -183,8 +172,8 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
     low, high = _extents(hull, edge)
     x, y = edge.real, edge.imag
     square, spans = x * x + y * y, (high - low).prod(2)
-    area = np.where(square > 0, spans / square.clip(min=1.0), np.inf)
-    turn = y / x.clip(min=1.0)
+    area = np.where(square > 0, spans / np.maximum(square, 1.0), np.inf)
+    turn = y / np.maximum(x, 1.0)
     preference = np.where(turn < 0, _TIE - turn, turn)
     preference[area > area.min(1, keepdims=True) * (1 + _TIE)] = np.inf
     chosen = np.arange(len(hull)), preference.argmin(1)
@@ -285,28 +274,29 @@ def measure_blobs(
         >>> found.score.item(), found.pitch_px.item()
         (1.0, 3.0)
     """
-    heights = (np.arange(1, first.shape[1] + 1) * (first <= last)).max(1)
-    order = np.argsort(heights, kind="stable")
-    # By height, in steps of bounded memory.
-    steps, begin, tall = [], 0, heights[order].tolist()
-    for end, height in enumerate(tall, start=1):
-        if end < len(tall) and (end + 1 - begin) * tall[end] ** 2 <= _STEP_PAIRS:
-            continue
-        rows, begin = order[begin:end], end
-        hull = convex_hull(first[rows, :height], last[rows, :height])
-        area, perimeter = hull_area_and_perimeter(hull)
-        least = minimum_area_rectangle(hull)
-        around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
-        rectangle = least.width_px * least.height_px
-        # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-        filled = (np.minimum(area_px[rows], area) / rectangle).clip(max=1.0)
-        compact = compactness(area, perimeter, shape)
-        within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
-        score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
-        corners = around.corners_px + place_px[rows, None]
-        steps.append(Measures(corners, within, score, np.sqrt(rectangle / shape.leds)))
-    if len(steps) == 1 == len(order):
-        return steps[0]
-    back, none = order.argsort(), np.zeros(0)
-    steps.append(Measures(np.zeros((0, 4, 2)), none > 0, none, none))
-    return Measures(*(np.concatenate(parts)[back] for parts in zip(*steps, strict=True)))
+    blobs, height = first.shape
+    if not blobs:
+        none = np.zeros(0)
+        return Measures(np.zeros((0, 4, 2)), none > 0, none, none)
+    if blobs > 1 and blobs * height**2 > _STEP_PAIRS:
+        # In two halves by height, for bounded memory.
+        heights = (np.arange(1, height + 1) * (first <= last)).max(1)
+        order, halves = np.argsort(heights, kind="stable"), []
+        for rows in (order[: blobs // 2], order[blobs // 2 :]):
+            tall = heights[rows[-1]]
+            given = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
+            halves.append(measure_blobs(*given, shape, limits))
+        back = order.argsort()
+        return Measures(*(np.concatenate(both)[back] for both in zip(*halves, strict=True)))
+    hull = convex_hull(first, last)
+    area, perimeter = hull_area_and_perimeter(hull)
+    least = minimum_area_rectangle(hull)
+    around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
+    rectangle = least.width_px * least.height_px
+    # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
+    filled = np.minimum(np.minimum(area_px, area) / rectangle, 1.0)
+    compact = compactness(area, perimeter, shape)
+    within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
+    score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
+    pitch = np.sqrt(rectangle / shape.leds)
+    return Measures(around.corners_px + place_px[:, None], within, score, pitch)

@@ -226,7 +226,7 @@ class Receiver(torch.nn.Module):
         frames = Frames.of(frames)
         where = self.locator(frames, self.shape) if panels is None else panels
         patches = self.reader.rectify([frames], where)[0]
-        readings = self.reader.measure(frames, where, patches, self.inputs.features)
+        readings = self.reader.measure(frames, where, patches, {*self.inputs.features, "average"})
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found

@@ -22,6 +22,9 @@ MOST_PX = 1e15
 MOST_READINGS = 1 << 22
 """Most bilinear readings at a time, and of a frame where its samples alone are not more."""
 
+# Of more readings at a time a processor's cache does not hold what is worked out on the way.
+_CACHED_READINGS = 1 << 18
+
 # A corner between sides a and b is one where they part: a x b above this, px^2, and above this share of the
 # longest side's square.
 _FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12
@@ -58,12 +61,17 @@ def _numbers(*values: Tensor) -> tuple[Any, ...]:
     """
     if is_exporting() or any(one.requires_grad for one in values):
         return torch, *(one.to(torch.float64) for one in values)
-    return np, *(one.to("cpu", torch.float64).numpy() for one in values)
+    return np, *(np.asarray(one.cpu().numpy(), dtype=np.float64) for one in values)
 
 
 def _tensor(values: Any, device: torch.device) -> Tensor:
     """Give what NumPy or torch made of :func:`_numbers` as a tensor."""
     return values if isinstance(values, Tensor) else torch.from_numpy(values).to(device)
+
+
+def _cast(values: Any, dtype: Any) -> Any:
+    """Give an array or a tensor in a dtype of its own library."""
+    return values.to(dtype) if isinstance(values, Tensor) else values.astype(dtype, copy=False)
 
 
 def _sides(xp: Any, corners: Any) -> Any:
@@ -78,22 +86,21 @@ def _homography(xp: Any, corners: Any, shape: PanelShape) -> Any:
         most = float(xp.amax(abs(corners)))
         raise VoccError(f"corners_px reaches {most:g} px: corners must be finite and within {MOST_PX:g} px")
     side = _sides(xp, corners)
-    following = xp.concatenate([side[:, 1:], side[:, :1]], 1)
-    turn = side[..., 0] * following[..., 1] - side[..., 1] * following[..., 0]
+    skew = corners[:, 2:3] - side[:, :1] - corners[:, 3:]
+    # How each side turns to the next; what is askew to the third side; and the second side to what is askew.
+    before = xp.concatenate([side, skew, -side[:, 1:2]], 1)
+    after = xp.concatenate([side[:, 1:], side[:, :1], side[:, 2:3], skew], 1)
+    turn = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
     least = _FLAT_PX2 + _FLAT_SHARE * xp.amax((side * side).sum(2), 1)
-    convex = (xp.amin(turn, 1) > least) | (xp.amax(turn, 1) < -least)
-    first, second, third, fourth = (corners[:, n] for n in range(4))
-    right, left = second - third, fourth - third
-    skew = first - second + third - fourth
-    area = xp.where(convex, right[:, 0] * left[:, 1] - right[:, 1] * left[:, 0], 1.0)
-    g = (skew[:, :1] * left[:, 1:] - skew[:, 1:] * left[:, :1]) / area[:, None]
-    h = (right[:, :1] * skew[:, 1:] - right[:, 1:] * skew[:, :1]) / area[:, None]
-    across, down = 1 / shape.columns, 1 / shape.rows
-    to_x, to_y = (second - first + g * second) * across, (fourth - first + h * fourth) * down
-    columns = xp.stack([xp.concatenate([to_x, g * across], 1), xp.concatenate([to_y, h * down], 1)], 2)
+    convex = (xp.amin(turn[:, :4], 1) > least) | (xp.amax(turn[:, :4], 1) < -least)
+    gh = turn[:, 4:] / xp.where(convex, -turn[:, 1], 1.0)[:, None]
+    ends = xp.concatenate([corners, xp.ones_like(corners[..., :1])], 2)
+    first, second, fourth = (ends[:, n] for n in (0, 1, 3))
+    to_x = (second - first + gh[:, :1] * second) * (1 / shape.columns)
+    to_y = (fourth - first + gh[:, 1:] * fourth) * (1 / shape.rows)
     # With zero added, no zero is negative.
-    columns = columns * convex[:, None, None] + 0.0
-    return xp.concatenate([columns, xp.concatenate([first, xp.ones_like(g)], 1)[..., None]], 2)
+    columns = xp.concatenate([to_x[..., None], to_y[..., None]], 2) * convex[:, None, None] + 0.0
+    return xp.concatenate([columns, first[..., None]], 2)
 
 
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
@@ -170,11 +177,12 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
     horizon are pixels on the border.
     """
-    flat = not is_exporting() and not bool((homography[:, 2, :2] != 0).any())
+    # A gradient goes through the third row too.
+    flat = xp is np and not (homography[:, 2, :2] != 0).any()
     maps = homography[:, :2] if flat else homography
     ends = _map_grid(xp, maps, x_ends, y_ends)
     ends = ends.reshape(*ends.shape[:2], -1)
-    low, high = (xp.minimum(xp.maximum(end, least), most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
+    low, high = (end.clip(least, most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
     # The whole pixel from which positions count.
     origin = begin = xp.floor(low - 0.5)
     if not flat:
@@ -192,22 +200,24 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     return _Window(begin, begin - origin, xp.ceil(high - origin), moved)
 
 
-def _places(window: _Window, x: Tensor, y: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Find the pixels read at cell coordinates x (w,) by y (h,), or (n,1,w) and (n,1,h), in tensors.
+def _places(xp: Any, window: _Window, x: Any, y: Any) -> tuple[Any, Any]:
+    """Find the pixels read at cell coordinates x (w,) by y (h,), or (n,1,w) and (n,1,h), of their dtype.
 
     Returns:
         (n,2,h,w) whole pixels to the left and above, from the window's first, and the share of the pixels to
         the right and below.
     """
-    first, last = (end[..., None, None] for end in (window.first.to(dtype), window.last.to(dtype)))
-    at = _map_grid(torch, window.moved.to(dtype), x, y).clamp(first, last)
-    whole = torch.floor(at)
-    share = at.sub_(whole)
-    return whole.sub_(first), share
+    first, last, moved = (_cast(one, x.dtype) for one in window[1:])
+    first, last = first[..., None, None], last[..., None, None]
+    at = _map_grid(xp, moved, x, y).clip(first, last)
+    whole = xp.floor(at)
+    at -= whole
+    whole -= first
+    return whole, at
 
 
 def _blend(near: Sequence[Tensor], share: Tensor) -> Tensor:
-    """Mix four neighbours, (n,h,w) each, by the shares (n,2,h,w) of those to the right and below."""
+    """Mix four neighbours, (n,...) each, by the shares (n,2,...) of those to the right and below."""
     right_share, lower_share = share.unbind(1)
     upper, lower = (torch.lerp(near[row], near[row + 1], right_share) for row in (0, 2))
     return torch.lerp(upper, lower, lower_share)
@@ -220,29 +230,29 @@ def _sample(
     window: _Window,
     x: Tensor,
     y: Tensor,
-    dtype: torch.dtype,
 ) -> list[Tensor]:
-    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
+    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,1,h,w) for each take.
 
     Args:
         takes: see :func:`rectify_takes`.
         chosen: n frames.
         sides: width and height, px, of a window that holds what is read of each.
-        window: that of each, of tensors, which begins in the takes' own pixels.
-        x: columns.
+        window: that of each, of arrays or of tensors, which begins in the takes' own pixels.
+        x: columns, in the working precision.
         y: rows.
-        dtype: working precision.
     """
-    whole, share = _places(window, x, y, dtype)
+    size: Any = (-1, 1, len(y), len(x))
+    xp: Any = torch if isinstance(window.begin, Tensor) else np
+    whole, share = _places(xp, window, *((x, y) if xp is torch else (x.numpy(), y.numpy())))
     wide, tall = (int(max(each)) for each in zip(*sides, strict=True))
     # Up to 2^24 float32 holds whole numbers exactly.
-    left, top = (whole if wide * tall <= 1 << 24 else whole.double()).unbind(1)
-    index = left.add(top, alpha=wide).long().flatten(1)
-    read = []
+    exact = whole if wide * tall <= 1 << 24 else _cast(whole, xp.float64)
+    places = _cast(exact[:, 0] + exact[:, 1] * wide, xp.int64)
+    index, share, read = _tensor(places, x.device).flatten(1), _tensor(share, x.device).flatten(2), []
     for take in takes:
-        grey = _cut(take, chosen, window.begin.long(), sides).to(dtype).flatten(1)
-        near = [grey[:, by:].gather(1, index).view_as(left) for by in (0, 1, wide, wide + 1)]
-        read.append(_blend(near, share))
+        grey = _cut(take, chosen, window.begin, sides).to(x.dtype).flatten(1)
+        near = [grey[:, by:].gather(1, index) for by in (0, 1, wide, wide + 1)]
+        read.append(_blend(near, share).view(size))
     return read
 
 
@@ -265,7 +275,7 @@ def _rectified_in_graph(
     ends = torch.stack([homography.new_full((), side) for side in (width, height)])
     x_ends, y_ends = (axis[..., [0, -1]] for axis in axes)
     window = _window(torch, torch.zeros_like(ends), ends, homography, x_ends, y_ends)
-    whole, share = _places(window, axes[0].to(dtype), axes[1].to(dtype), dtype)
+    whole, share = _places(torch, window, axes[0].to(dtype), axes[1].to(dtype))
     left, top = (whole.long() + window.begin.long().view(-1, 2, 1, 1)).unbind(1)
     rows, columns = (
         [(one + by).clamp(0, size - 1) for by in (0, 1)] for one, size in ((top, height), (left, width))
@@ -279,26 +289,27 @@ def _rectified_in_graph(
     return (summed / own.square())[:, None]
 
 
-def _cut(frames: Frames, chosen: list[int], place: Tensor, sides: list[list[float]]) -> Tensor:
+def _cut(frames: Frames, chosen: list[int], place: Any, sides: list[list[float]]) -> Tensor:
     """Cut windows out of n frames, in a common size; border pixels go on.
 
     Args:
         frames: whole or crops.
         chosen: n of them.
-        place: (n,2) int64, from a frame's first pixel to its window's.
+        place: (n,2) whole numbers, from a frame's first pixel to its window's, an array or a tensor.
         sides: width and height of each window, px; what lies beyond it is never read.
     """
     (wide, tall), (height, width) = map(int, map(max, zip(*sides, strict=True))), frames.grey.shape[-2:]
     if frames.grey.device.type == "cpu" and frames.grey.dtype == torch.uint8:
-        planes, cut = frames.grey[:, 0].numpy(), np.zeros((len(chosen), tall, wide), dtype=np.uint8)
-        for part, row, (x, y), (own, high) in zip(cut, chosen, place.tolist(), sides, strict=True):
-            w, h = int(own), int(high)
+        planes, cut = frames.grey.numpy()[:, 0], np.zeros((len(chosen), tall, wide), dtype=np.uint8)
+        for part, row, corner, side in zip(cut, chosen, place.tolist(), sides, strict=True):
+            x, y, w, h = map(int, (*corner, *side))
             if 0 <= x <= width - w and 0 <= y <= height - h:
                 part[:h, :w] = planes[row, y : y + h, x : x + w]
             else:
                 down, right = np.arange(y, y + h).clip(0, height - 1), np.arange(x, x + w).clip(0, width - 1)
                 part[:h, :w] = planes[row, down[:, None], right]
         return torch.from_numpy(cut)
+    place = _tensor(place, frames.grey.device).long()
     rows = (place[:, 1:] + torch.arange(tall, device=place.device)).clamp(0, height - 1)
     columns = (place[:, :1] + torch.arange(wide, device=place.device)).clamp(0, width - 1)
     taken = torch.tensor(chosen, device=place.device).view(-1, 1, 1)
@@ -392,16 +403,18 @@ def rectify_takes(
     with np.errstate(over="ignore", invalid="ignore"):
         window = _window(xp, least, farthest, homography, x_ends, y_ends)
     reach, each = window.last - window.first, factors.tolist()
-    window = _Window(*(_tensor(one, device) for one in (window.begin - place, *window[1:])))
+    window = window._replace(begin=window.begin - place)
+    if device.type != "cpu":
+        window = _Window(*(_tensor(one, device) for one in window))
     patches: list[Tensor] = []
     for factor in sorted(set(each)):
         x, y = _grid(shape, samples_per_led * int(factor), dtype, device)
         rows = [row for row, one in enumerate(each) if one == factor]
-        step = max(1, MOST_READINGS // (len(x) * len(y)))
+        step = max(1, (_CACHED_READINGS if xp is np else MOST_READINGS) // (len(x) * len(y)))
         for some in (rows[begin : begin + step] for begin in range(0, len(rows), step)):
             at = slice(None) if len(some) == len(each) else some
             part, sides = _Window(*(one[at] for one in window)), (reach[at] + 2).tolist()
-            reads = [one.unsqueeze(1) for one in _sample(takes, some, sides, part, x, y, dtype)]
+            reads = _sample(takes, some, sides, part, x, y)
             if factor > 1:
                 reads = [nn.functional.avg_pool2d(one, int(factor)) for one in reads]
             if len(some) == len(each):

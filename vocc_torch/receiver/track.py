@@ -33,13 +33,20 @@ _LEAST_TO_BEGIN = 0.5
 _MOST_FALSE_ALARMS = 1e-3
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
-# Below this share of it neighbouring lattices are tried, this often.
-_GOOD_SHARE, _LINES = 0.95, 2
+# Below this share of it neighbouring lattices are tried.
+_GOOD_SHARE = 0.95
 _NEIGHBOURS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
 # The corners' signs in the fields 1, u, v and uv.
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
-# How much of a new motion is believed.
-_GAIN = 0.5
+# How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
+# slowly, and which a picture of few pixels shows badly.
+_GAIN, _SHAPE_GAIN = 0.5, 0.1
+# What fields 1, u, v and uv of a step cost, per square cell, in the picture's own variance; of a panel that
+# is followed, whose shape is known.
+_FREE, _KNOWN = (4.0, 16.0, 16.0, 400.0), (4.0, 400.0, 400.0, 1600.0)
+# Squared cells that a panel is off from where it was expected: at first, at least; and how much is learned
+# anew.
+_SPREAD, _LEAST_SPREAD, _LEARNED = 0.25, 0.02, 0.2
 # How much of a window is remembered anew: over many frames bits become a grey mean; all else stays.
 _MEMORY = 0.1
 # Light of a grey value, of which 255 is white: spots of light add, grey values do not.
@@ -102,7 +109,12 @@ def _two_levels(lit: Plane) -> Plane:
 
 
 def fit(
-    grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: float, steps: int = _STEPS
+    grey: NDArray[np.uint8],
+    corners: Corners,
+    shape: PanelShape,
+    blur: float,
+    steps: int = _STEPS,
+    costs: tuple[float, float, float, float] = _FREE,
 ) -> tuple[Corners, float, float]:
     """Move corners by a few Gauss-Newton steps to where a lattice of two levels explains a picture best.
 
@@ -114,6 +126,7 @@ def fit(
         shape: rows and columns.
         blur: a spot's standard deviation, cells.
         steps: how many.
+        costs: of moving by the fields 1, u, v and uv from these corners, per square cell, in variances.
 
     Returns:
         The corners, the spots' standard deviation, and the share of the picture's variation explained.
@@ -127,7 +140,7 @@ def fit(
         np.broadcast_to(v[:, None], size),
         np.outer(v, u),
     ]
-    share = 0.0
+    share, moved = 0.0, np.zeros(8)
     for step in range(steps + 1):
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
         columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
@@ -142,9 +155,11 @@ def fit(
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
         jacobian = np.stack([f * one for one in (by_x, by_y) for f in fields] + [wider]).reshape(9, -1)
-        damping = np.array([*(4.0, 16.0, 16.0, 400.0) * 2, 16.0]) * max(float((rest**2).mean()), 1e-2)
-        moves = np.linalg.solve(jacobian @ jacobian.T + np.diag(damping), jacobian @ rest.ravel())
+        damping = np.array([*costs * 2, 16.0]) * max(float((rest**2).mean()), 1e-2)
+        pull = jacobian @ rest.ravel() - damping * np.append(moved, 0.0)
+        moves = np.linalg.solve(jacobian @ jacobian.T + np.diag(damping), pull)
         moves *= min(1.0, _MOST_CELLS / max(float(np.abs(moves).max()), 1e-9))
+        moved = moved + moves[:8]
         cells, blur = _SIGNS @ moves[:8].reshape(2, 4).T, min(max(blur + float(moves[8]), 0.12), 0.7)
         # From cells to px along the panel's own sides.
         along = (corners[1] - corners[0] + corners[2] - corners[3]) / (2 * shape.columns)
@@ -193,6 +208,7 @@ class Track:
         share: what a lattice explained there.
         seen: the window's spectrum when it was seen last.
         motion: (4,2) px a frame.
+        spread: squared cells by which it is off from where it is expected, along an axis.
         misses: frames since it was seen.
         doubts: full searches since one met it that found others.
     """
@@ -204,32 +220,41 @@ class Track:
     share: float
     seen: NDArray[np.complex64]
     motion: Corners = field(default_factory=lambda: np.zeros((4, 2)))
+    spread: float = _SPREAD
     misses: int = 0
     doubts: int = 0
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
         expected = self.corners + self.motion * (1 + self.misses)
-        corners, blur, share = fit(grey, shift(grey, expected, self.seen), shape, self.blur)
-        # Bits change, so that a shift may be off by a line of LEDs: then lattices a line away explain more.
-        for _ in range(_LINES):
-            if share >= _GOOD_SHARE * self.share:
-                break
-            sides = (corners[1] - corners[0]) / shape.columns, (corners[3] - corners[0]) / shape.rows
-            starts = [corners + x * sides[0] + y * sides[1] for x, y in _NEIGHBOURS]
-            tried = [fit(grey, start, shape, self.blur, 1) for start in (expected, *starts)]
-            best = max(tried, key=lambda one: one[2])
-            again = fit(grey, best[0], shape, self.blur)
-            if again[2] <= share:
-                break
-            corners, blur, share = again
-        cell = math.sqrt(abs(_area(corners)) / shape.leds)
         before = math.sqrt(abs(_area(self.corners)) / shape.leds)
+
+        def likely(start: Corners, steps: int = _STEPS) -> tuple[float, Corners, float, float]:
+            """Fit from a start: how likely that is, for what a lattice explains and how far off it lies."""
+            corners, blur, share = fit(grey, start, shape, self.blur, steps, _KNOWN)
+            apart = float(((corners - expected).mean(0) ** 2).sum()) / before**2
+            told = -shape.leds / 4 * math.log(max(1 - share, 1e-3))
+            return told - apart / 2 / (self.spread * (1 + self.misses)), corners, blur, share
+
+        there = shift(grey, expected, self.seen)
+        # Bits change, so that a shift may be off by a line of LEDs, and so may what is expected.
+        starts = [expected, there] if np.abs(there - expected).max() > before / 4 else [expected]
+        best = max((likely(start) for start in starts), key=lambda one: one[0])
+        if best[3] < _GOOD_SHARE * self.share:
+            sides = (best[1][1] - best[1][0]) / shape.columns, (best[1][3] - best[1][0]) / shape.rows
+            lines = [likely(best[1] + x * sides[0] + y * sides[1], 1) for x, y in _NEIGHBOURS]
+            best = max(best, likely(max(lines, key=lambda one: one[0])[1]), key=lambda one: one[0])
+        _, corners, blur, share = best
+        cell = math.sqrt(abs(_area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
         if not sane or share < _LEAST_SHARE * self.share:
             self.misses += 1
             return False
-        self.motion = self.motion + _GAIN * ((corners - self.corners) / (1 + self.misses) - self.motion)
+        off = (corners - expected) / (1 + self.misses)
+        place = off.mean(0)
+        self.motion = self.motion + _GAIN * place + _SHAPE_GAIN * (off - place)
+        self.spread += _LEARNED * (float((place**2).mean()) / before**2 - self.spread)
+        self.spread = max(self.spread, _LEAST_SPREAD)
         self.corners, self.blur, self.misses = corners, blur, 0
         self.share += _MEMORY * (share - self.share)
         self.seen += _MEMORY * (_spectrum(grey, corners) - self.seen)

@@ -11,9 +11,10 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import ClassifierPlan, Experiment, World, identity
+from vocc_torch.measure.point_work import Part
 from vocc_torch.measure.sweep import count_parts
 from vocc_torch.measure.train import train
-from vocc_torch.measure.workers import Part, Workers
+from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe

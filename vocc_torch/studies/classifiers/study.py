@@ -12,6 +12,7 @@ from vocc_torch.measure.genie import genie_reference
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
+from vocc_torch.measure.point_work import Outcome
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.classifiers import plugged
@@ -169,7 +170,7 @@ def compare_classifiers(
     banks = {name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)}
     found: dict[str, Any] = {}
     with stage("bit error rates"):
-        outcomes: dict[str, dict[float, workers.Outcome]] = {name: {} for name in study.plans}
+        outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in study.plans}
         here = {name: {at: bank} for name, bank in banks.items()}
 
         def told(one: sweep.Study, value: float, frames: int, _: object) -> None:

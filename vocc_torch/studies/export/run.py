@@ -16,6 +16,7 @@ from vocc_torch.measure.config import Budget, Settings
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
+from vocc_torch.measure.point_work import Part, PointWork
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import samples, terminal
@@ -76,7 +77,7 @@ def render(
         def told(more: int, _: object) -> None:
             view.advance("rendering", more)
 
-        works = [workers.PointWork(one.point, one, rule, ledger, told) for one in shards]
+        works = [PointWork(one.point, one, rule, ledger, told) for one in shards]
         with workers.worker_losses_told():
             deque(pool.run(works, at_once), maxlen=0)
 
@@ -117,7 +118,7 @@ class Shards:
         """The folder of the shard that begins with a frame."""
         return f"{FRAMES}/{self.point}/{first:07d}"
 
-    def __call__(self, parts: Sequence[workers.Part]) -> list[dict[Label, Tally]]:
+    def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Tally]]:
         """Write the shard that some blocks belong to, whole or not at all; nothing is counted."""
         most, plan = self.config.shard_frames, self.plan
         first = parts[0].block * BLOCK_FRAMES // most * most

@@ -1,0 +1,182 @@
+"""Small frames that ``benchmarks/train_panel_net.py`` learns from: any panel before anything.
+
+Panels of 4 x 4 to 16 x 64 LEDs of 1.5 to 24 px, turned and aslant, with boards or without, lighter and darker
+than what is around them, in streets, before drawn clutter.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw
+from torch import Tensor
+
+from vocc_torch import Camera, PanelShape, Scene, Simulator
+from vocc_torch.hardware import LedPanel
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects import Backdrop
+
+SIDE_PX, BLOCK = 256, 16
+SHAPES = [(8, 8)] * 6 + [(4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64)]
+PITCHES_PX = (1.5, 24.0)
+
+
+class World(NamedTuple):
+    """Frames (B,1,H,W) of one panel's shape, its corners (B,4,2) px, zeros where there is no panel."""
+
+    grey: Tensor
+    corners_px: Tensor
+    shape: PanelShape
+
+
+@dataclass(frozen=True)
+class Drawn(Backdrop):
+    """Rectangles, discs, bars, gratings, letters and dots of light, drawn anew behind each panel."""
+
+    def shade(self, x: Tensor, y: Tensor, context) -> Tensor:
+        """Draw each frame's."""
+        drawn = [
+            drawing(one, context.camera.sensor_px) for one in context.generators(self.name, of_scene=True)
+        ]
+        planes = torch.from_numpy(np.stack(drawn))[:, None]
+        rows = torch.arange(len(planes)).view(-1, 1, 1, 1)
+        return planes[rows, 0, y, x]
+
+
+def drawing(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+    """Draw a street's worth of shapes: light over the background's, (H,W)."""
+    high, wide = size
+    light = np.full(size, draw.uniform(0.3, 1.5))
+    plane = Image.new("L", (wide, high), int(draw.integers(10, 120)))
+    pen = ImageDraw.Draw(plane)
+    for _ in range(draw.integers(0, 25)):
+        x, y = draw.uniform(0, wide), draw.uniform(0, high)
+        w, h = np.exp(draw.uniform(math.log(4), math.log(wide), 2))
+        shade, kind = int(255 * draw.random() ** 2), draw.integers(8)
+        box = [x - w / 2, y - h / 2, x + w / 2, y + h / 2]
+        if kind < 2:
+            pen.rectangle(box, fill=shade, outline=int(draw.integers(256)))
+        elif kind == 2:
+            pen.ellipse(box, fill=shade)
+        elif kind == 3:
+            pen.line(box, fill=shade, width=int(draw.integers(1, 8)))
+        elif kind == 4:
+            letters = "".join(chr(draw.integers(48, 91)) for _ in range(draw.integers(2, 10)))
+            pen.text((x, y), letters, fill=shade, font_size=float(np.clip(h, 6, 80)))
+        else:
+            # A grating or a regular lattice: equal cells, which carry no bits.
+            step = draw.uniform(2, 20)
+            count = draw.integers(3, 20, 2)
+            across = count[0] if kind != 5 else 1
+            for i in range(int(across)):
+                for j in range(int(count[1])):
+                    left, top = x + i * step, y + j * step
+                    right = left + step * (0.6 if kind != 5 else 8)
+                    if kind == 7 and draw.random() < 0.15:
+                        continue
+                    (pen.ellipse if kind == 6 else pen.rectangle)(
+                        [left, top, right, top + 0.5 * step], fill=shade
+                    )
+    light = light * (0.05 + np.asarray(plane, np.float64) / 128)
+    return light.astype(np.float32)
+
+
+def world(seed: int, block: int, *, cluttered: bool = True) -> World:
+    """Render a block of frames of one shape, camera, board and set of effects."""
+    key = BlockKey(seed, "train_locator", block)
+    draw = key.generator("world")
+    shape = PanelShape(*SHAPES[draw.integers(len(SHAPES))])
+    diameter = 0.06 * draw.uniform(0.35, 0.95)
+    board = [None, None, 0.02, 0.05, 0.1, 0.3, 0.8][draw.integers(7)]
+    surfaces = {"led_reflectance": draw.uniform(0.03, 0.8), "background_reflectance": draw.uniform(0.1, 0.6)}
+    panel = LedPanel(shape, diameter, 0.06 - diameter, board_reflectance=board, **surfaces)
+    focal_mm = float(draw.uniform(10, 25))
+    camera = Camera(focal_mm, width_px=SIDE_PX, height_px=SIDE_PX, sensor_width_mm=SIDE_PX * 13.2 / 1920)
+    most = min(PITCHES_PX[1], 0.8 * SIDE_PX / max(shape.rows, shape.columns))
+    pitch = np.exp(draw.uniform(math.log(PITCHES_PX[0]), math.log(most), BLOCK))
+    distance = camera.focal_length_px * 0.06 / pitch
+    ambient = np.exp(draw.uniform(math.log(100), math.log(32000), BLOCK))
+    turn = draw.choice([5.0, 20.0, 44.0])
+    reach = (
+        np.clip(1.0 - pitch * max(shape.rows, shape.columns) / SIDE_PX, 0.05, 0.9)
+        * SIDE_PX
+        / 2
+        / pitch
+        * 0.06
+    )
+    scene = Scene(
+        *(
+            torch.from_numpy(np.asarray(values, np.float64).repeat(BLOCK) if np.ndim(values) == 0 else values)
+            for values in (
+                ambient,
+                ambient
+                * surfaces["background_reflectance"]
+                / math.pi
+                * np.exp(draw.uniform(-1.2, 2.5, BLOCK)),
+                distance,
+                draw.uniform(30, 160, BLOCK),
+                draw.uniform(-1, 1, BLOCK) * reach,
+                draw.uniform(-1, 1, BLOCK) * reach,
+            )
+        )
+    )
+    bits = torch.from_numpy(
+        draw.random((BLOCK, shape.rows, shape.columns)) < draw.uniform(0.3, 0.7, (BLOCK, 1, 1))
+    )
+    effects: dict[str, object] = {
+        "pose": {
+            "yaw_deg": ["uniform", -30, 30],
+            "pitch_deg": ["uniform", -12, 12],
+            "roll_deg": ["uniform", -turn, turn],
+        },
+        "blooming": {"sigma_px": float(draw.uniform(0.3, 2.0))},
+        "photoelectrons": {"quantum_efficiency": 0.6},
+        "shot_noise": {},
+        "read_noise": {"electrons": float(draw.uniform(1, 5))},
+        "gain": {},
+        "saturation": {},
+        "quantization": {"bits": 8},
+    }
+    if cluttered and draw.random() < 0.7:
+        effects |= {"led_look": {}, "housing": {}}
+        panel = replace(panel, board_reflectance=None)
+    kind = draw.random() if cluttered else 1.0
+    if kind < 0.6:
+        effects |= {
+            "scenery": {},
+            "clutter": {"lit": float(draw.random()), "wet": 0.3},
+            "panel_absent": {"share": 0.2},
+        }
+    elif kind < 0.9:
+        effects["background_texture"] = {
+            "contrast": float(draw.uniform(0.1, 0.8)),
+            "beta": float(draw.uniform(1, 3)),
+        }
+    if draw.random() < 0.4:
+        effects["jpeg"] = {"quality": int(draw.integers(40, 96))}
+    keys = [FrameKey(key, one) for one in range(BLOCK)]
+    built = list(Simulator(camera, panel, effects).effects)
+    if cluttered and draw.random() < 0.5:
+        built.append(Drawn())
+    simulator = Simulator(camera, panel, built)
+    grey, truth = simulator.render(scene, bits, keys=keys).grey, simulator.true_panels(scene, keys)
+    return World(grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape)
+
+
+def shaken(one: World, draw: np.random.Generator) -> World:
+    """Mirror, invert and pale a block of frames, each kind at random: light's sign must not matter."""
+    grey, corners = one.grey.float(), one.corners_px
+    for axis in (0, 1):
+        if draw.random() < 0.5:
+            grey, there = grey.flip(3 - axis), (corners != 0).any(2, keepdim=True).any(1, keepdim=True)
+            corners = corners.clone()
+            corners[..., axis] = grey.shape[3 - axis] - corners[..., axis]
+            corners = corners[:, [[1, 0, 3, 2], [3, 2, 1, 0]][axis]] * there
+    gain = torch.from_numpy(draw.uniform(0.25, 1.0, len(grey)) * draw.choice([1, -1], len(grey))).float()
+    gain = gain.view(-1, 1, 1, 1)
+    grey = torch.where(gain < 0, 255 + grey * gain, grey * gain + (1 - gain) * float(draw.uniform(0, 200)))
+    return World(grey.clamp(0, 255), corners, one.shape)
