@@ -1,41 +1,78 @@
 """What ``task=calibrate`` finds in simulated recordings of known scenes: coverage, effects, and receivers.
 
     python benchmarks/calibration.py [RECORDINGS A SCENE] [SCENE ...]
+    python benchmarks/calibration.py receivers night tunnel fog highway
+    python benchmarks/calibration.py pictures
 
 Each recording is of a scene that ships, with values drawn at random: those of the scene, and blur, gamma,
 read noise, and where the scene has them pattern noise and vignetting. The sensor is a part of 320 x 240
-px, with pixels of the scene's own size. Two tables: how often the truth lies in the stated 95 % interval, and
-by how many standard deviations it is off in the middle; and which effects were there and which were named.
+px, with pixels of the scene's own size. The tables in ``docs/results`` grow by a recording at a time:
+``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there and
+which were named. What is in them is not done again; delete them where the fit changes.
+
+The second command trains receivers on the paper's scene, on the one that was found and on the true one, and
+counts their errors in fresh frames of the last: ``calibration_receivers.csv``. The third fits the photographs
+of real panels that the tests have, from their known corners, and writes a page of each.
 """
 
+import csv
+import json
+import math
 import sys
 import time
 from collections import defaultdict
 from dataclasses import replace
-from statistics import median
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from receivers_by_scene import PICTURES, panel_corners
 
+import vocc_torch as vt
+from vocc_torch import Scene
 from vocc_torch.api import load_scene
-from vocc_torch.hardware import LedPanel
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import World
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.recording import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.photometry import transmission
-from vocc_torch.studies.calibrate.reading import Footage
+from vocc_torch.studies.calibrate.reading import Footage, agreeing
+from vocc_torch.studies.calibrate.report import write_page
+from vocc_torch.studies.calibrate.scene import of_size
 from vocc_torch.studies.calibrate.study import CalibratedScene, calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
-FRAMES = 16
+FRAMES = 8
+AMONG_LAMPS = 24
+"""Frames recorded where the locator takes lamps for the panel in more than half of them."""
 WIDTH, HEIGHT = 320, 240
-ALIKE = {"airlight": "veiling_glare", "bayer": "demosaicing"}
+ALIKE = {"airlight": "veiling_glare"}
 """Effects that a recording does not tell from others, which stand for them."""
 UNSEEN = ("attenuation", "full_well")
 """Effects that leave no trace of their own in these recordings."""
+COMPARED = tuple(
+    f"effects.{key}"
+    for key in (
+        *("blooming.sigma_px", "prnu.share", "dsnu.electrons", "read_noise.electrons", "jpeg.quality"),
+        *("pose.yaw_deg", "pose.pitch_deg", "pose.roll_deg", "lens_distortion.k1", "vignetting.corner_loss"),
+    )
+)
+"""Values of effects that are compared with the truth."""
+LIGHT = ("ambient_lx", "led_luminance_cd_m2")
+FAR = {"highway": (80, 1000, 4000), "fog": (60, 2000, 3000), "night": (80, 3, 600), "tunnel": (60, 60, 1500)}
+"""Where a receiver of the paper's scene errs: distance (m), illuminance and luminance."""
+SCENES_MADE = Path("runs/calibration")
+TRAINED_ON, TESTED_ON = 1000, 2048
+"""Frames."""
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+Row = list[Any]
 
 
 def constant(value: float) -> Distribution:
@@ -83,12 +120,13 @@ def truth_of(name: str, seed: int) -> World:
     return replace(world, camera=camera, scene=model, effects=effects, framing="full", device="cpu")
 
 
-def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, object]:
+def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
     """Take the recording."""
     key = BlockKey(seed, "recording", 0)
     scene, bits = world.scene.draw(key, world.panel.shape)
-    scene, bits = scene[:FRAMES], bits[:FRAMES]
-    keys = [FrameKey(key, frame) for frame in range(FRAMES)]
+    taken = AMONG_LAMPS if "lamps" in world.effects else FRAMES
+    scene, bits = scene[:taken], bits[:taken]
+    keys = [FrameKey(key, frame) for frame in range(taken)]
     greys = (
         Simulator(world.camera, world.panel, world.effects, framing="full")
         .render(scene, bits, keys=keys)
@@ -96,106 +134,197 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, object]:
     )
     panels = locator_named("refined", PaperLocator())(Frames.whole(greys[:, 0]), world.panel.shape)
     rows = panels.found.nonzero()[:, 0]
+    rows = rows[agreeing(panels.corners_px[rows].double())][:FRAMES]
     none = np.full(len(rows), np.nan)
     footage = Footage(
-        greys[rows, 0].numpy(), rows.numpy(), none, panels.corners_px[rows].double(), FRAMES, FRAMES, []
+        greys[rows, 0].numpy(), rows.numpy(), none, panels.corners_px[rows].double(), taken, taken, []
     )
     return footage, bits[rows], scene[rows]
 
 
-def off_by(study: CalibratedScene, world: World, scene: object) -> dict[str, list[float]]:
-    """Say by how many of its standard deviations each value is off."""
-    fit, told = study.fit, {one.key: one for one in study.scene.values}
-    camera, panel = world.camera, LedPanel()
-    off: dict[str, list[float]] = defaultdict(list)
-    away = fit.derived(
-        lambda own, _: camera.focal_length_px * panel.pitch_m * torch.exp(-own["log_pitch_px"])
-    )
-    off["distance_m (a frame)"] = (
-        (away[0] - scene.distance_m) / away[1].hypot(torch.tensor(away[2]))
-    ).tolist()
-    off["gamma"] = [(float(fit.of_all[0]) - camera.gamma) / fit.deviation("gamma")]
-    lux, lum = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
-    effects = world.effects
+def compared(study: CalibratedScene, world: World, scene: Scene) -> list[Row]:
+    """Give the values whose truth is known: key, truth, estimate, and the ends of the 95 % interval.
+
+    Without photons only ratios of light are told, so light is compared over the ambient's.
+    """
+    told = {one.key: one for one in study.scene.values}
+    effects, ambient = world.effects, told["ambient_lx"].middle
+    lux, light = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
     air = effects.get("attenuation", {}).get("visibility_m", np.inf)
     kept = float(transmission(scene.distance_m[:1], air)[0])
     truth = {
-        "background_grey": float(scene.background_grey[0]),
-        "effects.blooming.sigma_px": effects["blooming"]["sigma_px"],
+        "camera.gamma": world.camera.gamma,
+        "distance_m": float(scene.distance_m.mean()),
+        "offset_x_m": float(scene.offset_x_m.mean()),
+        "offset_y_m": float(scene.offset_y_m.mean()),
+        "led_luminance_cd_m2 over ambient_lx": light * kept / lux,
     }
-    iso = camera.iso_limits
-    if iso:
-        del truth["background_grey"]
-    for effect, key in (
-        ("prnu", "share"),
-        ("dsnu", "electrons"),
-        ("vignetting", "corner_loss"),
-        ("read_noise", "electrons"),
-    ):
-        if effect in effects:
-            truth[f"effects.{effect}.{key}"] = effects[effect][key]
-    if "airlight" not in effects and "shot_noise" in effects and "ambient_lx" in told:
+    if world.camera.iso_limits is None:
+        truth["background_grey"] = float(scene.background_grey[0])
+    if "shot_noise" in effects:
         truth["ambient_lx"] = lux
+    if "veiling_glare" in effects:
+        glare = effects["veiling_glare"]
+        veil = 10 * glare["glare_illuminance_lx"] / glare["angle_deg"] ** 2
+        truth["effects.veiling_glare.luminance_cd_m2 over ambient_lx"] = veil / lux
+    if "airlight" in effects:  # it is told as a veil, and the light before it is another
+        truth = {key: value for key, value in truth.items() if "lx" not in key}
+    for key in COMPARED:
+        _, effect, name = key.split(".")
+        if effect in effects:
+            given = effects[effect][name]
+            truth[key] = float(np.mean(given[1:])) if isinstance(given, list) else float(given)
+    rows = []
     for key, value in truth.items():
-        if key in told and told[key].deviation > 0:
-            off[key].append((told[key].middle - value) / told[key].deviation)
-    if "led_luminance_cd_m2" in told and told["led_luminance_cd_m2"].deviation > 0:
-        one, ambient = told["led_luminance_cd_m2"], told["ambient_lx"].middle
-        if "airlight" not in effects:
-            off["luminance over ambient"].append(
-                (one.middle / ambient - lum * kept / lux) / (one.deviation / ambient)
-            )
-    if "veiling_glare" in effects and "effects.veiling_glare.luminance_cd_m2" in told:
-        one, ambient = told["effects.veiling_glare.luminance_cd_m2"], told["ambient_lx"].middle
-        veil = (
-            10 * effects["veiling_glare"]["glare_illuminance_lx"] / effects["veiling_glare"]["angle_deg"] ** 2
-        )
-        off["veil over ambient"].append((one.middle / ambient - veil / lux) / (one.deviation / ambient))
-    return off
+        name, _, over = key.partition(" over ")
+        unit = ambient if over else 1.0
+        if name in told and math.isfinite(told[name].deviation):
+            rows.append([key, value, *(one / unit for one in (told[name].middle, *told[name].interval))])
+    return rows
+
+
+def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
+    """Calibrate one recording: its values, its effects, and what happened."""
+    began, world = time.process_time(), truth_of(name, seed)
+    footage, bits, scene = recorded(world, seed)
+    if len(footage) < 4:
+        return [], [], f"the panel was found in {len(footage)} of {FRAMES} frames"
+    study = calibrate(footage, replace(world.camera, gamma=2.2, iso_limits=None), world.panel, most=FRAMES)
+    wrong = int((study.fit.bits != bits.flatten(1)).sum())
+    path = SCENES_MADE / f"{name}_{seed}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(study.scene.text(path.stem, "a recording"))
+    rows = compared(study, world, scene)
+    true = {ALIKE.get(effect, effect) for effect in world.effects if effect not in UNSEEN}
+    effects = [[one.effect, int(one.effect in true), int(one.asked)] for one in study.scene.effects]
+    off = ", ".join(f"{key} {(est - is_) / (high - low) * 3.92:+.1f}" for key, is_, est, low, high in rows)
+    missed = [effect for effect, there, named in effects if there and not named]
+    many = [effect for effect, there, named in effects if named and not there]
+    text = f"{time.process_time() - began:.1f} s, {wrong} bits wrong, residuals {study.fit.scale**0.5:.2f}; "
+    return rows, effects, text + f"{off}; missed {missed}, too many {many}"
 
 
 def main() -> None:
-    """Print the three tables."""
+    """Calibrate what is not in the files yet, and print their tables."""
     words = sys.argv[1:]
-    count = int(words.pop(0)) if words and words[0].isdigit() else 2
-    off: dict[str, list[float]] = defaultdict(list)
-    there: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
-    lost = wrong = leds = 0
-    for name in words or SCENES:
-        for seed in range(count):
-            began, world = time.process_time(), truth_of(name, seed)
-            footage, bits, scene = recorded(world, seed)
-            if len(footage) < 4:
-                lost += 1
-                print(f"{name} {seed}: the panel was found in {len(footage)} of {FRAMES} frames", flush=True)
+    if words == ["pictures"]:
+        pictures()
+        return
+    if words and words[0] == "receivers":
+        for one in words[1:]:
+            rows = receivers(one, 0)
+            print(one, rows, flush=True)
+            append("calibration_receivers.csv", "trained_on frames bits bit_errors", one, 0, rows)
+        return
+    count = int(words.pop(0)) if words and words[0].isdigit() else 1
+    done = {(row["scene"], int(row["recording"])) for row in read(RESULTS / "calibration_effects.csv")}
+    for seed in range(count):
+        for name in words or SCENES:
+            if (name, seed) in done:
                 continue
-            configured = replace(world.camera, gamma=2.2, iso_limits=None)
-            study = calibrate(footage, configured, world.panel, most=FRAMES)
-            missed = int((study.fit.bits != bits.flatten(1)).sum())
-            wrong, leds = wrong + missed, leds + bits.numel()
-            mine = off_by(study, world, scene)
-            for key, values in mine.items():
-                off[key] += values
-            true = {ALIKE.get(effect, effect) for effect in world.effects if effect not in UNSEEN}
-            for one in study.scene.effects:
-                there[one.effect][2 * (one.effect not in true) + (not one.asked)] += 1
-            named = [one.effect for one in study.scene.effects if one.asked]
-            shown = ", ".join(f"{key} {median(values):+.1f}" for key, values in mine.items())
-            print(
-                f"{name} {seed}: {time.process_time() - began:.0f} s, {missed} bits wrong, residuals "
-                f"{study.fit.scale**0.5:.2f}; off by (standard deviations) {shown}; "
-                f"missed {sorted(true - set(named))}, too many {sorted(set(named) - true)}",
-                flush=True,
-            )
-    print(f"\n{lost} recordings without a panel; {wrong} of {leds} bits wrong\n")
-    print("| value | compared | within its 95 % interval | median deviation |\n|---|---|---|---|")
-    for key, values in off.items():
-        inside = np.mean(np.abs(values) < 1.96)
-        print(f"| {key} | {len(values)} | {inside:.0%} | {median(np.abs(values)):.2f} |")
+            rows, effects, text = run(name, seed)
+            print(f"{name} {seed}: {text}", flush=True)
+            append("calibration.csv", "key truth estimate low high", name, seed, rows)
+            append("calibration_effects.csv", "effect present named", name, seed, effects or [["none", 0, 0]])
+    print_tables()
+
+
+def receivers(name: str, seed: int) -> list[Row]:
+    """Calibrate a recording from afar; train on the paper's scene, on the one found and on the true one.
+
+    Errors are counted in fresh frames of the true one. All read at the panel's true corners: what differs is
+    what the scene taught.
+    """
+    true = truth_of(name, seed)
+    far = {key: constant(value) for key, value in zip(LIGHT, FAR[name][1:], strict=True)}
+    true = replace(true, scene=replace(true.scene, distance_m=about(FAR[name][0], 0.5), **far))
+    footage, bits, _ = recorded(true, seed)
+    known = replace(true.camera, gamma=2.2, iso_limits=None)
+    study = calibrate(footage, known, true.panel, most=FRAMES)
+    wrong_leds = int((study.fit.bits != bits.flatten(1)).sum())
+    print(f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong", flush=True)
+    path = SCENES_MADE / f"{name}_far_{seed}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(study.scene.text(path.stem, "a recording"))
+    worlds = {"paper": load_scene("paper"), "calibrated": load_scene(path), "true": true}
+    made = {one: vt.train(world, locator="truth", frames=TRAINED_ON) for one, world in worlds.items()}
+    link = Link(true.simulator(), None, Reader(true.panel.shape))
+    wrong: dict[str, list[torch.Tensor]] = {one: [] for one in made}
+    keys = block_keys(0, f"calibrated {name}", TESTED_ON)
+    with torch.inference_mode():
+        for seen in link.observe_each({"truth": None}, true.scene, keys, preambles=False, frames=TESTED_ON):
+            one = seen["truth"]
+            for trained, receiver in made.items():
+                read_ = receiver.score(one.readings) >= 0
+                wrong[trained].append((read_ != one.bits).flatten(1).sum(1))
+    return [
+        [trained, TESTED_ON, TESTED_ON * true.panel.shape.leds, int(torch.cat(parts).sum())]
+        for trained, parts in wrong.items()
+    ]
+
+
+def pictures() -> None:
+    """Fit the photographs of real panels from their known corners, and write a page of each."""
+    told = json.loads((PICTURES / "pictures.json").read_text(encoding="utf-8"))
+    for name, one in told.items():
+        (picture,) = read_recording(PICTURES / name, "max")
+        corners = panel_corners(one["corner_led_centres_px"], PanelShape(one["rows"], one["columns"]))
+        none = np.full(1, np.nan)
+        footage = Footage(picture.grey[None], np.zeros(1, np.int64), none, corners.double(), 1, 1, [])
+        panel = replace(LedPanel(), shape=PanelShape(one["rows"], one["columns"]))
+        camera, _ = of_size(Camera(), *picture.grey.shape)
+        began, bits = time.process_time(), np.array([[bit == "1" for bit in row] for row in one["bits"]])
+        study = calibrate(footage, camera, panel, most=1)
+        wrong = int((study.fit.bits.numpy() != bits.reshape(1, -1)).sum())
+        folder = SCENES_MADE / Path(name).stem
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "scene.yaml").write_text(study.scene.text(folder.name, name))
+        write_page(study, name, "vocc-torch task=train", folder)
+        print(f"{name}: {time.process_time() - began:.0f} s, {wrong} of {bits.size} bits wrong", flush=True)
+        print("\n".join(f"  {line}" for line in (*study.scene.doubts, f"{folder}/page.html")), flush=True)
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """Read a table, empty where there is none."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def append(file: str, columns: str, name: str, seed: int, rows: list[Row]) -> None:
+    """Add a recording's rows to a table."""
+    path = RESULTS / file
+    fresh = not path.exists()
+    with path.open("a", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        if fresh:
+            writer.writerow(["scene", "recording", *columns.split()])
+        for row in rows:
+            shown = [f"{one:.7g}" if isinstance(one, float) else one for one in row]
+            writer.writerow([name, seed, *shown])
+
+
+def print_tables() -> None:
+    """Print how many values lie in their intervals, by scene, and which effects were named."""
+    inside: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(lambda: [0, 0]))
+    for row in read(RESULTS / "calibration.csv"):
+        held = float(row["low"]) <= float(row["truth"]) <= float(row["high"])
+        for column in (row["scene"], "all"):
+            inside[row["key"]][column][0] += held
+            inside[row["key"]][column][1] += 1
+    columns = [*SCENES, "all"]
+    print(f"\n| value | {' | '.join(columns)} |\n|---|{'---:|' * len(columns)}")
+    for key, by_scene in inside.items():
+        cells = ["/".join(map(str, by_scene[one])) if one in by_scene else "" for one in columns]
+        print(f"| `{key}` | {' | '.join(cells)} |")
+    there: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
+    for row in read(RESULTS / "calibration_effects.csv"):
+        there[row["effect"]][2 * (row["present"] == "0") + (row["named"] == "0")] += 1
     print("\n| effect | there, named | there, not named | not there, named | not there, not named |")
-    print("|---|---|---|---|---|")
-    for effect, row in sorted(there.items()):
-        print(f"| {effect} | {row[0]} | {row[1]} | {row[2]} | {row[3]} |")
+    print("|---|---:|---:|---:|---:|")
+    for effect, counts in sorted(there.items()):
+        print(f"| {effect} | {' | '.join(map(str, counts))} |")
 
 
 if __name__ == "__main__":

@@ -3,17 +3,21 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from importlib import resources
 
 import torch
+import yaml
 from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
-from vocc_torch.studies.calibrate import statistics
-from vocc_torch.studies.calibrate.fit import RANGES, RecordingFit
+from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
+from vocc_torch.studies.calibrate.leds import Scatter
+from vocc_torch.studies.calibrate.model import WHITE
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
-from vocc_torch.studies.calibrate.statistics import Curve, Scatter
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, lamps, patterns
+from vocc_torch.studies.calibrate.transfer import Curve, middle_slope
 
 LIKELIHOOD = 10.8
 """Twice the log-likelihood ratio that one value reaches by chance once in a thousand times (chi-squared)."""
@@ -23,6 +27,16 @@ CODED_GAIN = 30.0
 """Gain that an effect needs in coded pictures."""
 BLIND_BLUR_PX = 0.15
 """A narrower blur is none."""
+SENTENCES = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
+DOUBTS = ("white", "bound", "residuals", "photons")
+"""Sentences of what the model does not explain; the others say what the recording does not tell."""
+BY_GAMMA = (
+    *("camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.veiling_glare.luminance_cd_m2"),
+    *("effects.blooming.sigma_px", "effects.vignetting.corner_loss"),
+)
+"""Values that have no interval where gamma is not told."""
+WIDE_GAMMA = 0.3
+"""Half of gamma's 95 % interval from which on the page says that it is hardly told."""
 RESPONSE = 0.05
 """Sensors whose pixels differ by a larger share of the background's light differ in their offsets."""
 BIC = "gain of likelihood, twice its logarithm, less log(pixels) a value (BIC)"
@@ -39,6 +53,8 @@ class Findings:
         around: the picture around it.
         fall: how light falls off there.
         coded: the likeliest JPEG quality, and how sure it is.
+        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
+        bound: where gamma ran to, if that is no camera's.
         named: effects that were tried.
         values: of the scene.
         unknown: what the recording does not tell.
@@ -47,9 +63,11 @@ class Findings:
 
     camera: Camera
     panel: LedPanel
-    around: statistics.Surround
-    fall: statistics.Falloff
+    around: Surround
+    fall: Falloff
     coded: tuple[int, float] = (0, 0.0)
+    loose: bool = False
+    bound: float | None = None
     named: list[Named] = field(default_factory=list)
     values: list[Value] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
@@ -73,7 +91,17 @@ class Findings:
 
     def tell(self, key: str, given: float, deviation: float = math.nan, note: str = "") -> None:
         """Note a value."""
-        self.values.append(Value(key, given, deviation, note))
+        self.note(Value(key, given, deviation, note))
+
+    def note(self, value: Value) -> None:
+        """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
+        if value.key in BY_GAMMA and self.loose:
+            value = replace(value, deviation=math.nan, note=value.note + "; no interval, see below")
+        self.values.append(value)
+
+    def say(self, word: str, **given: object) -> None:
+        """Note a sentence of ``sentences.yaml``: what is not told, or not explained."""
+        (self.doubts if word in DOUBTS else self.unknown).append(SENTENCES[word].format(**given))
 
     def asked(self, effect: str) -> bool:
         """Say whether the recording asks for an effect."""
@@ -106,31 +134,35 @@ def describe(
         ambient_lx: where it is known.
         efficiency: the quantum efficiency that is assumed where it is not.
     """
-    gamma = float(fit.of_all[0])
-    if min(abs(gamma - end) for end in RANGES["gamma"]) > 1e-6:
-        found.camera = replace(found.camera, gamma=round(gamma, 5))
-    else:
-        found.doubts.append(
-            f"gamma runs to its bound, {gamma:g}: the camera's, {found.camera.gamma:g}, is taken"
-        )
-    where(fit, apart, found)
-    quality, sure = found.coded
-    coded = found.tried("jpeg", sure, CODED, "standard deviations off chance", "pictures are coded")
+    found.say("moving")
+    found.say("colours")
+    gamma, quality = float(fit.of_all[0]), found.coded[0]
+    coded = found.tried("jpeg", found.coded[1], CODED, "standard deviations off chance", "pictures are coded")
+    found.loose = coded or found.bound is not None
     if coded:
-        found.unknown.append(
-            "the sensor's colours: coding takes away by what demosaicing is told; its blur is in blooming"
-        )
+        found.say("coded")
+    if found.bound is not None:
+        found.say("bound", gamma=found.bound, own=gamma)
+    else:
+        found.camera = replace(found.camera, gamma=round(gamma, 5))
+        found.tell("camera.gamma", gamma, fit.deviation("gamma"), "by the flanks of the spots")
+        if SURE * fit.deviation("gamma") > WIDE_GAMMA:
+            found.say("hardly")
+    where(fit, apart, found)
+    if coded:
         found.tell("effects.jpeg.quality", quality, 1.0, "by the steps of the coefficients")
     counts = curve is not None and curve.noise.slope > 0 and not coded
     efficiency = how_bright(fit, curve if counts else None, found, ambient_lx, efficiency)
     through_the_lens(fit, found)
     explains = "LEDs differ in brightness"
-    if found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, explains):
+    if coded:
+        found.say("scatter")
+    elif found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, explains):
         key = "effects.led_scatter.coefficient_of_variation"
         found.tell(key, min(scatter.share, 2.0), scatter.deviation, "of this panel")
     if curve is None or coded:
-        why = "coding takes most of it away" if coded else "fewer than 4 frames show none"
-        found.unknown.append(f"the sensor's noise: {why}; the scene has none")
+        why = "coding takes it away" if coded else "rounding hides it, or fewer than 4 frames show none"
+        found.say("noise", why=why)
     else:
         how_noisy(fit, curve, found, efficiency)
     beside(fit, found)
@@ -138,10 +170,7 @@ def describe(
         found.named.append(Named(effect, True, "always: 8-bit pictures", 0.0, 0.0))
     found.tell("effects.quantization.bits", 8)
     if fit.scale > 2:
-        times = math.sqrt(fit.scale)
-        found.doubts.append(
-            f"residuals are {times:.1f} times what noise and rounding explain: look at their picture"
-        )
+        found.say("residuals", times=math.sqrt(fit.scale))
     kept = tuple(one for one in found.named if "." not in one.effect)
     return Calibrated(
         tuple(found.values), kept, found.camera, found.panel, tuple(found.unknown), tuple(found.doubts)
@@ -160,19 +189,14 @@ def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
             return (own[f"{name}_px"] - side / 2) * found.panel.pitch_m * torch.exp(-own["log_pitch_px"])
 
         found.values.append(scenes.spread(f"offset_{name}_m", fit.derived(offset), "by the panel's place"))
-    found.unknown.append(
-        "distance, focal length and pitch: only their ratio is seen; camera.focal_length_mm, "
-        "panel.led_diameter_m and panel.led_gap_m are taken from the configuration"
-    )
+    found.say("ratio")
     if not found.asked("pose"):
         return
     for name in ("yaw", "pitch", "roll"):
         degrees = fit.derived(lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
         found.values.append(scenes.spread(f"effects.pose.{name}_deg", degrees, "of the panel"))
     if float(apart.median()) < 9:
-        found.unknown.append(
-            "the signs of yaw and pitch: from so far the panel looks alike turned the other way"
-        )
+        found.say("signs")
 
 
 def how_bright(
@@ -189,47 +213,37 @@ def how_bright(
     off = ((shares - middle) / max(error, 1e-9)) ** 2 if 1 < middle < shares else 0.0
     explains = "Off LEDs and background are more alike than their reflectances: fog or glare lies over them"
     veiled = found.tried("veiling_glare", off, LIKELIHOOD, RATIO, explains)
+    over = scenes.veil(fit, panel) if veiled else 0.0
+    seen = panel.background_reflectance / math.pi + over  # luminance of the background at 1 lx
     lux, lux_error, note = ambient_lx or scenes.UNKNOWN_LX, math.nan, "as configured" if ambient_lx else ""
     if curve is not None:
-        counted = scenes.illuminance(fit, camera, panel, efficiency, veiled=veiled)
+        counted = scenes.illuminance(fit, camera, seen, efficiency)
         if ambient_lx is None:
             shaky = curve.deviation[0] / curve.noise.slope, 2 * fit.deviation("gamma") / float(fit.of_all[0])
             lux, lux_error, note = counted, counted * math.hypot(*shaky), "by the photons counted"
-            found.unknown.append(
-                "illuminance and quantum efficiency: the photons tell their product; "
-                "calibrate.quantum_efficiency is taken from the configuration (or give calibrate.ambient_lx)"
-            )
+            found.say("product")
         else:
             efficiency *= counted / ambient_lx
     elif ambient_lx is None:
-        found.unknown.append(
-            f"the illuminance: auto-exposure takes it away. {lux:g} lx stands in its place, and luminances "
-            "are relative to it (or give calibrate.ambient_lx)"
-        )
+        found.say("illuminance", lux=lux)
     found.tell("ambient_lx", lux, lux_error, note)
-    seen = scenes.lighting(fit, camera, panel, lux, veiled=veiled)
     own_light = fit.derived(
         lambda own, all_: (
-            (level("on", own, all_) - level("off", own, all_))
-            / level("background", own, all_)
-            * seen.background_cd_m2
+            (level("on", own, all_) - level("off", own, all_)) / level("background", own, all_) * (seen * lux)
         )
     )
-    found.values.append(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
-    found.unknown.append("the air: what attenuation takes from the LEDs is missing in led_luminance_cd_m2")
+    found.note(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
+    found.say("air")
+    if float(fit.value("on").median()) >= WHITE:
+        found.say("white")
     if veiled:
         slope = 1 / (shares - middle) + 1 / (middle - 1)
-        found.tell("effects.veiling_glare.luminance_cd_m2", seen.veil_cd_m2, seen.veil_cd_m2 * error * slope)
-        found.unknown.append(
-            "fog or glare: either lays a veil over the picture. It is written as veiling_glare; for fog name "
-            "airlight and attenuation instead"
-        )
-    elif abs(middle - shares) > 3 * error and seen.reflectance is not None:
-        found.panel = replace(panel, led_reflectance=round(seen.reflectance, 4))
-        found.unknown.append(
-            "the LEDs' reflectance: Off LEDs say it relative to panel.background_reflectance, "
-            "which is taken from the configuration"
-        )
+        found.tell("effects.veiling_glare.luminance_cd_m2", over * lux, over * lux * error * slope)
+        found.say("veil")
+    elif abs(middle - shares) > 3 * error:
+        own = min(1.0, middle * panel.background_reflectance)
+        found.panel = replace(panel, led_reflectance=round(own, 4))
+        found.say("reflectance")
     if found.asked("panel.board_reflectance"):
         share = float((scenes.linear(fit, "board") / scenes.linear(fit, "background")).median())
         board = min(max(share * panel.background_reflectance, 0.0), 1.0)
@@ -240,29 +254,25 @@ def how_bright(
 def through_the_lens(fit: RecordingFit, found: Findings) -> None:
     """Describe blur, motion, distortion and vignetting."""
     camera, fall = found.camera, found.fall
-    across, down, slant = (float(moment) for moment in fit.of_all[1:4])
-    moments, axes = torch.linalg.eigh(torch.tensor([[across, slant], [slant, down]]))
-    moved = found.asked("motion_blur")
-    blur = math.sqrt(max(float(moments[0]) if moved else across, 0.0))
+    moments, moved = fit.of_all[1:3], found.asked("motion_blur")
+    long = int(moments.argmax())
+    blur, narrow = math.sqrt(float(moments.min())), ("blur_yy", "blur_xx")[long] if moved else "blur"
     explains = "light spreads over neighbours"
     if found.tried("blooming", blur, BLIND_BLUR_PX, "standard deviation, px", explains):
-        error = fit.deviation("blur_xx" if moved else "blur") / (2 * max(blur, 1e-3))
+        error = fit.deviation(narrow) / (2 * max(blur, 1e-3))
         found.tell("effects.blooming.sigma_px", min(blur, 32.0), error, "a Gaussian's")
-        found.unknown.append(
-            "what blurs: defocus, diffraction and blooming look alike; a Gaussian is written"
-        )
+        found.say("blur")
     if moved:
-        length = math.sqrt(12 * max(float(moments[1] - moments[0]), 0.0))
-        away = found.panel.pitch_m * camera.focal_length_px * torch.exp(-fit.value("log_pitch_px")).median()
-        speed = length * float(away) / camera.focal_length_px / camera.exposure_time_s
+        length = math.sqrt(12 * float(moments.max() - moments.min()))
+        away = found.panel.pitch_m * torch.exp(-fit.value("log_pitch_px")).median()
+        speed = length * float(away) / camera.exposure_time_s
         error = 6 * math.hypot(fit.deviation("blur_xx"), fit.deviation("blur_yy")) / length**2 * speed
-        for name, part in zip("xy", axes[:, 1].tolist(), strict=True):
-            velocity = max(-200.0, min(200.0, part * speed))
-            found.tell(f"effects.motion_blur.velocity_{name}_m_s", velocity, error, "either way")
+        key = f"effects.motion_blur.velocity_{'xy'[long]}_m_s"
+        found.tell(key, min(200.0, speed), error, "either way, along this axis")
     if found.asked("lens_distortion"):
-        found.tell("effects.lens_distortion.k1", float(fit.of_all[4]), fit.deviation("k1"))
+        found.tell("effects.lens_distortion.k1", float(fit.value("k1")), fit.deviation("k1"))
     else:
-        found.unknown.append("the lens's distortion: within its uncertainty there is none where the panel is")
+        found.say("lens")
     criterion = "gain of likelihood over the background's blocks, twice its logarithm, less log(blocks)"
     if found.tried("vignetting", fall.natural_gain, 0.0, criterion, "it is darker towards the corners"):
         barrel = fall.barrel_gain > 0 and 0 < fall.corner_loss < 1
@@ -280,9 +290,7 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
     shot = found.tried("shot_noise", curve.gains[0], 0.0, criterion, "variance grows with light")
     if not shot:
         if curve.gains[1] > 0:
-            found.unknown.append(
-                "noise that does not grow with light: no photons tell its unit; it is left out"
-            )
+            found.say("unit")
         return
     read = found.tried("read_noise", curve.gains[1], 0.0, criterion, "variance in the dark")
     for effect in ("photoelectrons", "gain"):
@@ -290,14 +298,11 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
     key = "effects.photoelectrons.quantum_efficiency"
     found.tell(key, min(1.0, efficiency), math.nan, "as configured, or by calibrate.ambient_lx")
     if efficiency > 1:
-        found.doubts.append(
-            f"calibrate.ambient_lx leads to {efficiency:.2g} electrons a photon, and at most 1 is possible: "
-            "see camera.exposure_time_s and camera.f_number"
-        )
+        found.say("photons", efficiency=efficiency)
     electrons, slope_error = 1 / curve.noise.slope, curve.deviation[0] / curve.noise.slope
-    pattern = statistics.patterns(found.around)
+    pattern = patterns(found.around)
     x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
-    steep = statistics.middle_slope(x, gamma, curve.noise)
+    steep = middle_slope(x, gamma, curve.noise)
     share = pattern.fixed / steep / x
     if read:
         # Where the panel moves over the pixels, what differs from pixel to pixel is in the floor too.
@@ -313,10 +318,7 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
         given = share if kind == "prnu" else share * x * electrons
         key = "effects.prnu.share" if kind == "prnu" else "effects.dsnu.electrons"
         found.tell(key, given, given * relative, "of each pixel")
-        found.unknown.append(
-            f"whether pixels differ in response (prnu) or offset (dsnu): by one level of light, {kind} is "
-            f"the likelier, for pixels differ by {share:.2g} of it"
-        )
+        found.say("pattern", kind=kind, share=share)
     found.tried(other, 0.0, LIKELIHOOD, f"not told from {kind}")
     if found.tried("row_noise", pattern.row_gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):
         amount = pattern.row / steep * electrons
@@ -326,7 +328,7 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
 
 def beside(fit: RecordingFit, found: Findings) -> None:
     """Describe lamps beside the panel."""
-    count, wide, grey = statistics.lamps(found.around)
+    count, wide, grey = lamps(found.around)
     explains = "round bright things stand beside the panel"
     if not found.tried("lamps", count, 0.5, "how many a frame", explains):
         return
@@ -341,4 +343,4 @@ def beside(fit: RecordingFit, found: Findings) -> None:
         "effects.lamps.diameter_m", min(10.0, wide / float(metre)), math.nan, "at the panel's distance"
     )
     if grey >= 254:
-        found.unknown.append("the lamps' luminance: they are white, and may be brighter than the scene says")
+        found.say("lamps")

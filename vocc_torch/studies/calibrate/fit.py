@@ -5,27 +5,29 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
-from torch import Tensor
+from scipy import stats
+from torch import Tensor, nn
 
-from vocc_torch.receiver.rectification import cell_homography
-from vocc_torch.simulation import raster
-from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED, TURNED, Noise, Windows
+from vocc_torch.studies.calibrate.model import OF_ALL, OF_FRAME, Noise, Windows
 
 CLEAR_SIGMAS = 4.0
 """A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
 STEPS = 15
-OWN_ROUNDING = 4.0
-"""Grey values between a pixel's neighbours from which on its rounding tells nothing of theirs."""
-FIRST_DAMPING, LOOSE = 1e-4, 1e-7
-"""Share of the diagonal that the first step adds, and from which on a step is held back no more."""
+OWN_ROUNDING = 2.0
+"""Grey values from a pixel to the next from which on its rounding tells nothing of theirs."""
+FIRST_DAMPING, LOOSE = 1e-6, 1e6
+"""Share of the diagonal that the first step adds, and beyond which no step helps."""
 UNDITHERED = 0.1
 """Variance of noise, in grey values, below which pixels of one light are rounded alike."""
-BEGUN_WITH = 3
-"""Frames by which the blur's size is searched for."""
-SETTLED = 1e-5
-"""Share of the misfit that a step must take away, or it is the last."""
+SETTLED = 0.01
+"""Twice the log-likelihood that a step must promise: no value then moves by a tenth of its deviation."""
+CORRECTIONS = 40
+"""Steps in which rounding is taken out."""
+GRID_PX = 8
+"""Side of the blocks in which residuals hang together: JPEG's."""
+SURE = 1.96
+"""Standard deviations to either side of a 95 % interval."""
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
 """Bounds of what all frames share."""
 STEEPEST = 1.3
@@ -40,15 +42,17 @@ class RecordingFit:
         windows: what is known of the frames.
         grey: (B,H,W) measured.
         of_frame: (B,10).
-        of_all: (5,).
+        of_all: (4,).
         lit: (B,R*C) share of On's light of each LED.
         noise: of the light.
         trust: (B,H,W) how much each pixel counts, as :func:`trusted` says; all alike where it is one number.
         free: names of the values that were fitted.
         misfit: weighted sum of squared residuals, in units of the noise.
         scale: variance of the residuals over that of the noise.
-        shared: (M,M) covariance of the fitted values that all share.
-        alone: (B,N,N) covariance of each frame's fitted values, were those that all share known.
+        shared: (3,M,M) covariances of the fitted values that all share, of which the widest counts: by the
+            curvature of the likelihood times ``scale``, by the scatter of its slopes from block to block of 8
+            x 8 px, and by that from frame to frame (sandwiches), with Student's t for the frames there are.
+        alone: (2,B,N,N) of each frame's values, were those that all share known: by curvature, by blocks.
         lead: (B,N,M) by how much a frame's values follow those that all share.
     """
 
@@ -62,8 +66,8 @@ class RecordingFit:
     free: tuple[str, ...] = ()
     misfit: float = math.inf
     scale: float = 1.0
-    shared: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
-    alone: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
+    shared: Tensor = field(default_factory=lambda: torch.zeros(3, 0, 0))
+    alone: Tensor = field(default_factory=lambda: torch.zeros(2, 0, 0, 0))
     lead: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
 
     @property
@@ -83,15 +87,17 @@ class RecordingFit:
         return float(self.trust.expand_as(self.grey).sum())
 
     def deviation(self, name: str) -> float:
-        """Standard deviation of a fitted value that all share."""
+        """Standard deviation of a value that all share; NaN where it was not fitted."""
+        if name not in self.free:
+            return math.nan
         at = [one for one in self.free if one not in OF_FRAME].index(name)
-        return math.sqrt(max(0.0, float(self.shared[at, at]) * self.scale))
+        return math.sqrt(max(0.0, float(self.shared[:, at, at].max())))
 
     def derived(self, of: Callable[[Mapping[str, Tensor], Tensor], Tensor]) -> tuple[Tensor, Tensor, float]:
         """Derive a value of every frame from the fitted ones, and how sure it is.
 
         Args:
-            of: makes (B,) of what frames have by name, (B,) each, and of what all share, (B,5).
+            of: makes (B,) of what frames have by name, (B,) each, and of what all share, (B,4).
 
         Returns:
             the values (B,), their standard deviations (B,) were that known which all share, and the standard
@@ -109,10 +115,15 @@ class RecordingFit:
             along[1] @ t if along[1].ndim > 1 else along[1] for name, _, t in turns if name not in OF_FRAME
         ]
         a, b = torch.stack(mine, 1), torch.stack(common, 1)
-        variance = torch.einsum("bi,bij,bj->b", a, self.alone, a) * self.scale
+        variance = torch.einsum("bi,wbij,bj->wb", a, self.alone, a).amax(0)
         pulled = (b - torch.einsum("bi,bij->bj", a, self.lead)).mean(0)
-        added = float(pulled @ self.shared @ pulled) * self.scale
+        added = float((pulled @ self.shared @ pulled).max())
         return made.detach(), variance.clamp(min=0).sqrt(), math.sqrt(max(0.0, added))
+
+    def sure(self, blocks: "Blocks", scores: Tensor) -> "RecordingFit":
+        """Note how sure the values are, by the normal equations and what each pixel adds (D,B,H,W)."""
+        shared, alone, lead = covariances(*blocks[:3], scores, self.scale)
+        return replace(self, shared=shared, alone=alone, lead=lead)
 
     def value(self, name: str) -> Tensor:
         """A value: of each frame (B,), or of all."""
@@ -136,64 +147,6 @@ class RecordingFit:
         return model.expected(self.light(), self.of_all[0], self.noise)
 
 
-def start(
-    windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | None, gamma: float
-) -> RecordingFit:
-    """Begin from the corners that the locator found.
-
-    Args:
-        windows: what is known.
-        grey: (B,H,W) windows of the frames.
-        corners_px: (B,4,2) on the sensor.
-        bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
-        gamma: the camera's.
-    """
-    shape, at = windows.shape, model.grid(windows.shape)
-    homography = cell_homography(corners_px, shape)
-    middle = torch.tensor([shape.columns / 2, shape.rows / 2]).double()
-    cells = torch.cat([torch.cat([at + middle, middle[None]]), torch.ones(len(at) + 1, 1).double()], 1)
-    mapped = cells @ homography.mT
-    points = mapped[..., :2] / mapped[..., 2:]
-    side = corners_px.roll(-1, 1) - corners_px
-    right, down = side[:, 0] - side[:, 2], side[:, 1] - side[:, 3]
-    pitch = (right.norm(dim=1) / shape.columns + down.norm(dim=1) / shape.rows) / 4
-    roll = torch.atan2(right[:, 1], right[:, 0])
-    inside = (points[:, :-1] - windows.origin_px.double()[:, None]).floor().long()
-    x, y = (inside[..., i].clamp(1, windows.size_px[1 - i] - 2) for i in (0, 1))
-    frames = torch.arange(len(grey))[:, None]
-    near = [grey[frames, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    centres = torch.stack(near).mean(0)
-    lit = two_levels(centres) if bits is None else bits.flatten(1)
-    on, off = (
-        (centres * one).sum(1) / one.sum(1).clamp(min=1) if bool(one.any()) else centres.amax(1)
-        for one in (lit, ~lit)
-    )
-    behind = torch.cat([grey[:, :2].flatten(1), grey[:, -2:].flatten(1)], 1).median(1).values
-    on = torch.where(lit.any(1), on, centres.amax(1) + 20)
-    off = torch.where((~lit).any(1), off, behind)
-    values = [points[:, -1, 0], points[:, -1, 1], pitch.log(), *(0 * roll, 0 * roll, roll)]
-    values += [behind.clamp(min=1), off.clamp(min=1), 1.3 * on.clamp(min=2), off.clamp(min=1)]
-    of_all = torch.tensor([gamma, 1.0, 1.0, 0.0, 0.0]).double()
-    begun = RecordingFit(windows, grey, torch.stack(values, 1), of_all, lit.double())
-    few, tried = begun.first(BEGUN_WITH), []
-    for share in (0.12, 0.25, 0.45, 0.7):
-        moment = float(pitch.median() * share) ** 2
-        blurred = replace(few, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
-        tried.append(settled(blurred, (*LEVELS[:3], "blur"), steps=4, robust=False))
-    best = min(tried, key=lambda one: one.misfit)
-    return settled(replace(begun, of_all=best.of_all), LEVELS[:3], steps=3, robust=False)
-
-
-def two_levels(greys: Tensor) -> Tensor:
-    """Part each frame's grey values (B,N) where the variance between the parts is greatest (Otsu)."""
-    ordered = greys.sort(1).values
-    count = torch.arange(1, greys.shape[1], dtype=greys.dtype)
-    total = ordered.cumsum(1)
-    low, high = total[:, :-1] / count, (total[:, -1:] - total[:, :-1]) / (greys.shape[1] - count)
-    best = (count * (greys.shape[1] - count) * (high - low).square()).argmax(1, keepdim=True)
-    return greys > ordered.gather(1, best)
-
-
 def settled(
     fit: RecordingFit, free: Sequence[str], steps: int = STEPS, *, robust: bool = True
 ) -> RecordingFit:
@@ -207,50 +160,111 @@ def settled(
         steps: most steps.
         robust: whether far residuals count less.
     """
-    own, all_ = ([name for name in free if (name in OF_FRAME) == is_own] for is_own in (True, False))
-    along = [model.direction(name) for name in (*own, *all_)]
-    frame_turns = torch.stack([frame for _, frame, _ in along[: len(own)]])
-    shared_turns = (
-        torch.stack([shared for _, _, shared in along[len(own) :]]) if all_ else torch.zeros(0, len(OF_ALL))
-    ).double()
+    turns, rendered = Turns.of(free), expecting(fit)
+    along, own = turns.along, len(turns.own)
+    variance = fit.predicted()[1]
+    damping, current = FIRST_DAMPING, (fit.of_frame, fit.of_all)
+
+    def weighed(residual: Tensor) -> Tensor:
+        weights = fit.trust / variance
+        return weights * calmed(residual, variance) if robust else weights
+
+    for step in range(steps + 1):
+        mean, slopes = model.slopes(rendered, *current, along)
+        residual = fit.grey - mean
+        weights = weighed(residual)
+        misfit = float((weights * residual.square()).sum())
+        counted = max(fit.pixels - own * len(fit.grey) - len(turns.shared), 1.0)
+        scale = max(misfit / counted, 1e-12)
+        blocks = normal(slopes, residual, weights, own)
+        if step == steps:
+            break
+        moved = True
+        while True:
+            own_step, all_step = arrow_step(*blocks, damping)
+            promised = float((own_step * blocks[3]).sum() + (all_step * blocks[4]).sum())
+            if promised < SETTLED * scale:
+                moved = False
+                break
+            of_frame, of_all = turns.moved(*current, own_step, all_step)
+            new = float((weights * (fit.grey - rendered(of_frame, of_all)).square()).sum())
+            if new <= misfit or damping > LOOSE:
+                moved = new < misfit
+                break
+            damping *= 8
+        if not moved:
+            break
+        current, damping = (of_frame, of_all), max(damping / 10, 1e-10)
+    made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names, misfit=misfit)
+    return replace(made, scale=scale).sure(blocks, slopes * (weights * residual))
+
+
+def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> RecordingFit:
+    """Compare the frames with what rounding makes of the expected ones, so that it moves no value.
+
+    Rounding without noise is no random error: it has the same sign wherever the picture is alike. At the true
+    values the rounded picture differs from the measured one by noise alone, so the steps of :func:`settled`
+    are taken on with that difference. Intervals keep the width that they had with rounding
+    as noise, or take that of the slopes' scatter where it is wider.
+
+    Args:
+        fit: a settled one.
+        free: names of the values to fit.
+        sigma: standard deviation of the noise, in grey values.
+    """
+    turns, rendered = Turns.of(free), expecting(fit)
+    weights = fit.trust / fit.predicted()[1]
+    weights = weights * calmed(fit.grey - fit.predicted()[0], fit.predicted()[1])
+    current = fit.of_frame, fit.of_all
+    slopes = model.slopes(rendered, *current, turns.along)[1]
+    for _ in range(CORRECTIONS):
+        residual = fit.grey - model.written(rendered(*current), sigma)
+        blocks = normal(slopes, residual, weights, len(turns.own))
+        current = turns.moved(*current, *arrow_step(*blocks, FIRST_DAMPING))
+    made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names)
+    return made.sure(blocks, slopes * (weights * residual))
+
+
+@dataclass(frozen=True)
+class Turns:
+    """The ways in which values are changed.
+
+    Args:
+        own: names of those that each frame has.
+        shared: names of those that all share.
+        along: their directions.
+    """
+
+    own: tuple[str, ...]
+    shared: tuple[str, ...]
+    along: list[model.Direction]
+
+    @classmethod
+    def of(cls, free: Sequence[str]) -> "Turns":
+        """Sort names: each frame's first."""
+        own, shared = (tuple(n for n in free if (n in OF_FRAME) == is_own) for is_own in (True, False))
+        return cls(own, shared, [model.direction(name) for name in (*own, *shared)])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.own, *self.shared)
+
+    def moved(self, of_frame: Tensor, of_all: Tensor, own: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
+        """Take a step, within bounds."""
+        count = len(self.own)
+        frame = torch.stack([one for _, one, _ in self.along])[:count]
+        of_all = of_all + shared @ torch.stack([one for _, _, one in self.along])[count:]
+        return bounded(of_frame + own @ frame), bounded_all(of_all)
+
+
+def expecting(fit: RecordingFit) -> Callable[[Tensor, Tensor], Tensor]:
+    """Give the function that makes expected grey values of a fit's kind from values."""
 
     def rendered(of_frame: Tensor, of_all: Tensor) -> Tensor:
         return model.expected(model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise)[0]
 
-    variance = fit.predicted()[1] / fit.trust
-    damping, current, weights = FIRST_DAMPING, (fit.of_frame, fit.of_all), 1 / variance
-    mean, slopes = model.slopes(rendered, *current, along)
-    residual = fit.grey - mean
-    if robust:
-        weights = weights * calmed(residual, variance * fit.trust)
-    cost = (weights * residual.square()).sum(dim=(1, 2))
-    for _ in range(steps):
-        blocks = normal(slopes, residual, weights, len(own))
-        while True:
-            own_step, all_step = arrow_step(*blocks, damping)
-            of_frame = bounded(current[0] + own_step @ frame_turns)
-            of_all = bounded_all(current[1] + all_step @ shared_turns)
-            tried = fit.grey - rendered(of_frame, of_all)
-            new = (weights * tried.square()).sum(dim=(1, 2))
-            if float(new.sum()) <= float(cost.sum()) or damping > 1e6:
-                break
-            damping *= 8
-        gained = 1 - float(new.sum()) / max(float(cost.sum()), 1e-300)
-        if gained < 0:
-            break
-        current, damping, cost = (of_frame, of_all), max(damping / 10, 1e-10), new
-        mean, slopes = model.slopes(rendered, *current, along)
-        residual = fit.grey - mean
-        if robust:
-            weights = calmed(residual, variance * fit.trust) / variance
-            cost = (weights * residual.square()).sum(dim=(1, 2))
-        if gained < SETTLED and damping <= LOOSE:  # else the damping holds it back
-            break
-    misfit = float(cost.sum())
-    counted = max(fit.pixels - len(own) * len(fit.grey) - len(all_), 1.0)
-    alone, lead, shared = covariances(*normal(slopes, residual, weights, len(own))[:3])
-    made = replace(fit, of_frame=current[0], of_all=current[1], free=(*own, *all_), misfit=misfit)
-    return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, alone=alone, lead=lead)
+    return rendered
 
 
 def trusted(fit: RecordingFit) -> RecordingFit:
@@ -263,10 +277,8 @@ def trusted(fit: RecordingFit) -> RecordingFit:
     mean, variance = fit.predicted()
     if float((variance - model.ROUNDING).median()) > UNDITHERED:
         return replace(fit, trust=torch.ones(1, 1, 1).double())
-    padded = torch.nn.functional.pad(mean.unsqueeze(1), (1, 1, 1, 1), mode="replicate")
-    high, low = (torch.nn.functional.max_pool2d(sign * padded, 3, 1)[:, 0] for sign in (1, -1))
-    rise = (high + low) / OWN_ROUNDING
-    return replace(fit, trust=rise.square().clamp(min=1 / mean.numel(), max=1.0))
+    steep = torch.stack(torch.gradient(mean, dim=(1, 2))).square().sum(0) / OWN_ROUNDING**2
+    return replace(fit, trust=steep.square().clamp(min=1 / mean.numel(), max=1.0))
 
 
 def calmed(residual: Tensor, variance: Tensor) -> Tensor:
@@ -308,11 +320,36 @@ def damped(matrix: Tensor, damping: float) -> Tensor:
     return matrix + torch.diag_embed(damping * diagonal + least)
 
 
-def covariances(own: Tensor, mixed: Tensor, shared: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Invert the normal equations; see :class:`RecordingFit` for the parts."""
+def covariances(
+    own: Tensor, mixed: Tensor, shared: Tensor, scores: Tensor, scale: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Say how sure the values are; see :class:`RecordingFit` for the parts.
+
+    Args:
+        own: the normal equations' blocks, as ``mixed`` and ``shared``.
+        mixed: likewise.
+        shared: likewise.
+        scores: (D,B,H,W) what each pixel adds to the slopes of the likelihood.
+        scale: variance of the residuals over that of the noise.
+    """
     inverse = torch.linalg.inv(damped(own, 0.0))
     lead = inverse @ mixed
-    return inverse, lead, torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
+    whole = torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
+    parts = nn.functional.avg_pool2d(scores, GRID_PX, ceil_mode=True, divisor_override=1).flatten(2)
+    parts, count = parts.movedim(0, 1), own.shape[1]
+    of_own = parts[:, :count]
+    of_all = parts[:, count:] - lead.mT @ of_own  # (B,M,K): what a block pulls at that which all share
+    frames = len(own)
+    freedom = max(frames - 1, 1)
+    wide = frames / freedom * (float(stats.t.ppf(0.975, freedom)) / SURE) ** 2
+    by_frame = of_all.sum(2)
+    meats = (of_all @ of_all.mT).sum(0), wide * by_frame.mT @ by_frame
+    by_scatter = [whole @ meat @ whole for meat in meats]
+    return (
+        torch.stack([whole * scale, *by_scatter]),
+        torch.stack([inverse * scale, inverse @ (of_own @ of_own.mT) @ inverse]),
+        lead,
+    )
 
 
 def bounded(of_frame: Tensor) -> Tensor:
@@ -328,81 +365,4 @@ def bounded_all(of_all: Tensor) -> Tensor:
     made = of_all.clone()
     for name, (low, high) in RANGES.items():
         made[OF_ALL.index(name)] = made[OF_ALL.index(name)].clamp(low, high)
-    most = 0.95 * (made[1] * made[2]).sqrt()
-    made[3] = made[3].clamp(-most, most)
     return made
-
-
-def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
-    """Solve for each LED's own light by linear least squares, all else being as fitted.
-
-    Returns:
-        (B,R*C) light over that of On, and its standard deviation.
-    """
-    values, errors = [], []
-    for frame in range(len(fit.grey)):
-        rows = slice(frame, frame + 1)
-        one = replace(fit, windows=fit.windows.taken(rows), grey=fit.grey[rows], lit=fit.lit[rows])
-        one = replace(one, of_frame=fit.of_frame[rows])
-        x = one.light()
-        mean, variance = model.expected(x, one.of_all[0], one.noise)
-        steep = torch.where(mean < model.WHITE - 0.5, mean / (one.of_all[0] * x), 0.0)
-        patches, left, top = model.stamped(
-            one.windows, *model.seen(one.windows, one.of_frame, one.of_all, model.grid(one.windows.shape))
-        )
-        leds = fit.lit.shape[1]
-        canvas = torch.zeros(leds, *one.windows.size_px).double()
-        raster.add_patches(canvas, patches, torch.arange(leds), left, top)
-        spots = model.through_camera(one.windows, canvas, one.of_all) * steep
-        level = {name: (one.value(name) / MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
-        spots = (spots * (level["on"] - level["off"])).flatten(1)
-        trust = fit.trust.expand_as(fit.grey)[frame]
-        weights = (trust / variance).flatten()
-        matrix = (spots * weights) @ spots.T
-        matrix = matrix + torch.eye(leds).double() * (1e-6 * matrix.diagonal().mean() + 1e-12)
-        inverse = torch.linalg.inv(matrix)
-        step = inverse @ (spots @ (weights * (one.grey - mean).flatten()))
-        values.append(fit.lit[frame] + step)
-        errors.append((inverse.diagonal() * fit.scale).sqrt())
-    return torch.stack(values), torch.stack(errors)
-
-
-def decided(fit: RecordingFit, free: Sequence[str], rounds: int = 4) -> tuple[RecordingFit, Tensor, Tensor]:
-    """Fit and decide the bits in turns until none changes: the likeliest bits of the likeliest values.
-
-    Returns:
-        the fit, and each LED's light over On's with its standard deviation, (B,R*C) each.
-    """
-    fit = settled(fit, free)
-    own, error = amplitudes(fit)
-    for _ in range(rounds):
-        bits = own > 0.5
-        if bool((bits == fit.bits).all()):
-            break
-        fit = settled(replace(fit, lit=bits.double()), free)
-        own, error = amplitudes(fit)
-    return fit, own, error
-
-
-def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Tensor]:
-    """Turn each panel the other way where that explains its frame better: from afar both look alike.
-
-    Returns:
-        the better fit, and by how much the misfit of each frame tells the two ways apart, (B,).
-    """
-    turns = fit.of_frame.clone()
-    turns[:, 3:5] = -turns[:, 3:5]
-    other = settled(replace(fit, of_frame=turns), free, steps=8)
-    costs = [
-        ((one.grey - one.predicted()[0]).square() / one.predicted()[1]).sum(dim=(1, 2))
-        for one in (fit, other)
-    ]
-    better = (costs[1] < costs[0]).unsqueeze(1)
-    apart = (costs[1] - costs[0]).abs() / fit.scale
-    if not bool(better.any()):
-        return fit, apart
-    return settled(replace(fit, of_frame=torch.where(better, other.of_frame, fit.of_frame)), free), apart
-
-
-BASE = (*PLACED, *LEVELS[:3], "gamma", "blur")
-POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur")

@@ -14,7 +14,6 @@ from torch import Tensor, nn
 
 from vocc_torch.hardware import PanelShape
 from vocc_torch.simulation import raster
-from vocc_torch.simulation.effects import coding
 from vocc_torch.simulation.effects.optics import LEAST_SIGMA_PX, TRUNCATION_SIGMAS
 from vocc_torch.simulation.effects.view import CLOCKWISE
 from vocc_torch.simulation.photometry import MIDDLE_GREY
@@ -27,11 +26,13 @@ OF_FRAME = (*PLACED, *TURNED, *LEVELS)
 logarithm of the image of a pitch (px), angles (rad) as of ``pose``, and grey values, not clipped, of the
 background, of wide Off and On LEDs and of the board."""
 
-OF_ALL = ("gamma", "blur_xx", "blur_yy", "blur_xy", "k1")
-"""What all frames share: the encoding, the blur's second moments (px^2) and the lens."""
+OF_ALL = ("gamma", "blur_xx", "blur_yy", "k1")
+"""What all frames share: the encoding, the blur's second moments along rows and columns (px^2), the lens."""
 
 WHITE = 255.0
 LEAST_LIGHT = 1e-9
+HARMONICS, SHARP = 5, 0.1
+"""Of rounding's saw, and the noise, in grey values, below which they do not draw it."""
 ROUNDING = 1 / 12
 """Variance of the rounding to whole grey values."""
 
@@ -68,9 +69,7 @@ class Windows:
         origin_px: (B,2) first pixel of each window, x and y.
         size_px: height and width of the windows, px.
         gain: (B,H,W) what the lens lets through; None for all.
-        mosaic: whether colours are interpolated, Bayer's cells beginning at the sensor's first pixel.
         has_board: whether a board stands behind the LEDs.
-        slanted: whether the blur may lie aslant, which costs more.
     """
 
     shape: PanelShape
@@ -80,9 +79,7 @@ class Windows:
     origin_px: Tensor
     size_px: tuple[int, int]
     gain: Tensor | None = None
-    mosaic: bool = False
     has_board: bool = False
-    slanted: bool = False
 
     def taken(self, rows: slice) -> "Windows":
         """Take some frames'."""
@@ -112,7 +109,7 @@ def seen(windows: Windows, of_frame: Tensor, of_all: Tensor, at: Tensor) -> tupl
     Args:
         windows: what is known.
         of_frame: (B,10).
-        of_all: (5,).
+        of_all: (4,).
         at: (N,2) the discs' centres, in pitches from the panel's.
 
     Returns:
@@ -158,7 +155,7 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
     Args:
         windows: what is known.
         of_frame: (B,10) as :data:`OF_FRAME`.
-        of_all: (5,) as :data:`OF_ALL`.
+        of_all: (4,) as :data:`OF_ALL`.
         lit: (B,R*C) share of On's own light that each LED shows: bits, or an LED's own factor where it is On.
 
     Returns:
@@ -185,31 +182,27 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
 
 
 def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
-    """Blur, dim and interpolate (B,H,W) light as lens and sensor do."""
-    blurred = spread_out(canvas, of_all[1:4], slanted=windows.slanted)
+    """Blur and dim (B,H,W) light as the lens does."""
+    blurred = spread_out(canvas, of_all[1:3])
     if windows.gain is not None:
         blurred = blurred * windows.gain
-    if windows.mosaic:  # windows lie on a grid of whole cells
-        blurred = coding.luma_of(blurred.unsqueeze(1), coding.PATTERNS[0, 0]).squeeze(1)
     return blurred.clamp(min=LEAST_LIGHT)
 
 
-def spread_out(canvas: Tensor, moments: Tensor, *, slanted: bool = False) -> Tensor:
-    """Blur (B,H,W) by a Gaussian of second moments xx, yy and xy (px^2), sampled at pixels as Kornia's is."""
-    least = LEAST_SIGMA_PX**2
-    across, down, slant = moments[0].clamp(min=least), moments[1].clamp(min=least), moments[2]
+def spread_out(canvas: Tensor, moments: Tensor) -> Tensor:
+    """Blur (B,H,W) by a Gaussian of second moments xx and yy (px^2), sampled at pixels as Kornia's is."""
+    across, down = moments.clamp(min=LEAST_SIGMA_PX**2)
     reach = max(1, math.ceil(TRUNCATION_SIGMAS * math.sqrt(max(float(across), float(down)))))
-    steps = torch.arange(-reach, reach + 1, dtype=canvas.dtype)
-    padded = nn.functional.pad(canvas.unsqueeze(1), (reach,) * 4, mode="replicate")
-    if not slanted:
-        kernels = (torch.exp(-steps.square() / (2 * moment)) for moment in (across, down))
-        x, y = (kernel / kernel.sum() for kernel in kernels)
-        rows = nn.functional.conv2d(padded, x.view(1, 1, 1, -1))
-        return nn.functional.conv2d(rows, y.view(1, 1, -1, 1))[:, 0]
-    dx, dy = steps, steps.unsqueeze(-1)
-    whole = (across * down - slant.square()).clamp(min=least**2)
-    kernel = torch.exp(-(down * dx.square() - 2 * slant * dx * dy + across * dy.square()) / (2 * whole))
-    return nn.functional.conv2d(padded, (kernel / kernel.sum())[None, None])[:, 0]
+    height, width = canvas.shape[1:]
+    padded = nn.functional.pad(canvas.unsqueeze(1), (reach,) * 4, mode="replicate").squeeze(1)
+    return mixing(down, height, reach).mT @ padded @ mixing(across, width, reach)
+
+
+def mixing(moment: Tensor, side: int, reach: int) -> Tensor:
+    """Give the matrix (side+2*reach, side) by which pixels along an axis take from their neighbours."""
+    apart = torch.arange(side + 2 * reach).unsqueeze(-1) - torch.arange(side) - reach
+    weights = torch.where(apart.abs() <= reach, torch.exp(-apart.square() / (2 * moment)), 0.0)
+    return weights / weights.sum(0)
 
 
 def encoded(x: Tensor, gamma: Tensor) -> Tensor:
@@ -249,8 +242,26 @@ def expected(x: Tensor, gamma: Tensor, noise: Noise) -> tuple[Tensor, Tensor]:
     return mean.index_put(place, first), spread.index_put(place, second) + ROUNDING
 
 
+def written(mean: Tensor, sigma: float) -> Tensor:
+    """Give the mean of what is written of grey values with noise: rounding is a saw, which noise dulls.
+
+    Example:
+        >>> written(torch.tensor([9.4, 9.5]).double(), 0.0).tolist()
+        [9.0, 10.0]
+        >>> round(float(written(torch.tensor(9.4), 0.3)), 2)
+        9.37
+    """
+    if sigma < SHARP:
+        return mean.round()
+    saw = torch.zeros_like(mean)
+    for k in range(1, HARMONICS + 1):
+        fade = math.exp(-2 * (math.pi * k * sigma) ** 2) / (k * math.pi)
+        saw += (-1) ** (k + 1) * fade * torch.sin(2 * math.pi * k * mean)
+    return mean - saw
+
+
 Direction = tuple[str, Tensor, Tensor]
-"""A way to change the values: its name, the change of a frame's (10,) and of what all share (5,)."""
+"""A way to change the values: its name, the change of a frame's (10,) and of what all share (4,)."""
 
 
 def direction(name: str) -> Direction:

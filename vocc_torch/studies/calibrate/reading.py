@@ -1,5 +1,6 @@
 """A recording read as a stream: some of its frames are kept, and the panel is found in those."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import sparse
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
@@ -17,6 +19,8 @@ from vocc_torch.types import Frames, Panels, PanelShape
 
 BATCH = 8
 """Frames located at a time."""
+ALIKE_SIZE, NEAR_PANELS = 1.25, 3
+"""By how much panels of one recording differ at most from the next alike."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,16 @@ class Footage:
     read: int
     looked: int
     failures: list[str]
+
+    def doubts(self) -> list[str]:
+        """Say what these frames cannot tell."""
+        said, count = [], len(self)
+        if count < 4:
+            few = f"{count} frame{'s' * (count > 1)} with the panel"
+            said.append(f"{few}: noise and what moves cannot be told; give a recording")
+        if count < self.looked / 2:
+            said.append(f"the panel was found in {count} of {self.looked} frames: the scene is of these only")
+        return said
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -71,6 +85,18 @@ def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[Recorde
         if len(kept) >= 2 * most:
             kept, step = kept[::2], 2 * step
     return kept, number
+
+
+def agreeing(corners_px: Tensor) -> Tensor:
+    """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool.
+
+    Two belong together whose sizes differ by less than a quarter and whose middles by less than three panels.
+    """
+    middle, size = corners_px.mean(1), (corners_px.amax(1) - corners_px.amin(1)).amax(1).clamp(min=1e-9)
+    ratio = (size / size.unsqueeze(1)).log().abs() < math.log(ALIKE_SIZE)
+    alike = ratio & (torch.cdist(middle, middle) < NEAR_PANELS * torch.maximum(size, size.unsqueeze(1)))
+    _, label = sparse.csgraph.connected_components(alike.numpy())
+    return torch.from_numpy(label == np.bincount(label).argmax())
 
 
 def read_footage(source: Path, channel: str, locator: PanelLocator, shape: PanelShape, most: int) -> Footage:
@@ -105,6 +131,10 @@ def read_footage(source: Path, channel: str, locator: PanelLocator, shape: Panel
         hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
         raise VoccError(f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}")
     rows = seen.nonzero()[:, 0]
+    rows = rows[agreeing(torch.cat(corners)[rows])]
+    if len(rows) == 1 and len(kept) > 1:
+        rule = "record slower, shorten the exposure, or give another receiver.locator"
+        raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
     times = np.array([np.nan if one.time_s is None else one.time_s for one in kept])
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
     step = 1

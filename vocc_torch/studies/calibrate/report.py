@@ -9,8 +9,8 @@ import torch
 from vocc_torch.files import write_atomically
 from vocc_torch.show import canvas, page
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.statistics import Curve
 from vocc_torch.studies.calibrate.study import CalibratedScene
+from vocc_torch.studies.calibrate.transfer import Curve
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end."""
@@ -45,7 +45,6 @@ def write_page(study: CalibratedScene, source: str, command: str, folder: Path) 
         scene=study.scene,
         has_curve=has_curve,
         still=curve is not None and curve.still,
-        gamma=(float(fit.of_all[0]), fit.deviation("gamma")),
         shown=shown,
     )
     write_atomically(folder / "page.md", text.encode())

@@ -41,12 +41,8 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     camera, taken = scenes.of_size(plan.world.camera, *footage.greys.shape[1:])
     if taken:
         warnings.warn(taken, stacklevel=2)
-    if len(footage) < 4:
-        told = f"{len(footage)} frame{'s' * (len(footage) > 1)} of {source} show the panel"
-        warnings.warn(f"{told}: noise and what moves cannot be told; give a recording", stacklevel=2)
-    if len(footage) < footage.looked / 2:
-        told = f"the panel was found in {len(footage)} of {footage.looked} frames"
-        warnings.warn(f"{told}: the scene describes these only", stacklevel=2)
+    for doubt in footage.doubts():
+        warnings.warn(f"input {source}: {doubt}", stacklevel=2)
     study = calibrate(
         footage,
         camera,

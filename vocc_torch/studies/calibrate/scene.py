@@ -1,9 +1,8 @@
 """A scene as it is written: values and effects, how sure they are, and the light that they stand for."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import yaml
@@ -11,12 +10,11 @@ from scipy import stats
 from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.show.page import render
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import MIDDLE_GREY
-from vocc_torch.studies.calibrate.fit import RecordingFit
+from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 
-SURE = 1.96
-"""Standard deviations to either side of a 95 % interval."""
 Derived = tuple[Tensor, Tensor, float]
 """A value of every frame (B,), its own standard deviation (B,), and what that adds which all share."""
 UNKNOWN_LX = 8000.0
@@ -48,6 +46,12 @@ class Value:
         return self.given
 
     @property
+    def remark(self) -> str:
+        """The comment that stands above it."""
+        sure = f"+- {SURE * self.deviation:.2g} (95 %)" if math.isfinite(self.deviation) else ""
+        return "; ".join(part for part in (self.note, sure) if part)
+
+    @property
     def interval(self) -> tuple[float, float]:
         """Ends of the 95 % interval."""
         return self.middle - SURE * self.deviation, self.middle + SURE * self.deviation
@@ -64,7 +68,6 @@ class Named:
         gain: by how much the criterion favours the effect.
         needed: the gain from which it is named.
         explains: what it explains.
-        parameters: of the effect, for the scene.
     """
 
     effect: str
@@ -73,7 +76,6 @@ class Named:
     gain: float
     needed: float
     explains: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,58 +98,13 @@ class Calibrated:
     unknown: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
-    def value(self, key: str) -> Value:
-        """Find a value by its key."""
-        return next(one for one in self.values if one.key == key)
-
-    def settings(self, name: str) -> dict[str, Any]:
-        """Give the scene as a mapping, as those in ``conf/scene``."""
-        made: dict[str, Any] = {"name": name}
-        camera = self.camera
-        for one in self.values:
-            if not one.key.startswith("effects."):
-                made[one.key] = one.given
-        kept = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
-        made["camera"] = {key: getattr(camera, key) for key in (*kept, "gamma")}
-        made["effects"] = {}
-        for effect in self.effects:
-            if effect.asked:
-                made["effects"][effect.effect] = dict(effect.parameters)
-        for one in self.values:
-            if one.key.startswith("effects."):
-                _, effect_name, parameter = one.key.split(".")
-                made["effects"][effect_name][parameter] = one.given
-        return made
+    def of(self, effect: str) -> list[Value]:
+        """Give an effect's values."""
+        return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
 
     def text(self, name: str, source: str) -> str:
         """Write the scene as YAML, each value beside what it explains and how sure it is."""
-        told = {one.key: one for one in self.values}
-        lines = [f"# Calibrated from {source} by task=calibrate; its page says how.", ""]
-        for key, given in self.settings(name).items():
-            if not isinstance(given, Mapping):
-                lines += [*noted(told.get(key), ""), f"{key}: {inline(given)}"]
-                continue
-            lines += ["", f"{key}:"]
-            for part, inner in given.items():
-                if not isinstance(inner, Mapping):
-                    lines.append(f"  {part}: {inline(inner)}")
-                    continue
-                lines += [
-                    f"  # {one.explains}" for one in self.effects if one.effect == part and one.explains
-                ]
-                lines.append(f"  {part}:" + " {}" * (not inner))
-                for parameter, value in inner.items():
-                    lines += [*noted(told.get(f"effects.{part}.{parameter}"), "    ")]
-                    lines.append(f"    {parameter}: {inline(value)}")
-        return "\n".join(lines) + "\n"
-
-
-def noted(value: Value | None, indent: str) -> list[str]:
-    """Write the comment that stands above a value."""
-    if value is None or not (value.note or math.isfinite(value.deviation)):
-        return []
-    sure = f"+- {SURE * value.deviation:.2g} (95 %)" if math.isfinite(value.deviation) else ""
-    return [f"{indent}# " + "; ".join(part for part in (value.note, sure) if part)]
+        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
 
 
 def inline(value: object) -> str:
@@ -161,7 +118,7 @@ def inline(value: object) -> str:
 
 
 def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> Value:
-    """Describe a value of every frame: a number where it stays, and where it moves what it ranges over.
+    """Describe a value of every frame: a number where it stays, and where it moves a range of like scatter.
 
     It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
 
@@ -176,29 +133,12 @@ def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> V
     middle, count = float((weights * each).sum() / weights.sum()), len(each)
     misfit = float((weights * (each - middle).square()).sum())
     if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
-        return Value(key, max(middle, least), math.hypot(float(weights.sum()) ** -0.5, common), note)
-    ends = ["uniform", max(float(each.min()), least), max(float(each.max()), least)]
-    alone = float(each.std()) / math.sqrt(count)
+        scatter = max(1.0, misfit / max(count - 1, 1)) / float(weights.sum())
+        return Value(key, max(middle, least), math.hypot(math.sqrt(scatter), common), note)
+    mean, half = float(each.mean()), math.sqrt(3) * float(each.std())  # a uniform one's of that scatter
+    ends = ["uniform", max(mean - half, least), max(mean + half, least)]
+    alone = float(each.std() / math.sqrt(count) * stats.t.ppf(0.975, count - 1)) / SURE
     return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
-
-
-@dataclass(frozen=True)
-class Lighting:
-    """Levels of light, and what they say together with the configuration.
-
-    Args:
-        background_cd_m2: luminance that the background has with any veil before it.
-        veil_cd_m2: of a veil over the whole picture; 0 for none.
-        ambient_lx: illuminance.
-        led_cd_m2: an On LED's own light.
-        reflectance: of the LEDs, where the configuration's cannot be.
-    """
-
-    background_cd_m2: float
-    veil_cd_m2: float
-    ambient_lx: float
-    led_cd_m2: float
-    reflectance: float | None = None
 
 
 def linear(fit: RecordingFit, name: str) -> Tensor:
@@ -206,33 +146,27 @@ def linear(fit: RecordingFit, name: str) -> Tensor:
     return (fit.value(name) / MIDDLE_GREY) ** fit.of_all[0]
 
 
-def lighting(
-    fit: RecordingFit, camera: Camera, panel: LedPanel, ambient_lx: float, *, veiled: bool
-) -> Lighting:
-    """Turn levels of light into luminances in an illuminance, by the panel's reflectances.
+def veil(fit: RecordingFit, panel: LedPanel) -> float:
+    """Give the luminance of a veil that makes Off LEDs and background as alike as they are, at 1 lx.
 
-    Off LEDs and background reflect the same daylight: where their ratio is nearer to 1 than that of their
-    reflectances, a veil lies over both.
+    Both reflect the same daylight: where their ratio is nearer to 1 than that of their reflectances, a veil
+    lies over both.
     """
-    behind, off, on = (float(linear(fit, name).median()) for name in ("background", "off", "on"))
-    ratio, share = off / behind, panel.background_reflectance
-    own = ambient_lx * share / math.pi
-    veil, reflectance = 0.0, None
-    if veiled and ratio > 1:
-        veil = max(0.0, ambient_lx / math.pi * (panel.led_reflectance - ratio * share) / (ratio - 1))
-    if veil == 0:
-        reflectance = min(1.0, ratio * share)
-    whole = own + veil
-    return Lighting(whole, veil, ambient_lx, max(0.0, (on - off) / behind * whole), reflectance)
+    ratio = float(linear(fit, "off").median() / linear(fit, "background").median())
+    share = panel.background_reflectance
+    return max(0.0, (panel.led_reflectance - ratio * share) / (ratio - 1) / math.pi) if ratio > 1 else 0.0
 
 
-def illuminance(
-    fit: RecordingFit, camera: Camera, panel: LedPanel, efficiency: float, *, veiled: bool
-) -> float:
-    """Say which illuminance gives the electrons that the photon transfer curve counts, lx."""
-    unit = lighting(fit, camera, panel, 1.0, veiled=veiled)
-    exposure = 10 * unit.background_cd_m2 * camera.exposure_time_s
-    exposure /= camera.calibration_constant * camera.f_number**2
+def illuminance(fit: RecordingFit, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
+    """Say which illuminance gives the electrons that the photon transfer curve counts, lx.
+
+    Args:
+        fit: with the curve's noise.
+        camera: whose picture it is.
+        seen_cd_m2: luminance that the background has at 1 lx, with any veil.
+        efficiency: the quantum efficiency.
+    """
+    exposure = 10 * seen_cd_m2 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
     counted = float(linear(fit, "background").median()) / fit.noise.slope
     return counted / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
 

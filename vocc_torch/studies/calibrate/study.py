@@ -12,26 +12,19 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
-from vocc_torch.studies.calibrate import model, statistics
-from vocc_torch.studies.calibrate.describe import BIC, LIKELIHOOD, Findings, describe
-from vocc_torch.studies.calibrate.fit import (
-    BASE,
-    POSED,
-    UNDITHERED,
-    RecordingFit,
-    amplitudes,
-    decided,
-    mirrored,
-    settled,
-    start,
-    trusted,
-)
+from vocc_torch.studies.calibrate import model
+from vocc_torch.studies.calibrate.coded import compression
+from vocc_torch.studies.calibrate.describe import LIKELIHOOD, Findings, describe
+from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
+from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, falloff, natural
+from vocc_torch.studies.calibrate.transfer import Curve, transfer
 
 GRID_PX = 8
-"""Windows begin on multiples of it, as JPEG's blocks and Bayer's cells do."""
+"""Windows begin on multiples of it, as JPEG's blocks do."""
 LEAST_CONTRAST = 6.0
 """Grey values between Off and On, as seen, below which LEDs are alike."""
 FINEST_PITCH_PX = 12
@@ -54,7 +47,7 @@ class CalibratedScene:
 
     scene: Calibrated
     fit: RecordingFit
-    curve: statistics.Curve | None
+    curve: Curve | None
     own: Tensor
     footage: Footage
 
@@ -134,29 +127,36 @@ def calibrate(
     camera = coarser(camera, times)
     known, grey, footage = windows_of(binned(footage, times), camera, panel, most)
     cells = max(panel.shape.rows, panel.shape.columns)
-    around = statistics.Surround.of(footage.greys, footage.corners_px, cells)
-    fall = statistics.falloff(around, camera.focal_length_px, camera.gamma)
+    around = Surround.of(footage.greys, footage.corners_px, cells)
+    fall = falloff(around, camera.focal_length_px, camera.gamma)
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
     demand_contrast(begun, footage)
-    found = Findings(camera, panel, around, fall, statistics.compression(uncut.greys))
+    found = Findings(camera, panel, around, fall, compression(uncut.greys))
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
+    if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
+        found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
+        own = fit.of_all.clone()
+        own[0] = camera.gamma
+        fit = settled(replace(fit, of_all=own), free)
     curve = None
-    for _ in range(2):
-        curve = statistics.transfer(fit) if len(grey) >= LEAST_FRAMES else None
-        fit = settled(trusted(fit if curve is None else replace(fit, noise=curve.noise)), free, steps=8)
+    for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
+        curve = transfer(fit)
+        fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
     fit, free = sensor_and_lens(fit, free, found)
     own, error = amplitudes(fit)
     if bits is None and bool(((own > 0.5) != fit.bits).any()):
         fit, own, error = decided(replace(fit, lit=(own > 0.5).double()), free)
-    scatter = statistics.scatter(own, error, fit.bits)
-    if scatter.gain > LIKELIHOOD:
-        fit = settled(replace(fit, lit=fit.bits * scatter.factors), free, steps=8)
+    differ = scatter(own, error, fit.bits)
+    if differ.gain > LIKELIHOOD:
+        fit = settled(replace(fit, lit=fit.bits * differ.factors), free, steps=8)
     if curve is not None:
-        curve = statistics.transfer(fit)
+        curve = transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
-    scene = describe(fit, curve, scatter, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
+    if quiet and not found.needed:
+        fit = corrected(fit, free, math.sqrt(around.noise()))
+    scene = describe(fit, curve, differ, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
     return CalibratedScene(finer(scene, whole, times), fit, curve, own, footage)
 
 
@@ -214,11 +214,11 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     return fit, POSED, apart
 
 
-def shaded(known: Windows, camera: Camera, fall: statistics.Falloff) -> Windows:
+def shaded(known: Windows, camera: Camera, fall: Falloff) -> Windows:
     """Dim the windows as the background falls off, where it does."""
     if fall.natural_gain <= 0:
         return known
-    shade, out = statistics.natural(camera.height_px, camera.width_px, camera.focal_length_px)
+    shade, out = natural(camera.height_px, camera.width_px, camera.focal_length_px)
     if fall.barrel_gain > 0 and fall.corner_loss > 0:
         shade = shade * (1 - fall.corner_loss * out)
     height, width = known.size_px
@@ -239,29 +239,30 @@ def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
 def sensor_and_lens(
     fit: RecordingFit, free: Sequence[str], found: Findings
 ) -> tuple[RecordingFit, tuple[str, ...]]:
-    """Try demosaicing, motion, the lens and a board, one after the other."""
+    """Try motion, the lens and a board, one after the other."""
     free = tuple(free)
-    if not found.needed and not bool((fit.windows.origin_px % 2).any()):
-        tried = settled(replace(fit, windows=replace(fit.windows, mosaic=True)), free, steps=6)
-        # No value more: the likelier of the two, by what one value would cost.
-        gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.pixels)
-        explains = "colours are guessed from neighbours"
-        fit = tried if found.tried("demosaicing", gained, 0.0, BIC, explains) else fit
-    moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy", "blur_xy")
-    rich = settled(replace(fit, windows=replace(fit.windows, slanted=True)), moving, steps=3)
-    kept = found.judge("motion_blur", fit, rich, "light is spread farther in one direction")
+    moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
+    rich = settled(fit, moving, steps=3)
+    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
+    rich = certain(fit, rich, apart, math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy")))
+    kept = found.judge("motion_blur", fit, rich, "light is spread farther along rows or columns")
     free = moving if kept is rich else free
     fit = kept
     rich = settled(fit, (*free, "k1"), steps=6)
-    if abs(float(rich.of_all[4])) < 3 * rich.deviation("k1"):  # no gain that its own uncertainty allows
-        rich = replace(rich, misfit=fit.misfit)
+    rich = certain(fit, rich, abs(float(rich.value("k1"))), rich.deviation("k1"))
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
     free = (*free, "k1") if kept is rich else free
     fit = kept if kept is rich else fit
-    boards = replace(fit, windows=replace(fit.windows, has_board=True))
-    boards.of_frame[:, OF_FRAME.index("board")] = fit.value("off").clamp(max=300)
-    rich = settled(boards, (*free, "board"), steps=6)
+    own = fit.of_frame.clone()
+    own[:, OF_FRAME.index("board")] = fit.value("background")
+    boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
+    rich = settled(boards, (*free, "board"), steps=4)
     kept = found.judge(
         "panel.board_reflectance", fit, rich, "between the LEDs it is not as bright as around them"
     )
     return kept, (*free, "board") if kept is rich else free
+
+
+def certain(simple: RecordingFit, rich: RecordingFit, value: float, deviation: float) -> RecordingFit:
+    """Take the gain away from a fit whose new value its own uncertainty allows to be none."""
+    return rich if value > 3 * deviation else replace(rich, misfit=simple.misfit)

@@ -1,0 +1,148 @@
+"""How noise grows with light: the photon transfer curve of what a fit leaves."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import optimize
+from torch import Tensor
+
+from vocc_torch.studies.calibrate import model
+from vocc_torch.studies.calibrate.fit import RecordingFit
+from vocc_torch.studies.calibrate.model import Noise
+
+Array = NDArray[np.float64]
+
+BINS = 24
+"""Levels of light at which residuals are compared."""
+CALM = 35.0
+"""A residual's square over its level's median, 4 standard deviations, beyond which it is no noise."""
+STILL_PX = 0.1
+"""A panel that moves less stands still: its pixels can be compared from frame to frame."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A photon transfer curve: variances of residuals by level of light, and what explains them.
+
+    Args:
+        light: (N,) levels.
+        variance: (N,) of the grey values' residuals there.
+        pixels: (N,) how many.
+        noise: the fitted slope and floor.
+        deviation: standard deviations of slope and floor; NaN for what was not fitted.
+        gains: how much the criterion favours slope, floor, over what is without.
+        still: whether pixels were compared from frame to frame.
+    """
+
+    light: Array
+    variance: Array
+    pixels: Array
+    noise: Noise
+    deviation: tuple[float, float]
+    gains: tuple[float, float]
+    still: bool
+
+
+def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
+    """Give residuals, how much of their variance is left in them, and whether the panel stands still.
+
+    Where it does, each pixel loses its mean over the frames in which the LED next to it is On, and over those
+    in which it is Off, so that what the model misses everywhere alike is no noise.
+    """
+    residual = fit.grey - fit.predicted()[0]
+    moved = max(float(fit.value(name).std()) if len(fit.grey) > 1 else 0.0 for name in ("x_px", "y_px"))
+    fixed = bool((fit.windows.origin_px == fit.windows.origin_px[0]).all())
+    if len(fit.grey) < 4 or moved > STILL_PX or not fixed:
+        return residual, torch.ones_like(residual), False
+    at = model.seen(fit.windows, fit.of_frame[:1], fit.of_all, model.grid(fit.windows.shape))[0][0]
+    height, width = fit.windows.size_px
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    pixels = torch.stack([x, y], -1).view(-1, 2).double() + fit.windows.origin_px[0]
+    nearest = torch.cdist(pixels, at).argmin(1)
+    lit = fit.bits[:, nearest].view_as(residual)
+    left, kept = residual.clone(), torch.zeros_like(residual)
+    for one in (lit, ~lit):
+        count = one.sum(0)
+        mean = (residual * one).sum(0) / count.clamp(min=1)
+        left = torch.where(one, left - mean, left)
+        kept = torch.where(one, (1 - 1 / count.clamp(min=1)).expand_as(kept), kept)
+    return left, kept, True
+
+
+def by_level(fit: RecordingFit) -> tuple[Tensor, Tensor, Tensor, bool]:
+    """Give levels of light, the residuals' variance there, of how many pixels, and if the panel stands."""
+    left, kept, still = residuals(fit)
+    light = fit.light().flatten()
+    use = (model.encoded(light, fit.of_all[0]) < model.WHITE - 8) & (kept.flatten() > 0.4)
+    light, square = light[use], (left.flatten()[use].square() / kept.flatten()[use])
+    low, high = float(light.min().log()), float(light.max().log())
+    place = ((light.log() - low) / max(high - low, 1e-9) * BINS).long().clamp(max=BINS - 1)
+    count = torch.bincount(place, minlength=BINS)
+    good = count >= 50
+    # Far residuals are what passes by, not noise.
+    bulk = torch.stack([square[place == i].median() if good[i] else square.sum() for i in range(BINS)])
+    calm = square < CALM * bulk[place]
+    near = torch.bincount(place[calm], minlength=BINS).double()[good]
+    raw = torch.bincount(place[calm], square[calm], BINS)[good] / near.clamp(min=1)
+    return torch.bincount(place, light, BINS)[good] / count[good], raw, near, still
+
+
+def transfer(fit: RecordingFit) -> Curve:
+    """Fit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
+    level, raw, count, still = by_level(fit)
+    gamma, most = fit.of_all[0], int(count.argmax())
+
+    def predicted(noise: Array) -> Tensor:
+        return model.expected(level, gamma, Noise(*noise.tolist()))[1]
+
+    def loss(noise: Array) -> float:
+        variance = predicted(noise)
+        return float((count * (variance.log() + raw / variance)).sum())
+
+    def part(at: list[int], logs: Array) -> Array:
+        noise = np.zeros(2)
+        noise[at] = np.exp(logs)
+        return noise
+
+    unit = float((gamma * level / model.encoded(level, gamma)).square()[most] * raw[most])
+    first = np.log(np.maximum([unit / float(level[most]), unit], 1e-15))
+
+    def best(at: list[int], lower: float) -> tuple[Array, float]:
+        found = optimize.minimize(
+            lambda logs: loss(part(at, logs)),
+            first[at] - lower,
+            method="Nelder-Mead",
+            options={"xatol": 1e-5, "fatol": 1e-6},
+        )
+        return part(at, found.x), float(found.fun)
+
+    fits = best([0], 0.0), best([1], 0.0), best([0, 1], 0.7)
+    (_, slope), (_, floor), (wanted, both) = fits
+    # The curve's own misfit: bins that no curve meets say less.
+    miss = float((count / 2 * (raw / predicted(wanted) - 1).square()).sum()) / max(len(level) - 2, 1)
+    miss, cost = max(1.0, miss), math.log(max(float(count.sum()), 2.0))
+    gains = [(alone - both) / miss - cost for alone in (floor, slope)]
+    kept = [i for i in (0, 1) if gains[i] > 0]
+    if not kept:  # either explains what both do
+        gains = [(loss(np.zeros(2)) - alone) / miss - cost for alone in (slope, floor)]
+        kept = [int(np.argmax(gains))] if max(gains) > 0 else []
+    noise = fits[2 if len(kept) == 2 else kept[0]][0] if kept else np.zeros(2)
+    deviation = np.full(2, math.nan)
+    if kept:
+        step = 1e-4 * np.diag(noise)[kept]
+        slopes = torch.stack([(predicted(noise + one) - predicted(noise)) / one.sum() for one in step])
+        information = (slopes * (count / (2 * predicted(noise).square()))) @ slopes.T
+        errors = torch.linalg.pinv(information, hermitian=True).diagonal().clamp(min=0)
+        deviation[kept] = (errors * miss).sqrt().numpy()
+    sure, gained = (deviation[0], deviation[1]), (gains[0], gains[1])
+    return Curve(level.numpy(), raw.numpy(), count.numpy(), Noise(*noise.tolist()), sure, gained, still)
+
+
+def middle_slope(x: float, gamma: Tensor, noise: Noise) -> float:
+    """Derivative of the mean grey value of noisy light by the light."""
+    step = max(1e-3 * x, 1e-7)
+    ends = model.expected(torch.tensor([x - step, x + step]).double().clamp(min=1e-9), gamma, noise)[0]
+    return float((ends[1] - ends[0]) / (2 * step))
