@@ -17,7 +17,7 @@ from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
 from vocc_torch.simulation.roadside import spread
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Array, Sketch
 
 Generator = np.random.Generator
@@ -58,7 +58,6 @@ class Photographs(Backdrop):
 
     def __post_init__(self) -> None:
         """Check the ranges, and that there are pictures."""
-        as_distributions(self, "level")
         Effect.__post_init__(self)
         pictures_of(self.folder, Path.cwd())
 
@@ -73,9 +72,7 @@ class Photographs(Backdrop):
         (height, width), shades = context.camera.sensor_px, []
         pictures = pictures_of(self.folder, Path.cwd())
         for i, generator in enumerate(context.generators(self.name, of_scene=True)):
-            path, _ = (pictures := pictures_of(self.folder, Path.cwd()))[
-                int(generator.integers(len(pictures)))
-            ]
+            path, _ = pictures[int(generator.integers(len(pictures)))]
             light = light_of(path, self.gamma, 2 * max(height, width))
             sides = light.shape[0] - 1, light.shape[1] - 1
             scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
@@ -86,8 +83,7 @@ class Photographs(Backdrop):
                 along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
                 places.append((along - 0.5).clip(0, side - 1))
             places[1] = sides[1] - 1 - places[1] if mirrored else places[1]
-            assert isinstance(self.level, Distribution)
-            level = np.float32(self.level.draw(generator, 1)[0])
+            level = np.float32(self.drawn("level", generator))
             shades.append(torch.from_numpy(street.between(light, places[1], places[0]) * level))
         return torch.stack(shades).unsqueeze(1)
 
@@ -197,9 +193,8 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
                 axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
                 axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
                 place = functools.partial(_moved, axes, middles[leaf])
-                street.lay_all(
-                    self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts, place, keep, added, seen.context
-                )
+                parts = self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts
+                street.lay_all(parts, place, keep, added, seen.context)
             planes.append((keep, added))
         return street.laid_before(value, planes)
 

@@ -14,7 +14,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 
 Generator = np.random.Generator
 Plane = NDArray[np.float32]
@@ -85,9 +85,8 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         self, generator: np.random.Generator, sensor_px: tuple[int, int], origin: list[int], size: torch.Size
     ) -> Plane:
         """Luminance of a part of one frame over that of the plain background."""
-        sky, far, ground = (
-            roadside.spread(generator, low, high) for low, high in ((2, 7), (0.15, 1.5), (0.3, 2))
-        )
+        ranges = (2, 7), (0.15, 1.5), (0.3, 2)
+        sky, far, ground = (roadside.spread(generator, low, high) for low, high in ranges)
         horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
         skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(0.02, 0.12)
         nodes = noise_nodes(generator, sensor_px)
@@ -151,11 +150,6 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
     wet: float = within(0, 1, default=0.2)
     sampled = fills_sensor = True
 
-    def __post_init__(self) -> None:
-        """Make the number a distribution, and check the ranges."""
-        as_distributions(self, "things")
-        Effect.__post_init__(self)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the things before each frame's (B,1,H,W) background luminance."""
         planes = []
@@ -167,11 +161,8 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
 
     def draw(self, generator: Generator, seen: view.View, keep: Plane, added: Plane) -> None:
         """Draw one frame's things: the share of what is behind that stays, and their light."""
-        scene, (left, top), (height, width) = (
-            seen.context.scene,
-            seen.context.first_px[0].tolist(),
-            keep.shape,
-        )
+        scene, (left, top) = seen.context.scene, seen.context.first_px[0].tolist()
+        height, width = keep.shape
         white, led = float(scene.ambient_lx[0]) / math.pi, float(scene.led_luminance_cd_m2[0])
         light = roadside.Light(white, led, self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
@@ -193,8 +184,7 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
         camera, panel = seen.context.camera, seen.context.panel
         focal, (height, width) = camera.focal_length_px, camera.sensor_px
         panel_m = float(seen.context.scene.distance_m[0])
-        assert isinstance(self.things, Distribution)
-        count = round(float(self.things.draw(generator, 1)[0]))
+        count = round(self.drawn("things", generator))
         kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
         depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
         columns, turns = generator.uniform(0, width, count).tolist(), generator.standard_normal((count, 2))
