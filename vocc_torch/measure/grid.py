@@ -97,9 +97,8 @@ class Grid:
         Returns:
             Low and high ends, (rows, columns) each.
         """
-        confidence, of_limits = (
-            (estimate.CONFIDENCE, estimate.CONFIDENCE) if tail is None else (1 - 2 * tail, 1 - tail)
-        )
+        both = estimate.CONFIDENCE, estimate.CONFIDENCE
+        confidence, of_limits = both if tail is None else (1 - 2 * tail, 1 - tail)
         # Kept because most of the time of every view would go into the same quantiles.
         if (receiver, tail) not in self._known:
             counts = self.counts(receiver)
@@ -118,10 +117,6 @@ class Grid:
             ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
             self._known[receiver, tail] = ends[..., 0], ends[..., 1]
         return self._known[receiver, tail]
-
-    def one_sided(self, receiver: str, tail: float) -> tuple[Floats, Floats]:
-        """Give each cell's lower and upper limit, each missed with a probability of at most ``tail``."""
-        return self.intervals(receiver, tail)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,9 +206,9 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         ((2000.0,), (2000.0,), True)
     """
     ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
-    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)))
-    low = grid.one_sided(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
-    high = grid.one_sided(receiver, (1 - estimate.joint_confidence(len(luminances))) / 2)[1].min(1)
+    candidates = not_worse(ber, *grid.intervals(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)))
+    low = grid.intervals(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
+    high = grid.intervals(receiver, (1 - estimate.joint_confidence(len(luminances))) / 2)[1].min(1)
     ends, bests = (grid.columns[0], grid.columns[-1]), []
     for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
         rate = float(row.min())

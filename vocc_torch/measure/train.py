@@ -1,9 +1,11 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
+import itertools
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -151,21 +153,15 @@ def train_once(
 ) -> dict[Locator, Training]:
     """Do one training, by its number, from 0 on, as :func:`train_each`."""
     begun, link, frames = time.perf_counter(), Link.of(plan), plan.budget.training_frames
-    finders = plan.receiver.finders(locators)
+    finders, scenes = plan.receiver.finders(locators), plan.experiment.training_model(plan.world)
     fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
     kept: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
     missed = dict.fromkeys(locators, 0)
-    model, keys = (
-        plan.experiment.training_model(plan.world),
-        block_keys(plan.seed, training_point(number), frames),
-    )
-    views = link.observe_each(finders, model, keys, preambles=False, frames=frames)
-    seen = (
-        tuple(part for one in of.values() for part in (one.readings.features, one.panels.found, one.bits))
-        for of in views
-    )
+    keys = block_keys(plan.seed, training_point(number), frames)
+    views = link.observe_each(finders, scenes, keys, preambles=False, frames=frames)
+    read = ([(one.readings.features, one.panels.found, one.bits) for one in of.values()] for of in views)
     # A block at a time: sums then do not depend on the batch's size.
-    for parts in in_blocks(seen):
+    for parts in in_blocks(tuple(itertools.chain(*each)) for each in read):
         for name, features, found, bits in zip(locators, *(parts[at::3] for at in range(3)), strict=True):
             leds = features[found], bits[found]
             fldas[name].update(leds[0][..., :_N_FEATURES], leds[1])
@@ -263,16 +259,11 @@ def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
     with timing.threads(1):
         if not plan.receiver.classifiers:
             return train_each(plan, locators)
-        link, finders, numbers = Link.of(plan), plan.receiver.finders(locators), range(plan.budget.trainings)
-        return several(
-            [
-                {
-                    name: train_classifiers(plan, link, finders[name], Training(), number=number)
-                    for name in locators
-                }
-                for number in numbers
-            ]
-        )
+        link, finders, trained = Link.of(plan), plan.receiver.finders(locators).items(), []
+        for number in range(plan.budget.trainings):
+            learn = partial(train_classifiers, plan, link, training=Training(), number=number)
+            trained.append({name: learn(one) for name, one in finders})
+        return several(trained)
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -290,13 +281,9 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
 
     These frames are neither trained on nor tested.
     """
-    receiver, link, frames = (
-        trained_receiver(plan, training),
-        Link.of(plan),
-        min(CALIBRATION_FRAMES, plan.budget.training_frames),
-    )
+    link, frames = Link.of(plan), min(CALIBRATION_FRAMES, plan.budget.training_frames)
     model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "calibrate", frames)
-    receiver = receiver.to(link.simulator.device)
+    receiver = trained_receiver(plan, training).to(link.simulator.device)
     scores, bits, looks = [], [], []
     for seen in link.observe(model, keys, preambles=False, frames=frames):
         found = seen.panels.found

@@ -74,8 +74,7 @@ def write_tables(folder: Path, comparison: Comparison) -> None:
     tables |= {"genie": genie_lines(comparison)} if comparison.genie else {}
     tables |= {"robustness": scene_lines(comparison)} if comparison.transfers else {}
     for name, lines in tables.items():
-        texts = (["" if one is None else run_folder.cell_text(one) for one in line] for line in lines)
-        run_folder.write_rows(folder / f"{name}.csv", texts)
+        run_folder.write_rows(folder / f"{name}.csv", lines, short=True)
 
 
 def paired_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:

@@ -95,8 +95,8 @@ def write_effects(path: Path, results: EffectResults) -> None:
     lines += [_row_cells("effect", row, name) for name in names for row in results.rows]
     lines += [{"row": "sum", "receiver": name, **_cost_cells(results.sums)} for name in names if results.sums]
     lines += [_row_cells("together", results.together, name) for name in names if results.together]
-    cells = ([run_folder.cell_text({**line, **facts}.get(head, "")) for head in COLUMNS] for line in lines)
-    run_folder.write_rows(path, [COLUMNS, *cells])
+    cells = ([{**line, **facts}.get(head) for head in COLUMNS] for line in lines)
+    run_folder.write_rows(path, [COLUMNS, *cells], short=True)
 
 
 def _row_cells(kind: str, row: EffectRow, receiver: str) -> Cells:
@@ -137,9 +137,8 @@ def write_severities(path: Path, results: EffectResults) -> None:
             about = name, results.study.config.severity[name].parameter, value, values.index(value)
             read = (receiver, trained[reading], counts.frames, counts.bits, counts.bit_errors, counts.ber)
             ends = intervals.ber_interval(counts)
-            numbers = *about, int(value == usual), *read, ends.low, ends.high, counts.frame_errors
-            lines.append([run_folder.cell_text(cell) for cell in numbers])
-    run_folder.write_rows(path, lines)
+            lines.append((*about, int(value == usual), *read, ends.low, ends.high, counts.frame_errors))
+    run_folder.write_rows(path, lines, short=True)
 
 
 def thousandths(rate: float, *, sign: bool = True) -> str:
