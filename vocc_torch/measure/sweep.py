@@ -67,7 +67,7 @@ class Campaign:
 def run_campaign(
     studies: Sequence[Study],
     workers: Workers,
-    open_ledger: Callable[[Study], Ledger],
+    ledgers: Mapping[str, Ledger],
     *,
     trained: Callable[[], None] = lambda: None,
     advance: Callable[[Study, int], None] = lambda study, frames: None,
@@ -78,7 +78,7 @@ def run_campaign(
     Args:
         studies: the studies, of different keys.
         workers: who does it.
-        open_ledger: opens a study's ledger, which the caller closes; all are opened before any work is done.
+        ledgers: of every study, by its key.
         trained: called when training is done.
         advance: called for each block as it is added, with its frames.
         finished: called with each study when its last point is there.
@@ -87,7 +87,6 @@ def run_campaign(
         VoccError: a ledger that cannot be used, no panel in any training frame, or a worker that was ended
             from outside.
     """
-    ledgers = {study.key: open_ledger(study) for study in studies}
     kept, locators = KeptTrainings(ledgers.values()), [one.locators for one in studies]
     every = train.train_plans([one.plan for one in studies], locators, workers, kept)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}

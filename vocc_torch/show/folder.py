@@ -4,7 +4,7 @@ import csv
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import MISSING, astuple, fields, replace
 from itertools import combinations
 from pathlib import Path
@@ -19,6 +19,7 @@ from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.ledger import SUFFIX, Ledger
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.sweep import Study
 
 Cells: TypeAlias = Sequence[str | int | float | None]
 """What a line of a CSV file holds."""
@@ -70,6 +71,14 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
                     path.unlink()
                     path.parent.rmdir()  # a folder of ledgers that is empty now
             raise
+
+
+def open_ledgers(
+    held: ExitStack, folder: Path, studies: Iterable[Study], console: Console
+) -> dict[str, Ledger]:
+    """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
+    every = {one.key: (folder / LEDGERS / f"{one.key}{SUFFIX}", one.identity) for one in studies}
+    return {key: held.enter_context(open_ledger(*one, console)) for key, one in every.items()}
 
 
 @contextmanager

@@ -11,12 +11,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show import canvas, page, styles
+from vocc_torch.show.folder import as_markdown
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
@@ -44,6 +47,29 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
             rule = f"TensorBoard's steps are integers and both give {step}"
             raise VoccError(f"{axis} is {other:g} and {value:g}: {rule}")
     return {value: step for step, value in seen.items()}
+
+
+def write_figures(
+    settings: Settings,
+    folder: Path,
+    figures: Mapping[str, canvas.Figure],
+    tables: Mapping[str, Sequence[BerTable]] = {},
+    **more: Mapping[str, Any],
+) -> None:
+    """Write a run's figures as PNG files and, where it wants one, its board with figures and configuration.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        figures: by the name of the file, without its end.
+        tables: as of :func:`write_boards`.
+        **more: ``texts``, ``images`` and ``numbers`` of :func:`write_boards`.
+    """
+    for name, figure in figures.items():
+        canvas.save_figure(figure, folder / f"{name}.png")
+    if settings.tensorboard:
+        more["texts"] = {"configuration": as_markdown(settings), **more.get("texts", {})}
+        write_boards(folder / "tensorboard", tables, figures, **more)
 
 
 def write_boards(

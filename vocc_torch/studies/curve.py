@@ -235,36 +235,26 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
     with run_folder.resumable(settings, folder, console), ExitStack() as held:
-
-        def opened(study: sweep.Study) -> ledger.Ledger:
-            path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
-            return held.enter_context(run_folder.open_ledger(path, study.identity, console))
-
-        def trained() -> None:
-            run_folder.write_config(settings, folder)
-            samples.write_samples(folder, plan)
-
+        ledgers = run_folder.open_ledgers(held, folder, studies, console)
+        run_folder.write_config(settings, folder)
+        samples.write_samples(folder, plan)
         with workers.Workers.of(settings) as pool, terminal.ProgressView(frames, console) as view:
-            campaign = sweep.run_campaign(
-                studies,
-                pool,
-                opened,
-                trained=trained,
-                advance=lambda study, more: view.advance(study.plan.experiment.name, more),
-                finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
-            )
+
+            def advance(study: sweep.Study, more: int) -> None:
+                view.advance(study.plan.experiment.name, more)
+
+            def finished(study: sweep.Study, _: curve.Measured) -> None:
+                view.say(f"{study.plan.experiment.name} is measured")
+
+            campaign = sweep.run_campaign(studies, pool, ledgers, advance=advance, finished=finished)
         curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
         cells = grid.Grid(axis, tuple(rows), curves)
         run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
         run_folder.write_grid(folder / "ber.csv", {locator: cells})
         run_folder.write_paired(folder / "paired.csv", curves)
         figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
-        for name, figure in figures.items():
-            canvas.save_figure(figure, folder / f"{name}.png")
-        if settings.tensorboard:
-            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
-            texts = {"configuration": run_folder.as_markdown(settings)}
-            tensorboard.write_boards(folder / "tensorboard", tables, figures, {}, texts)
+        tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
+        tensorboard.write_figures(settings, folder, figures, tables)
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
         terminal.print_table(one.table(), console)

@@ -27,10 +27,7 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     study, console = build_classifier_study(settings, rivals, folder), terminal.Console()
     with run_folder.resumable(settings, folder, console), ExitStack() as held:
-        ledgers = {}
-        for one in study.studies:
-            path = folder / run_folder.LEDGERS / f"{one.key}.sqlite"
-            ledgers[one.key] = held.enter_context(run_folder.open_ledger(path, one.identity, console))
+        ledgers = run_folder.open_ledgers(held, folder, study.studies, console)
         run_folder.write_config(settings, folder)
         frames = sum(one.frames for one in study.studies)
         view = held.enter_context(terminal.ProgressView(frames, console))

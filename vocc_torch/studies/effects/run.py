@@ -7,8 +7,8 @@ from typing import Any
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import config, estimate, intervals, workers
 from vocc_torch.measure.stage_times import median_of
-from vocc_torch.show import canvas, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import tensorboard, terminal
 from vocc_torch.studies.effects import EffectsConfig, figures, measured
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Rounds
@@ -66,12 +66,8 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
         drawn["severity"] = figures.severity_figure(found)
         places |= {"severity": "severity.csv", "curves": "severity.png"}
     drawn["gallery"] = figures.gallery_figure(study)
-    for name, figure in drawn.items():
-        canvas.save_figure(figure, folder / f"{name}.png")
     write_atomically(folder / "effects.md", report(found).encode())
-    if settings.tensorboard:
-        texts = {"configuration": run_folder.as_markdown(settings)}
-        tensorboard.write_boards(folder / "tensorboard", {}, drawn, {}, texts)
+    tensorboard.write_figures(settings, folder, drawn)
     print_effects(found, console)
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
 

@@ -23,7 +23,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver, StagedReceiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import tensorboard, terminal
-from vocc_torch.show.canvas import Figure, save_figure
+from vocc_torch.show.canvas import Figure
 from vocc_torch.studies.tradeoff import TradeoffConfig, figure, plan, report
 from vocc_torch.studies.tradeoff.prices import Algorithms, Place, PriceList
 from vocc_torch.types import resolve_device
@@ -53,13 +53,10 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     if (shares := figure.shares_figure(prices)) is not None:
         figures["fig25"] = shares
     report.write_prices(folder / "tradeoff.csv", prices)
-    for name, drawn in figures.items():
-        save_figure(drawn, folder / f"{name}.png")
     write_atomically(folder / "recommendation.txt", words.encode())
+    tensorboard.write_figures(settings, folder, figures, texts={"recommendation": f"```\n{words}\n```"})
     if settings.tensorboard:
-        texts = {"configuration": run_folder.as_markdown(settings), "recommendation": f"```\n{words}\n```"}
         with tensorboard.quiet_threads():
-            tensorboard.write_boards(folder / "tensorboard", {}, figures, {}, texts)
             report.write_price_board(folder / "tensorboard", prices)
     report.print_prices(prices, words, console)
     places = {"picture": "tradeoff.png", "table": "tradeoff.csv", "words": "recommendation.txt"}
