@@ -1,7 +1,8 @@
 """What the package raises when the user asks for something it cannot do, and the checks that raise it."""
 
+import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Self
@@ -91,6 +92,18 @@ def printable(text: str) -> str:
         red\x1b[31m.png
     """
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
+def told_known(given: object, known: Iterable[str]) -> str:
+    """Say for a refusal which names are known, and first the one that is meant, where one is near.
+
+    Example:
+        >>> told_known("gama", ["gain", "gamma"])
+        'did you mean gamma? known: gain, gamma'
+    """
+    names = list(known)
+    near = difflib.get_close_matches(str(given), names, n=1)
+    return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(names) or 'none'}"
 
 
 def demand_kind(name: str, value: object, *kinds: type) -> None:

@@ -194,9 +194,8 @@ def count_parts(
                 if len(each) > 1:
                     whole.append(((TRAININGS, 0), frame_errors.FrameErrors.pooled(each)))
                 for mark, of in whole:
-                    counts |= {
-                        (locator, n, *mark, group): one for n, one in zip(names, of.counts, strict=True)
-                    }
+                    labels = [(locator, name, *mark, group) for name in names]
+                    counts |= zip(labels, of.counts, strict=True)
                     for (a, b), pair in of.pairs.items():
                         counts[locator, names[a], names[b], *mark, group] = pair
                 for number, further in enumerate(each[1:], 1):
@@ -278,9 +277,7 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
     pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in study.locators}
     location: dict[tuple[str, float], PairedCounts] = {}
     more: dict[str, dict[tuple[str, float], dict[int, Counts]]] = {name: {} for name in study.locators}
-    trained_pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {
-        name: {} for name in study.locators
-    }
+    trained_pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {one: {} for one in pairs}
     stopped: dict[float, str] = {}
     for value, outcome in outcomes.items():
         for (*label, group), tally in outcome.counts.items():

@@ -200,10 +200,6 @@ class ProgressView:
         """Count frames that were run now, and name what is under way."""
         self._bar.update(self._task.id, advance=frames, description=what)
 
-    def leave_out(self, frames: int) -> None:
-        """Take frames from the total that need not be run."""
-        self._bar.update(self._task.id, total=(self._task.total or 0) - frames)
-
     def say(self, text: str) -> None:
         """Print a line that stays."""
         self.console.print(text, soft_wrap=True, highlight=False, markup=False)
@@ -260,7 +256,8 @@ class StudyView(ProgressView):
         """
         self._finished += (points := list(points))
         self._rows, self._interim = BerTable(self._finished).rows, []
-        self.leave_out(self._frames_a_point - self._frames_here)
+        not_run = self._frames_a_point - self._frames_here
+        self._bar.update(self._task.id, total=(self._task.total or 0) - not_run)
         self._frames_here = 0
         self.advance(self._doing(), 0)
         for point in {one.value: one for one in points}.values() if self._bar.disable else ():

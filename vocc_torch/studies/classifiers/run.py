@@ -16,6 +16,7 @@ _ENDS = ("ber", "ber_low", "ber_high")
 _COUNTED = ("frames", "bits", "bit_errors", *_ENDS)
 _ALGORITHM = ("ber_mean", "algorithm_low", "algorithm_high")
 _RATIO = ("ratio", "ratio_low", "ratio_high")
+_OF_ALGORITHM = (*_ALGORITHM, *(f"algorithm_{one}" for one in _RATIO))
 
 
 def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Path) -> None:
@@ -114,9 +115,7 @@ def classifier_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
     points = [f"{name}_{at:g}_{what}" for name, at in comparison.points.items() for what in (*_ENDS, *_RATIO)]
     several = ["trainings"] if comparison.trainings > 1 else []
     for name, at in comparison.points.items() if several else ():
-        several += [
-            f"{name}_{at:g}_{what}" for what in (*_ALGORITHM, *(f"algorithm_{one}" for one in _RATIO))
-        ]
+        several += [f"{name}_{at:g}_{what}" for what in _OF_ALGORITHM]
     yield ("receiver", *costs, *points, *several)
     for receiver in comparison.ranked:
         made = comparison.costs[receiver]

@@ -182,12 +182,11 @@ class ReadScenes:
     def base(self) -> dict[tuple[Locator, str], Counts]:
         """Errors in the scene itself, by locator and receiver."""
         base: dict[tuple[Locator, str], Counts] = {}
+        scene, names = self.study.scene, self.study.plan.receiver.names
         for at in dict.fromkeys(READINGS.values()):
-            if frames := self.study.frames_with(at, self.study.scene):
-                counts = self.of(self.study.scene, at, self.study.scene, frames).counts
-                base |= {
-                    (at, name): one for name, one in zip(self.study.plan.receiver.names, counts, strict=True)
-                }
+            if frames := self.study.frames_with(at, scene):
+                counts = self.of(scene, at, scene, frames).counts
+                base |= {(at, name): one for name, one in zip(names, counts, strict=True)}
         return base
 
 

@@ -1,12 +1,11 @@
 """Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, finite_number, section, shown
+from vocc_torch.errors import VoccError, finite_number, section, shown, told_known
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
@@ -188,9 +187,8 @@ class EffectStudy:
         absent = {key: value for key, value in scene.items() if key not in taken}
         alone = {key: value for key, value in scene.items() if key == name or key not in taken}
         present = alone if _buildable(alone) else scene
-        companions = tuple(
-            key for key in chain.kinds_of(present) if key in present and key not in (*self.scene, name)
-        )
+        rest = present.keys() - {*self.scene, name}
+        companions = tuple(key for key in chain.kinds_of(present) if key in rest)
         return ScenePair(name, present, absent, name in self.scene, companions)
 
     @cached_property
@@ -307,9 +305,7 @@ def _severity(key: str, given: object) -> Severity:
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
     """Refuse a name that is not known, and suggest the nearest."""
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise VoccError(f"{complaint} {name!r}: {hint}known: {', '.join(known)}")
+        raise VoccError(f"{complaint} {name!r}: {told_known(name, known)}")
 
 
 def _buildable(effects: Effects) -> bool:

@@ -194,11 +194,6 @@ class TradeoffStudy:
         """Timed rounds with batches of a size."""
         return max(self.config.repeats, -(-LEAST_FRAMES // batch))
 
-    @property
-    def timed_frames(self) -> int:
-        """Frames that times are taken on: whole batches of every size."""
-        return max(LEAST_FRAMES, *self.config.batch_sizes)
-
 
 def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Path) -> TradeoffStudy:
     """Build the study that ``task=tradeoff`` makes.

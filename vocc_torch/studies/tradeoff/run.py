@@ -170,7 +170,8 @@ def measure_times(
         What a price list says of times, by its arguments' names.
     """
     config, scenes = study.config, next(iter(study.config.scenes))
-    keys = link.block_keys(study.plan.seed, study.point(scenes), study.timed_frames)
+    frames = max(plan.LEAST_FRAMES, *config.batch_sizes)  # whole batches of every size
+    keys = link.block_keys(study.plan.seed, study.point(scenes), frames)
     names = {setting.name: one for setting, one in receivers.items()}
     preambles = needs_preambles([setting.receiver for setting in receivers])
     devices = {name: resolve_device(name) for name in config.devices}
@@ -183,6 +184,8 @@ def measure_times(
     crop_px = study.plan.world.camera.sensor_px
     wall = processor = 0.0
     graphs: dict[tuple[str, Place], Any] = {}
+    served = config.frames_a_preamble
+    timed_stages = partial(stage_times.time_stages, names, frames_a_preamble=served, in_one_go=in_one_go)
     with timing.threads(config.threads), tempfile.TemporaryDirectory() as folder:
         drawn, no_graphs = draw_graphs(study, receivers, Path(folder)) if config.onnx else ({}, {})
         machines = {name: timing.describe_machine(device) for name, device in devices.items()}
@@ -192,12 +195,9 @@ def measure_times(
             if kind == "crops":
                 crop_px = (int(seen.frames.grey.shape[-2]), int(seen.frames.grey.shape[-1]))
             for place in (Place(name, kind, size) for name in devices for size in config.batch_sizes):
-                served, rounds = config.frames_a_preamble, study.rounds(place.batch)
-                given = names, seen, place.batch, rounds, devices[place.device]
-                own = drawn if devices[place.device].type == "cpu" else {}
-                timed = stage_times.time_stages(
-                    *given, frames_a_preamble=served, in_one_go=in_one_go, graphs=own
-                )
+                device, rounds = devices[place.device], study.rounds(place.batch)
+                own = drawn if device.type == "cpu" else {}
+                timed = timed_stages(seen, place.batch, rounds, device, graphs=own)
                 graphs |= {(one, place): spent for one, spent in timed.graphs.items()}
                 times |= {(one, place): timed.by_receiver[one.name] for one in receivers}
                 end_to_end[place] = timed.in_one_go
