@@ -142,6 +142,19 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
     raise VoccError.of(name, shown(value), allowed)
 
 
+def demand_least(section: str, owner: object, **least: int) -> None:
+    """Refuse by name the first attribute that is below the least allowed; None is nothing given.
+
+    Args:
+        section: what its keys begin with, with the point.
+        owner: whose attributes they are.
+        **least: the least allowed by name.
+    """
+    for name, low in least.items():
+        if (value := getattr(owner, name)) is not None and value < low:
+            raise VoccError.of(f"{section}{name}", value, f"at least {low}")
+
+
 def whole_number(name: str, value: object, low: int, high: int) -> int:
     """Give a whole number from ``low`` to ``high``, also one of NumPy, as an int, or refuse it by name.
 

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
-from vocc_torch.errors import VoccError, finite_number, section
+from vocc_torch.errors import VoccError, demand_least, finite_number, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.plugins import TARGET, PlugIn
@@ -201,9 +201,7 @@ class Plan:
         if self.budget.rare and (self.experiment.axis == "contrast" or self.experiment.rows):
             named, what = ("axis", "contrast") if self.experiment.axis == "contrast" else ("rows", "a grid")
             raise VoccError.of("budget.rare", "true", f"false where experiment.{named} makes {what}")
-        for name, least in (("seed", 0), ("batch_frames", 1)):
-            if (value := getattr(self, name)) < least:
-                raise VoccError.of(name, value, f"at least {least}")
+        demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
             once = "give panel.rows and panel.columns once"
             raise VoccError(f"the receiver and the panel have different shapes: {once}")

@@ -6,7 +6,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, demand_least, section
 from vocc_torch.measure import build, config, frame_errors, ledger, stage_times, sweep, timing, workers
 from vocc_torch.measure.genie import genie_reference
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
@@ -67,9 +67,7 @@ class ClassifierStudy:
             if value not in (values := self.plans[name].experiment.values):
                 allowed = ", ".join(f"{one:g}" for one in values)
                 raise VoccError.of(f"rivals.points.{name}", f"{value:g}", f"one of {allowed}")
-        for key, least in (("genie_frames", 0), ("scene_frames", 0), ("scene_training_frames", 2)):
-            if (given := getattr(self.config, key)) < least:
-                raise VoccError.of(f"rivals.{key}", given, f"at least {least}")
+        demand_least("rivals.", self.config, genie_frames=0, scene_frames=0, scene_training_frames=2)
         if self.home in self.scenes:
             raise VoccError(f"rivals.scenes.{self.home} is the scene of the experiments: leave it out")
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, finite_number, section, shown, told_known
+from vocc_torch.errors import VoccError, demand_least, finite_number, section, shown, told_known
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
@@ -115,13 +115,9 @@ class EffectStudy:
     def __post_init__(self) -> None:
         """Check every range, and build every scene once, so that a misfit is refused before any work."""
         config, parts = self.config, self.config.parts
-        for name, least in (("located_frames", 0), ("severity_frames", 0), ("repeats", 1)):
-            if getattr(config, name) < least:
-                raise VoccError.of(f"effects.{name}", getattr(config, name), f"at least {least}")
-        for name in ("target_frame_errors", "precision"):
-            if (value := getattr(self.plan.budget, name)) is not None:
-                rule = "null for task=effects, which compares scenes on equally many frames"
-                raise VoccError.of(f"budget.{name}", value, rule)
+        demand_least("effects.", config, located_frames=0, severity_frames=0, repeats=1)
+        why = "task=effects, which compares scenes on equally many frames"
+        self.plan.budget.demand_no_stop_rule(why)
         check_receivers(self.plan.receiver.names)
         chain.build_effects(self.scene)
         for name, part in parts.items():
