@@ -63,7 +63,7 @@ def write_figures(
         folder: the run's folder.
         figures: by the name of the file, without its end.
         tables: as of :func:`write_boards`.
-        **more: ``texts``, ``images`` and ``numbers`` of :func:`write_boards`.
+        **more: ``texts``, ``images``, ``numbers`` and ``runs`` of :func:`write_boards`.
     """
     for name, figure in figures.items():
         canvas.save_figure(figure, folder / f"{name}.png")
@@ -79,6 +79,7 @@ def write_boards(
     images: Mapping[str, canvas.Pixels] = {},
     texts: Mapping[str, str] = {},
     numbers: Mapping[str, Mapping[str, float]] = {},
+    runs: Mapping[str, tuple[dict[str, Any], dict[str, float]]] = {},
 ) -> None:
     """Write one board of several tables; what an earlier call left in the same runs is replaced.
 
@@ -97,6 +98,7 @@ def write_boards(
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
         numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
+        runs: further runs by name, which are a row of the HPARAMS tab each: settings and numbers.
 
     Raises:
         VoccError: two values of an axis with the same step, or a folder that cannot be written.
@@ -121,6 +123,10 @@ def write_boards(
             for receiver in receivers:
                 with cleared_run(Path(folder) / receiver) as writer:
                     write_receiver(writer, parts, receiver, numbers.get(receiver, {}))
+            for name, row in runs.items():
+                with cleared_run(Path(folder) / name) as writer:
+                    # The run's own folder: any other would make a run more.
+                    writer.add_hparams(*row, run_name=".")
             with cleared_run(Path(folder) / SUMMARY_RUN) as writer:
                 write_guide(writer, parts)
                 for name, text in texts.items():

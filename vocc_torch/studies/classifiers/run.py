@@ -1,13 +1,13 @@
 """``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import config, counts, curve, estimate, intervals, paired, workers
-from vocc_torch.show import canvas, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import styles, tensorboard, terminal
 from vocc_torch.studies.classifiers import RivalsConfig, figures
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, ratio_text, summary
 from vocc_torch.studies.classifiers.study import build_classifier_study, compare_classifiers
@@ -42,11 +42,8 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     drawn = {name: figures.curves_figure(comparison, name) for name in comparison.curves}
     if comparison.transfers:
         drawn["robustness"] = figures.scenes_figure(comparison)
-    for name, figure in drawn.items():
-        canvas.save_figure(figure, folder / f"{name}.png")
-    if settings.tensorboard:
-        texts = {"configuration": run_folder.as_markdown(settings), "summary": f"```\n{words}\n```"}
-        write_board(folder / "tensorboard", comparison, drawn, texts)
+    told = {"texts": {"summary": f"```\n{words}\n```"}, "numbers": board_numbers(comparison)}
+    tensorboard.write_figures(settings, folder, drawn, {"": list(comparison.tables.values())}, **told)
     print_table(comparison, console)
     console.print(terminal.Text(summary(comparison, min(100, console.width))), soft_wrap=True)
     places = [("table", "classifiers.csv"), ("points", "ber.csv"), ("pairs", "paired.csv")]
@@ -158,22 +155,8 @@ def scene_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
         yield (one.trained_on, one.tested_on, one.receiver, *_counted(one.counts), *wrong)
 
 
-def write_board(
-    folder: Path, comparison: Comparison, drawn: Mapping[str, canvas.Figure], texts: Mapping[str, str]
-) -> None:
-    """Write a TensorBoard with a run for each receiver, and one for the genie.
-
-    A receiver's row of the HPARAMS tab has its rates at the summary's points and its costs too.
-
-    Args:
-        folder: the folder that TensorBoard is to be pointed at.
-        comparison: what was measured.
-        drawn: figures by name.
-        texts: Markdown by name.
-
-    Raises:
-        VoccError: the folder cannot be written.
-    """
+def board_numbers(comparison: Comparison) -> dict[str, dict[str, float]]:
+    """Give each receiver's rates at the summary's points, and its costs, for its row of the HPARAMS tab."""
     numbers: dict[str, dict[str, float]] = {}
     for receiver in [*comparison.ranked, *([GENIE] if comparison.genie else [])]:
         told: dict[str, float | None] = {"bits_ms": comparison.decision_ms.get(receiver)}
@@ -187,7 +170,7 @@ def write_board(
             told |= {"making/training_s": made.training_s, "making/training_frames": made.frames}
             told |= {"making/parameters": made.parameters, "making/size_bytes": made.size_bytes}
         numbers[receiver] = {what: float(given) for what, given in told.items() if given is not None}
-    tensorboard.write_boards(folder, {"": list(comparison.tables.values())}, drawn, {}, texts, numbers)
+    return numbers
 
 
 def print_table(comparison: Comparison, console: terminal.Console) -> None:

@@ -54,10 +54,8 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         figures["fig25"] = shares
     report.write_prices(folder / "tradeoff.csv", prices)
     write_atomically(folder / "recommendation.txt", words.encode())
-    tensorboard.write_figures(settings, folder, figures, texts={"recommendation": f"```\n{words}\n```"})
-    if settings.tensorboard:
-        with tensorboard.quiet_threads():
-            report.write_price_board(folder / "tensorboard", prices)
+    told = {"texts": {"recommendation": f"```\n{words}\n```"}, "runs": report.price_runs(prices)}
+    tensorboard.write_figures(settings, folder, figures, **told)
     report.print_prices(prices, words, console)
     places = {"picture": "tradeoff.png", "table": "tradeoff.csv", "words": "recommendation.txt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
