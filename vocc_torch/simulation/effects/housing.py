@@ -155,7 +155,7 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
 
 @dataclass(frozen=True, slots=True)
-class Housing(Effect, on=Quantity.BACKGROUND):
+class Housing(street.Sketched):
     """What a panel is built into: a board behind its LEDs, dark or light or none, a rim, and cables.
 
     All lie in the panel's plane and are matt, in the scene's daylight. The board covers the LEDs' cells and
@@ -185,18 +185,12 @@ class Housing(Effect, on=Quantity.BACKGROUND):
     rim: Distribution | float = within(0, 10, default=Distribution("choice", (0.0, 0.1, 0.3, 0.6, 1.5)))
     rim_reflectance: Distribution | float = within(0, 1, default=Distribution("log_uniform", (0.02, 0.8)))
     cables: Distribution | float = within(0, 20, default=Distribution("choice", (0.0, 0.0, 1.0, 3.0)))
-    sampled = fills_sensor = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Draw board, rim and cables before each frame's (B,1,H,W) background luminance."""
-        there, planes = present(context), []
-        for frame, (seen, generator) in enumerate(street.each_view(context, self.name)):
-            keep, added = street.empty(value)
-            parts = self.sketch(generator, seen.context).parts
-            if parts and (there is None or bool(there[frame])):
-                street.lay_all(parts, functools.partial(street.onto, seen), keep, added, seen.context)
-            planes.append((keep, added))
-        return street.laid_before(value, planes)
+    def draw(self, layer: street.Layer, generator: np.random.Generator) -> None:
+        """Draw one frame's board, rim and cables, where it has a panel."""
+        parts, there = self.sketch(generator, layer.seen.context).parts, present(layer.seen.context)
+        if parts and (there is None or bool(there)):
+            layer.lay(parts, functools.partial(street.onto, layer.seen))
 
     def sketch(self, generator: np.random.Generator, context: Context) -> Sketch:
         """Draw one frame's parts, m from the panel's middle."""
