@@ -155,10 +155,8 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
     for name in given:
         if name not in kinds:
             raise VoccError(f"scene.effects.{name} is not a known effect; {told_known(name, kinds)}")
-    ordered = [name for name in kinds if name in given]
-    effects = [
-        one if isinstance(one := given[name], Effect) else _built(kinds[name], one) for name in ordered
-    ]
+    ordered = [(kinds[name], given[name]) for name in kinds if name in given]
+    effects = [one if isinstance(one, Effect) else _built(kind, one) for kind, one in ordered]
     check_chain(effects)
     return tuple(effects)
 

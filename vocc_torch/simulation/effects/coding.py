@@ -143,10 +143,6 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
     lettering: float = within(0, 1, default=0.0)
     sampled = fills_sensor = True
 
-    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
-        """Nothing: each pixel stands for itself."""
-        return 0
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Cover a part of each frame's (B,1,H,W) grey values."""
         frames, (height, width) = [], context.camera.sensor_px

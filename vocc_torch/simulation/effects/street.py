@@ -220,8 +220,8 @@ class Clutter(Sketched):
             layer.lay(parts, place)
         # No surface is of one shade: dirt, and what it mirrors.
         nodes = noise_nodes(generator, seen.context.camera.sensor_px)
-        x, y = np.arange(left, right) + 0.5, np.arange(top, bottom) + 0.5
-        layer.added[:] *= np.maximum(1 + np.float32(0.12) * between(nodes, x / NODE_PX, y / NODE_PX), 0)
+        columns, rows = ((np.arange(*ends) + 0.5) / NODE_PX for ends in ((left, right), (top, bottom)))
+        layer.added[:] *= np.maximum(1 + np.float32(0.12) * between(nodes, columns, rows), 0)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""

@@ -42,8 +42,9 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     drawn = {name: figures.curves_figure(comparison, name) for name in comparison.curves}
     if comparison.transfers:
         drawn["robustness"] = figures.scenes_figure(comparison)
-    told = {"texts": {"summary": f"```\n{words}\n```"}, "numbers": board_numbers(comparison)}
-    tensorboard.write_figures(settings, folder, drawn, {"": list(comparison.tables.values())}, **told)
+    tables, texts = {"": list(comparison.tables.values())}, {"summary": f"```\n{words}\n```"}
+    numbers = board_numbers(comparison)
+    tensorboard.write_figures(settings, folder, drawn, tables, texts=texts, numbers=numbers)
     print_table(comparison, console)
     console.print(terminal.Text(summary(comparison, min(100, console.width))), soft_wrap=True)
     places = [("table", "classifiers.csv"), ("points", "ber.csv"), ("pairs", "paired.csv")]

@@ -11,7 +11,7 @@ from vocc_torch.measure import build, config, frame_errors, ledger, stage_times,
 from vocc_torch.measure.genie import genie_reference
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
+from vocc_torch.measure.plan import Budget, Experiment, Plan
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.classifiers import plugged
@@ -77,14 +77,9 @@ class ClassifierStudy:
         return next(iter(self.plans.values()))
 
     @property
-    def locator(self) -> Locator:
-        """What finds the panel, for every receiver."""
-        return self.base.receiver.locator
-
-    @property
     def studies(self) -> list[sweep.Study]:
         """The experiments as they are measured."""
-        return [sweep.Study(name, plan, (self.locator,)) for name, plan in self.plans.items()]
+        return [sweep.Study(name, one, (one.receiver.locator,)) for name, one in self.plans.items()]
 
     @property
     def scene_plans(self) -> dict[str, Plan]:
@@ -155,7 +150,7 @@ def compare_classifiers(
     Raises:
         VoccError: what cannot be trained, or a worker that was ended from outside.
     """
-    names, at = study.base.receiver.names, study.locator
+    names, at = study.base.receiver.names, study.base.receiver.locator
     for one in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(one.build, one.inputs)

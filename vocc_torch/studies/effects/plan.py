@@ -169,7 +169,7 @@ class EffectStudy:
     @cached_property
     def _known(self) -> tuple[str, ...]:
         """Names of the effects of the scene and of the parts, in physical order."""
-        given = {**{name: part[name] for name, part in self.config.parts.items()}, **self.scene}
+        given = {name: part[name] for name, part in self.config.parts.items()} | dict(self.scene)
         return tuple(name for name in chain.kinds_of(given) if name in given)
 
     def pair(self, name: str) -> ScenePair:

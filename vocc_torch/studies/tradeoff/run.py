@@ -54,8 +54,8 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         figures["fig25"] = shares
     report.write_prices(folder / "tradeoff.csv", prices)
     write_atomically(folder / "recommendation.txt", words.encode())
-    told = {"texts": {"recommendation": f"```\n{words}\n```"}, "runs": report.price_runs(prices)}
-    tensorboard.write_figures(settings, folder, figures, **told)
+    texts, runs = {"recommendation": f"```\n{words}\n```"}, report.price_runs(prices)
+    tensorboard.write_figures(settings, folder, figures, texts=texts, runs=runs)
     report.print_prices(prices, words, console)
     places = {"picture": "tradeoff.png", "table": "tradeoff.csv", "words": "recommendation.txt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
