@@ -14,6 +14,7 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BlockKey
 from vocc_torch.show import canvas, heatmap, plots, samples, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
 from vocc_torch.simulation.scene import SCENE_FIELDS
@@ -180,10 +181,8 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     for value in sweep.monte_carlo_values(plan):
         name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
         seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
-        read, columns = receiver(seen.frames, seen.panels), []
-        for i, crop in enumerate(
-            samples.crops(link.simulator, plan.seed, name, model, most, model.nearest_m)
-        ):
+        read, columns, key = receiver(seen.frames, seen.panels), [], BlockKey(plan.seed, name, 0)
+        for i, crop in enumerate(samples.crops(link.simulator, key, model, most, model.nearest_m)):
             # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
             scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
             plain = drawn = np.asarray(canvas.enlarged(crop.pixels, scale))

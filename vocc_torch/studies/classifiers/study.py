@@ -229,8 +229,7 @@ def counted(
     locator = plan.receiver.locator
     receivers = frame_errors.Banks([(locator, bank) for bank in banks])
     job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
-    calls = job.handed_out(plan.budget.frames, pool)
-    return lambda: frame_errors.FrameErrors.joined(call.result() for call in calls)
+    return job.handed_out(plan.budget.frames, pool)
 
 
 def across_scenes(

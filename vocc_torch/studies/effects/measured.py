@@ -227,7 +227,7 @@ def read_scenes(
                 job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
                 told = functools.partial(tell, "reading")
                 parts[key, at] = job.handed_out(one.frames, pool, at_once=step, told=told)
-            read = {place: FrameErrors.joined(one.result() for one in some) for place, some in parts.items()}
+            read = {place: wait() for place, wait in parts.items()}
     return ReadScenes(study, wanted, read)
 
 

@@ -148,8 +148,7 @@ def count_receivers(
         kind = study.plan, study.model(name), study.point(name)
         job = frame_errors.FrameJob(*kind, locators, apart, preambles)
         calls[name] = job.handed_out(study.plan.budget.frames, workers)
-    joined = frame_errors.FrameErrors.joined
-    errors = {name: joined(call.result() for call in some) for name, some in calls.items()}
+    errors = {name: wait() for name, wait in calls.items()}
     places = itertools.count()
     rows = [[next(places) for _ in every] for every in trained.values()]
     # What learns nothing is the same in all trainings.
