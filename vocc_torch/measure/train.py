@@ -182,7 +182,7 @@ def train_once(
                 raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
         x, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True))
         own = Training(flda, frames, missed[name], x, bits, time.perf_counter() - begun)
-        trained[name] = train_classifiers(plan, link, finders[name], own, keep=keep, number=number)
+        trained[name] = train_classifiers(plan, link, finders[name], own, number, keep)
     return trained
 
 
@@ -410,13 +410,7 @@ class PanelStream:
 
 
 def train_classifiers(
-    plan: Plan,
-    link: Link,
-    locator: PanelLocator | None,
-    training: Training,
-    *,
-    keep: bool = False,
-    number: int = 0,
+    plan: Plan, link: Link, locator: PanelLocator | None, training: Training, number: int, keep: bool = False
 ) -> Training:
     """Train a plan's classifiers one after the other.
 
@@ -427,8 +421,8 @@ def train_classifiers(
         link: simulation and reader.
         locator: what finds the panel, or None for the simulator's true corners.
         training: what is trained already.
-        keep: whether to keep simulated frames in memory for the next classifier.
         number: of the training, from 0 on; each has frames and first weights of its own.
+        keep: whether to keep simulated frames in memory for the next classifier.
 
     Returns:
         The training with the classifiers too, and what each took.

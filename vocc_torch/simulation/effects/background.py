@@ -221,7 +221,7 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         if panel.board_reflectance is not None:
             board = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
             boards = board.repeat_interleave(panel.shape.leds)
-            cells = cell_patches(leds_m, panel.pitch_m / 2, (canvas.shape[1], canvas.shape[2]), context)
+            cells = cell_patches(leds_m, panel.pitch_m / 2, (canvas.shape[1], canvas.shape[2]), context, None)
             covered, added = laid(canvas, boards, cells)
             # What an LED covers is board, also in a pixel that the board's edge crosses.
             canvas, shining = canvas * (1 - covered) + added, shining - board.view(-1, 1, 1)
@@ -258,11 +258,7 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
 
 
 def cell_patches(
-    leds_m: Tensor,
-    half_m: float | Tensor,
-    size: tuple[int, int],
-    context: Context,
-    drawn: Tensor | None = None,
+    leds_m: Tensor, half_m: float | Tensor, size: tuple[int, int], context: Context, drawn: Tensor | None
 ) -> Patches:
     """Cover squares about LEDs (N,2) of half a side, one or (B,1,1,1): cells are a board's parts.
 
