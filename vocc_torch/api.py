@@ -55,21 +55,17 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
         >>> world.scene.distance_m.bounds, world.panel.shape.rows, list(world.effects)
         ((40.0, 40.0), 4, ['saturation'])
     """
-    if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
-        return _checked(build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world)
     given: Any = scene
-    if isinstance(scene, str | Path):
+    if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
+        given, overrides = {}, (f"scene={scene}", *overrides)
+    elif isinstance(scene, str | Path):
         try:
             given = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
     demand_kind("scene", given, Mapping)
-    return _checked(build_plan(_composed(overrides, given), NOWHERE).world)
-
-
-def _checked(world: World) -> World:
-    """Build the world's effects once, so that a wrong one is refused now."""
-    world.simulator()
+    world = build_plan(_composed(overrides, given), NOWHERE).world
+    world.simulator()  # a wrong effect is refused now
     return world
 
 

@@ -1,7 +1,8 @@
 """What the package raises when the user asks for something it cannot do, and the checks that raise it."""
 
+import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Self
@@ -93,6 +94,18 @@ def printable(text: str) -> str:
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
+def told_known(given: object, known: Iterable[str]) -> str:
+    """Say for a refusal which names are known, and first the one that is meant, where one is near.
+
+    Example:
+        >>> told_known("gama", ["gain", "gamma"])
+        'did you mean gamma? known: gain, gamma'
+    """
+    names = list(known)
+    near = difflib.get_close_matches(str(given), names, n=1)
+    return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(names) or 'none'}"
+
+
 def demand_kind(name: str, value: object, *kinds: type) -> None:
     """Refuse by name what is of none of some classes.
 
@@ -127,6 +140,19 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
     except OverflowError:
         pass
     raise VoccError.of(name, shown(value), allowed)
+
+
+def demand_least(section: str, owner: object, **least: int) -> None:
+    """Refuse by name the first attribute that is below the least allowed; None is nothing given.
+
+    Args:
+        section: what its keys begin with, with the point.
+        owner: whose attributes they are.
+        **least: the least allowed by name.
+    """
+    for name, low in least.items():
+        if (value := getattr(owner, name)) is not None and value < low:
+            raise VoccError.of(f"{section}{name}", value, f"at least {low}")
 
 
 def whole_number(name: str, value: object, low: int, high: int) -> int:

@@ -42,18 +42,11 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         ['a.txt']
     """
     target = Path(path)
-    temporary = _temporary(target)
-    try:
+    with _to_replace(target) as temporary:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         with temporary.open("rb+") as file:  # a full disk may speak up only here
             os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise VoccError(f"cannot write {target}: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):  # that it cannot be deleted is not the error to tell of
-            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -80,17 +73,26 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         ['a', 'a/b.txt']
     """
     target = Path(path)
-    temporary = _temporary(target)
-    try:
+    with _to_replace(target) as temporary:
         temporary.mkdir(parents=True)
         yield temporary
         if target.exists():
             shutil.rmtree(target)
+
+
+@contextmanager
+def _to_replace(target: Path) -> Iterator[Path]:
+    """Lend a temporary path that takes the target's place at the end, and is gone after an error."""
+    temporary = _temporary(target)
+    try:
+        yield temporary
         temporary.replace(target)
     except OSError as error:
         raise VoccError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+        with suppress(OSError):  # that it cannot be deleted is not the error to tell of
+            temporary.unlink(missing_ok=True)
 
 
 def _temporary(target: Path) -> Path:

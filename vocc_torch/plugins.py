@@ -305,10 +305,8 @@ class PlugIn:
             VoccError: it cannot be imported or built.
         """
         kind = self.found()
-        if inspect.isclass(kind):
+        if inspect.isclass(kind) or not callable(kind):
             return self.build(kind, self.arguments)
-        if not callable(kind):
-            raise VoccError(f"{self.key}: {self.target} is neither a class nor a function")
         return functools.partial(kind, **self.arguments) if self.arguments else kind
 
     def build(self, kind: object, arguments: Mapping[str, object]) -> Any:
@@ -354,10 +352,8 @@ class PlugIn:
     @property
     def files(self) -> dict[str, str]:
         """What tells the files that its arguments name from others, by argument."""
-        named = {
-            key: one for key, one in self.arguments.items() if isinstance(one, str) and Path(one).is_file()
-        }
-        return {key: ModuleFile(path).digest for key, path in named.items()}
+        texts = {key: one for key, one in self.arguments.items() if isinstance(one, str)}
+        return {key: ModuleFile(one).digest for key, one in texts.items() if Path(one).is_file()}
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""

@@ -113,8 +113,7 @@ def test_parts_of_a_job_are_the_whole_whoever_does_them(job):
     assert whole.half_errors.shape == (4, 150)
     for at_once in (40, 128):
         with Workers(1) as alone:
-            calls = job.handed_out(150, alone, at_once=at_once, told=told.append)
-        parts = FrameErrors.joined(call.result() for call in calls)
+            parts = job.handed_out(150, alone, at_once=at_once, told=told.append)()
         assert np.array_equal(parts.half_errors, whole.half_errors)
         assert np.array_equal(parts.found, whole.found)
     assert sum(told) == 300

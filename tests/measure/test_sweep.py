@@ -251,11 +251,11 @@ def studies(make_plan):
 def run(studies, folder, **told):
     """Run studies with a ledger each in a folder."""
     with ExitStack() as opened, Workers(1) as workers:
-
-        def ledger(study):
-            return opened.enter_context(Ledger.open(folder / f"{study.key}.sqlite", study.identity))
-
-        return sweep.run_campaign(studies, workers, ledger, **told)
+        ledgers = {
+            one.key: opened.enter_context(Ledger.open(folder / f"{one.key}.sqlite", one.identity))
+            for one in studies
+        }
+        return sweep.run_campaign(studies, workers, ledgers, **told)
 
 
 @pytest.fixture(scope="module")

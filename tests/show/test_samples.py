@@ -21,7 +21,7 @@ def test_crops_are_parts_of_the_frames_that_are_counted(make_plan, effects):
     keys = [FrameKey(key, frame) for frame in range(2)]
     whole = make_plan(effects=world.effects, framing="full").world.simulator()
     frames = whole.render(scene[:2], bits[:2], keys=keys).grey[:, 0].numpy()
-    for frame, crop in zip(frames, samples.crops(simulator, 0, "train", world.scene, 2), strict=True):
+    for frame, crop in zip(frames, samples.crops(simulator, key, world.scene, 2), strict=True):
         (x, y), (height, width) = crop.origin_px.tolist(), crop.pixels.shape[:2]
         assert (np.diff(crop.pixels, axis=2) == 0).all()
         assert np.array_equal(crop.pixels[..., 0], frame[y : y + height, x : x + width])

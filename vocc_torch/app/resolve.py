@@ -121,19 +121,14 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
         if key == "plug_ins" and settings.model is None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
-        own_parts = (
-            OF_MODEL if task in ("decode", "receive") else ("panel", "receiver", "budget.training_frames")
-        )
-        if settings.model and {group, key} & {*own_parts, *PARTS} and name not in ("rows", "columns"):
+        reads = task in ("decode", "receive")
+        own_parts = {*(OF_MODEL if reads else ("panel", "receiver", "budget.training_frames")), *PARTS}
+        if settings.model and {group, key} & own_parts and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
-        finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")
-        if (
-            place == "receiver.false_alarms"
-            and task in ONE_LOCATOR
-            and finder in ("truth", "paper", "refined")
-        ):
+        finder = settings.receiver.locator if task in ONE_LOCATOR else None
+        if place == "receiver.false_alarms" and finder in ("truth", "paper", "refined"):
             raise VoccError(f"{said}: only lattice and learned state them, and receiver.locator is {finder}")
-        if place.startswith("receiver.location") and task in ONE_LOCATOR and finder not in ours:
+        if place.startswith("receiver.location") and finder and finder not in NAMES["Locators"].split(", "):
             raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
         own = name in experiment.training
         tested = name in {*experiment.scene, experiment.axis, experiment.row_axis}
@@ -165,12 +160,8 @@ NO_OPTION = re.compile(
 )
 """What the command line's grammar reads as another thing than a name."""
 
-KINDS = {
-    "Integer": "a whole number",
-    "Float": "a number",
-    "Boolean": "true or false",
-    "bool": "true or false",
-}
+KINDS = {"Integer": "a whole number", "Float": "a number"}
+KINDS |= dict.fromkeys(("Boolean", "bool"), "true or false")
 
 SAID = resources.files("vocc_torch.app").joinpath("complaints.txt").read_text(encoding="utf-8")
 """What is said instead of what Hydra says."""
@@ -213,10 +204,8 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
                 listed = re.search(r"Available options in '.*':\s*\n((?:\s+.+\n?)+?)Config search path", text)
                 files = resources.files("vocc_torch.conf").joinpath(found["key"])
                 there = files.iterdir() if files.is_dir() else ()
-                names = (
-                    listed[1].split() if listed else sorted(one.name.removesuffix(".yaml") for one in there)
-                )
-                found["options"] = ", ".join(names) or "none"
+                ours = sorted(one.name.removesuffix(".yaml") for one in there)
+                found["options"] = ", ".join(listed[1].split() if listed else ours) or "none"
             return words.strip().format_map(found)
     return " ".join(text.split("Set the environment variable")[0].split())
 

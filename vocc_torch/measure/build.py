@@ -55,17 +55,13 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
-    experiment, seed, batch, budget = (
-        settings.experiment,
-        settings.seed,
-        settings.batch_frames,
-        settings.budget,
-    )
+    budget = settings.budget
     if budget.rare and settings.task != "test":
         raise VoccError.of("budget.rare", "true", f"false for task={settings.task}: only task=test uses it")
     if settings.task not in plans.TRAINS_OFTEN:
         budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
-    return plans.Plan(world, receiver_plan(settings, shape), experiment, budget, folder, seed, batch)
+    receivers, rest = receiver_plan(settings, shape), (settings.seed, settings.batch_frames)
+    return plans.Plan(world, receivers, settings.experiment, budget, folder, *rest)
 
 
 def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from omegaconf import MISSING, OmegaConf, errors
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_least
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.limits import LocatorLimits
 
@@ -73,9 +73,7 @@ class Budget:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        for name, least in (("frames", 1), ("training_frames", 2), ("target_frame_errors", 1)):
-            if (value := getattr(self, name)) is not None and value < least:
-                raise VoccError.of(f"budget.{name}", value, f"at least {least}")
+        demand_least("budget.", self, frames=1, training_frames=2, target_frame_errors=1)
         if not 1 <= self.trainings <= MOST_TRAININGS:
             raise VoccError.of("budget.trainings", self.trainings, f"1 to {MOST_TRAININGS}")
         share, target = self.precision, self.target_frame_errors
@@ -92,6 +90,12 @@ class Budget:
         if share is not None and target is not None:
             both = f"budget.precision is {share} and budget.target_frame_errors is {target}"
             raise VoccError(f"{both}: give one of them, null for the other")
+
+    def demand_no_stop_rule(self, why: str) -> None:
+        """Refuse a rule that stops before all frames are counted; ``why`` names the task and its reason."""
+        for name in ("target_frame_errors", "precision"):
+            if (value := getattr(self, name)) is not None:
+                raise VoccError.of(f"budget.{name}", value, f"null for {why}")
 
 
 @dataclass

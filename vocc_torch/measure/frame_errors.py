@@ -6,7 +6,6 @@
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Self
@@ -202,8 +201,7 @@ class FrameJob:
         >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)))])
         >>> job = FrameJob(plan, plan.world.scene, "d", ("truth",), greyscale, greyscale.needs_preambles)
         >>> with Workers(1) as workers:
-        ...     calls = job.handed_out(2, workers)
-        >>> errors = FrameErrors.joined(call.result() for call in calls)
+        ...     errors = job.handed_out(2, workers)()
         >>> errors.counts[0].frames, errors.counts[0].bit_errors
         (2, 0.0)
     """
@@ -247,8 +245,8 @@ class FrameJob:
 
     def handed_out(
         self, frames: int, workers: Workers, *, at_once: int = 4 * BLOCK_FRAMES, told: Told | None = None
-    ) -> list[Future[FrameErrors]]:
-        """Hand out the point's first frames; ``FrameErrors.joined`` of the results is what came of them.
+    ) -> Callable[[], FrameErrors]:
+        """Hand out the point's first frames; what is returned waits for what came of them.
 
         Args:
             frames: how many, at least 1.
@@ -262,4 +260,4 @@ class FrameJob:
             calls.append(workers.submit(self, part))
             if told is not None:
                 calls[-1].add_done_callback(partial(lambda done, _: told(done), len(part)))
-        return calls
+        return lambda: FrameErrors.joined(call.result() for call in calls)

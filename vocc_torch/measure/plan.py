@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
-from vocc_torch.errors import VoccError, finite_number, section
+from vocc_torch.errors import VoccError, demand_least, finite_number, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.plugins import TARGET, PlugIn
@@ -157,12 +157,8 @@ class ReceiverPlan:
             {'truth': None}
         """
         outside = {name: OutsideLocator(one) for name, one in self.locators.items()}
-        return {
-            name: None
-            if name == "truth"
-            else outside.get(name) or locator_named(name, self.location, self.false_alarms)
-            for name in locators
-        }
+        known, limits = {"truth": None, **outside}, (self.location, self.false_alarms)
+        return {one: known[one] if one in known else locator_named(one, *limits) for one in locators}
 
 
 @dataclass(frozen=True)
@@ -203,15 +199,12 @@ class Plan:
                 raise VoccError(f"{said}: {rule}")
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
-            raise VoccError.of(
-                "budget.target_frame_errors", target, f"at most the {frames} frames of a point"
-            )
+            rule = f"at most the {frames} frames of a point"
+            raise VoccError.of("budget.target_frame_errors", target, rule)
         if self.budget.rare and (self.experiment.axis == "contrast" or self.experiment.rows):
             named, what = ("axis", "contrast") if self.experiment.axis == "contrast" else ("rows", "a grid")
             raise VoccError.of("budget.rare", "true", f"false where experiment.{named} makes {what}")
-        for name, least in (("seed", 0), ("batch_frames", 1)):
-            if (value := getattr(self, name)) < least:
-                raise VoccError.of(name, value, f"at least {least}")
+        demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
             once = "give panel.rows and panel.columns once"
             raise VoccError(f"the receiver and the panel have different shapes: {once}")
@@ -272,9 +265,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     effects = {one.name: _plain(one) for one in built}
     outside = plug_ins(plan.world.effects)
     for name, one in outside.items():
-        effects[name] |= {
-            key: one.target if key == TARGET else one.arguments.get(key) for key in (TARGET, AFTER)
-        }
+        effects[name] |= {TARGET: one.target, AFTER: one.arguments.get(AFTER)}
+    files = {f"{name}.{key}": one for name, part in outside.items() for key, one in part.files.items()}
     return {
         "seed": plan.seed,
         "world": {**told["world"], "effects": effects},
@@ -299,11 +291,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
             **{f"effects.{one.name}": one.digest for one in built if isinstance(one, Photographs)},
             **{f"effects.{name}": one.maker for name, one in outside.items()},
-            **{
-                f"effects.{name}.{key}": digest
-                for name, one in outside.items()
-                for key, digest in one.files.items()
-            },
+            **{f"effects.{name}": digest for name, digest in files.items()},
         },
     }
 

@@ -100,9 +100,8 @@ class Exposure:
             preambles: whether frames of known bits are needed too.
         """
         simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
-        ((scene, _, names, takes),) = link.rendered(
-            simulator, model, keys, range(0, frames, frames), preambles
-        )
+        whole = range(0, frames, frames)
+        ((scene, _, names, takes),) = link.rendered(simulator, model, keys, whole, preambles)
         first, *rest = (_on(take, torch.device("cpu")) for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(rest))
 

@@ -68,7 +68,7 @@ class Campaign:
 def run_campaign(
     studies: Sequence[Study],
     workers: Workers,
-    open_ledger: Callable[[Study], Ledger],
+    ledgers: Mapping[str, Ledger],
     *,
     trained: Callable[[], None] = lambda: None,
     advance: Callable[[Study, int], None] = lambda study, frames: None,
@@ -79,7 +79,7 @@ def run_campaign(
     Args:
         studies: the studies, of different keys.
         workers: who does it.
-        open_ledger: opens a study's ledger, which the caller closes; all are opened before any work is done.
+        ledgers: of every study, by its key.
         trained: called when training is done.
         advance: called for each block as it is added, with its frames.
         finished: called with each study when its last point is there.
@@ -88,7 +88,6 @@ def run_campaign(
         VoccError: a ledger that cannot be used, no panel in any training frame, or a worker that was ended
             from outside.
     """
-    ledgers = {study.key: open_ledger(study) for study in studies}
     kept, locators = KeptTrainings(ledgers.values()), [one.locators for one in studies]
     every = train.train_plans([one.plan for one in studies], locators, workers, kept)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
@@ -196,9 +195,8 @@ def count_parts(
                 if len(each) > 1:
                     whole.append(((TRAININGS, 0), frame_errors.FrameErrors.pooled(each)))
                 for mark, of in whole:
-                    counts |= {
-                        (locator, n, *mark, group): one for n, one in zip(names, of.counts, strict=True)
-                    }
+                    labels = [(locator, name, *mark, group) for name in names]
+                    counts |= zip(labels, of.counts, strict=True)
                     for (a, b), pair in of.pairs.items():
                         counts[locator, names[a], names[b], *mark, group] = pair
                 for number, further in enumerate(each[1:], 1):
@@ -280,9 +278,7 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
     pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in study.locators}
     location: dict[tuple[str, float], PairedCounts] = {}
     more: dict[str, dict[tuple[str, float], dict[int, Counts]]] = {name: {} for name in study.locators}
-    trained_pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {
-        name: {} for name in study.locators
-    }
+    trained_pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {one: {} for one in pairs}
     stopped: dict[float, str] = {}
     for value, outcome in outcomes.items():
         for (*label, group), tally in outcome.counts.items():

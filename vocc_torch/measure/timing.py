@@ -15,7 +15,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
@@ -72,17 +71,11 @@ def interleaved(
             itself, as in a receiver at work, and not whichever other call has left the caches to it.
         clock: gives seconds.
 
-    Raises:
-        VoccError: ``repeats`` or ``warm_up`` outside its range.
-
     Example:
         >>> spent = interleaved({"sum": lambda: sum(range(9)), "none": int}, 5, torch.device("cpu"))
         >>> list(spent), len(spent["sum"].seconds), min(spent["sum"].seconds) > 0
         (['sum', 'none'], 5, True)
     """
-    for name, value, least in (("repeats", repeats, 1), ("warm_up", warm_up, 0)):
-        if value < least:
-            raise VoccError(f"{name} is {value}: it must be at least {least}")
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     if device.type == "cpu":
         settle_memory()

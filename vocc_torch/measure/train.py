@@ -1,9 +1,11 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
+import itertools
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -151,21 +153,15 @@ def train_once(
 ) -> dict[Locator, Training]:
     """Do one training, by its number, from 0 on, as :func:`train_each`."""
     begun, link, frames = time.perf_counter(), Link.of(plan), plan.budget.training_frames
-    finders = plan.receiver.finders(locators)
+    finders, scenes = plan.receiver.finders(locators), plan.experiment.training_model(plan.world)
     fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
     kept: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
     missed = dict.fromkeys(locators, 0)
-    model, keys = (
-        plan.experiment.training_model(plan.world),
-        block_keys(plan.seed, training_point(number), frames),
-    )
-    views = link.observe_each(finders, model, keys, preambles=False, frames=frames)
-    seen = (
-        tuple(part for one in of.values() for part in (one.readings.features, one.panels.found, one.bits))
-        for of in views
-    )
+    keys = block_keys(plan.seed, training_point(number), frames)
+    views = link.observe_each(finders, scenes, keys, preambles=False, frames=frames)
+    read = ([(one.readings.features, one.panels.found, one.bits) for one in of.values()] for of in views)
     # A block at a time: sums then do not depend on the batch's size.
-    for parts in in_blocks(seen):
+    for parts in in_blocks(tuple(itertools.chain(*each)) for each in read):
         for name, features, found, bits in zip(locators, *(parts[at::3] for at in range(3)), strict=True):
             leds = features[found], bits[found]
             fldas[name].update(leds[0][..., :_N_FEATURES], leds[1])
@@ -186,7 +182,7 @@ def train_once(
                 raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
         x, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True))
         own = Training(flda, frames, missed[name], x, bits, time.perf_counter() - begun)
-        trained[name] = train_classifiers(plan, link, finders[name], own, keep=keep, number=number)
+        trained[name] = train_classifiers(plan, link, finders[name], own, number, keep)
     return trained
 
 
@@ -263,16 +259,11 @@ def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
     with timing.threads(1):
         if not plan.receiver.classifiers:
             return train_each(plan, locators)
-        link, finders, numbers = Link.of(plan), plan.receiver.finders(locators), range(plan.budget.trainings)
-        return several(
-            [
-                {
-                    name: train_classifiers(plan, link, finders[name], Training(), number=number)
-                    for name in locators
-                }
-                for number in numbers
-            ]
-        )
+        link, finders, trained = Link.of(plan), plan.receiver.finders(locators).items(), []
+        for number in range(plan.budget.trainings):
+            learn = partial(train_classifiers, plan, link, training=Training(), number=number)
+            trained.append({name: learn(one) for name, one in finders})
+        return several(trained)
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -290,13 +281,9 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
 
     These frames are neither trained on nor tested.
     """
-    receiver, link, frames = (
-        trained_receiver(plan, training),
-        Link.of(plan),
-        min(CALIBRATION_FRAMES, plan.budget.training_frames),
-    )
+    link, frames = Link.of(plan), min(CALIBRATION_FRAMES, plan.budget.training_frames)
     model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "calibrate", frames)
-    receiver = receiver.to(link.simulator.device)
+    receiver = trained_receiver(plan, training).to(link.simulator.device)
     scores, bits, looks = [], [], []
     for seen in link.observe(model, keys, preambles=False, frames=frames):
         found = seen.panels.found
@@ -423,13 +410,7 @@ class PanelStream:
 
 
 def train_classifiers(
-    plan: Plan,
-    link: Link,
-    locator: PanelLocator | None,
-    training: Training,
-    *,
-    keep: bool = False,
-    number: int = 0,
+    plan: Plan, link: Link, locator: PanelLocator | None, training: Training, number: int, keep: bool = False
 ) -> Training:
     """Train a plan's classifiers one after the other.
 
@@ -440,8 +421,8 @@ def train_classifiers(
         link: simulation and reader.
         locator: what finds the panel, or None for the simulator's true corners.
         training: what is trained already.
-        keep: whether to keep simulated frames in memory for the next classifier.
         number: of the training, from 0 on; each has frames and first weights of its own.
+        keep: whether to keep simulated frames in memory for the next classifier.
 
     Returns:
         The training with the classifiers too, and what each took.

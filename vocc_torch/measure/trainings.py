@@ -46,9 +46,8 @@ class Trained:
         """Refuse what cannot be of the same frames."""
         sums = (sum(one.bits for one in self.each), sum(one.half_errors for one in self.each))
         if len(self.each) < 2 or sums != (self.pooled.bits, self.pooled.half_errors):
-            raise VoccError.of(
-                "trained.pooled", self.pooled, f"the sum of {len(self.each)} trainings, of two at least"
-            )
+            rule = f"the sum of {len(self.each)} trainings, of two at least"
+            raise VoccError.of("trained.pooled", self.pooled, rule)
 
     @property
     def rates(self) -> list[float]:
@@ -137,9 +136,8 @@ def mean_difference(a: Trained, b: Trained, pooled: PairedCounts, confidence: fl
         VoccError: trainings that cannot be paired.
     """
     if len(a.each) != len(b.each) or pooled.half_difference != a.pooled.half_errors - b.pooled.half_errors:
-        raise VoccError.of(
-            "pooled.half_difference", pooled.half_difference, "that of the same trainings of a and b"
-        )
+        rule = "that of the same trainings of a and b"
+        raise VoccError.of("pooled.half_difference", pooled.half_difference, rule)
     # Where no frame differs, all trainings are taken to differ alike in the frame that was not seen.
     size = float(len(a.each)) if pooled.bits >= len(a.each) * pooled.frames else 1.0
     frames = paired_interval(pooled, confidence, size)

@@ -154,10 +154,9 @@ def ink_on(colour: tuple[float, float, float]) -> str:
 
 def head(axes: Axes, letter: str, text: str) -> None:
     """Name a part of the figure above its axes, and say a line about it."""
-    axes.annotate(
-        letter, (0, 1), (0, 9), "axes fraction", "offset points", size=11.5, weight="bold", color=INK
-    )
-    axes.annotate(text, (0, 1), (24, 9), "axes fraction", "offset points", size=10, color=QUIET)
+    place = "axes fraction", "offset points"
+    axes.annotate(letter, (0, 1), (0, 9), *place, size=11.5, weight="bold", color=INK)
+    axes.annotate(text, (0, 1), (24, 9), *place, size=10, color=QUIET)
 
 
 def text_renderer(figure: Figure) -> RendererAgg:

@@ -4,7 +4,7 @@ import csv
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import MISSING, astuple, fields, replace
 from itertools import combinations
 from pathlib import Path
@@ -19,6 +19,7 @@ from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.ledger import SUFFIX, Ledger
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.sweep import Study
 
 Cells: TypeAlias = Sequence[str | int | float | None]
 """What a line of a CSV file holds."""
@@ -70,6 +71,14 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
                     path.unlink()
                     path.parent.rmdir()  # a folder of ledgers that is empty now
             raise
+
+
+def open_ledgers(
+    held: ExitStack, folder: Path, studies: Iterable[Study], console: Console
+) -> dict[str, Ledger]:
+    """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
+    every = {one.key: (folder / LEDGERS / f"{one.key}{SUFFIX}", one.identity) for one in studies}
+    return {key: held.enter_context(open_ledger(*one, console)) for key, one in every.items()}
 
 
 @contextmanager
@@ -129,12 +138,13 @@ def board_hint(folder: str | Path) -> str:
     return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
 
 
-def write_rows(path: str | Path, rows: Iterable[Cells]) -> None:
+def write_rows(path: str | Path, rows: Iterable[Cells], *, short: bool = False) -> None:
     r"""Write a CSV file, whole or not at all. Floats read back to the same float; None is an empty cell.
 
     Args:
         path: the file, replaced.
         rows: the names of the columns, and then as many cells each.
+        short: whether whole numbers lose their point, as :func:`cell_text` writes them.
 
     Raises:
         VoccError: the file cannot be written.
@@ -147,17 +157,18 @@ def write_rows(path: str | Path, rows: Iterable[Cells]) -> None:
         'grey,pixels,of\n7,0.1,\n'
     """
     with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
+        lines = (map(cell_text, row) for row in rows) if short else rows
+        csv.writer(file, lineterminator="\n").writerows(lines)
 
 
-def cell_text(value: str | int | float) -> str:
+def cell_text(value: str | int | float | None) -> str:
     """Write a cell: the shortest digits that give the float again, whole numbers without a point.
 
     Example:
-        >>> cell_text(1000.0), cell_text(0.1), cell_text(3)
-        ('1000', '0.1', '3')
+        >>> cell_text(1000.0), cell_text(0.1), cell_text(3), cell_text(None)
+        ('1000', '0.1', '3', '')
     """
-    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
+    return repr(value).removesuffix(".0") if isinstance(value, float) else "" if value is None else str(value)
 
 
 def cells(row: curve.Row) -> list[str]:
@@ -168,8 +179,7 @@ def cells(row: curve.Row) -> list[str]:
         >>> cells(row)[2:8]
         ['0.1', 'flda_3', 'truth', '1', '64', '0']
     """
-    given = (getattr(row, name) for name in curve.COLUMNS)
-    return ["" if one is None else cell_text(one) for one in given]
+    return [cell_text(getattr(row, name)) for name in curve.COLUMNS]
 
 
 def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
@@ -204,7 +214,7 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
         0
     """
     groups: dict[tuple[str, str], list[curve.Row]] = {}
-    kinds = get_type_hints(curve.Row)
+    kinds, plain = get_type_hints(curve.Row), (str, int, float)
     try:
         with Path(path).open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
@@ -219,9 +229,7 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                     text, kind = printable(cells[name] or ""), kinds[name]
                     try:
                         # What an optional column has is a number.
-                        parsed[name] = (
-                            (float(text) if text else None) if kind not in (str, int, float) else kind(text)
-                        )
+                        parsed[name] = kind(text) if kind in plain else float(text) if text else None
                     except ValueError:
                         wrong = f"{name} is {cells[name]!r}: it must be a number"
                         raise VoccError(f"{path}, line {reader.line_num}: {wrong}") from None
@@ -272,9 +280,8 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                     if (of := curves.trained_pair(a, b, value)) is not None:
                         count = len(curves.trained[a, value].each)
                         told = (count, of.value, of.low, of.high, int(of.real))
-                    cells = (*place, *given, *told)
-                    lines.append(["" if cell is None else cell_text(cell) for cell in cells])
-    write_rows(path, lines)
+                    lines.append((*place, *given, *told))
+    write_rows(path, lines, short=True)
 
 
 def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib import ticker
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.show import canvas
 from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
@@ -192,9 +192,6 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
         axis_label: label of the horizontal axis, with its unit.
         title: what the figure shows.
 
-    Raises:
-        VoccError: an empty table.
-
     Example:
         >>> from vocc_torch.measure.counts import Counts
         >>> from vocc_torch.measure.curve import Point
@@ -202,8 +199,6 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
         >>> ber_figure(BerTable(points), "Distance (m)", "One point").axes[0].get_yscale()
         'log'
     """
-    if not len(table):
-        raise VoccError("table is empty: a figure needs at least one point")
     styles = receiver_styles(table.receivers)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
@@ -240,21 +235,43 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     cell_in, margins_in = (4.1 if columns == 1 else 2.6, 2.4), (0.78, 0.15, 0.7, 0.55)
     figure, grid = canvas.new_grid(len(names), columns, cell_in, (0.62, 0.95), margins_in)
     for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
-        edges = np.histogram_bin_edges(values[:, number], bins=60)
-        for status, label, colour in ((~on, "Off", "#0072B2"), (on, "On", "#D55E00")):
-            shares = np.histogram(values[status, number], edges)[0] / int(status.sum())
-            axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
-            axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
-        axes.set_ylim(bottom=0)
-        axes.margins(x=0.02)
-        canvas.quiet_axes(axes, "y")
-        axes.set_xlabel(name)
-        axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
+        status_histogram(axes, values[:, number], on, name)
+        if number % columns:
+            axes.set_ylabel("")
     canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
     handles, _ = figure.axes[0].get_legend_handles_labels()
     look = {"handlelength": 2.0, "loc": "upper right", "fontsize": 10.5}
     canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / figure.get_figheight()), 2, **look)
     return figure
+
+
+OFF, ON = "#0072B2", "#D55E00"
+STATUS = ((False, "Off", OFF), (True, "On", ON))
+"""Both statuses of an LED, with their names and colours."""
+
+
+def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False) -> None:
+    """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
+
+    Args:
+        axes: where to draw.
+        values: any shape.
+        bits: of the same shape.
+        label: of the horizontal axis, with its unit.
+        log: whether shares are on a logarithmic axis, so that few LEDs show too.
+    """
+    edges, least = np.histogram_bin_edges(values, bins=60), 0.5 / bits.size if log else 0.0
+    for status, name, colour in STATUS:
+        chosen = values[bits == status]
+        shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
+        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
+        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least)
+    axes.margins(x=0.02)
+    axes.set_ylim(bottom=0)
+    if log:
+        axes.set(yscale="log", ylim=(least, 1.0))
+    canvas.quiet_axes(axes, "y")
+    axes.set(xlabel=label, ylabel="Share of LEDs")
 
 
 _FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
@@ -288,9 +305,6 @@ def facet_figure(
         styles: by name in the tables; those of receivers by default.
         rate: label of the vertical axis.
 
-    Raises:
-        VoccError: no facet, or a table without points.
-
     Example:
         >>> from vocc_torch.measure.counts import Counts
         >>> from vocc_torch.measure.curve import Point
@@ -298,10 +312,8 @@ def facet_figure(
         >>> len(facet_figure([{"25 mm": BerTable(points), "18 mm": "no panel"}], "Two", "").axes)
         2
     """
-    given = [one for row in rows for one in row.values()]
-    if not given or not all(map(len, given)):
-        raise VoccError("rows has no facet, or one without points: each needs at least one point")
-    tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
+    tables = [one for row in rows for one in row.values() if isinstance(one, BerTable)]
+    tables.sort(key=lambda one: -len(one.receivers))
     styles = styles or receiver_styles(name for table in tables for name in table.receivers)
     shown = [point for table in tables for point in table]
     figure, facets = facet_grid(rows, len(styles), axes_alike)

@@ -40,24 +40,17 @@ class Crop:
 
 
 def crops(
-    simulator: Simulator,
-    seed: int,
-    point: str,
-    model: SceneModel,
-    frames: int,
-    nearest_m: float | None = None,
+    simulator: Simulator, key: BlockKey, model: SceneModel, frames: int, nearest_m: float | None = None
 ) -> Iterator[Crop]:
-    """Render the panel's surroundings in the first frames of a point, one by one.
+    """Render the panel's surroundings in the first frames of a block, one by one.
 
     Args:
         simulator: one that frames by ``crop``.
-        seed: root seed.
-        point: name that keys the random draws.
+        key: names the block.
         model: the scenes.
         frames: how many, 1 to 64.
         nearest_m: distance of the panel that has room in every crop; by default each is as tight as it can.
     """
-    key = BlockKey(seed, point, 0)
     scenes, bits = model.draw(key, simulator.panel.shape)
     for frame in range(frames):
         row, keys = slice(frame, frame + 1), [FrameKey(key, frame)]
@@ -87,7 +80,7 @@ def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "t
         for name, model in (points[place] for place in places):
             axis, _, value = name.rpartition("/")[2].partition("=")
             label = f"{axis_label(axis)}: {value}" if value else ""
-            shown = crops(simulator, plan.seed, name, model, most // len(places))
+            shown = crops(simulator, BlockKey(plan.seed, name, 0), model, most // len(places))
             drawn[heads[kind]] += [(label, crop) for crop in shown]
     with atomic_file(folder / SAMPLES) as temporary:
         picture_of(drawn).save(temporary, format="PNG")

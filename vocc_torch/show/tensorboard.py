@@ -11,12 +11,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show import canvas, page, styles
+from vocc_torch.show.folder import as_markdown
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
@@ -46,6 +49,29 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
     return {value: step for step, value in seen.items()}
 
 
+def write_figures(
+    settings: Settings,
+    folder: Path,
+    figures: Mapping[str, canvas.Figure],
+    tables: Mapping[str, Sequence[BerTable]] = {},
+    **more: Mapping[str, Any],
+) -> None:
+    """Write a run's figures as PNG files and, where it wants one, its board with figures and configuration.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        figures: by the name of the file, without its end.
+        tables: as of :func:`write_boards`.
+        **more: ``texts``, ``images``, ``numbers`` and ``runs`` of :func:`write_boards`.
+    """
+    for name, figure in figures.items():
+        canvas.save_figure(figure, folder / f"{name}.png")
+    if settings.tensorboard:
+        more["texts"] = {"configuration": as_markdown(settings), **more.get("texts", {})}
+        write_boards(folder / "tensorboard", tables, figures, **more)
+
+
 def write_boards(
     folder: str | Path,
     tables: Mapping[str, Sequence[BerTable]],
@@ -53,6 +79,7 @@ def write_boards(
     images: Mapping[str, canvas.Pixels] = {},
     texts: Mapping[str, str] = {},
     numbers: Mapping[str, Mapping[str, float]] = {},
+    runs: Mapping[str, tuple[dict[str, Any], dict[str, float]]] = {},
 ) -> None:
     """Write one board of several tables; what an earlier call left in the same runs is replaced.
 
@@ -71,6 +98,7 @@ def write_boards(
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
         numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
+        runs: further runs by name, which are a row of the HPARAMS tab each: settings and numbers.
 
     Raises:
         VoccError: two values of an axis with the same step, or a folder that cannot be written.
@@ -95,6 +123,10 @@ def write_boards(
             for receiver in receivers:
                 with cleared_run(Path(folder) / receiver) as writer:
                     write_receiver(writer, parts, receiver, numbers.get(receiver, {}))
+            for name, row in runs.items():
+                with cleared_run(Path(folder) / name) as writer:
+                    # The run's own folder: any other would make a run more.
+                    writer.add_hparams(*row, run_name=".")
             with cleared_run(Path(folder) / SUMMARY_RUN) as writer:
                 write_guide(writer, parts)
                 for name, text in texts.items():

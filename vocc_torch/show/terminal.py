@@ -12,6 +12,7 @@ from rich.text import Text as Text
 
 from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.show import page
 from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
 Values = Sequence[float]
@@ -140,41 +141,15 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if not len(table):
         return console.print("No points were measured.")
     console.print(ber_table(table, console))
-    ends = sorted({row.frames for row in table})
-    count = " to ".join(map(str, dict.fromkeys([ends[0], ends[-1]])))
-    where = f"locator: {', '.join(table.locators)}"
-    text = f"{count} frames a point; {where}; 95 % intervals over frames, not bits"
-    if any(row.error_free for row in table):
-        text += "; <: no error seen, rate below this (95 %) if wrong frames are as bad as at other points"
-    if unseen := [row.unseen_below for row in table if row.unseen_below is not None]:
-        text += (
-            "; drawn where errors are expected, and weighed: a kind of wrong frame that was not sought may"
-        )
-        text += f" be unseen below {rate_text(max(unseen))} of the frames (95 %)"
-    console.print(Text(text, style="dim"))
-    for line in trainings_told(table):
+    given: dict[str, object] = {"free": any(row.error_free for row in table), "value_text": value_text}
+    given["unseen"] = [row.unseen_below for row in table if row.unseen_below is not None]
+    # How each receiver's rate scatters over the trainings; nothing after a single one.
+    rows = {receiver: [row for row in table.of(receiver) if row.ber_sd] for receiver in table.receivers}
+    given["scattered"] = {receiver: some for receiver, some in rows.items() if some}
+    about, *lines = page.render(__package__, "below.txt.j2", table=table, **given).splitlines()
+    console.print(Text(about, style="dim"))
+    for line in lines:
         console.print(line, soft_wrap=True, highlight=False, markup=False)
-
-
-def trainings_told(table: BerTable) -> list[str]:
-    """Say in a line for each receiver how its rate scatters over the trainings; nothing after a single one.
-
-    Example:
-        >>> trainings_told(BerTable())
-        []
-    """
-    lines = []
-    for receiver in table.receivers:
-        rows = [(row, row.algorithm) for row in table.of(receiver) if row.ber_sd]
-        points = [
-            f"{rate_text(of.value)} [{rate_text(of.low)}, {rate_text(of.high)}] at {value_text(row.value)}"
-            for row, of in rows
-            if of is not None
-        ]
-        lines += [f"  {receiver}: {'; '.join(points)}"] if points else []
-    count = max((row.trainings for row in table), default=1)
-    heading = f"\nThe algorithms, over {count} trainings and frames (95 %), by {table.axis}:"
-    return [heading, *lines] if lines else []
 
 
 class ProgressView:
@@ -224,10 +199,6 @@ class ProgressView:
     def advance(self, what: str, frames: int) -> None:
         """Count frames that were run now, and name what is under way."""
         self._bar.update(self._task.id, advance=frames, description=what)
-
-    def leave_out(self, frames: int) -> None:
-        """Take frames from the total that need not be run."""
-        self._bar.update(self._task.id, total=(self._task.total or 0) - frames)
 
     def say(self, text: str) -> None:
         """Print a line that stays."""
@@ -285,7 +256,8 @@ class StudyView(ProgressView):
         """
         self._finished += (points := list(points))
         self._rows, self._interim = BerTable(self._finished).rows, []
-        self.leave_out(self._frames_a_point - self._frames_here)
+        not_run = self._frames_a_point - self._frames_here
+        self._bar.update(self._task.id, total=(self._task.total or 0) - not_run)
         self._frames_here = 0
         self.advance(self._doing(), 0)
         for point in {one.value: one for one in points}.values() if self._bar.disable else ():

@@ -88,13 +88,10 @@ class DetectionTimes:
             # The longest label takes less than two fifths of the width.
             axes.set_xlim(0, 1.65 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
-        signs = [
-            axes.lines[-1],
-            Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
-        ]
+        quartiles = Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles")
         look: dict[str, Any] = {"loc": "upper right", "fontsize": 10.5, "handlelength": 2.0}
         at = (0.99, 1 - 0.06 / figure.get_figheight())
-        canvas.write_legend(figure, signs, at, columns=2, columnspacing=1.4, **look)
+        canvas.write_legend(figure, [axes.lines[-1], quartiles], at, 2, columnspacing=1.4, **look)
         return page.render(__package__, "times.txt.j2", times=self, at_a_time=_at_a_time).rstrip()
 
     def draw_bars(self, axes: Axes, place: Place) -> float:

@@ -74,40 +74,17 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
         sky, cut = light.of(g.uniform(0.1, 1.2)), g.uniform(-0.6, 0.4, 2) * slope
         sketch.polygon([(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky)
     if boxy and g.random() < 0.5:  # ribs, or a livery
-        count = int(g.integers(6, 30))
-        sketch.grid(
-            -half,
-            -high * 0.95,
-            half,
-            -high * 0.25,
-            1,
-            count,
-            g.uniform(0.2, 0.6),
-            light.of(paint * g.uniform(0.4, 1.6)),
-        )
+        count, fill, shade = int(g.integers(6, 30)), g.uniform(0.2, 0.6), g.uniform(0.4, 1.6)
+        sketch.grid(-half, -high * 0.95, half, -high * 0.25, 1, count, fill, light.of(paint * shade))
     if boxy and g.random() < 0.6:
-        size = g.uniform(0.12, 0.4)
-        sketch.text(
-            words_of(g, int(g.integers(4, 9))),
-            -half * 0.8,
-            -high * g.uniform(0.5, 0.9),
-            size,
-            light.of(g.uniform(0, 0.9)),
-        )
+        size, words = g.uniform(0.12, 0.4), words_of(g, int(g.integers(4, 9)))
+        sketch.text(words, -half * 0.8, -high * g.uniform(0.5, 0.9), size, light.of(g.uniform(0, 0.9)))
     if g.random() < 0.5:  # a grille
         rows, columns = int(g.integers(3, 10)), int(g.choice([1, 1, 8, 16]))
         top = belt * g.uniform(0.55, 0.8)
-        sketch.box(-half * 0.55, top, half * 0.55, top + 0.25, light.of(0.02))
-        sketch.grid(
-            -half * 0.55,
-            top,
-            half * 0.55,
-            top + 0.25,
-            rows,
-            columns,
-            g.uniform(0.3, 0.7),
-            light.of(g.uniform(0.05, 0.8)),
-        )
+        place = (-half * 0.55, top, half * 0.55, top + 0.25)
+        sketch.box(*place, light.of(0.02))
+        sketch.grid(*place, rows, columns, g.uniform(0.3, 0.7), light.of(g.uniform(0.05, 0.8)))
     _vehicle_lamps(g, light, sketch, half, max(belt, -1.1), rear)
     plate = -g.uniform(0.42, 0.8)
     sketch.box(-0.27, plate, 0.27, plate + 0.12, light.of(g.uniform(0.5, 0.8)) + g.uniform(0, 30) * light.lit)
@@ -137,10 +114,8 @@ def _vehicle_lamps(g: Generator, light: Light, sketch: Sketch, half: float, belt
         else:
             sketch.grid(left, top, right, top + tall, rows, columns, g.uniform(0.4, 0.8), own, round=True)
     if rear and g.random() < 0.4:
-        braking = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5))
-        sketch.grid(
-            -0.25, belt * 1.15, 0.25, belt * 1.15 + 0.03, 1, int(g.integers(6, 20)), 0.7, braking, round=True
-        )
+        braking, top = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5)), belt * 1.15
+        sketch.grid(-0.25, top, 0.25, top + 0.03, 1, int(g.integers(6, 20)), 0.7, braking, round=True)
 
 
 def house(generator: Generator, light: Light) -> Sketch:
@@ -151,22 +126,12 @@ def house(generator: Generator, light: Light) -> Sketch:
     rows, columns = max(1, round(high / g.uniform(2.6, 3.5))), max(2, round(wide / g.uniform(1.2, 4)))
     state = g.random(rows * columns)
     glass = light.daylight_cd_m2 * np.where(state < 0.5, 0.04, g.uniform(0.05, 1.0, len(state)))
-    inside = np.where(
-        g.random(len(state)) < light.lit * g.uniform(0.1, 0.7), np.exp(g.uniform(2.5, 6.5, len(state))), 0
-    )
-    inner = g.uniform(0.35, 0.8)
+    lived_in = g.random(len(state)) < light.lit * g.uniform(0.1, 0.7)
+    inside = np.where(lived_in, np.exp(g.uniform(2.5, 6.5, len(state))), 0)
+    windows, inner = (-wide / 2, -high, wide / 2, -1.2, rows, columns), g.uniform(0.35, 0.8)
     if g.random() < 0.6:
-        sketch.grid(
-            -wide / 2,
-            -high,
-            wide / 2,
-            -1.2,
-            rows,
-            columns,
-            min(inner * 1.15, 0.95),
-            light.of(g.uniform(0.2, 0.8)),
-        )
-    sketch.grid(-wide / 2, -high, wide / 2, -1.2, rows, columns, inner, np.maximum(glass + inside, 1e-6))
+        sketch.grid(*windows, min(inner * 1.15, 0.95), light.of(g.uniform(0.2, 0.8)))
+    sketch.grid(*windows, inner, np.maximum(glass + inside, 1e-6))
     if g.random() < 0.5:
         lit = bool(g.random() < light.lit)
         ground, ink = (light.lamp(g, 30, 2000, lit=lit) for _ in range(2))
@@ -187,22 +152,15 @@ def sign(generator: Generator, light: Light) -> Sketch:
         centre = np.array([[0.0, -up]])
         for share, shade in ((1.0, 0.12), (0.8, ink)):
             sketch.dots(centre, high / 2 * share, light.of(shade), round=True)
-        sketch.text(
-            str(int(g.integers(2, 13)) * 10), -high * 0.25, -up - high * 0.2, high * 0.4, light.of(0.03)
-        )
+        limit = str(int(g.integers(2, 13)) * 10)
+        sketch.text(limit, -high * 0.25, -up - high * 0.2, high * 0.4, light.of(0.03))
         return sketch
     sketch.box(-wide / 2, -up - high, wide / 2, -up, light.of(ground))
     lines = int(g.integers(1, 5))
     for line in range(lines):
         step = high / lines
-        length = max(1, int(g.uniform(0.4, 0.9) * wide / (step * 0.5)))
-        sketch.text(
-            words_of(g, min(length, 16)),
-            -wide * 0.45,
-            -up - high + step * (line + 0.15),
-            step * 0.7,
-            light.of(ink),
-        )
+        words = words_of(g, min(max(1, int(g.uniform(0.4, 0.9) * wide / (step * 0.5))), 16))
+        sketch.text(words, -wide * 0.45, -up - high + step * (line + 0.15), step * 0.7, light.of(ink))
     return sketch
 
 
@@ -215,17 +173,8 @@ def display(generator: Generator, light: Light) -> Sketch:
     sketch.box(-wide / 2 - rim, -up - rim, wide / 2 + rim, -up + high + rim, light.of(g.uniform(0.02, 0.2)))
     lamp = light.led_cd_m2 * spread(g, 0.2, 3) + light.of(0.2)
     if g.random() < 0.3 and lines * length < 9:
-        sketch.grid(
-            -wide / 2,
-            -up,
-            wide / 2,
-            -up + high,
-            12 * lines,
-            6 * length + 1,
-            fill,
-            light.of(g.uniform(0.02, 0.3)),
-            round=True,
-        )
+        dots, off = (12 * lines, 6 * length + 1), light.of(g.uniform(0.02, 0.3))
+        sketch.grid(-wide / 2, -up, wide / 2, -up + high, *dots, fill, off, round=True)
     for line in range(lines):
         sketch.text(words_of(g, length), -wide / 2 + dot, -up + dot * (12 * line + 1.5), 8 * dot, lamp, fill)
     return sketch
@@ -241,17 +190,8 @@ def fence(generator: Generator, light: Light) -> Sketch:
     if g.random() < 0.7:
         sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.03, 0.7)))
     shade = g.uniform(0.03, 0.8) * np.exp(g.normal(0, g.uniform(0, 0.25), rows * columns))
-    sketch.grid(
-        -wide / 2,
-        -high,
-        wide / 2,
-        0,
-        rows,
-        columns,
-        g.uniform(0.25, 0.9),
-        np.maximum(light.daylight_cd_m2 * shade, 1e-6),
-        round=bool(g.random() < 0.2),
-    )
+    luminance, fill = np.maximum(light.daylight_cd_m2 * shade, 1e-6), g.uniform(0.25, 0.9)
+    sketch.grid(-wide / 2, -high, wide / 2, 0, rows, columns, fill, luminance, round=bool(g.random() < 0.2))
     return sketch
 
 
@@ -262,34 +202,20 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     own = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(-0.07, -up, 0.07, 0, light.of(g.uniform(0.03, 0.3)))
     if kind == 0:
-        sketch.dots(
-            np.array([[g.uniform(-1, 1), -up]]),
-            np.array([g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]),
-            own,
-            round=True,
-        )
+        centre, half = [[g.uniform(-1, 1), -up]], [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]
+        sketch.dots(np.array(centre), np.array(half), own, round=True)
     elif kind == 1:
         sketch.box(-0.18, -up, 0.18, -up + 1.0, light.of(0.03))
         states = np.full(3, light.of(0.06))
         states[int(g.integers(3))] = light.lamp(g, 2e3, 2e4)
         sketch.grid(-0.18, -up + 0.02, 0.18, -up + 0.98, 3, 1, 0.7, states, round=True)
     else:
-        rows, columns = (
-            (1, int(g.integers(4, 25))) if kind == 2 else (int(g.integers(2, 6)), int(g.integers(2, 7)))
-        )
+        rows = 1 if kind == 2 else int(g.integers(2, 6))
+        columns = int(g.integers(4, 25) if kind == 2 else g.integers(2, 7))
         wide = columns * g.uniform(0.15, 0.6)
         bright = own * np.exp(g.normal(0, 0.15, rows * columns))
-        sketch.grid(
-            -wide / 2,
-            -up,
-            wide / 2,
-            -up + rows * wide / columns,
-            rows,
-            columns,
-            g.uniform(0.3, 0.8),
-            bright,
-            round=True,
-        )
+        foot, fill = -up + rows * wide / columns, g.uniform(0.3, 0.8)
+        sketch.grid(-wide / 2, -up, wide / 2, foot, rows, columns, fill, bright, round=True)
     return sketch
 
 
@@ -311,17 +237,8 @@ def marks(generator: Generator, light: Light) -> Sketch:
     paint, dash, lane = light.of(g.uniform(0.3, 0.7)), g.uniform(2, 6), g.uniform(2.8, 3.8)
     start, first = g.uniform(3, 9), g.uniform(-2.5, -1)
     for line in range(-1, 3):
-        x = first + line * lane
-        sketch.grid(
-            x - 0.08,
-            start,
-            x + 0.08,
-            start + 20 * dash,
-            20 if line in (0, 1) else 1,
-            1,
-            0.5 if line in (0, 1) else 1,
-            paint,
-        )
+        x, (dashes, fill) = first + line * lane, (20, 0.5) if line in (0, 1) else (1, 1.0)
+        sketch.grid(x - 0.08, start, x + 0.08, start + 20 * dash, dashes, 1, fill, paint)
     if g.random() < 0.3:
         ahead = g.uniform(8, 40)
         sketch.grid(first - lane, ahead, first + 2 * lane, ahead + 4, 1, int(g.integers(8, 16)), 0.5, paint)
@@ -333,13 +250,6 @@ Thing = Callable[[Generator, Light], Sketch]
 BESIDE: tuple[Thing, ...] = (vehicle, vehicle, house, sign, display, fence, lamp_post, tree)
 """What a street is drawn from, each entry with the same chance."""
 
-REACH_M: dict[Thing, float] = {
-    vehicle: 4.0,
-    house: 27.0,
-    sign: 7.0,
-    display: 8.0,
-    fence: 6.0,
-    lamp_post: 17.0,
-    tree: 18.0,
-}
+REACH_M: dict[Thing, float] = {vehicle: 4.0, house: 27.0, sign: 7.0, display: 8.0, fence: 6.0}
+REACH_M |= {lamp_post: 17.0, tree: 18.0}
 """How far each thing reaches from the middle of its foot at most, m."""

@@ -98,14 +98,6 @@ class Distribution:
         return values[generator.integers(len(values), size=count)]
 
 
-def as_distributions(effect: Any, *names: str) -> None:
-    """Make distributions of those parameters of an effect that are plain numbers."""
-    for name in names:
-        if not isinstance(given := getattr(effect, name), Distribution):
-            made = Distribution.parse(given, f"effects.{effect.name}.{name}")
-            object.__setattr__(effect, name, made)
-
-
 @dataclass(frozen=True, slots=True)
 class SceneModel:
     """The distribution of every value of a scene; the fields and units are those of :class:`Scene`.

@@ -184,11 +184,8 @@ def differing_keys(jobs: Sequence[Job]) -> list[str]:
         ['seed']
     """
     known = [job.settings for job in jobs if job.settings]
-    texts = {
-        key: [setting_text(settings.get(key)) for settings in known]
-        for key in dict.fromkeys(key for settings in known for key in settings)
-        if changes_results(key)
-    }
+    keys = dict.fromkeys(key for settings in known for key in settings if changes_results(key))
+    texts = {key: [setting_text(settings.get(key)) for settings in known] for key in keys}
     differing = [key for key, values in texts.items() if len(set(values)) > 1]
     told = [name for name in _NAMES if name in differing]
     rest = [key for key in differing if key not in told]

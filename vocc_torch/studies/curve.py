@@ -14,6 +14,7 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BlockKey
 from vocc_torch.show import canvas, heatmap, plots, samples, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
 from vocc_torch.simulation.scene import SCENE_FIELDS
@@ -180,10 +181,8 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     for value in sweep.monte_carlo_values(plan):
         name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
         seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
-        read, columns = receiver(seen.frames, seen.panels), []
-        for i, crop in enumerate(
-            samples.crops(link.simulator, plan.seed, name, model, most, model.nearest_m)
-        ):
+        read, columns, key = receiver(seen.frames, seen.panels), [], BlockKey(plan.seed, name, 0)
+        for i, crop in enumerate(samples.crops(link.simulator, key, model, most, model.nearest_m)):
             # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
             scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
             plain = drawn = np.asarray(canvas.enlarged(crop.pixels, scale))
@@ -235,36 +234,26 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
     with run_folder.resumable(settings, folder, console), ExitStack() as held:
-
-        def opened(study: sweep.Study) -> ledger.Ledger:
-            path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
-            return held.enter_context(run_folder.open_ledger(path, study.identity, console))
-
-        def trained() -> None:
-            run_folder.write_config(settings, folder)
-            samples.write_samples(folder, plan)
-
+        ledgers = run_folder.open_ledgers(held, folder, studies, console)
+        run_folder.write_config(settings, folder)
+        samples.write_samples(folder, plan)
         with workers.Workers.of(settings) as pool, terminal.ProgressView(frames, console) as view:
-            campaign = sweep.run_campaign(
-                studies,
-                pool,
-                opened,
-                trained=trained,
-                advance=lambda study, more: view.advance(study.plan.experiment.name, more),
-                finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
-            )
+
+            def advance(study: sweep.Study, more: int) -> None:
+                view.advance(study.plan.experiment.name, more)
+
+            def finished(study: sweep.Study, _: curve.Measured) -> None:
+                view.say(f"{study.plan.experiment.name} is measured")
+
+            campaign = sweep.run_campaign(studies, pool, ledgers, advance=advance, finished=finished)
         curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
         cells = grid.Grid(axis, tuple(rows), curves)
         run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
         run_folder.write_grid(folder / "ber.csv", {locator: cells})
         run_folder.write_paired(folder / "paired.csv", curves)
         figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
-        for name, figure in figures.items():
-            canvas.save_figure(figure, folder / f"{name}.png")
-        if settings.tensorboard:
-            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
-            texts = {"configuration": run_folder.as_markdown(settings)}
-            tensorboard.write_boards(folder / "tensorboard", tables, figures, {}, texts)
+        tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
+        tensorboard.write_figures(settings, folder, figures, tables)
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
         terminal.print_table(one.table(), console)

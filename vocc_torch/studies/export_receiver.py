@@ -98,8 +98,6 @@ def compared(
         with torch.inference_mode():
             (bits, scores), (own, near) = receiver(*given)[:2], graph(*given)[:2]
         off, wrong = int((scores != near).sum()), int((bits != own).sum())
-        most = max(apart.most, float((scores - near).abs().max()))
-        apart = GraphDifference(
-            apart.bits + bits.numel(), apart.bits_apart + wrong, apart.scores_apart + off, most
-        )
+        most, counted = max(apart.most, float((scores - near).abs().max())), apart.bits + bits.numel()
+        apart = GraphDifference(counted, apart.bits_apart + wrong, apart.scores_apart + off, most)
     return apart

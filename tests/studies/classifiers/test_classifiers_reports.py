@@ -18,6 +18,7 @@ from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
 from vocc_torch.measure.trainings import Trained
+from vocc_torch.show.tensorboard import write_boards
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import (
     GENIE,
@@ -27,7 +28,7 @@ from vocc_torch.studies.classifiers.results import (
     ratio_text,
     summary,
 )
-from vocc_torch.studies.classifiers.run import print_table, write_board, write_tables
+from vocc_torch.studies.classifiers.run import board_numbers, print_table, write_tables
 
 FRAMES = 1000
 WRONG = {"average_greyscale": (9000, 4000), "flda_3": (300, 200), "net": (5, 0), "plain": (60, 500)}
@@ -289,7 +290,7 @@ def test_the_map_of_scenes_says_what_is_certain(made_up):
 
 
 def test_the_board_has_the_prices_in_each_receivers_row(made_up, tmp_path):
-    write_board(tmp_path, made_up, {}, {"summary": "x"})
+    write_boards(tmp_path, {"": list(made_up.tables.values())}, numbers=board_numbers(made_up))
     assert {path.name for path in tmp_path.iterdir()} == {*WRONG, GENIE, "_summary"}
     events = EventAccumulator(str(tmp_path / "net"))
     events.Reload()

@@ -85,7 +85,9 @@ def compared(study, folder):
     """Run a study with a ledger for each experiment."""
     with ExitStack() as held, Workers(1) as alone:
         ledgers = {
-            name: held.enter_context(Ledger.open(folder / f"{name}.sqlite", identity(one, (study.locator,))))
+            name: held.enter_context(
+                Ledger.open(folder / f"{name}.sqlite", identity(one, (one.receiver.locator,)))
+            )
             for name, one in study.plans.items()
         }
         return compare_classifiers(study, ledgers, alone, nullcontext, ProgressView(0))

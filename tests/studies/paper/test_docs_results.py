@@ -64,11 +64,10 @@ def cells(row):
 
 def test_the_runs_own_files_are_read(run):
     """What task=figures writes names the lens as the script looks for it."""
-    from vocc_torch.studies.paper.run import write_short
     from vocc_torch.studies.paper.scorecard import readings_of, score
 
     scorecard = score(readings_of({25.0: {}, 18.0: {}}, {}), (25.0, "paper"))
-    write_short(run / "scorecard.csv", scorecard.rows())
+    write_rows(run / "scorecard.csv", scorecard.rows(), short=True)
     rows = [row for row in script.table(run).splitlines() if row.startswith("| ") and "claim |" not in row]
     assert len(rows) == len(scorecard.claims)
 

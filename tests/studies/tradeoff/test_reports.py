@@ -14,9 +14,10 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
+from vocc_torch.show.tensorboard import write_boards
 from vocc_torch.show.timing_figure import number_text
 from vocc_torch.studies.tradeoff.prices import Place
-from vocc_torch.studies.tradeoff.report import print_prices, recommendation, write_price_board, write_prices
+from vocc_torch.studies.tradeoff.report import price_runs, print_prices, recommendation, write_prices
 
 
 @pytest.fixture(scope="module")
@@ -205,8 +206,8 @@ def test_the_table_fits_and_shows_every_receiver(prices, width):
 
 
 def test_the_board_has_a_row_for_each_configuration(prices, tmp_path):
-    write_price_board(tmp_path, prices)
-    assert {run.name for run in tmp_path.iterdir()} == {one.name for one in SETTINGS}
+    write_boards(tmp_path, {}, runs=price_runs(prices))
+    assert {run.name for run in tmp_path.iterdir()} == {"_summary", *(one.name for one in SETTINGS)}
     events = EventAccumulator(str(tmp_path / SETTINGS[4].name)).Reload()
     assert "_hparams_/session_start_info" in events.summary_metadata
     scalars = {tag: events.Scalars(tag)[0].value for tag in events.Tags()["scalars"]}

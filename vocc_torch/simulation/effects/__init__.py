@@ -1,6 +1,5 @@
 """The effects by their place in the chain: what a scene names is built and run, the rest costs nothing."""
 
-import difflib
 import functools
 import inspect
 import itertools
@@ -9,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.errors import VoccError, demand_kind, shown, told_known
 from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.simulation.effects import (
     backdrops,
@@ -114,7 +113,7 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
             raise VoccError(f"{key}: {kind.__name__} must be a dataclass, its parameters being its fields")
         after = _last_of(kind.takes) if kind.after is None else kind.after
         if after not in ours:
-            raise VoccError(f"{key}.{AFTER} is {shown(after)}: {_known(after, list(ours))}")
+            raise VoccError(f"{key}.{AFTER} is {shown(after)}: {told_known(after, ours)}")
         kinds[name], places[name] = kind, (places[after][0], name)
     return {name: kinds[name] for name in sorted(kinds, key=places.__getitem__)}
 
@@ -124,12 +123,6 @@ def _last_of(quantity: Quantity) -> str:
     kinds = [kind for kind in PHYSICAL_ORDER if kind.takes == quantity]
     keeping = [kind for kind in kinds if kind.gives == quantity and kind.__module__ == kinds[0].__module__]
     return (keeping[-1] if keeping else PHYSICAL_ORDER[PHYSICAL_ORDER.index(kinds[0]) - 1]).name
-
-
-def _known(given: str, known: list[str]) -> str:
-    """Say what is known, nearest name first where there is one."""
-    near = difflib.get_close_matches(str(given), known, n=1)
-    return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(known) or 'none'}"
 
 
 def build_effects(named: Effects) -> tuple[Effect, ...]:
@@ -161,11 +154,9 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
     kinds = kinds_of(given)
     for name in given:
         if name not in kinds:
-            raise VoccError(f"scene.effects.{name} is not a known effect; {_known(name, list(kinds))}")
-    ordered = [name for name in kinds if name in given]
-    effects = [
-        one if isinstance(one := given[name], Effect) else _built(kinds[name], one) for name in ordered
-    ]
+            raise VoccError(f"scene.effects.{name} is not a known effect; {told_known(name, kinds)}")
+    ordered = [(kinds[name], given[name]) for name in kinds if name in given]
+    effects = [one if isinstance(one, Effect) else _built(kind, one) for kind, one in ordered]
     check_chain(effects)
     return tuple(effects)
 
@@ -183,7 +174,7 @@ def _built(kind: type[Effect], given: object) -> Effect:
         if kind.target and parameter in (TARGET, AFTER):
             continue
         if parameter not in signature:
-            known = _known(parameter, list(signature))
+            known = told_known(parameter, signature)
             raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
         kept = str(signature[parameter].annotation)
         if "Distribution" in kept:

@@ -15,9 +15,9 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.simulation.effects import street
-from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, within
 from vocc_torch.simulation.roadside import spread
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Array, Sketch
 
 Generator = np.random.Generator
@@ -58,7 +58,6 @@ class Photographs(Backdrop):
 
     def __post_init__(self) -> None:
         """Check the ranges, and that there are pictures."""
-        as_distributions(self, "level")
         Effect.__post_init__(self)
         pictures_of(self.folder, Path.cwd())
 
@@ -73,9 +72,7 @@ class Photographs(Backdrop):
         (height, width), shades = context.camera.sensor_px, []
         pictures = pictures_of(self.folder, Path.cwd())
         for i, generator in enumerate(context.generators(self.name, of_scene=True)):
-            path, _ = (pictures := pictures_of(self.folder, Path.cwd()))[
-                int(generator.integers(len(pictures)))
-            ]
+            path, _ = pictures[int(generator.integers(len(pictures)))]
             light = light_of(path, self.gamma, 2 * max(height, width))
             sides = light.shape[0] - 1, light.shape[1] - 1
             scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
@@ -86,8 +83,7 @@ class Photographs(Backdrop):
                 along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
                 places.append((along - 0.5).clip(0, side - 1))
             places[1] = sides[1] - 1 - places[1] if mirrored else places[1]
-            assert isinstance(self.level, Distribution)
-            level = np.float32(self.level.draw(generator, 1)[0])
+            level = np.float32(self.drawn("level", generator))
             shades.append(torch.from_numpy(street.between(light, places[1], places[0]) * level))
         return torch.stack(shades).unsqueeze(1)
 
@@ -144,7 +140,7 @@ def light_of(path: Path, gamma: float, most_px: int) -> street.Plane:
 
 
 @dataclass(frozen=True, slots=True)
-class Leaves(Effect, on=Quantity.BACKGROUND):
+class Leaves(street.Sketched):
     """Shapes of all sizes that cover one another, plain or patterned, some of them lamps.
 
     Discs, rectangles, triangles and stars lie at random places and turns, the largest behind. Their radii
@@ -175,33 +171,25 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
     contrast: float = within(0, 3, default=0.7)
     lamps: float = within(0, 1, default=0.05)
     patterned: float = within(0, 1, default=0.4)
-    sampled = fills_sensor = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Lay each frame's shapes before its (B,1,H,W) background luminance."""
-        planes, sensor_px = [], context.camera.sensor_px
-        for seen, generator in street.each_view(context, self.name):
-            keep, added = street.empty(value)
-            (left, top), (height, width) = seen.context.first_px[0].tolist(), keep.shape
-            plain = float(seen.context.scene.ambient_lx[0]) * context.panel.background_reflectance / math.pi
-            low, high = max(sensor_px) / 120, max(sensor_px) / 2.5
-            drawn = generator.random((self.count, 3))
-            radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
-            radii[: self.count // 20] = high * (0.3 + 0.7 * drawn[: self.count // 20, 0])
-            middles = drawn[:, 1:] * sensor_px[::-1]
-            seeds = generator.integers(1 << 62, size=self.count)
-            far = np.maximum((left, top) - middles, middles - (left + width, top + height)).max(axis=1)
-            for leaf in np.flatnonzero(far < 2 * radii):
-                own = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
-                turn, squeeze = own.uniform(0, 2 * math.pi), own.uniform(0.4, 1.0)
-                axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
-                axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
-                place = functools.partial(_moved, axes, middles[leaf])
-                street.lay_all(
-                    self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts, place, keep, added, seen.context
-                )
-            planes.append((keep, added))
-        return street.laid_before(value, planes)
+    def draw(self, layer: street.Layer, generator: Generator) -> None:
+        """Draw one frame's shapes."""
+        context, window = layer.seen.context, layer.window
+        plain = float(context.scene.ambient_lx[0]) * context.panel.background_reflectance / math.pi
+        low, high = max(context.camera.sensor_px) / 120, max(context.camera.sensor_px) / 2.5
+        drawn = generator.random((self.count, 3))
+        radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
+        radii[: self.count // 20] = high * (0.3 + 0.7 * drawn[: self.count // 20, 0])
+        middles = drawn[:, 1:] * context.camera.sensor_px[::-1]
+        seeds = generator.integers(1 << 62, size=self.count)
+        far = np.maximum(window[:2] - middles, middles - window[2:]).max(axis=1)
+        for leaf in np.flatnonzero(far < 2 * radii):
+            own = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
+            turn, squeeze = own.uniform(0, 2 * math.pi), own.uniform(0.4, 1.0)
+            axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+            axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
+            parts = self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts
+            layer.lay(parts, functools.partial(_moved, axes, middles[leaf]))
 
     def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
         """Draw one shape, about 1 in size; those that shine are small."""

@@ -149,11 +149,9 @@ class Lamps(Effect, on=Quantity.BACKGROUND):
             plane = painted[frame, 0]
             for centre in (generator.random((self.count, 2)) * (camera.width_px, camera.height_px)).tolist():
                 # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
-                ends = []
-                for c, first, side in zip(centre, origin, plane.shape[::-1], strict=True):
-                    ends.append(
-                        (max(math.floor(c - radius), first), min(math.ceil(c + radius), first + side))
-                    )
+                sides = zip(centre, origin, plane.shape[::-1], strict=True)
+                disc = [(math.floor(c - radius), math.ceil(c + radius), at, at + n) for c, at, n in sides]
+                ends = [(max(low, first), min(high, last)) for low, high, first, last in disc]
                 (left, right), (top, bottom) = ends
                 if left >= right or top >= bottom:
                     continue
@@ -223,7 +221,7 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         if panel.board_reflectance is not None:
             board = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
             boards = board.repeat_interleave(panel.shape.leds)
-            cells = cell_patches(leds_m, panel.pitch_m / 2, (canvas.shape[1], canvas.shape[2]), context)
+            cells = cell_patches(leds_m, panel.pitch_m / 2, (canvas.shape[1], canvas.shape[2]), context, None)
             covered, added = laid(canvas, boards, cells)
             # What an LED covers is board, also in a pixel that the board's edge crosses.
             canvas, shining = canvas * (1 - covered) + added, shining - board.view(-1, 1, 1)
@@ -248,11 +246,8 @@ def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, T
 
 def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     """Cover the LEDs (N,2) that each frame shows."""
-    seen, radius_m, (height, width) = (
-        view.view_of(context),
-        context.panel.led_diameter_m / 2,
-        canvas.shape[1:],
-    )
+    seen, radius_m = view.view_of(context), context.panel.led_diameter_m / 2
+    height, width = canvas.shape[1:]
     has_image = seen.has_image(leds_m, radius_m)
     # Our panel's centre, which has an image, stands in the place of points that have none.
     centre, spread = seen.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
@@ -263,11 +258,7 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
 
 
 def cell_patches(
-    leds_m: Tensor,
-    half_m: float | Tensor,
-    size: tuple[int, int],
-    context: Context,
-    drawn: Tensor | None = None,
+    leds_m: Tensor, half_m: float | Tensor, size: tuple[int, int], context: Context, drawn: Tensor | None
 ) -> Patches:
     """Cover squares about LEDs (N,2) of half a side, one or (B,1,1,1): cells are a board's parts.
 

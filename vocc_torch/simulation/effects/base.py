@@ -175,11 +175,14 @@ class Effect(ABC):
             cls.fills_sensor = cls.fills_sensor or cls.unbounded or takes == Quantity.BACKGROUND
 
     def __post_init__(self) -> None:
-        """Refuse by name a parameter outside its range; of a distribution, a bound that is."""
+        """Refuse by name a parameter outside its range; where a distribution may stand, a number is one."""
         for parameter in fields(self):
             rule, given = parameter.metadata, getattr(self, parameter.name)
             if not rule or (given is None and parameter.default is None):
                 continue
+            if "Distribution" in str(parameter.type) and not isinstance(given, Distribution):
+                given = Distribution.parse(given, f"effects.{self.name}.{parameter.name}")
+                object.__setattr__(self, parameter.name, given)
             low, high, above = rule["low"], rule["high"], rule["above"]
             for value in given.bounds if isinstance(given, Distribution) else (given,):
                 key = f"scene.effects.{self.name}.{parameter.name}"
@@ -203,6 +206,10 @@ class Effect(ABC):
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """How large an image of ``size_px`` (height, width) can become; a crop has room for it."""
         return size_px
+
+    def drawn(self, parameter: str, generator: np.random.Generator) -> float:
+        """Draw one value of a parameter that is a distribution."""
+        return float(getattr(self, parameter).draw(generator, 1)[0])
 
     def refusal(self, parameter: str, rule: str, value: float | None = None) -> VoccError:
         """The error that names a parameter, its value and what it must be."""

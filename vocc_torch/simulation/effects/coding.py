@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.sensor import Bayer
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import letters_mask, words_of
 
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
@@ -143,15 +143,6 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
     lettering: float = within(0, 1, default=0.0)
     sampled = fills_sensor = True
 
-    def __post_init__(self) -> None:
-        """Make the bar a distribution, and check the ranges."""
-        as_distributions(self, "bar")
-        Effect.__post_init__(self)
-
-    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
-        """Nothing: each pixel stands for itself."""
-        return 0
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Cover a part of each frame's (B,1,H,W) grey values."""
         frames, (height, width) = [], context.camera.sensor_px
@@ -159,8 +150,7 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
         for plane, generator, (left, top) in zip(value, generators, context.first_px.tolist(), strict=True):
             written = np.full(plane.shape[1:], np.nan)
             rows, columns = top + np.arange(plane.shape[1])[:, None], left + np.arange(plane.shape[2])
-            assert isinstance(self.bar, Distribution)
-            bar = float(self.bar.draw(generator, 1)[0]) * (generator.random() < self.share)
+            bar = self.drawn("bar", generator) * (generator.random() < self.share)
             along, full = ((rows, height), (columns, width))[int(generator.random() < 0.5)]
             written[((along < bar * full) | (along >= (1 - bar) * full)) & (rows >= 0) & (columns >= 0)] = 0
             mask = letters_mask(words_of(generator, int(generator.integers(8, 24))))

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
 
@@ -46,9 +46,8 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
 
     def present(self, context: Context) -> Tensor:
         """Which frames have a panel, (B,) bool."""
-        draws = [generator.random() for generator in context.generators(self.name, of_scene=True)]
-        there = torch.from_numpy(np.array(draws)) >= self.share
-        return there.to(context.scene.distance_m.device)
+        draws = np.array([g.random() for g in context.generators(self.name, of_scene=True)])
+        return torch.from_numpy(draws >= self.share).to(context.scene.distance_m.device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +93,6 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
     invisible: float = within(0, 1, default=0.25)
     sampled = True
 
-    def __post_init__(self) -> None:
-        """Make distributions of numbers, and check the ranges."""
-        as_distributions(self, "fill", "reflectance")
-        Effect.__post_init__(self)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Send the (B,R,C) light of an LED from the area that it has; the painter asks for the look."""
         nominal = context.panel.led_diameter_m / (2 * self.look(context).radius_m)
@@ -106,15 +100,10 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
 
     def look(self, context: Context) -> Look:
         """Draw each frame's look."""
-        assert isinstance(self.fill, Distribution)
-        assert isinstance(self.reflectance, Distribution)
-        drawn = [
-            (self.fill.draw(g, 1)[0], self.reflectance.draw(g, 1)[0], *g.random(2))
-            for g in context.generators(self.name, of_scene=True)
-        ]
-        fill, reflectance, shape, seen = (
-            torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device).T
-        )
+        streams = context.generators(self.name, of_scene=True)
+        drawn = [(self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2)) for g in streams]
+        each = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device)
+        fill, reflectance, shape, seen = each.unbind(1)
         radius = fill * (context.panel.pitch_m / 2)
         return Look(radius, shape < self.square, reflectance, seen >= self.invisible)
 
@@ -148,18 +137,11 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
     share: float = within(0, 1, default=1.0, above=True, hint="leave the effect out for none")
     sampled = True
 
-    def __post_init__(self) -> None:
-        """Make distributions of numbers, and check the ranges."""
-        as_distributions(self, "refresh_hz")
-        Effect.__post_init__(self)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply each row's (B,R,C) luminance by what the exposure catches of its pulses."""
-        assert isinstance(self.refresh_hz, Distribution)
-        drawn = [(self.refresh_hz.draw(g, 1)[0], *g.random(2)) for g in context.generators(self.name)]
-        rate, phase, chosen = (
-            torch.tensor(drawn, dtype=torch.float64).to(value.device).unsqueeze(-1).unbind(1)
-        )
+        drawn = [(self.drawn("refresh_hz", g), *g.random(2)) for g in context.generators(self.name)]
+        each = torch.tensor(drawn, dtype=torch.float64).to(value.device)
+        rate, phase, chosen = each.unsqueeze(-1).unbind(1)
         length = rate * context.camera.exposure_time_s
         begin = torch.arange(value.shape[1], device=value.device) % self.groups / self.groups
         caught = self._lit(phase + length, begin) - self._lit(phase, begin)
@@ -173,7 +155,7 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
 
 @dataclass(frozen=True, slots=True)
-class Housing(Effect, on=Quantity.BACKGROUND):
+class Housing(street.Sketched):
     """What a panel is built into: a board behind its LEDs, dark or light or none, a rim, and cables.
 
     All lie in the panel's plane and are matt, in the scene's daylight. The board covers the LEDs' cells and
@@ -203,53 +185,37 @@ class Housing(Effect, on=Quantity.BACKGROUND):
     rim: Distribution | float = within(0, 10, default=Distribution("choice", (0.0, 0.1, 0.3, 0.6, 1.5)))
     rim_reflectance: Distribution | float = within(0, 1, default=Distribution("log_uniform", (0.02, 0.8)))
     cables: Distribution | float = within(0, 20, default=Distribution("choice", (0.0, 0.0, 1.0, 3.0)))
-    sampled = fills_sensor = True
 
-    def __post_init__(self) -> None:
-        """Make distributions of numbers, and check the ranges."""
-        as_distributions(self, "board", "rim", "rim_reflectance", "cables")
-        Effect.__post_init__(self)
-
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Draw board, rim and cables before each frame's (B,1,H,W) background luminance."""
-        there, planes = present(context), []
-        for frame, (seen, generator) in enumerate(street.each_view(context, self.name)):
-            keep, added = street.empty(value)
-            parts = self.sketch(generator, seen.context).parts
-            if parts and (there is None or bool(there[frame])):
-                street.lay_all(parts, functools.partial(street.onto, seen), keep, added, seen.context)
-            planes.append((keep, added))
-        return street.laid_before(value, planes)
+    def draw(self, layer: street.Layer, generator: np.random.Generator) -> None:
+        """Draw one frame's board, rim and cables, where it has a panel."""
+        parts, there = self.sketch(generator, layer.seen.context).parts, present(layer.seen.context)
+        if parts and (there is None or bool(there)):
+            layer.lay(parts, functools.partial(street.onto, layer.seen))
 
     def sketch(self, generator: np.random.Generator, context: Context) -> Sketch:
         """Draw one frame's parts, m from the panel's middle."""
-        drawn, panel, made = {}, context.panel, Sketch()
-        for name in ("board", "rim", "rim_reflectance", "cables"):
-            own = getattr(self, name)
-            assert isinstance(own, Distribution)
-            drawn[name] = float(own.draw(generator, 1)[0])
+        panel, made = context.panel, Sketch()
+        parts = ("board", "rim", "rim_reflectance", "cables")
+        board, rim, reflectance, cables = (self.drawn(name, generator) for name in parts)
         white = float(context.scene.ambient_lx[0]) / math.pi
         x, y = (n * panel.pitch_m / 2 for n in (panel.shape.columns, panel.shape.rows))
-        rim, shade = drawn["rim"] * panel.pitch_m, max(white * drawn["rim_reflectance"], 1e-6)
+        rim, shade = rim * panel.pitch_m, max(white * reflectance, 1e-6)
         bare = bool(generator.random() < self.boardless)
-        for _ in range(round(drawn["cables"])):
-            thick, steps = (
-                generator.uniform(0.1, 0.8) * panel.pitch_m,
-                np.arange(9) / 8 * generator.uniform(0.5, 3),
-            )
+        for _ in range(round(cables)):
+            thick = generator.uniform(0.1, 0.8) * panel.pitch_m
+            steps = np.arange(9) / 8 * generator.uniform(0.5, 3)
             bend = np.cumsum(generator.normal(0, 0.3, 9)) + generator.uniform(-1, 1)
             line = np.stack([bend * x, y * (0.9 + steps)], axis=-1) * generator.choice([-1, 1])
-            side = thick / 2 * np.array([1.0, 0.0])
-            made.polygon(
-                [*(line - side), *(line + side)[::-1]], max(white * generator.uniform(0.02, 0.7), 1e-6)
-            )
+            side = np.array([thick / 2, 0.0])
+            outline = [*(line - side), *(line + side)[::-1]]
+            made.polygon(outline, max(white * generator.uniform(0.02, 0.7), 1e-6))
         if rim and not bare:
             made.box(-x - rim, -y - rim, x + rim, y + rim, shade)
         elif rim:
             for left, top, right, bottom in ((-x, -y, x, -y), (-x, y, x, y), (-x, -y, -x, y), (x, -y, x, y)):
                 made.box(left - rim, top - rim, right + rim, bottom + rim, shade)
         if not bare:
-            made.box(-x, -y, x, y, max(white * drawn["board"], 1e-6))
+            made.box(-x, -y, x, y, max(white * board, 1e-6))
         return made
 
 
@@ -260,9 +226,7 @@ def look(context: Context) -> Look | None:
 
 def present(context: Context) -> Tensor | None:
     """Which frames have a panel, (B,) bool, or None where all have."""
-    return next(
-        (effect.present(context) for effect in context.effects if isinstance(effect, PanelAbsent)), None
-    )
+    return next((one.present(context) for one in context.effects if isinstance(one, PanelAbsent)), None)
 
 
 AT_THE_LEDS = (LedLook, Multiplexing, PanelAbsent)

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 
 Generator = np.random.Generator
 Plane = NDArray[np.float32]
@@ -85,9 +86,8 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         self, generator: np.random.Generator, sensor_px: tuple[int, int], origin: list[int], size: torch.Size
     ) -> Plane:
         """Luminance of a part of one frame over that of the plain background."""
-        sky, far, ground = (
-            roadside.spread(generator, low, high) for low, high in ((2, 7), (0.15, 1.5), (0.3, 2))
-        )
+        ranges = (2, 7), (0.15, 1.5), (0.3, 2)
+        sky, far, ground = (roadside.spread(generator, low, high) for low, high in ranges)
         horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
         skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(0.02, 0.12)
         nodes = noise_nodes(generator, sensor_px)
@@ -109,12 +109,66 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         return shade
 
 
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """What lies before one frame's background.
+
+    Args:
+        seen: the frame alone, as its camera sees the panel.
+        keep: (H,W) share of what is behind that stays, drawn on in place.
+        added: (H,W) light of what was drawn, cd/m2, likewise.
+    """
+
+    seen: view.View
+    keep: Plane
+    added: Plane
+
+    @property
+    def window(self) -> sketch.Window:
+        """The part of the sensor that it covers, px: left, top, right and bottom."""
+        (left, top), (height, width) = self.seen.context.first_px[0].tolist(), self.keep.shape
+        return left, top, left + width, top + height
+
+    def lay(
+        self, parts: list[sketch.Part], place: Callable[[sketch.Array], sketch.Array], share: float = 1.0
+    ) -> None:
+        """Lay a sketch before what is there; a mirror shows a ``share`` of it."""
+        for x, y, cover, light in sketch.patches(parts, place, self.window):
+            if share < 1:
+                cover, light = cover * np.float32(share), light * np.float32(share)
+            sketch.lay(self.keep, self.added, (x, y, cover, light), self.window[:2])
+
+
+class Sketched(Effect, on=Quantity.BACKGROUND):
+    """Things that are drawn before the background, each frame's by a stream of its own."""
+
+    sampled = fills_sensor = True
+
+    @abstractmethod
+    def draw(self, layer: Layer, generator: Generator) -> None:
+        """Draw one frame's things."""
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Lay what is drawn before each frame's (B,1,H,W) background luminance."""
+        every, layers, size = view.view_of(context), [], tuple(value.shape[-2:])
+        for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
+            row = slice(frame, frame + 1)
+            keys, origin = context.keys[row], context.first_px[row]
+            alone = replace(context, scene=context.scene[row], keys=keys, origin_px=origin)
+            seen = view.View(every.placement[row], alone, every.effects)
+            layers.append(Layer(seen, np.ones(size, np.float32), np.zeros(size, np.float32)))
+            self.draw(layers[-1], generator)
+        planes = [one.keep for one in layers], [one.added for one in layers]
+        keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1).to(value) for each in planes)
+        return value * keep + added
+
+
 Placed = tuple[float, roadside.Thing, Callable[[sketch.Array], sketch.Array], int, tuple[float, float], float]
 """Distance m, what is drawn, how it lies on the sensor, its seed, its middle on the sensor, its reach, px."""
 
 
 @dataclass(frozen=True, slots=True)
-class Clutter(Effect, on=Quantity.BACKGROUND):
+class Clutter(Sketched):
     """Vehicles, houses, signs with lettering, displays of dots, fences, lamps and trees behind the panel.
 
     Each is a flat drawing of random proportions on a plane of its own, seen through the pinhole camera from
@@ -149,52 +203,32 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
     lit: float = within(0, 1, default=0.3)
     carried: float = within(0, 1, default=0.6)
     wet: float = within(0, 1, default=0.2)
-    sampled = fills_sensor = True
 
-    def __post_init__(self) -> None:
-        """Make the number a distribution, and check the ranges."""
-        as_distributions(self, "things")
-        Effect.__post_init__(self)
-
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Draw the things before each frame's (B,1,H,W) background luminance."""
-        planes = []
-        for seen, generator in each_view(context, self.name):
-            keep, added = empty(value)
-            self.draw(generator, seen, keep, added)
-            planes.append((keep, added))
-        return laid_before(value, planes)
-
-    def draw(self, generator: Generator, seen: view.View, keep: Plane, added: Plane) -> None:
-        """Draw one frame's things: the share of what is behind that stays, and their light."""
-        scene, (left, top), (height, width) = (
-            seen.context.scene,
-            seen.context.first_px[0].tolist(),
-            keep.shape,
-        )
+    def draw(self, layer: Layer, generator: Generator) -> None:
+        """Draw one frame's things."""
+        seen, (left, top, right, bottom) = layer.seen, layer.window
+        scene = seen.context.scene
         white, led = float(scene.ambient_lx[0]) / math.pi, float(scene.led_luminance_cd_m2[0])
         light = roadside.Light(white, led, self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
         for _, thing, place, seed, (x, y), reach in self.placed(generator, seen):
-            if max(x - left - width, left - x, y - top - height, top - y) > reach:
+            if max(x - right, left - x, y - bottom, top - y) > reach:
                 continue
             parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
             if wet and thing is not roadside.marks:
-                mirrored = [(points * (1, -1), luminance) for points, luminance in parts]
-                lay_all(mirrored, place, keep, added, seen.context, wet)
-            lay_all(parts, place, keep, added, seen.context)
+                layer.lay([(points * (1, -1), luminance) for points, luminance in parts], place, wet)
+            layer.lay(parts, place)
         # No surface is of one shade: dirt, and what it mirrors.
         nodes = noise_nodes(generator, seen.context.camera.sensor_px)
-        x, y = left + np.arange(width) + 0.5, top + np.arange(height) + 0.5
-        added *= np.maximum(1 + np.float32(0.12) * between(nodes, x / NODE_PX, y / NODE_PX), 0)
+        columns, rows = ((np.arange(*ends) + 0.5) / NODE_PX for ends in ((left, right), (top, bottom)))
+        layer.added[:] *= np.maximum(1 + np.float32(0.12) * between(nodes, columns, rows), 0)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
         camera, panel = seen.context.camera, seen.context.panel
         focal, (height, width) = camera.focal_length_px, camera.sensor_px
         panel_m = float(seen.context.scene.distance_m[0])
-        assert isinstance(self.things, Distribution)
-        count = round(float(self.things.draw(generator, 1)[0]))
+        count = round(self.drawn("things", generator))
         kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
         depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
         columns, turns = generator.uniform(0, width, count).tolist(), generator.standard_normal((count, 2))
@@ -240,44 +274,6 @@ def onto(seen: view.View, points: sketch.Array) -> sketch.Array:
         return np.full_like(points, np.nan)
     image: sketch.Array = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
     return image
-
-
-def each_view(context: Context, stream: str) -> Iterator[tuple[view.View, Generator]]:
-    """Give each frame alone as its camera sees the panel, and its random stream."""
-    seen = view.view_of(context)
-    for frame, generator in enumerate(context.generators(stream, of_scene=True)):
-        row = slice(frame, frame + 1)
-        keys, origin = context.keys[row], context.first_px[row]
-        alone = replace(context, scene=context.scene[row], keys=keys, origin_px=origin)
-        yield view.View(seen.placement[row], alone, seen.effects), generator
-
-
-def empty(value: Tensor) -> tuple[Plane, Plane]:
-    """Give planes for a frame of (B,1,H,W): all of what is behind stays, and no light is added."""
-    size = tuple(value.shape[-2:])
-    return np.ones(size, dtype=np.float32), np.zeros(size, dtype=np.float32)
-
-
-def lay_all(
-    parts: list[sketch.Part],
-    place: Callable[[sketch.Array], sketch.Array],
-    keep: Plane,
-    added: Plane,
-    context: Context,
-    share: float = 1.0,
-) -> None:
-    """Lay a sketch before one frame's planes in place; a mirror shows a ``share`` of it."""
-    (left, top), (height, width) = context.first_px[0].tolist(), keep.shape
-    for x, y, cover, light in sketch.patches(parts, place, (left, top, left + width, top + height)):
-        if share < 1:
-            cover, light = cover * np.float32(share), light * np.float32(share)
-        sketch.lay(keep, added, (x, y, cover, light), (left, top))
-
-
-def laid_before(value: Tensor, planes: list[tuple[Plane, Plane]]) -> Tensor:
-    """Lay each frame's planes before (B,1,H,W) luminance."""
-    keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1) for each in zip(*planes, strict=True))
-    return value * keep.to(value) + added.to(value)
 
 
 def plane_onto(

@@ -11,7 +11,7 @@ from numpy.polynomial import Polynomial
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.effects.base import Context, Effect, Extent, PointEffect, Quantity, within
-from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 
 STEEPEST_DEG = 80.0
@@ -72,8 +72,7 @@ class Pose(Effect, on=Quantity.PLACEMENT):
     sampled = True
 
     def __post_init__(self) -> None:
-        """Make every angle a distribution, and check the ranges."""
-        as_distributions(self, "yaw_deg", "pitch_deg", "roll_deg")
+        """Check the ranges."""
         Effect.__post_init__(self)
         if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
             rest = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"

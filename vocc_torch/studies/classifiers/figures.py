@@ -66,11 +66,9 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     at_signs, look = (0.01, 1 - 0.42 / height), {"fontsize": 9.8, "handlelength": 2.2}
     canvas.write_legend(figure, signs, at_signs, len(signs), **look)
     note = f"{styles.range_text(row.frames for row in rows)} frames a point \N{MIDDLE DOT} locator: "
-    note += (
-        f"{table.locators[0]} \N{MIDDLE DOT} fractions and multiples: of {reference}, on the same frames\n"
-    )
+    note += f"{table.locators[0]} \N{MIDDLE DOT} fractions and multiples: of {reference}, on the same frames"
     heading = f"Bit error rate of {len(names)} receivers over {label.partition(' (')[0].lower()}"
-    canvas.write_title(figure, f"{heading}, the best first", note + plots.interval_note(rows))
+    canvas.write_title(figure, f"{heading}, the best first", f"{note}\n{plots.interval_note(rows)}")
     return figure
 
 
@@ -107,11 +105,8 @@ def scenes_figure(comparison: Comparison) -> Figure:
         for line, row in enumerate(rows):
             for column, one in enumerate(row):
                 rate, under = one.counts.ber, against_home(one)
-                text = (
-                    styles.rate_text(rate)
-                    if rate
-                    else f"< {styles.rate_text(intervals.ber_interval(one.counts).high)}"
-                )
+                limit = styles.rate_text(intervals.ber_interval(one.counts).high)
+                text = styles.rate_text(rate) if rate else f"< {limit}"
                 for words, down, size in ((text, 0.32 if under else 0.5, 9), (under, 0.71, 7.8)):
                     heatmap.write_rate(axes, (column + 0.5, line + down), words, size, norm, rate)
         axes.invert_yaxis()

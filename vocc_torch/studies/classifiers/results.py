@@ -165,12 +165,8 @@ class Comparison:
         After several trainings they are those of all of them.
         """
         names = next(iter(self.curves.values())).receivers
-        total = {
-            name: sum(
-                one.tested(name, value).half_errors for one in self.curves.values() for value in one.values
-            )
-            for name in names
-        }
+        points = [(curves, value) for curves in self.curves.values() for value in curves.values]
+        total = {name: sum(one.tested(name, at).half_errors for one, at in points) for name in names}
         return dict(sorted(total.items(), key=lambda one: one[1]))
 
     @property
@@ -225,9 +221,8 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     told["worse"] = [one for one in apart if one.surely_worse(len(apart))]
     told["genie"] = sum((one.genie.counts for *_, one in points), Counts())
     told["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
-    told["on_its_frames"] = {
-        name: sum(one.receivers[name].bit_errors for *_, one in points) for name in ranked
-    }
+    there = [one.receivers for *_, one in points]
+    told["on_its_frames"] = {name: sum(one[name].bit_errors for one in there) for name in ranked}
     words = {"ratio_text": ratio_text, "value_text": styles.value_text, "comparison": comparison}
     text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **words)
     parts = text.strip().split("\n\n")

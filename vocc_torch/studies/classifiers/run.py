@@ -1,13 +1,13 @@
 """``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import config, counts, curve, estimate, intervals, paired, workers
-from vocc_torch.show import canvas, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import styles, tensorboard, terminal
 from vocc_torch.studies.classifiers import RivalsConfig, figures
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, ratio_text, summary
 from vocc_torch.studies.classifiers.study import build_classifier_study, compare_classifiers
@@ -16,6 +16,7 @@ _ENDS = ("ber", "ber_low", "ber_high")
 _COUNTED = ("frames", "bits", "bit_errors", *_ENDS)
 _ALGORITHM = ("ber_mean", "algorithm_low", "algorithm_high")
 _RATIO = ("ratio", "ratio_low", "ratio_high")
+_OF_ALGORITHM = (*_ALGORITHM, *(f"algorithm_{one}" for one in _RATIO))
 
 
 def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Path) -> None:
@@ -27,10 +28,7 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     study, console = build_classifier_study(settings, rivals, folder), terminal.Console()
     with run_folder.resumable(settings, folder, console), ExitStack() as held:
-        ledgers = {}
-        for one in study.studies:
-            path = folder / run_folder.LEDGERS / f"{one.key}.sqlite"
-            ledgers[one.key] = held.enter_context(run_folder.open_ledger(path, one.identity, console))
+        ledgers = run_folder.open_ledgers(held, folder, study.studies, console)
         run_folder.write_config(settings, folder)
         frames = sum(one.frames for one in study.studies)
         view = held.enter_context(terminal.ProgressView(frames, console))
@@ -44,11 +42,9 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     drawn = {name: figures.curves_figure(comparison, name) for name in comparison.curves}
     if comparison.transfers:
         drawn["robustness"] = figures.scenes_figure(comparison)
-    for name, figure in drawn.items():
-        canvas.save_figure(figure, folder / f"{name}.png")
-    if settings.tensorboard:
-        texts = {"configuration": run_folder.as_markdown(settings), "summary": f"```\n{words}\n```"}
-        write_board(folder / "tensorboard", comparison, drawn, texts)
+    tables, texts = {"": list(comparison.tables.values())}, {"summary": f"```\n{words}\n```"}
+    numbers = board_numbers(comparison)
+    tensorboard.write_figures(settings, folder, drawn, tables, texts=texts, numbers=numbers)
     print_table(comparison, console)
     console.print(terminal.Text(summary(comparison, min(100, console.width))), soft_wrap=True)
     places = [("table", "classifiers.csv"), ("points", "ber.csv"), ("pairs", "paired.csv")]
@@ -74,8 +70,7 @@ def write_tables(folder: Path, comparison: Comparison) -> None:
     tables |= {"genie": genie_lines(comparison)} if comparison.genie else {}
     tables |= {"robustness": scene_lines(comparison)} if comparison.transfers else {}
     for name, lines in tables.items():
-        texts = (["" if one is None else run_folder.cell_text(one) for one in line] for line in lines)
-        run_folder.write_rows(folder / f"{name}.csv", texts)
+        run_folder.write_rows(folder / f"{name}.csv", lines, short=True)
 
 
 def paired_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
@@ -118,9 +113,7 @@ def classifier_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
     points = [f"{name}_{at:g}_{what}" for name, at in comparison.points.items() for what in (*_ENDS, *_RATIO)]
     several = ["trainings"] if comparison.trainings > 1 else []
     for name, at in comparison.points.items() if several else ():
-        several += [
-            f"{name}_{at:g}_{what}" for what in (*_ALGORITHM, *(f"algorithm_{one}" for one in _RATIO))
-        ]
+        several += [f"{name}_{at:g}_{what}" for what in _OF_ALGORITHM]
     yield ("receiver", *costs, *points, *several)
     for receiver in comparison.ranked:
         made = comparison.costs[receiver]
@@ -163,22 +156,8 @@ def scene_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
         yield (one.trained_on, one.tested_on, one.receiver, *_counted(one.counts), *wrong)
 
 
-def write_board(
-    folder: Path, comparison: Comparison, drawn: Mapping[str, canvas.Figure], texts: Mapping[str, str]
-) -> None:
-    """Write a TensorBoard with a run for each receiver, and one for the genie.
-
-    A receiver's row of the HPARAMS tab has its rates at the summary's points and its costs too.
-
-    Args:
-        folder: the folder that TensorBoard is to be pointed at.
-        comparison: what was measured.
-        drawn: figures by name.
-        texts: Markdown by name.
-
-    Raises:
-        VoccError: the folder cannot be written.
-    """
+def board_numbers(comparison: Comparison) -> dict[str, dict[str, float]]:
+    """Give each receiver's rates at the summary's points, and its costs, for its row of the HPARAMS tab."""
     numbers: dict[str, dict[str, float]] = {}
     for receiver in [*comparison.ranked, *([GENIE] if comparison.genie else [])]:
         told: dict[str, float | None] = {"bits_ms": comparison.decision_ms.get(receiver)}
@@ -192,7 +171,7 @@ def write_board(
             told |= {"making/training_s": made.training_s, "making/training_frames": made.frames}
             told |= {"making/parameters": made.parameters, "making/size_bytes": made.size_bytes}
         numbers[receiver] = {what: float(given) for what, given in told.items() if given is not None}
-    tensorboard.write_boards(folder, {"": list(comparison.tables.values())}, drawn, {}, texts, numbers)
+    return numbers
 
 
 def print_table(comparison: Comparison, console: terminal.Console) -> None:

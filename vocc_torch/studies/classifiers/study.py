@@ -6,12 +6,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, demand_least, section
 from vocc_torch.measure import build, config, frame_errors, ledger, stage_times, sweep, timing, workers
 from vocc_torch.measure.genie import genie_reference
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
+from vocc_torch.measure.plan import Budget, Experiment, Plan
 from vocc_torch.measure.point_work import Outcome
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
@@ -68,9 +68,7 @@ class ClassifierStudy:
             if value not in (values := self.plans[name].experiment.values):
                 allowed = ", ".join(f"{one:g}" for one in values)
                 raise VoccError.of(f"rivals.points.{name}", f"{value:g}", f"one of {allowed}")
-        for key, least in (("genie_frames", 0), ("scene_frames", 0), ("scene_training_frames", 2)):
-            if (given := getattr(self.config, key)) < least:
-                raise VoccError.of(f"rivals.{key}", given, f"at least {least}")
+        demand_least("rivals.", self.config, genie_frames=0, scene_frames=0, scene_training_frames=2)
         if self.home in self.scenes:
             raise VoccError(f"rivals.scenes.{self.home} is the scene of the experiments: leave it out")
 
@@ -80,14 +78,9 @@ class ClassifierStudy:
         return next(iter(self.plans.values()))
 
     @property
-    def locator(self) -> Locator:
-        """What finds the panel, for every receiver."""
-        return self.base.receiver.locator
-
-    @property
     def studies(self) -> list[sweep.Study]:
         """The experiments as they are measured."""
-        return [sweep.Study(name, plan, (self.locator,)) for name, plan in self.plans.items()]
+        return [sweep.Study(name, one, (one.receiver.locator,)) for name, one in self.plans.items()]
 
     @property
     def scene_plans(self) -> dict[str, Plan]:
@@ -158,7 +151,7 @@ def compare_classifiers(
     Raises:
         VoccError: what cannot be trained, or a worker that was ended from outside.
     """
-    names, at = study.base.receiver.names, study.locator
+    names, at = study.base.receiver.names, study.base.receiver.locator
     for one in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(one.build, one.inputs)
@@ -237,8 +230,7 @@ def counted(
     locator = plan.receiver.locator
     receivers = frame_errors.Banks([(locator, bank) for bank in banks])
     job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
-    calls = job.handed_out(plan.budget.frames, pool)
-    return lambda: frame_errors.FrameErrors.joined(call.result() for call in calls)
+    return job.handed_out(plan.budget.frames, pool)
 
 
 def across_scenes(

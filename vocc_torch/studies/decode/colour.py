@@ -204,8 +204,6 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
         before, bits = bits, (rows - light[0]) @ own > 0.5
         if torch.equal(before, bits):
             break
-    offset = 63.75 - 127.5 * light[0] @ own
-    return tuple(
-        Mix(name, tuple((127.5 * own[:, number]).tolist()), float(offset[number]), True)
-        for number, name in enumerate(CHANNELS[2:5])
-    )
+    offsets = (63.75 - 127.5 * light[0] @ own).tolist()
+    each = zip(CHANNELS[2:5], (127.5 * own).T.tolist(), offsets, strict=True)
+    return tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)

@@ -124,20 +124,11 @@ def decode(
             corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
             looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
             expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
-            given = (
-                read.found,
-                least,
-                read.panel_score,
-                read.candidates,
-                is_doubtful(read),
-                expected,
-                parted(read.scores, read.bits) < LEAST_PARTED,
-                read.false_alarms,
-            )
+            one_level = parted(read.scores, read.bits) < LEAST_PARTED
+            given = read.found, least, read.panel_score, read.candidates, is_doubtful(read), expected
+            columns = (one.tolist() for one in (*given, one_level, read.false_alarms))
             number, before = 0, None
-            for i, (place, found, *judged) in enumerate(
-                zip(whose, *(one.tolist() for one in given), strict=True)
-            ):
+            for i, (place, found, *judged) in enumerate(zip(whose, *columns, strict=True)):
                 frame, number = batch[place], number + 1 if place == before else 0
                 before = place
                 names = [name for name, far in beyond.items() if far[i] and found]

@@ -9,6 +9,7 @@ from itertools import chain, count, islice
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from vocc_torch.errors import VoccError
@@ -181,18 +182,15 @@ def in_best_channel(
     receiver: Receiver, recording: Iterator[RecordedFrame]
 ) -> tuple[Iterator[RecordedFrame], str]:
     """Give a recording the grey plane that its first frames are read best in, and say which."""
-    first = list(islice(recording, SEEN_FRAMES))
-    shown = [one.colour for one in first if one.colour.shape == first[0].colour.shape]
+    shown, every = first_colours(recording)
     mix, far, sure = channel_of(receiver, shown)
-    rest = chain(first, recording)
-    frames = rest if mix.name == "luma" else (replace(one, grey=mix(one.colour)) for one in rest)
+    frames = every if mix.name == "luma" else (replace(one, grey=mix(one.colour)) for one in every)
+    why = f"On and Off lie {far:.3g} standard deviations apart in the first {len(shown)} frames"
+    why += f", {sure} of them without doubt"
     if math.isnan(far):
         why = f"the first {len(shown)} frames are grey"
     elif not far:
         why = f"no panel was found in the first {len(shown)} frames"
-    else:
-        why = f"On and Off lie {far:.3g} standard deviations apart in the first {len(shown)} frames"
-        why += f", {sure} of them without doubt"
     return frames, f"decode.channel=auto: {mix}, for {why}"
 
 
@@ -204,15 +202,18 @@ def in_each_colour(
     Raises:
         VoccError: the first frames show no panel on which three colours send different bits.
     """
-    first = list(islice(recording, SEEN_FRAMES))
-    shown = [one.colour for one in first if one.colour.shape == first[0].colour.shape]
+    shown, every = first_colours(recording)
     mixes = unmixed(receiver, shown)
     if not mixes:
-        rule = (
-            f"auto, or one channel: the first {len(shown)} frames show no panel on which three colours differ"
-        )
-        raise VoccError.of("decode.channel", "unmix", rule)
-    frames = (
-        replace(one, grey=mix(one.colour), light=mix.name) for one in chain(first, recording) for mix in mixes
-    )
+        none = f"the first {len(shown)} frames show no panel on which three colours differ"
+        raise VoccError.of("decode.channel", "unmix", f"auto, or one channel: {none}")
+    frames = (replace(one, grey=mix(one.colour), light=mix.name) for one in every for mix in mixes)
     return frames, f"decode.channel=unmix: {'; '.join(map(str, mixes))}, of linear light"
+
+
+def first_colours(
+    recording: Iterator[RecordedFrame],
+) -> tuple[list[NDArray[np.uint8]], Iterator[RecordedFrame]]:
+    """Give the pictures of one size that decide for all of a recording, and the whole recording."""
+    first = list(islice(recording, SEEN_FRAMES))
+    return [one.colour for one in first if one.colour.shape == first[0].colour.shape], chain(first, recording)

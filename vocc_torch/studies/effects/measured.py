@@ -182,12 +182,11 @@ class ReadScenes:
     def base(self) -> dict[tuple[Locator, str], Counts]:
         """Errors in the scene itself, by locator and receiver."""
         base: dict[tuple[Locator, str], Counts] = {}
+        scene, names = self.study.scene, self.study.plan.receiver.names
         for at in dict.fromkeys(READINGS.values()):
-            if frames := self.study.frames_with(at, self.study.scene):
-                counts = self.of(self.study.scene, at, self.study.scene, frames).counts
-                base |= {
-                    (at, name): one for name, one in zip(self.study.plan.receiver.names, counts, strict=True)
-                }
+            if frames := self.study.frames_with(at, scene):
+                counts = self.of(scene, at, scene, frames).counts
+                base |= {(at, name): one for name, one in zip(names, counts, strict=True)}
         return base
 
 
@@ -228,7 +227,7 @@ def read_scenes(
                 job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
                 told = functools.partial(tell, "reading")
                 parts[key, at] = job.handed_out(one.frames, pool, at_once=step, told=told)
-            read = {place: FrameErrors.joined(one.result() for one in some) for place, some in parts.items()}
+            read = {place: wait() for place, wait in parts.items()}
     return ReadScenes(study, wanted, read)
 
 

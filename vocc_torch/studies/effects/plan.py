@@ -1,12 +1,11 @@
 """Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, finite_number, section, shown
+from vocc_torch.errors import VoccError, demand_least, finite_number, section, shown, told_known
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
@@ -116,13 +115,9 @@ class EffectStudy:
     def __post_init__(self) -> None:
         """Check every range, and build every scene once, so that a misfit is refused before any work."""
         config, parts = self.config, self.config.parts
-        for name, least in (("located_frames", 0), ("severity_frames", 0), ("repeats", 1)):
-            if getattr(config, name) < least:
-                raise VoccError.of(f"effects.{name}", getattr(config, name), f"at least {least}")
-        for name in ("target_frame_errors", "precision"):
-            if (value := getattr(self.plan.budget, name)) is not None:
-                rule = "null for task=effects, which compares scenes on equally many frames"
-                raise VoccError.of(f"budget.{name}", value, rule)
+        demand_least("effects.", config, located_frames=0, severity_frames=0, repeats=1)
+        why = "task=effects, which compares scenes on equally many frames"
+        self.plan.budget.demand_no_stop_rule(why)
         check_receivers(self.plan.receiver.names)
         chain.build_effects(self.scene)
         for name, part in parts.items():
@@ -174,7 +169,7 @@ class EffectStudy:
     @cached_property
     def _known(self) -> tuple[str, ...]:
         """Names of the effects of the scene and of the parts, in physical order."""
-        given = {**{name: part[name] for name, part in self.config.parts.items()}, **self.scene}
+        given = {name: part[name] for name, part in self.config.parts.items()} | dict(self.scene)
         return tuple(name for name in chain.kinds_of(given) if name in given)
 
     def pair(self, name: str) -> ScenePair:
@@ -188,9 +183,8 @@ class EffectStudy:
         absent = {key: value for key, value in scene.items() if key not in taken}
         alone = {key: value for key, value in scene.items() if key == name or key not in taken}
         present = alone if _buildable(alone) else scene
-        companions = tuple(
-            key for key in chain.kinds_of(present) if key in present and key not in (*self.scene, name)
-        )
+        rest = present.keys() - {*self.scene, name}
+        companions = tuple(key for key in chain.kinds_of(present) if key in rest)
         return ScenePair(name, present, absent, name in self.scene, companions)
 
     @cached_property
@@ -307,9 +301,7 @@ def _severity(key: str, given: object) -> Severity:
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
     """Refuse a name that is not known, and suggest the nearest."""
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise VoccError(f"{complaint} {name!r}: {hint}known: {', '.join(known)}")
+        raise VoccError(f"{complaint} {name!r}: {told_known(name, known)}")
 
 
 def _buildable(effects: Effects) -> bool:

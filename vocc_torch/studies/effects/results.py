@@ -138,9 +138,8 @@ class EffectResults:
     @property
     def readings(self) -> list[str]:
         """The readings that any effect has."""
-        return [
-            one for one in READINGS if any((one, self.study.shown) in row.changes for row in self.every_row)
-        ]
+        known = {place for row in self.every_row for place in row.changes}
+        return [one for one in READINGS if (one, self.study.shown) in known]
 
     def frames(self, reading: str) -> list[int]:
         """The numbers of frames that effects were read on."""

@@ -7,8 +7,8 @@ from typing import Any
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import config, estimate, intervals, workers
 from vocc_torch.measure.stage_times import median_of
-from vocc_torch.show import canvas, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import tensorboard, terminal
 from vocc_torch.studies.effects import EffectsConfig, figures, measured
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Rounds
@@ -66,12 +66,8 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
         drawn["severity"] = figures.severity_figure(found)
         places |= {"severity": "severity.csv", "curves": "severity.png"}
     drawn["gallery"] = figures.gallery_figure(study)
-    for name, figure in drawn.items():
-        canvas.save_figure(figure, folder / f"{name}.png")
     write_atomically(folder / "effects.md", report(found).encode())
-    if settings.tensorboard:
-        texts = {"configuration": run_folder.as_markdown(settings)}
-        tensorboard.write_boards(folder / "tensorboard", {}, drawn, {}, texts)
+    tensorboard.write_figures(settings, folder, drawn)
     print_effects(found, console)
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
 
@@ -95,8 +91,8 @@ def write_effects(path: Path, results: EffectResults) -> None:
     lines += [_row_cells("effect", row, name) for name in names for row in results.rows]
     lines += [{"row": "sum", "receiver": name, **_cost_cells(results.sums)} for name in names if results.sums]
     lines += [_row_cells("together", results.together, name) for name in names if results.together]
-    cells = ([run_folder.cell_text({**line, **facts}.get(head, "")) for head in COLUMNS] for line in lines)
-    run_folder.write_rows(path, [COLUMNS, *cells])
+    cells = ([{**line, **facts}.get(head) for head in COLUMNS] for line in lines)
+    run_folder.write_rows(path, [COLUMNS, *cells], short=True)
 
 
 def _row_cells(kind: str, row: EffectRow, receiver: str) -> Cells:
@@ -137,9 +133,8 @@ def write_severities(path: Path, results: EffectResults) -> None:
             about = name, results.study.config.severity[name].parameter, value, values.index(value)
             read = (receiver, trained[reading], counts.frames, counts.bits, counts.bit_errors, counts.ber)
             ends = intervals.ber_interval(counts)
-            numbers = *about, int(value == usual), *read, ends.low, ends.high, counts.frame_errors
-            lines.append([run_folder.cell_text(cell) for cell in numbers])
-    run_folder.write_rows(path, lines)
+            lines.append((*about, int(value == usual), *read, ends.low, ends.high, counts.frame_errors))
+    run_folder.write_rows(path, lines, short=True)
 
 
 def thousandths(rate: float, *, sign: bool = True) -> str:

@@ -127,13 +127,13 @@ def minimum(
 
     rates = {value: curves.tested(receiver, value).ber for value in values}
     seen = [value for value, ber in rates.items() if ber == min(rates.values())]
-    places = estimate.may_be_least(
-        len(values), lambda a, b, confidence: compared(values[a], values[b]).difference(confidence)
-    )
-    candidates = [values[place] for place in places]
-    measured = f"lowest at {place(curves.axis, *seen)}{' (equals)' if len(seen) > 1 else ''}, " + (
-        f"candidates {place(curves.axis, *candidates)}" if len(candidates) > 1 else "beyond doubt"
-    )
+
+    def apart(a: int, b: int, confidence: float) -> estimate.Estimate:
+        return compared(values[a], values[b]).difference(confidence)
+
+    candidates = [values[at] for at in estimate.may_be_least(len(values), apart)]
+    measured = f"lowest at {place(curves.axis, *seen)}{' (equals)' if len(seen) > 1 else ''}, "
+    measured += f"candidates {place(curves.axis, *candidates)}" if len(candidates) > 1 else "beyond doubt"
     if at == "inside":
         return valley(curves, compared, measured)
     ends = candidates[0], candidates[-1]
@@ -240,9 +240,8 @@ def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
         causes.append("preambles")
         reasons.append("the centre receiver's threshold comes from preambles of the very same scene")
         known = [one.curves["truth"] for one in reading.experiments.values() if "truth" in one.curves]
-        errors = [
-            one.counts[centre, at].half_errors for one in known for axis, at in points if axis == one.axis
-        ]
+        same = [(one, at) for one in known for axis, at in points if axis == one.axis]
+        errors = [one.counts[centre, at].half_errors for one, at in same]
         if silent := errors.count(0):
             where = f"{silent} of these {len(errors)}" if silent < len(errors) else "any of these"
             reasons[-1] += f", and with true corners it makes no error at {where} points"
@@ -255,10 +254,9 @@ def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     if any(lost) and 2 * sum(lost) >= len(lost):
         causes.append("one rule")
         share = "all" if all(lost) else f"{sum(lost)} of {len(lost)}"
-        reasons.append(
-            f"where FLDA loses to a greyscale receiver, {share} of the points are at low contrast: one "
-            "linear rule for all scenes has no preamble to tell it how dark this scene's On is"
-        )
+        where = f"where FLDA loses to a greyscale receiver, {share} of the points are at low contrast"
+        rule = "one linear rule for all scenes has no preamble to tell it how dark this scene's On is"
+        reasons.append(f"{where}: {rule}")
     return replace(judged, reason="; ".join(reasons), causes=tuple(causes))
 
 

@@ -312,5 +312,5 @@ def best_luminance(reading: PaperReading, receiver: str) -> Judgement:
 def candidates(grid: Grid, receiver: str) -> list[set[float]]:
     """The luminances that may be the best under each ambient light; all sets hold in 95 % of studies."""
     tail = (1 - CONFIDENCE) / max(1, len(grid.columns) - 1) / len(grid.rows)
-    held = not_worse(grid.ber(receiver), *grid.one_sided(receiver, tail))
+    held = not_worse(grid.ber(receiver), *grid.intervals(receiver, tail))
     return [{float(value) for value in np.array(grid.columns)[row]} for row in held]

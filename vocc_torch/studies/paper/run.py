@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 import vocc_torch
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file, write_atomically
-from vocc_torch.measure import build, curve, grid, ledger, sweep, timing, workers
+from vocc_torch.measure import build, curve, grid, sweep, timing, workers
 from vocc_torch.measure import config as configs
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.show import folder as run_folder
@@ -112,10 +112,7 @@ class Report:
         ordered, begun = self.plan.studies(), time.perf_counter()
         frames, own = sum(study.frames for study in ordered), ordered[0]
         with workers.Workers.of(settings) as pool, terminal.ProgressView(frames) as view:
-
-            def opened(study: sweep.Study) -> ledger.Ledger:
-                path = self.folder / run_folder.LEDGERS / f"{study.key}.sqlite"
-                return ledgers.enter_context(run_folder.open_ledger(path, study.identity, view.console))
+            opened = run_folder.open_ledgers(ledgers, self.folder, ordered, view.console)
 
             def say(what: str, stage: str, frames: str = "") -> None:
                 nonlocal begun
@@ -154,7 +151,8 @@ class Report:
             if not all(curves.values for of in by_focal_mm.values() for curves in of.curves.values()):
                 key, remedy = f"figures.experiments.{name}.values", "widen the bins or the scenes"
                 raise VoccError(f"{key}: no frame fell into any contrast bin: {remedy}")
-            write_short(self.folder / "figures" / f"{figure}.csv", figures.rate_rows(by_focal_mm))
+            path, rows = self.folder / "figures" / f"{figure}.csv", figures.rate_rows(by_focal_mm)
+            run_folder.write_rows(path, rows, short=True)
             self.add(figure, figures.draw_rates(name, by_focal_mm, self.plan.own))
         if self.grids:
             run_folder.write_grid(self.folder / "figures" / "dimming.csv", self.grids)
@@ -162,7 +160,7 @@ class Report:
         self.location = figures.location_split(self.measured[own_mm])
         if any(split.receiver in figures.PAPER_RECEIVERS for split in self.location):
             lines = [figures.LOCATION_COLUMNS, *(split.row() for split in self.location)]
-            write_short(self.folder / "location.csv", lines)
+            run_folder.write_rows(self.folder / "location.csv", lines, short=True)
             self.add("location", {"location": figures.location_figure(self.location, own_mm)})
         curves = [one for of in self.measured[own_mm].values() for one in of.curves.values()]
         run_folder.write_paired(self.folder / "paired.csv", curves)
@@ -187,8 +185,8 @@ class Report:
             readings = scorecard.readings_of(self.measured, numbers, self.plan.locators, self.grids)
             self.card = scorecard.score_all(readings, self.plan.own)
             fits = [scorecard.FIT_COLUMNS, *(fit.row() for fit in scorecard.fits(self.card))]
-            write_short(self.folder / "scorecard.csv", self.card.rows())
-            write_short(self.folder / "fits.csv", fits)
+            run_folder.write_rows(self.folder / "scorecard.csv", self.card.rows(), short=True)
+            run_folder.write_rows(self.folder / "fits.csv", fits, short=True)
 
     def tables(self) -> dict[str, list[curve.BerTable]]:
         """The TensorBoard's curves: the report's own focal length with each locator."""
@@ -229,9 +227,3 @@ class Report:
         with atomic_file(self.folder / "report.md") as temporary:
             temporary.write_bytes(text.encode("utf-8", "replace"))
             write_atomically(self.folder / "report.html", html.encode("utf-8", "replace"))
-
-
-def write_short(path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
-    """Write a CSV file; whole numbers have no point, as in ``ber.csv``, and None is an empty cell."""
-    cells = ([None if cell is None else run_folder.cell_text(cell) for cell in row] for row in rows)
-    run_folder.write_rows(path, cells)

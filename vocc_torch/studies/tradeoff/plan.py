@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, demand_least, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, resolve_device
@@ -87,7 +87,7 @@ class TradeoffStudy:
 
     def __post_init__(self) -> None:
         """Check every list and every number, before any work is done."""
-        config, budget = self.config, self.plan.budget
+        config = self.config
         if config.onnx:
             with section("tradeoff.onnx is true:", before="an ONNX graph"):
                 onnx_graph.demand_extra()
@@ -108,17 +108,13 @@ class TradeoffStudy:
         for batch in config.batch_sizes:
             if not 1 <= batch <= MOST_BATCH:
                 raise VoccError.of("tradeoff.batch_sizes", batch, f"from 1 to {MOST_BATCH}", "has")
-        for name, least in (("repeats", 1), ("threads", 0), ("frames_a_preamble", 1), ("genie_frames", 0)):
-            if getattr(config, name) < least:
-                raise VoccError.of(f"tradeoff.{name}", getattr(config, name), f"at least {least}")
+        demand_least("tradeoff.", config, repeats=1, threads=0, frames_a_preamble=1, genie_frames=0)
         for name, scene in config.scenes.items():
             if not name.isidentifier() or not isinstance(scene, dict):
                 raise VoccError.of(f"tradeoff.scenes.{name}", repr(scene), "a word with values of scenes")
             self.model(name)
-        for name in ("target_frame_errors", "precision"):
-            if (value := getattr(budget, name)) is not None:
-                rule = "null for task=tradeoff, which compares receivers on the same frames"
-                raise VoccError.of(f"budget.{name}", value, rule)
+        why = "task=tradeoff, which compares receivers on the same frames"
+        self.plan.budget.demand_no_stop_rule(why)
         patches = {one.name: one.inputs.patch for one in self.plan.receiver.classifiers}
         for setting in self.settings:
             self.reader(setting)
@@ -193,11 +189,6 @@ class TradeoffStudy:
     def rounds(self, batch: int) -> int:
         """Timed rounds with batches of a size."""
         return max(self.config.repeats, -(-LEAST_FRAMES // batch))
-
-    @property
-    def timed_frames(self) -> int:
-        """Frames that times are taken on: whole batches of every size."""
-        return max(LEAST_FRAMES, *self.config.batch_sizes)
 
 
 def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Path) -> TradeoffStudy:

@@ -5,9 +5,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, astuple
 from pathlib import Path
 
-from torch.utils.tensorboard import SummaryWriter
-
-from vocc_torch.errors import VoccError
 from vocc_torch.measure import estimate, plan, stage_times
 from vocc_torch.show import page, styles, terminal, timing_figure
 from vocc_torch.show.folder import write_rows
@@ -225,12 +222,8 @@ def _rate(ber: estimate.Estimate) -> Line:
     return {"BER": styles.rate_text(ber.value), "95 %": styles.ends_text(ber.low, ber.high)}
 
 
-def write_price_board(folder: str | Path, prices: PriceList) -> None:
-    """Write a run of TensorBoard for each configuration: its settings, rates, times and training cost.
-
-    Raises:
-        VoccError: the folder cannot be written.
-    """
+def price_runs(prices: PriceList) -> dict[str, tuple[dict[str, object], dict[str, float]]]:
+    """Give TensorBoard a run for each configuration: its settings, and rates, times and training cost."""
     numbers: dict[Setting, dict[str, float]] = {setting: {} for setting in prices.settings}
     for device, frames in prices.kinds:
         where = frames if len(prices.machines) == 1 else f"{device}_{frames}"
@@ -240,12 +233,7 @@ def write_price_board(folder: str | Path, prices: PriceList) -> None:
                 own |= {f"ber/{scenes}": point.counts.ber, f"ms/{where}": point.ms}
                 if alone := prices.times.get((point.setting, Place(device, frames, 1))):
                     own[f"latency_ms/{where}"] = alone.total.value
-    try:
-        for setting, own in numbers.items():
-            made = {name: getattr(prices.costs[setting], name) for name in BOARD_COSTS}
-            own |= {f"making/{name}": float(one) for name, one in made.items() if one is not None}
-            with SummaryWriter(str(Path(folder) / setting.name)) as writer:
-                # The run's own folder: any other would make a run more.
-                writer.add_hparams(asdict(setting), own, run_name=".")
-    except OSError as error:
-        raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
+    for setting, own in numbers.items():
+        made = {name: getattr(prices.costs[setting], name) for name in BOARD_COSTS}
+        own |= {f"making/{name}": float(one) for name, one in made.items() if one is not None}
+    return {setting.name: (asdict(setting), own) for setting, own in numbers.items()}

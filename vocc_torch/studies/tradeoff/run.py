@@ -23,7 +23,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver, StagedReceiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import tensorboard, terminal
-from vocc_torch.show.canvas import Figure, save_figure
+from vocc_torch.show.canvas import Figure
 from vocc_torch.studies.tradeoff import TradeoffConfig, figure, plan, report
 from vocc_torch.studies.tradeoff.prices import Algorithms, Place, PriceList
 from vocc_torch.types import resolve_device
@@ -53,14 +53,9 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     if (shares := figure.shares_figure(prices)) is not None:
         figures["fig25"] = shares
     report.write_prices(folder / "tradeoff.csv", prices)
-    for name, drawn in figures.items():
-        save_figure(drawn, folder / f"{name}.png")
     write_atomically(folder / "recommendation.txt", words.encode())
-    if settings.tensorboard:
-        texts = {"configuration": run_folder.as_markdown(settings), "recommendation": f"```\n{words}\n```"}
-        with tensorboard.quiet_threads():
-            tensorboard.write_boards(folder / "tensorboard", {}, figures, {}, texts)
-            report.write_price_board(folder / "tensorboard", prices)
+    texts, runs = {"recommendation": f"```\n{words}\n```"}, report.price_runs(prices)
+    tensorboard.write_figures(settings, folder, figures, texts=texts, runs=runs)
     report.print_prices(prices, words, console)
     places = {"picture": "tradeoff.png", "table": "tradeoff.csv", "words": "recommendation.txt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
@@ -153,8 +148,7 @@ def count_receivers(
         kind = study.plan, study.model(name), study.point(name)
         job = frame_errors.FrameJob(*kind, locators, apart, preambles)
         calls[name] = job.handed_out(study.plan.budget.frames, workers)
-    joined = frame_errors.FrameErrors.joined
-    errors = {name: joined(call.result() for call in some) for name, some in calls.items()}
+    errors = {name: wait() for name, wait in calls.items()}
     places = itertools.count()
     rows = [[next(places) for _ in every] for every in trained.values()]
     # What learns nothing is the same in all trainings.
@@ -173,7 +167,8 @@ def measure_times(
         What a price list says of times, by its arguments' names.
     """
     config, scenes = study.config, next(iter(study.config.scenes))
-    keys = link.block_keys(study.plan.seed, study.point(scenes), study.timed_frames)
+    frames = max(plan.LEAST_FRAMES, *config.batch_sizes)  # whole batches of every size
+    keys = link.block_keys(study.plan.seed, study.point(scenes), frames)
     names = {setting.name: one for setting, one in receivers.items()}
     preambles = needs_preambles([setting.receiver for setting in receivers])
     devices = {name: resolve_device(name) for name in config.devices}
@@ -186,6 +181,8 @@ def measure_times(
     crop_px = study.plan.world.camera.sensor_px
     wall = processor = 0.0
     graphs: dict[tuple[str, Place], Any] = {}
+    served = config.frames_a_preamble
+    timed_stages = partial(stage_times.time_stages, names, frames_a_preamble=served, in_one_go=in_one_go)
     with timing.threads(config.threads), tempfile.TemporaryDirectory() as folder:
         drawn, no_graphs = draw_graphs(study, receivers, Path(folder)) if config.onnx else ({}, {})
         machines = {name: timing.describe_machine(device) for name, device in devices.items()}
@@ -195,12 +192,9 @@ def measure_times(
             if kind == "crops":
                 crop_px = (int(seen.frames.grey.shape[-2]), int(seen.frames.grey.shape[-1]))
             for place in (Place(name, kind, size) for name in devices for size in config.batch_sizes):
-                served, rounds = config.frames_a_preamble, study.rounds(place.batch)
-                given = names, seen, place.batch, rounds, devices[place.device]
-                own = drawn if devices[place.device].type == "cpu" else {}
-                timed = stage_times.time_stages(
-                    *given, frames_a_preamble=served, in_one_go=in_one_go, graphs=own
-                )
+                device, rounds = devices[place.device], study.rounds(place.batch)
+                own = drawn if device.type == "cpu" else {}
+                timed = timed_stages(seen, place.batch, rounds, device, graphs=own)
                 graphs |= {(one, place): spent for one, spent in timed.graphs.items()}
                 times |= {(one, place): timed.by_receiver[one.name] for one in receivers}
                 end_to_end[place] = timed.in_one_go

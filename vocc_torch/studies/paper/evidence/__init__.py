@@ -19,14 +19,16 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
 from vocc_torch.rng import BlockKey
 from vocc_torch.show import canvas
+from vocc_torch.show.plots import OFF as OFF
+from vocc_torch.show.plots import ON as ON
+from vocc_torch.show.plots import STATUS as STATUS
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.paper.words import FIGURES
 from vocc_torch.types import Frames, PanelShape, Scene
 
 SAMPLE_FRAMES = 100
 """Section III-B: "100 sample LED panel frames simulated at various conditions"."""
-OFF, ON, MARK = "#0072B2", "#D55E00", "#009E73"
-STATUS = ((False, "Off", OFF), (True, "On", ON))
+MARK = "#009E73"
 DASHED: dict[str, Any] = {"color": canvas.INK, "linewidth": 1.3, "linestyle": "--"}
 """How thresholds are drawn."""
 
@@ -289,8 +291,7 @@ def note(
 
 def plain_axes(axes: canvas.Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
     """Label axes, with a grid behind the data."""
-    canvas.quiet_axes(axes)
-    axes.grid(axis=grid, color=canvas.GRID, linewidth=0.8)
+    canvas.quiet_axes(axes, grid)
     axes.set(xlabel=x_label, ylabel=y_label)
 
 

@@ -13,6 +13,7 @@ from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.show import canvas
+from vocc_torch.show.plots import status_histogram
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import Bools, Floats
 
@@ -190,29 +191,6 @@ class Projection(evidence.PaperFigure):
         box = axes.get_window_extent()
         axes.set_ylim(-reach, reach)
         axes.set_xlim(-reach * box.width / box.height, reach * box.width / box.height)
-
-
-def status_histogram(axes: canvas.Axes, values: Floats, bits: Bools, label: str, log: bool = False) -> None:
-    """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
-
-    Args:
-        axes: where to draw.
-        values: any shape.
-        bits: of the same shape.
-        label: of the horizontal axis, with its unit.
-        log: whether shares are on a logarithmic axis, so that few LEDs show too.
-    """
-    edges, least = np.histogram_bin_edges(values, bins=60), 0.5 / bits.size if log else 0.0
-    for status, name, colour in evidence.STATUS:
-        chosen = values[bits == status]
-        shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least)
-    axes.margins(x=0.02)
-    axes.set_ylim(bottom=0)
-    if log:
-        axes.set(yscale="log", ylim=(least, 1.0))
-    evidence.plain_axes(axes, label, "Share of LEDs")
 
 
 def status_cloud(axes: canvas.Axes, x: Floats, y: Floats, bits: Bools, labels: tuple[str, str]) -> None:

@@ -176,9 +176,8 @@ class FrameHistogram(evidence.PaperFigure):
         column = np.digitize(np.arange(grey.shape[1]) + 0.5, np.linspace(left, right, shape.columns + 1))
         cells = np.pad(bits[0].cpu().numpy().astype(int), 1, constant_values=-1)
         status = cells[np.ix_(row, column)]
-        self.off_counts, self.on_counts = (
-            np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1)
-        )
+        counts = (np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1))
+        self.off_counts, self.on_counts = counts
         self.counts = foreground.sensor_histogram(frames)[0].double().cpu().numpy()
         self.threshold = int(location.paper_stages(frames, locate.closing_px).threshold[0])
         self.levels = grey_levels(plan, scene)
