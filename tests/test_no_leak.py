@@ -46,8 +46,7 @@ COMMANDS = {
 @pytest.fixture
 def undrawn(app, monkeypatch):
     """Run the command line without drawing, and without timing a call more often than once."""
-    for module in ("show.canvas", "studies.tradeoff.run"):
-        monkeypatch.setattr(f"vocc_torch.{module}.save_figure", white)
+    monkeypatch.setattr("vocc_torch.show.canvas.save_figure", white)
     monkeypatch.setattr(tradeoff_module, "LEAST_FRAMES", 1)
     return app
 

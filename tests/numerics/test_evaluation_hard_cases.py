@@ -177,7 +177,7 @@ def more_than_1e13_bits():
         ber_interval(huge)
     with pytest.raises(VoccError, match=r"^trials is 1e\+17: .* at most 1e\+13"):
         clopper_pearson(5e16, 1e17)
-    with pytest.raises(VoccError, match=r"^paired\.bits is 9223372036854775808: "):
+    with pytest.raises(VoccError, match=r"^trials is 9\.2.*: .* at most 1e\+13"):
         paired_interval(compared(2**62, 2, {2: 2**40}, {2: 5})[2])
     with pytest.raises(VoccError, match=r"^paired\.discordant is "):
         sign_test(compared(2**62, 2, {2: 2**60}, {2: 2**59})[2])
@@ -324,8 +324,6 @@ def luminances_at_the_ends_of_the_range():
     for columns, middle in (((1e-300, 1.0, 1e300), 1.0), ((1e200, 1e300), 1e250)):
         cells = grid_of({"x": [[Counts(1000, 64_000)] * len(columns)]}, (2000.0,), columns)
         assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(middle)
-    with pytest.raises(VoccError, match=r"^led_luminance_cd_m2 is .*ascending by at least a millionth"):
-        grid_of({"x": [[Counts(1, 64)] * 2]}, (2000.0,), (1000.0, math.nextafter(1000.0, 2000.0)))
 
 
 @hard.each

@@ -17,7 +17,7 @@ from scipy.special import betainc
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, Tally
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.intervals import ber_interval, clustered_interval
+from vocc_torch.measure.intervals import MOST_TRIALS, ber_interval, clustered_interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +217,8 @@ def sign_test(paired: PairedCounts) -> float:
         >>> sign_test(PairedCounts(64, 4096, a_excess=12, a_excess_squared=24, a_worse=6))
         0.03125
     """
+    if paired.discordant > MOST_TRIALS:
+        raise VoccError.of("paired.discordant", paired.discordant, f"at most {MOST_TRIALS:g} for a test")
     fewer, more = sorted((paired.a_worse, paired.b_worse))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))

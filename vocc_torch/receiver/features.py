@@ -177,10 +177,8 @@ def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
     """
     if kernel == "sobel":
         # Of more than a hundred frames torch's convolution takes five times as long for each.
-        whole = is_exporting() or patches.device.type != "cpu"
-        parts = 1 if whole else max(1, len(patches) // _CONVOLVED_FRAMES)
-        found = [kornia.filters.spatial_gradient(part, mode="sobel")[:, 0] for part in patches.chunk(parts)]
-        return found[0] if parts == 1 else torch.cat(found)
+        parts = [patches] if is_exporting() or patches.is_cuda else torch.split(patches, _CONVOLVED_FRAMES)
+        return torch.cat([kornia.filters.spatial_gradient(part, mode="sobel")[:, 0] for part in parts])
     if kernel != "central":
         raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")
     padded = torch.nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")

@@ -149,7 +149,8 @@ def _map_grid(xp: Any, homography: Any, x: Any, y: Any) -> Any:
     # Of a map without a horizon, two rows long, the third would be ones.
     if homography.shape[1] == 2:
         return mapped
-    return mapped[:, :2] / mapped[:, 2:].clip(xp.finfo(mapped.dtype).tiny)
+    with np.errstate(over="ignore"):
+        return mapped[:, :2] / mapped[:, 2:].clip(xp.finfo(mapped.dtype).tiny)
 
 
 class _Window(NamedTuple):

@@ -4,7 +4,6 @@ import pytest
 from paper_runs import files_in, rows_of, run_in, white
 
 from vocc_torch.studies.tradeoff import plan as plan_module
-from vocc_torch.studies.tradeoff import run as task_module
 
 SMALL = (
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
@@ -32,7 +31,7 @@ def whole(tmp_path_factory):
     place = tmp_path_factory.mktemp("tradeoff")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan_module, "LEAST_FRAMES", 4)
-        patch.setattr(task_module, "save_figure", white)
+        patch.setattr("vocc_torch.show.canvas.save_figure", white)
         ran = run_in(place, *BASE, "name=whole", "workers=1")
     assert (ran.status, ran.err) == (0, "")
     return place / "runs" / "whole", ran.out
