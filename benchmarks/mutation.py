@@ -52,6 +52,7 @@ TESTS = {
     ),
     "vocc_torch/measure/intervals.py": (
         "tests/measure/test_intervals.py",
+        "tests/measure/test_weighted.py",
         "tests/numerics/test_evaluation_hard_cases.py",
     ),
     "vocc_torch/receiver/flda.py": FLDA_TESTS,
