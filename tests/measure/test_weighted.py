@@ -16,6 +16,7 @@ LAWS = {
     "all wrong, unlike": ([2] * 5, RARE, 5),
     "few wrong": ([2, 4, 2, 2, 6], RARE, 500),
     "one large": ([2] * 40, [4.0, *[2.0**-8] * 39], 3000),
+    "as uneven as may be": ([2] * 12, [1.0, *[0.0] * 11], 50),
     "mostly wrong": ([8] * 6, [4.0] * 6, 7),
 }
 
