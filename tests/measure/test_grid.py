@@ -54,13 +54,26 @@ def test_a_limit_takes_wrong_frames_to_be_as_bad_as_the_worst_of_the_nearest():
 
 
 def test_what_does_not_form_a_grid_is_refused_by_name():
-    row, longer = (plain_grid(errors).curves[0] for errors in ([1, 2], [1, 2, 3]))
-    with pytest.raises(VoccError, match="values is"):
-        Grid("ambient_lx", (1e3, 2e3), (row, longer))
+    row = plain_grid([1, 2]).curves[0]
+    longer = plain_grid([1, 2, 3]).curves[0]
+    other = grid_of({"b": [[one_bit_frames(1)] * 2]}, AMBIENT[:1], LUMINANCE[:2]).curves[0]
+    for rows, curves, complaint in (
+        ((), (), "curves has 0 rows"),
+        ((1e3, 2e3), (row,), "curves has 1 rows"),
+        ((1e3, 2e3), (row, longer), "values is"),
+        ((1e3, 2e3), (row, other), "receivers is"),
+        ((2e3, 1e3), (row, row), "ambient_lx is"),
+        ((0.0, 1e3), (row, row), "ambient_lx is"),
+        ((math.nan,), (row,), "ambient_lx is"),
+    ):
+        with pytest.raises(VoccError, match=complaint.replace("[", r"\[")):
+            Grid("ambient_lx", rows, curves)
 
 
-def test_a_missing_cell_is_refused():
+def test_an_unknown_receiver_and_a_missing_cell_are_refused():
     grid = plain_grid([1, 2])
+    with pytest.raises(VoccError, match="receiver is b: it must be one of a"):
+        grid.ber("b")
     del grid.curves[0].counts["a", 500.0]
     with pytest.raises(VoccError, match="a at ambient_lx=2000, led_luminance_cd_m2=500 has no frames"):
         best_luminance(grid, "a")

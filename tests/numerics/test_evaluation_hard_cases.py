@@ -324,6 +324,8 @@ def luminances_at_the_ends_of_the_range():
     for columns, middle in (((1e-300, 1.0, 1e300), 1.0), ((1e200, 1e300), 1e250)):
         cells = grid_of({"x": [[Counts(1000, 64_000)] * len(columns)]}, (2000.0,), columns)
         assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(middle)
+    with pytest.raises(VoccError, match=r"^led_luminance_cd_m2 is .*ascending by at least a millionth"):
+        grid_of({"x": [[Counts(1, 64)] * 2]}, (2000.0,), (1000.0, math.nextafter(1000.0, 2000.0)))
 
 
 @hard.each

@@ -234,7 +234,7 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
 
 @pytest.mark.parametrize("draw", [dimming_figure, best_luminance_figure])
 def test_a_receiver_that_is_not_in_the_grid_is_refused(grid, draw):
-    with pytest.raises(VoccError, match=r"flda_9 at .* has no frames"):
+    with pytest.raises(VoccError, match="receiver is flda_9"):
         draw(grid, receivers=["flda_9"])
 
 

@@ -14,6 +14,7 @@ from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 from PIL import Image
 
+from vocc_torch.errors import VoccError
 from vocc_torch.show.page import code, fence, html, md, render
 
 
@@ -163,3 +164,12 @@ def test_a_page_holds_everything(tmp_path):
     assert [cell.get("class") for cell in tags.named("td")] == ["differ", None]
     assert [cell.get("scope") for cell in tags.named("th")] == [None, None, "row"] * 2
     assert len([box for box in tags.named("div") if box["class"] == "table"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")]
+)
+def test_a_picture_that_cannot_be_shown_is_refused(tmp_path, name, reason):
+    (tmp_path / "text.png").write_text("no picture")
+    with pytest.raises(VoccError, match=reason):
+        html(f"![alt]({name})", "a", tmp_path)

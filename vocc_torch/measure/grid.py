@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,13 +45,24 @@ class Grid:
     """
 
     def __init__(self, row_axis: str, rows: Sequence[float], curves: Sequence[Curves]) -> None:
-        first, *others = dict.fromkeys(curve.values for curve in curves)
-        if others:  # a contrast bin without frames in some row
-            raise VoccError(f"values is {first} and {others[0]}: every row of a grid must have the same")
+        if not rows or len(rows) != len(curves):
+            one_each = f"one for each of the {len(rows)} values of {row_axis}, at least one"
+            raise VoccError(f"curves has {len(curves)} rows: it must have {one_each}")
+        for name in ("axis", "values", "receivers", "locator"):
+            given = list(dict.fromkeys(getattr(curve, name) for curve in curves))
+            if len(given) > 1:
+                rule = "every row of a grid must have the same"
+                raise VoccError(f"{name} is {given[0]} and {given[1]}: {rule}")
         self.row_axis, self.rows, self.curves = row_axis, tuple(rows), tuple(curves)
         self.column_axis, self.columns = curves[0].axis, curves[0].values
         self.receivers, self.locator = curves[0].receivers, curves[0].locator
         self._known: dict[tuple[str, float | None], tuple[Floats, Floats]] = {}
+        for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
+            # Closer ones have the same logarithm, and no octave between them.
+            ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
+            if not values or not ascending or not all(0 < value < math.inf for value in values):
+                rule = "ascending by at least a millionth and above 0, at least one value"
+                raise VoccError.of(axis, list(values), rule)
 
     def counts(self, receiver: str) -> list[list[Counts]]:
         """Give a receiver's counts by row and column.
@@ -58,6 +70,8 @@ class Grid:
         Raises:
             VoccError: an unknown receiver, or a cell without frames.
         """
+        if receiver not in self.receivers:
+            raise VoccError(f"receiver is {receiver}: it must be one of {', '.join(self.receivers)}")
         for row, curve in zip(self.rows, self.curves, strict=True):
             for value in self.columns:
                 if not curve.counts.get((receiver, value), Counts()).frames:
@@ -83,8 +97,9 @@ class Grid:
         Returns:
             Low and high ends, (rows, columns) each.
         """
-        both = estimate.CONFIDENCE, estimate.CONFIDENCE
-        confidence, of_limits = both if tail is None else (1 - 2 * tail, 1 - tail)
+        confidence, of_limits = (
+            (estimate.CONFIDENCE, estimate.CONFIDENCE) if tail is None else (1 - 2 * tail, 1 - tail)
+        )
         # Kept because most of the time of every view would go into the same quantiles.
         if (receiver, tail) not in self._known:
             counts = self.counts(receiver)
@@ -103,6 +118,10 @@ class Grid:
             ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
             self._known[receiver, tail] = ends[..., 0], ends[..., 1]
         return self._known[receiver, tail]
+
+    def one_sided(self, receiver: str, tail: float) -> tuple[Floats, Floats]:
+        """Give each cell's lower and upper limit, each missed with a probability of at most ``tail``."""
+        return self.intervals(receiver, tail)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,9 +211,9 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         ((2000.0,), (2000.0,), True)
     """
     ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
-    candidates = not_worse(ber, *grid.intervals(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)))
-    low = grid.intervals(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
-    high = grid.intervals(receiver, (1 - estimate.joint_confidence(len(luminances))) / 2)[1].min(1)
+    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)))
+    low = grid.one_sided(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
+    high = grid.one_sided(receiver, (1 - estimate.joint_confidence(len(luminances))) / 2)[1].min(1)
     ends, bests = (grid.columns[0], grid.columns[-1]), []
     for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
         rate = float(row.min())

@@ -11,8 +11,9 @@ import jinja2
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
+from vocc_torch.errors import VoccError
 from vocc_torch.show.styles import ends_text, rate_text
 
 SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
@@ -210,8 +211,21 @@ def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
 
 
 def embed(picture: Token, folder: Path) -> None:
-    """Put a PNG file's content in the place of its name."""
-    path = folder / unquote(str(picture.attrs["src"]))
-    with Image.open(path, formats=["PNG"]) as shown:
-        picture.attrs |= {"width": shown.width, "height": shown.height}
-    picture.attrs["src"] = f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
+    """Put a PNG file's content in the place of its name.
+
+    Raises:
+        VoccError: the picture is not in the folder or is no PNG file.
+    """
+    name = unquote(str(picture.attrs["src"]))
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise VoccError(f"{name} leads out of the report's folder: give a path inside it, such as fig22.png")
+    try:
+        content = (folder / name).read_bytes()
+        with Image.open(folder / name, formats=["PNG"]) as shown:
+            size = {"width": shown.width, "height": shown.height}
+    except UnidentifiedImageError as error:
+        raise VoccError(f"{name} is not a PNG picture: {error}") from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise VoccError(f"cannot read {folder / name}: {reason}: write it before the report") from error
+    picture.attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}

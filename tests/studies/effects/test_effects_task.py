@@ -16,6 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
+from vocc_torch.show.page import html
 from vocc_torch.studies.effects import figures, run
 from vocc_torch.studies.effects.measured import measure_costs, run_effects
 from vocc_torch.studies.effects.plan import build_effect_study
@@ -111,6 +112,8 @@ def test_the_report_has_a_row_for_each_effect(results):
     assert len(rows) == 1 + 1 + 3 + 2
     assert all(line.count("|") == rows[0].count("|") for line in rows)
     assert "| `defocus` | optics | `focus_distance_m=10` |" in page
+    with pytest.raises(VoccError, match=r"effects\.png"):
+        html(page, "effects", Path("no/such/folder"))
 
 
 def test_pictures_draw_what_was_measured(results):
