@@ -104,6 +104,9 @@ class FrameKey:
         take: which picture of the scene it is: the test frame, or a preamble; each has noise of its own, and
             shares what belongs to the scene.
 
+    Raises:
+        VoccError: an index outside the block.
+
     Example:
         >>> block = BlockKey(seed=0, point="doc", block=0)
         >>> keys = [FrameKey(block, 5), FrameKey(block, 5, "on"), FrameKey(block, 6)]
@@ -116,6 +119,11 @@ class FrameKey:
     block: BlockKey
     frame: int
     take: str = "frame"
+
+    def __post_init__(self) -> None:
+        """Check the index."""
+        if not 0 <= self.frame < BLOCK_FRAMES:
+            raise VoccError(f"frame is {self.frame}: it must be 0 to {BLOCK_FRAMES - 1}")
 
     def generator(self, stream: str, *, of_scene: bool = False) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again.

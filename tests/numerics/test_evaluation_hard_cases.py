@@ -177,7 +177,7 @@ def more_than_1e13_bits():
         ber_interval(huge)
     with pytest.raises(VoccError, match=r"^trials is 1e\+17: .* at most 1e\+13"):
         clopper_pearson(5e16, 1e17)
-    with pytest.raises(VoccError, match=r"^trials is 9\.2.*: .* at most 1e\+13"):
+    with pytest.raises(VoccError, match=r"^paired\.bits is 9223372036854775808: "):
         paired_interval(compared(2**62, 2, {2: 2**40}, {2: 5})[2])
     with pytest.raises(VoccError, match=r"^paired\.discordant is "):
         sign_test(compared(2**62, 2, {2: 2**60}, {2: 2**59})[2])

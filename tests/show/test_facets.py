@@ -7,6 +7,7 @@ from made_up_points import made_up_point
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.plots import facet_figure
 from vocc_torch.show.styles import receiver_styles
@@ -107,3 +108,11 @@ def test_no_label_hides_another(figure):
 def test_rows_of_unequal_length():
     figure = facet_figure([{"a": table_of(), "b": table_of()}, {"c": table_of()}], "t", "f")
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize("rows", [[], [{}], [{"a": BerTable()}]], ids=["none", "empty row", "empty table"])
+def test_nothing_to_draw_is_refused(rows):
+    with pytest.raises(VoccError, match="rows has no facet"):
+        facet_figure(rows, "t", "f")
+    with pytest.raises(VoccError, match="rows has no facet"):
+        facet_figure([{"a": table_of()}, {"b": BerTable()}], "t", "f")

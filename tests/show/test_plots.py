@@ -8,6 +8,7 @@ from made_up_points import table as table
 from matplotlib.text import Annotation
 from PIL import Image
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.canvas import figure_pixels, save_figure
 from vocc_torch.show.plots import ber_figure, feature_histograms
@@ -74,6 +75,11 @@ def test_a_single_point_of_any_rate_is_drawn_inside_the_axes(wrong):
     assert 0 < low < high <= 1
     left, right = axes.get_xlim()
     assert left < 0 < right
+
+
+def test_an_empty_table_is_refused():
+    with pytest.raises(VoccError, match=r"^table is empty"):
+        ber_figure(BerTable(), "x", "t")
 
 
 def test_a_saved_figure_has_its_pixels(tmp_path, table):

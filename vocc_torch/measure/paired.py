@@ -152,6 +152,8 @@ def paired_interval(
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
+    if paired.bits > MOST_TRIALS:
+        raise VoccError(f"paired.bits is {paired.bits}: an interval takes at most {MOST_TRIALS:g} bits")
     a, b = (excess_interval(side, paired, confidence) for side in sides)
     # The product of the two sides' excess is 0 in every frame.
     correlation, product = 0.0, paired.a_excess * paired.b_excess

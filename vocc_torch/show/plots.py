@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib import ticker
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.show import canvas
@@ -192,6 +193,9 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
         axis_label: label of the horizontal axis, with its unit.
         title: what the figure shows.
 
+    Raises:
+        VoccError: an empty table.
+
     Example:
         >>> from vocc_torch.measure.counts import Counts
         >>> from vocc_torch.measure.curve import Point
@@ -199,6 +203,8 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
         >>> ber_figure(BerTable(points), "Distance (m)", "One point").axes[0].get_yscale()
         'log'
     """
+    if not len(table):
+        raise VoccError("table is empty: a figure needs at least one point")
     styles = receiver_styles(table.receivers)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
@@ -305,6 +311,9 @@ def facet_figure(
         styles: by name in the tables; those of receivers by default.
         rate: label of the vertical axis.
 
+    Raises:
+        VoccError: no facet, or a table without points.
+
     Example:
         >>> from vocc_torch.measure.counts import Counts
         >>> from vocc_torch.measure.curve import Point
@@ -312,8 +321,10 @@ def facet_figure(
         >>> len(facet_figure([{"25 mm": BerTable(points), "18 mm": "no panel"}], "Two", "").axes)
         2
     """
-    tables = [one for row in rows for one in row.values() if isinstance(one, BerTable)]
-    tables.sort(key=lambda one: -len(one.receivers))
+    given = [one for row in rows for one in row.values()]
+    if not given or not all(map(len, given)):
+        raise VoccError("rows has no facet, or one without points: each needs at least one point")
+    tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
     styles = styles or receiver_styles(name for table in tables for name in table.receivers)
     shown = [point for table in tables for point in table]
     figure, facets = facet_grid(rows, len(styles), axes_alike)
