@@ -16,7 +16,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.studies.calibrate import model, surround
+from vocc_torch.studies.calibrate import CalibrateConfig, model, surround
 from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.fit import (
     RecordingFit,
@@ -102,9 +102,9 @@ def test_derivatives_of_every_fitted_value_are_right(noise):
         return model.expected(model.light(known, of_frame, shared, lit), shared[0], noise)[0]
 
     names = [*OF_FRAME, "gamma", "blur_xx", "blur_yy", "k1"]
-    turns = [model.direction(name) for name in names]
-    forward = model.slopes(rendered, own, of_all, turns)[1]
-    for (name, frame, shared), slope in zip(turns, forward, strict=True):
+    turns = model.directions(names)
+    forward = model.slopes(known, own, of_all, lit, noise, turns)[1]
+    for name, frame, shared, slope in zip(names, *turns, forward, strict=True):
         step = 1e-5
         ends = [rendered(own + sign * step * frame, of_all + sign * step * shared) for sign in (1, -1)]
         numeric = (ends[0] - ends[1]) / (2 * step)
@@ -162,7 +162,8 @@ def study(recording):
     """What is found in it, from corners that are half a pixel off."""
     panel, _, _, footage = recording
     off = torch.randn(6, 4, 2, generator=torch.Generator().manual_seed(5)).double() * 0.3
-    return calibrate(replace(footage, corners_px=footage.corners_px + off), CAMERA, panel, most=6)
+    footage = replace(footage, corners_px=footage.corners_px + off)
+    return calibrate(footage, CAMERA, panel, CalibrateConfig(frames=6))
 
 
 @pytest.mark.slow
@@ -252,11 +253,16 @@ def test_patterns_and_rows_are_told_from_noise():
     noise = draws.normal(0, 2.0, (12, 90, 90))
     corners = torch.tensor([[[40.0, 40], [50, 40], [50, 50], [40, 50]]]).expand(12, 4, 2).double()
     around = surround.Surround.of(100 + fixed + rows + noise, corners, 8)
-    found = surround.patterns(around)
-    assert found.fixed == pytest.approx(1.0, abs=4 * found.fixed_deviation)
-    assert found.row == pytest.approx(0.8, abs=4 * found.row_deviation)
-    none = surround.patterns(surround.Surround.of(100 + noise, corners, 8))
-    assert max(none.fixed_gain, none.row_gain) < 10.8 < min(found.fixed_gain, found.row_gain)
+    for found, truth in zip(surround.patterns(around), (1.0, 0.8), strict=True):
+        assert found.value == pytest.approx(truth, abs=4 * found.deviation)
+        assert found.gain > 10.8
+    # Lamps that stand elsewhere in each frame, and a gradient that swings, are no noise of rows.
+    y, x = np.mgrid[:90, :90]
+    apart = np.hypot((x - draws.uniform(0, 90, (12, 1, 1))) / 4, y - draws.uniform(0, 90, (12, 1, 1)))
+    lamps, swing = 120 / (1 + np.exp((apart - 6) / 0.8)), draws.normal(0, 0.05, (12, 1, 1)) * y
+    for passing in (0, lamps, swing):
+        none = surround.patterns(surround.Surround.of(100 + noise + passing, corners, 8))
+        assert max(one.gain for one in none) < 10.8
 
 
 def test_light_that_falls_off_is_told_from_even_light():
@@ -428,12 +434,8 @@ def test_yaml_says_what_each_value_explains():
         Value("distance_m", ["uniform", 30.0, 31.0], 0.1, "by the pitch"),
         Value("effects.blooming.sigma_px", 1.5, 0.01),
     )
-    scene = Calibrated(
-        values,
-        (Named("blooming", True, "x", 2.0, 1.0, "light spreads"), Named("jpeg", False, "x", 0.0, 1.0)),
-        Camera(),
-        LedPanel(),
-    )
+    named = [Named("blooming", True, "x", 2.0, 1.0, "light spreads"), Named("jpeg", False, "x", 0.0, 1.0)]
+    scene = Calibrated(camera=Camera(), panel=LedPanel(), values=list(values), effects=named)
     text = scene.text("mine", "film.mp4")
     read = yaml.safe_load(text)
     assert read["effects"] == {"blooming": {"sigma_px": 1.5}}

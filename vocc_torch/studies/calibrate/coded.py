@@ -24,6 +24,13 @@ def quantisation_table(quality: int) -> NDArray[np.float64]:
     return table.clip(1, 255).reshape(8, 8)
 
 
+def tiled(planes: NDArray[Any], side: int) -> NDArray[Any]:
+    """Cut (...,H,W) into square blocks, (...,rows,columns,side,side); what is left over is not in."""
+    rows, columns = (length // side for length in planes.shape[-2:])
+    cut = planes[..., : rows * side, : columns * side]
+    return cut.reshape(*planes.shape[:-2], rows, side, columns, side).swapaxes(-3, -2)
+
+
 def compression(greys: NDArray[Any]) -> tuple[int, float]:
     """Say at which JPEG quality frames were coded, and how sure that is.
 
@@ -37,14 +44,10 @@ def compression(greys: NDArray[Any]) -> tuple[int, float]:
     Returns:
         the likeliest quality, and its criterion.
     """
-    height, width = (side // 8 * 8 for side in greys.shape[1:])
-    if not height or not width:
+    blocks = tiled(greys[:: max(1, len(greys) // 8)], 8).reshape(-1, 8, 8)
+    if not len(blocks):
         return 0, 0.0
-    frames = greys[:: max(1, len(greys) // 8), :height, :width].astype(np.float64) - 128
-    blocks = (
-        frames.reshape(len(frames), height // 8, 8, width // 8, 8).transpose(0, 1, 3, 2, 4).reshape(-1, 8, 8)
-    )
-    blocks = blocks[:: max(1, len(blocks) // BLOCKS)]
+    blocks = blocks[:: max(1, len(blocks) // BLOCKS)].astype(np.float64) - 128
     coefficients = fft.dctn(blocks, axes=(1, 2), norm="ortho")
     coefficients[:, 0, 0] = 0
     best = 0, 0.0

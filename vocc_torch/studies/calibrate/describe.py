@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import resources
 
 import torch
 import yaml
 from torch import Tensor
 
-from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
+from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 from vocc_torch.studies.calibrate.leds import Scatter
@@ -43,39 +43,29 @@ BIC = "gain of likelihood, twice its logarithm, less log(pixels) a value (BIC)"
 RATIO = "twice the log-likelihood ratio"
 
 
-@dataclass
-class Findings:
-    """What is found on the way.
+@dataclass(kw_only=True)
+class Findings(Calibrated):
+    """A scene while it is found.
 
     Args:
-        camera: whose picture it is.
-        panel: the panel.
-        around: the picture around it.
+        config: what the recording cannot tell.
+        around: the picture around the panel.
         fall: how light falls off there.
         coded: the likeliest JPEG quality, and how sure it is.
         loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
         bound: where gamma ran to, if that is no camera's.
-        named: effects that were tried.
-        values: of the scene.
-        unknown: what the recording does not tell.
-        doubts: what the model does not explain.
     """
 
-    camera: Camera
-    panel: LedPanel
+    config: CalibrateConfig
     around: Surround
     fall: Falloff
     coded: tuple[int, float] = (0, 0.0)
     loose: bool = False
     bound: float | None = None
-    named: list[Named] = field(default_factory=list)
-    values: list[Value] = field(default_factory=list)
-    unknown: list[str] = field(default_factory=list)
-    doubts: list[str] = field(default_factory=list)
 
     def tried(self, effect: str, gain: float, needed: float, criterion: str, explains: str = "") -> bool:
         """Note an effect, and say whether the recording asks for it."""
-        self.named.append(Named(effect, gain > needed, criterion, gain, needed, explains))
+        self.effects.append(Named(effect, gain > needed, criterion, gain, needed, explains))
         return gain > needed
 
     def judge(self, effect: str, simple: RecordingFit, rich: RecordingFit, explains: str) -> RecordingFit:
@@ -105,7 +95,7 @@ class Findings:
 
     def asked(self, effect: str) -> bool:
         """Say whether the recording asks for an effect."""
-        return any(one.effect == effect and one.asked for one in self.named)
+        return any(one.effect == effect and one.asked for one in self.effects)
 
 
 def level(name: str, own: Mapping[str, Tensor], of_all: Tensor) -> Tensor:
@@ -114,15 +104,8 @@ def level(name: str, own: Mapping[str, Tensor], of_all: Tensor) -> Tensor:
 
 
 def describe(
-    fit: RecordingFit,
-    curve: Curve | None,
-    scatter: Scatter,
-    apart: Tensor,
-    found: Findings,
-    *,
-    ambient_lx: float | None,
-    efficiency: float,
-) -> Calibrated:
+    fit: RecordingFit, curve: Curve | None, scatter: Scatter, apart: Tensor, found: Findings
+) -> None:
     """Make a scene of a fit.
 
     Args:
@@ -131,8 +114,6 @@ def describe(
         scatter: of the LEDs.
         apart: (B,) by how much frames tell a pose from its mirror image.
         found: so far.
-        ambient_lx: where it is known.
-        efficiency: the quantum efficiency that is assumed where it is not.
     """
     found.say("moving")
     found.say("colours")
@@ -152,7 +133,7 @@ def describe(
     if coded:
         found.tell("effects.jpeg.quality", quality, 1.0, "by the steps of the coefficients")
     counts = curve is not None and curve.noise.slope > 0 and not coded
-    efficiency = how_bright(fit, curve if counts else None, found, ambient_lx, efficiency)
+    efficiency = how_bright(fit, curve if counts else None, found)
     through_the_lens(fit, found)
     explains = "LEDs differ in brightness"
     if coded:
@@ -166,15 +147,11 @@ def describe(
     else:
         how_noisy(fit, curve, found, efficiency)
     beside(fit, found)
-    for effect in ("saturation", "quantization"):
-        found.named.append(Named(effect, True, "always: 8-bit pictures", 0.0, 0.0))
+    found.effects += [Named(one, True, "always: 8-bit pictures") for one in ("saturation", "quantization")]
     found.tell("effects.quantization.bits", 8)
     if fit.scale > 2:
         found.say("residuals", times=math.sqrt(fit.scale))
-    kept = tuple(one for one in found.named if "." not in one.effect)
-    return Calibrated(
-        tuple(found.values), kept, found.camera, found.panel, tuple(found.unknown), tuple(found.doubts)
-    )
+    found.effects = [one for one in found.effects if "." not in one.effect]
 
 
 def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
@@ -199,11 +176,10 @@ def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
         found.say("signs")
 
 
-def how_bright(
-    fit: RecordingFit, curve: Curve | None, found: Findings, ambient_lx: float | None, efficiency: float
-) -> float:
+def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float:
     """Describe the light, and give the quantum efficiency that fits to it."""
-    camera, panel = found.camera, found.panel
+    camera, panel, ambient_lx = found.camera, found.panel, found.config.ambient_lx
+    efficiency = found.config.quantum_efficiency
     grey = fit.derived(lambda own, _: own["background"])
     found.values.append(scenes.spread("background_grey", grey, "as seen", 1.0))
     ratio = fit.derived(lambda own, all_: level("off", own, all_) / level("background", own, all_))
@@ -227,12 +203,13 @@ def how_bright(
     elif ambient_lx is None:
         found.say("illuminance", lux=lux)
     found.tell("ambient_lx", lux, lux_error, note)
-    own_light = fit.derived(
-        lambda own, all_: (
-            (level("on", own, all_) - level("off", own, all_)) / level("background", own, all_) * (seen * lux)
-        )
-    )
-    found.note(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
+
+    def own_light(own: Mapping[str, Tensor], all_: Tensor) -> Tensor:
+        on, off, behind = (level(name, own, all_) for name in ("on", "off", "background"))
+        return (on - off) / behind * (seen * lux)
+
+    shining = scenes.spread("led_luminance_cd_m2", fit.derived(own_light), "relative to ambient_lx", 0.0)
+    found.note(shining)
     found.say("air")
     if float(fit.value("on").median()) >= WHITE:
         found.say("white")
@@ -276,12 +253,8 @@ def through_the_lens(fit: RecordingFit, found: Findings) -> None:
     criterion = "gain of likelihood over the background's blocks, twice its logarithm, less log(blocks)"
     if found.tried("vignetting", fall.natural_gain, 0.0, criterion, "it is darker towards the corners"):
         barrel = fall.barrel_gain > 0 and 0 < fall.corner_loss < 1
-        found.tell(
-            "effects.vignetting.corner_loss",
-            fall.corner_loss if barrel else 0.0,
-            fall.deviation if barrel else math.nan,
-            "beside cos^4",
-        )
+        loss, error = (fall.corner_loss, fall.deviation) if barrel else (0.0, math.nan)
+        found.tell("effects.vignetting.corner_loss", loss, error, "beside cos^4")
 
 
 def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: float) -> None:
@@ -293,36 +266,36 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
             found.say("unit")
         return
     read = found.tried("read_noise", curve.gains[1], 0.0, criterion, "variance in the dark")
-    for effect in ("photoelectrons", "gain"):
-        found.named.append(Named(effect, True, "needed by the noise", 0.0, 0.0))
+    found.effects += [Named(one, True, "needed by the noise") for one in ("photoelectrons", "gain")]
     key = "effects.photoelectrons.quantum_efficiency"
     found.tell(key, min(1.0, efficiency), math.nan, "as configured, or by calibrate.ambient_lx")
     if efficiency > 1:
         found.say("photons", efficiency=efficiency)
     electrons, slope_error = 1 / curve.noise.slope, curve.deviation[0] / curve.noise.slope
-    pattern = patterns(found.around)
+    fixed, row = patterns(found.around)
     x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
     steep = middle_slope(x, gamma, curve.noise)
-    share = pattern.fixed / steep / x
+    share = fixed.value / steep / x
     if read:
         # Where the panel moves over the pixels, what differs from pixel to pixel is in the floor too.
-        stays = share > RESPONSE and pattern.fixed_gain > LIKELIHOOD and not curve.still
+        stays = share > RESPONSE and fixed.gain > LIKELIHOOD and not curve.still
         floor = max(curve.noise.floor - (share * x) ** 2 * stays, 0.01 * curve.noise.floor)
         sigma = math.sqrt(floor) * electrons
         relative = math.hypot(curve.deviation[1] / (2 * floor), slope_error)
         found.tell("effects.read_noise.electrons", sigma, sigma * relative, "in the dark")
+    else:
+        found.say("read", electrons=math.sqrt(curve.hidden) * electrons)
     kind, other = ("prnu", "dsnu") if share < RESPONSE else ("dsnu", "prnu")
     criterion = f"{RATIO}, of variances in the background"
-    if found.tried(kind, pattern.fixed_gain, LIKELIHOOD, criterion, "pixels differ, always alike"):
-        relative = math.hypot(pattern.fixed_deviation / pattern.fixed, slope_error if kind == "dsnu" else 0.0)
+    if found.tried(kind, fixed.gain, LIKELIHOOD, criterion, "pixels differ, always alike"):
+        relative = math.hypot(fixed.deviation / fixed.value, slope_error if kind == "dsnu" else 0.0)
         given = share if kind == "prnu" else share * x * electrons
         key = "effects.prnu.share" if kind == "prnu" else "effects.dsnu.electrons"
         found.tell(key, given, given * relative, "of each pixel")
         found.say("pattern", kind=kind, share=share)
     found.tried(other, 0.0, LIKELIHOOD, f"not told from {kind}")
-    if found.tried("row_noise", pattern.row_gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):
-        amount = pattern.row / steep * electrons
-        relative = math.hypot(pattern.row_deviation / pattern.row, slope_error)
+    if found.tried("row_noise", row.gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):
+        amount, relative = row.value / steep * electrons, math.hypot(row.deviation / row.value, slope_error)
         found.tell("effects.row_noise.electrons", amount, amount * relative, "of each row")
 
 
@@ -333,14 +306,12 @@ def beside(fit: RecordingFit, found: Findings) -> None:
     if not found.tried("lamps", count, 0.5, "how many a frame", explains):
         return
     panel, gamma = found.panel, float(fit.of_all[0])
-    metre = torch.exp(fit.value("log_pitch_px")).median() / panel.pitch_m
-    background = next(one for one in found.values if one.key == "ambient_lx").middle
-    background *= panel.background_reflectance / math.pi
+    across = wide * panel.pitch_m / float(torch.exp(fit.value("log_pitch_px")).median())
+    lux = next(one for one in found.values if one.key == "ambient_lx").middle
     light = (grey / MIDDLE_GREY) ** gamma / float(scenes.linear(fit, "background").median())
-    found.tell("effects.lamps.count", max(1, round(count)), math.nan, "a frame")
-    found.tell("effects.lamps.luminance_cd_m2", light * background, math.nan, "as seen")
-    found.tell(
-        "effects.lamps.diameter_m", min(10.0, wide / float(metre)), math.nan, "at the panel's distance"
-    )
+    light *= lux * panel.background_reflectance / math.pi
+    found.tell("effects.lamps.count", max(1, round(count)), note="a frame")
+    found.tell("effects.lamps.luminance_cd_m2", light, note="as seen")
+    found.tell("effects.lamps.diameter_m", min(10.0, across), note="at the panel's distance")
     if grey >= 254:
         found.say("lamps")

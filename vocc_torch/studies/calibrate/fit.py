@@ -9,7 +9,7 @@ from scipy import stats
 from torch import Tensor, nn
 
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.model import OF_ALL, OF_FRAME, Noise, Windows
+from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, Noise, Windows
 
 CLEAR_SIGMAS = 4.0
 """A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
@@ -29,9 +29,8 @@ GRID_PX = 8
 SURE = 1.96
 """Standard deviations to either side of a 95 % interval."""
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
-"""Bounds of what all frames share."""
-STEEPEST = 1.3
-BRIGHTEST = 5000.0
+RANGES |= dict.fromkeys(("yaw", "pitch"), (-1.3, 1.3)) | dict.fromkeys(LEVELS, (1e-2, 5000.0))
+"""Where values mean something."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +105,10 @@ class RecordingFit:
         own = self.of_frame.clone().requires_grad_()
         all_ = self.of_all.expand(len(own), -1).clone().requires_grad_()
         made = of(model.columns(own), all_)
-        own_slope, all_slope = torch.autograd.grad(made.sum(), (own, all_), allow_unused=True)
-        turns = [model.direction(name) for name in self.free]
-        parts = (own_slope, all_slope)
-        along = [torch.zeros(len(own)).double() if p is None else p for p in parts]
-        mine = [along[0] @ t for name, t, _ in turns if name in OF_FRAME]
-        common = [
-            along[1] @ t if along[1].ndim > 1 else along[1] for name, _, t in turns if name not in OF_FRAME
-        ]
-        a, b = torch.stack(mine, 1), torch.stack(common, 1)
+        own_slope, all_slope = torch.autograd.grad(made.sum(), (own, all_), materialize_grads=True)
+        turns = Turns.of(self.free)
+        (frame, shared), count = turns.along, len(turns.own)
+        a, b = own_slope @ frame[:count].mT, all_slope @ shared[count:].mT
         variance = torch.einsum("bi,wbij,bj->wb", a, self.alone, a).amax(0)
         pulled = (b - torch.einsum("bi,bij->bj", a, self.lead)).mean(0)
         added = float((pulled @ self.shared @ pulled).max())
@@ -127,13 +121,11 @@ class RecordingFit:
 
     def value(self, name: str) -> Tensor:
         """A value: of each frame (B,), or of all."""
-        if name in OF_FRAME:
-            return self.of_frame[:, OF_FRAME.index(name)]
-        return self.of_all[OF_ALL.index("blur_xx" if name == "blur" else name)]
+        own = name in OF_FRAME
+        return self.of_frame[:, OF_FRAME.index(name)] if own else self.of_all[OF_ALL.index(name)]
 
-    def first(self, frames: int) -> "RecordingFit":
-        """Take the first frames."""
-        rows = slice(0, frames)
+    def taken(self, rows: slice) -> "RecordingFit":
+        """Take some frames."""
         parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}
         parts["trust"] = self.trust if len(self.trust) == 1 else self.trust[rows]
         return replace(self, windows=self.windows.taken(rows), **parts)
@@ -145,6 +137,14 @@ class RecordingFit:
     def predicted(self) -> tuple[Tensor, Tensor]:
         """Mean and variance of the grey values, (B,H,W) each."""
         return model.expected(self.light(), self.of_all[0], self.noise)
+
+    def rendered(self, of_frame: Tensor, of_all: Tensor) -> Tensor:
+        """Give the mean of the grey values for other values, (B,H,W)."""
+        return replace(self, of_frame=of_frame, of_all=of_all).predicted()[0]
+
+    def slopes(self, of_frame: Tensor, of_all: Tensor, turns: "Turns") -> tuple[Tensor, Tensor]:
+        """Give that mean, and its derivatives (D,B,H,W)."""
+        return model.slopes(self.windows, of_frame, of_all, self.lit, self.noise, turns.along)
 
 
 def settled(
@@ -160,8 +160,8 @@ def settled(
         steps: most steps.
         robust: whether far residuals count less.
     """
-    turns, rendered = Turns.of(free), expecting(fit)
-    along, own = turns.along, len(turns.own)
+    turns = Turns.of(free)
+    own = len(turns.own)
     variance = fit.predicted()[1]
     damping, current = FIRST_DAMPING, (fit.of_frame, fit.of_all)
 
@@ -170,7 +170,7 @@ def settled(
         return weights * calmed(residual, variance) if robust else weights
 
     for step in range(steps + 1):
-        mean, slopes = model.slopes(rendered, *current, along)
+        mean, slopes = fit.slopes(*current, turns)
         residual = fit.grey - mean
         weights = weighed(residual)
         misfit = float((weights * residual.square()).sum())
@@ -187,7 +187,7 @@ def settled(
                 moved = False
                 break
             of_frame, of_all = turns.moved(*current, own_step, all_step)
-            new = float((weights * (fit.grey - rendered(of_frame, of_all)).square()).sum())
+            new = float((weights * (fit.grey - fit.rendered(of_frame, of_all)).square()).sum())
             if new <= misfit or damping > LOOSE:
                 moved = new < misfit
                 break
@@ -212,13 +212,12 @@ def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> Recording
         free: names of the values to fit.
         sigma: standard deviation of the noise, in grey values.
     """
-    turns, rendered = Turns.of(free), expecting(fit)
-    weights = fit.trust / fit.predicted()[1]
-    weights = weights * calmed(fit.grey - fit.predicted()[0], fit.predicted()[1])
-    current = fit.of_frame, fit.of_all
-    slopes = model.slopes(rendered, *current, turns.along)[1]
+    turns, current = Turns.of(free), (fit.of_frame, fit.of_all)
+    mean, variance = fit.predicted()
+    weights = fit.trust / variance * calmed(fit.grey - mean, variance)
+    slopes = fit.slopes(*current, turns)[1]
     for _ in range(CORRECTIONS):
-        residual = fit.grey - model.written(rendered(*current), sigma)
+        residual = fit.grey - model.written(fit.rendered(*current), sigma)
         blocks = normal(slopes, residual, weights, len(turns.own))
         current = turns.moved(*current, *arrow_step(*blocks, FIRST_DAMPING))
     made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names)
@@ -232,18 +231,18 @@ class Turns:
     Args:
         own: names of those that each frame has.
         shared: names of those that all share.
-        along: their directions.
+        along: (D,10) the change of a frame's values by each, ``own`` first, and (D,4) of what all share.
     """
 
     own: tuple[str, ...]
     shared: tuple[str, ...]
-    along: list[model.Direction]
+    along: tuple[Tensor, Tensor]
 
     @classmethod
     def of(cls, free: Sequence[str]) -> "Turns":
         """Sort names: each frame's first."""
         own, shared = (tuple(n for n in free if (n in OF_FRAME) == is_own) for is_own in (True, False))
-        return cls(own, shared, [model.direction(name) for name in (*own, *shared)])
+        return cls(own, shared, model.directions((*own, *shared)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -251,20 +250,14 @@ class Turns:
         return (*self.own, *self.shared)
 
     def moved(self, of_frame: Tensor, of_all: Tensor, own: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
-        """Take a step, within bounds."""
-        count = len(self.own)
-        frame = torch.stack([one for _, one, _ in self.along])[:count]
-        of_all = of_all + shared @ torch.stack([one for _, _, one in self.along])[count:]
-        return bounded(of_frame + own @ frame), bounded_all(of_all)
-
-
-def expecting(fit: RecordingFit) -> Callable[[Tensor, Tensor], Tensor]:
-    """Give the function that makes expected grey values of a fit's kind from values."""
-
-    def rendered(of_frame: Tensor, of_all: Tensor) -> Tensor:
-        return model.expected(model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise)[0]
-
-    return rendered
+        """Take a step, and hold values where they mean something."""
+        (frame, all_), count = self.along, len(self.own)
+        made = of_frame + own @ frame[:count], of_all + shared @ all_[count:]
+        for values, names in zip(made, (OF_FRAME, OF_ALL), strict=True):
+            for at, name in enumerate(names):
+                if name in RANGES:
+                    values[..., at].clamp_(*RANGES[name])
+        return made
 
 
 def trusted(fit: RecordingFit) -> RecordingFit:
@@ -350,19 +343,3 @@ def covariances(
         torch.stack([inverse * scale, inverse @ (of_own @ of_own.mT) @ inverse]),
         lead,
     )
-
-
-def bounded(of_frame: Tensor) -> Tensor:
-    """Hold frames' values where they mean something."""
-    made = of_frame.clone()
-    made[:, 3:5] = made[:, 3:5].clamp(-STEEPEST, STEEPEST)
-    made[:, 6:] = made[:, 6:].clamp(1e-2, BRIGHTEST)
-    return made
-
-
-def bounded_all(of_all: Tensor) -> Tensor:
-    """Hold what all share where it means something."""
-    made = of_all.clone()
-    for name, (low, high) in RANGES.items():
-        made[OF_ALL.index(name)] = made[OF_ALL.index(name)].clamp(low, high)
-    return made

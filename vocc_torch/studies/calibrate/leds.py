@@ -60,7 +60,7 @@ def start(
     values += [behind.clamp(min=1), off.clamp(min=1), 1.3 * on.clamp(min=2), off.clamp(min=1)]
     of_all = torch.tensor([gamma, 1.0, 1.0, 0.0]).double()
     begun = RecordingFit(windows, grey, torch.stack(values, 1), of_all, lit.double())
-    few, tried = begun.first(BEGUN_WITH), []
+    few, tried = begun.taken(slice(0, BEGUN_WITH)), []
     for share in (0.12, 0.25, 0.45, 0.7):
         moment = float(pitch.median() * share) ** 2
         blurred = replace(few, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
@@ -87,23 +87,19 @@ def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
     """
     values, errors = [], []
     for frame in range(len(fit.grey)):
-        rows = slice(frame, frame + 1)
-        one = replace(fit, windows=fit.windows.taken(rows), grey=fit.grey[rows], lit=fit.lit[rows])
-        one = replace(one, of_frame=fit.of_frame[rows])
+        one = fit.taken(slice(frame, frame + 1))
         x = one.light()
-        mean, variance = model.expected(x, one.of_all[0], one.noise)
+        mean, variance = one.predicted()
         steep = torch.where(mean < model.WHITE - 0.5, mean / (one.of_all[0] * x), 0.0)
-        patches, left, top = model.stamped(
-            one.windows, *model.seen(one.windows, one.of_frame, one.of_all, model.grid(one.windows.shape))
-        )
+        at = model.seen(one.windows, one.of_frame, one.of_all, model.grid(one.windows.shape))
+        patches, left, top = model.stamped(one.windows, *at)
         leds = fit.lit.shape[1]
         canvas = torch.zeros(leds, *one.windows.size_px).double()
         raster.add_patches(canvas, patches, torch.arange(leds), left, top)
         spots = model.through_camera(one.windows, canvas, one.of_all) * steep
         level = {name: (one.value(name) / MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
         spots = (spots * (level["on"] - level["off"])).flatten(1)
-        trust = fit.trust.expand_as(fit.grey)[frame]
-        weights = (trust / variance).flatten()
+        weights = (one.trust / variance).flatten()
         matrix = (spots * weights) @ spots.T
         matrix = matrix + torch.eye(leds).double() * (1e-6 * matrix.diagonal().mean() + 1e-12)
         inverse = torch.linalg.inv(matrix)
@@ -139,12 +135,11 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Tens
     turns = fit.of_frame.clone()
     turns[:, 3:5] = -turns[:, 3:5]
     other = settled(replace(fit, of_frame=turns), free, steps=8)
-    costs = [
-        ((one.grey - one.predicted()[0]).square() / one.predicted()[1]).sum(dim=(1, 2))
-        for one in (fit, other)
-    ]
-    better = (costs[1] < costs[0]).unsqueeze(1)
-    apart = (costs[1] - costs[0]).abs() / fit.scale
+    here, there = (
+        ((fit.grey - mean).square() / variance).sum(dim=(1, 2))
+        for mean, variance in (fit.predicted(), other.predicted())
+    )
+    better, apart = (there < here).unsqueeze(1), (there - here).abs() / fit.scale
     if not bool(better.any()):
         return fit, apart
     return settled(replace(fit, of_frame=torch.where(better, other.of_frame, fit.of_frame)), free), apart

@@ -5,7 +5,7 @@ units of the light that Eq. 1 encodes as the grey value 118: ``G = 118 x^(1/gamm
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -260,35 +260,46 @@ def written(mean: Tensor, sigma: float) -> Tensor:
     return mean - saw
 
 
-Direction = tuple[str, Tensor, Tensor]
-"""A way to change the values: its name, the change of a frame's (10,) and of what all share (4,)."""
+def directions(names: Sequence[str]) -> tuple[Tensor, Tensor]:
+    """Give the change by one unit of each value: of a frame's (D,10), and of what all share (D,4).
 
-
-def direction(name: str) -> Direction:
-    """Give the change by one unit of a value; ``blur`` changes both axes of the blur alike."""
-    frame, shared = torch.zeros(len(OF_FRAME)).double(), torch.zeros(len(OF_ALL)).double()
-    if name in OF_FRAME:
-        frame[OF_FRAME.index(name)] = 1
-    elif name == "blur":
-        shared[1:3] = 1
-    else:
-        shared[OF_ALL.index(name)] = 1
-    return name, frame, shared
+    ``blur`` changes both axes of the blur alike.
+    """
+    known = (*OF_FRAME, *OF_ALL)
+    whole = torch.zeros(len(names), len(known)).double()
+    for row, name in zip(whole, names, strict=True):
+        for one in ("blur_xx", "blur_yy") if name == "blur" else (name,):
+            row[known.index(one)] = 1
+    return whole[:, : len(OF_FRAME)], whole[:, len(OF_FRAME) :]
 
 
 def slopes(
-    rendered: Callable[[Tensor, Tensor], Tensor], of_frame: Tensor, of_all: Tensor, along: list[Direction]
+    windows: Windows,
+    of_frame: Tensor,
+    of_all: Tensor,
+    lit: Tensor,
+    noise: Noise,
+    along: tuple[Tensor, Tensor],
 ) -> tuple[Tensor, Tensor]:
-    """Render, and differentiate forward along each direction; frames do not depend on one another.
+    """Expect grey values, and differentiate forward along :func:`directions`.
+
+    Frames do not depend on one another. Noise and encoding change each pixel by itself, so two derivatives of
+    them are enough.
 
     Returns:
-        what is rendered, (B,...), and its derivatives (D,B,...).
+        the mean grey values (B,H,W), and their derivatives (D,B,H,W).
     """
-    own, all_ = torch.stack([turn[1] for turn in along]), torch.stack([turn[2] for turn in along])
+    own, shared = along
 
     def moved(step: Tensor) -> tuple[Tensor, Tensor]:
-        values = rendered(of_frame + step @ own, of_all + step @ all_)
-        return values, values
+        x = light(windows, of_frame + step @ own, of_all + step @ shared, lit)
+        return x, x
 
-    derivatives, values = torch.func.jacfwd(moved, has_aux=True)(torch.zeros(len(along)).double())
-    return values, derivatives.movedim(-1, 0)
+    def greys(x: Tensor, gamma: Tensor) -> Tensor:
+        return expected(x, gamma, noise)[0]
+
+    brighter, x = torch.func.jacfwd(moved, has_aux=True)(torch.zeros(len(own)).double())
+    at, none = (x, of_all[0]), torch.zeros_like(of_all[0])
+    mean, by_light = torch.func.jvp(greys, at, (torch.ones_like(x), none))
+    by_gamma = torch.func.jvp(greys, at, (torch.zeros_like(x), none + 1))[1]
+    return mean, by_light * brighter.movedim(-1, 0) + by_gamma * shared[:, :1, None, None]

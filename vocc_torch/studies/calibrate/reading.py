@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,11 @@ class Footage:
     read: int
     looked: int
     failures: list[str]
+
+    def taken(self, rows: slice) -> "Footage":
+        """Take some frames."""
+        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "times_s", "corners_px")}
+        return replace(self, **parts)
 
     def doubts(self) -> list[str]:
         """Say what these frames cannot tell."""
@@ -137,11 +142,6 @@ def read_footage(source: Path, channel: str, locator: PanelLocator, shape: Panel
         raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
     times = np.array([np.nan if one.time_s is None else one.time_s for one in kept])
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
-    step = 1
-    while len(kept) * step < read:
-        step *= 2
-    numbers = np.arange(len(kept)) * step
-    chosen = rows.numpy()
-    return Footage(
-        greys[chosen], numbers[chosen], times[chosen], torch.cat(corners)[rows], read, len(kept), failures
-    )
+    numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
+    every = Footage(greys, numbers, times, torch.cat(corners), read, len(kept), failures)
+    return every.taken(rows.numpy())

@@ -33,20 +33,8 @@ def write_page(study: CalibratedScene, source: str, command: str, folder: Path) 
     if curve is not None and has_curve:
         write_transfer(study, curve, folder / "transfer.png")
     left = fit.grey - fit.predicted()[0]
-    text = page.render(
-        __package__,
-        "page.md.j2",
-        source=source,
-        footage=study.footage,
-        fitted=len(fit.grey),
-        pixels=fit.grey.numel(),
-        rms=float(left.square().mean().sqrt()),
-        command=command,
-        scene=study.scene,
-        has_curve=has_curve,
-        still=curve is not None and curve.still,
-        shown=shown,
-    )
+    values = {"study": study, "rms": float(left.square().mean().sqrt()), "has_curve": has_curve}
+    text = page.render(__package__, "page.md.j2", source=source, command=command, shown=shown, **values)
     write_atomically(folder / "page.md", text.encode())
     write_atomically(folder / "page.html", page.html(text, f"A scene from {source}", folder).encode())
 
@@ -79,10 +67,8 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
         for column, (head, plane) in enumerate(zip(heads, (fit.grey, mean, off), strict=True)):
             one = axes[3 * row + column]
             ends = (-FARTHEST, FARTHEST) if column == 2 else (0, model.WHITE)
-            colours = "RdBu_r" if column == 2 else "gray"
-            one.imshow(
-                plane[frame].numpy(), cmap=colours, vmin=ends[0], vmax=ends[1], interpolation="nearest"
-            )
+            look = {"cmap": "RdBu_r" if column == 2 else "gray", "interpolation": "nearest"}
+            one.imshow(plane[frame].numpy(), vmin=ends[0], vmax=ends[1], **look)
             one.set_title(head, fontsize=9)
             one.set_axis_off()
     canvas.save_figure(figure, path)
@@ -98,9 +84,7 @@ def write_transfer(study: CalibratedScene, curve: Curve, path: Path) -> None:
     axes.plot(curve.light, curve.variance, "o", color=canvas.INK, label="measured")
     axes.plot(light, fitted.numpy(), "-", color="#0072B2", label="photon transfer and rounding")
     axes.plot(light, rounding, ":", color=canvas.QUIET, label="rounding alone")
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("light, of that which is encoded as 118")
-    axes.set_ylabel("variance, grey values squared")
+    labels = {"xlabel": "light, of that which is encoded as 118", "ylabel": "variance, grey values squared"}
+    axes.set(xscale="log", yscale="log", **labels)
     axes.legend(fontsize=8, frameon=False)
     canvas.save_figure(figure, path)

@@ -43,32 +43,22 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         warnings.warn(taken, stacklevel=2)
     for doubt in footage.doubts():
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)
-    study = calibrate(
-        footage,
-        camera,
-        panel,
-        most=config.frames,
-        bits=bits,
-        ambient_lx=config.ambient_lx,
-        quantum_efficiency=config.quantum_efficiency,
-    )
+    study = calibrate(footage, camera, panel, config, bits)
     path = folder / "scene" / f"{settings.name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     word = Path(settings.name).name
     write_atomically(path, study.scene.text(word, source.name).encode())
     run_folder.write_config(settings, folder)
-    for one in study.scene.unknown:
-        console.print(f"not told: {one}", soft_wrap=True, markup=False, highlight=False)
     for doubt in study.scene.doubts:
         warnings.warn(doubt, stacklevel=2)
     command = next_command(settings.name, study.scene.panel)
     write_page(study, source.name, command, folder)
     named = [one.effect for one in study.scene.effects if one.asked]
-    for text in (f"effects: {', '.join(named)}", f"train: {command}"):
+    unknown = [f"not told: {one}" for one in study.scene.unknown]
+    for text in (*unknown, f"effects: {', '.join(named)}", f"train: {command}"):
         console.print(text, soft_wrap=True, markup=False, highlight=False)
-    run_folder.print_places(
-        console, folder, [("scene", str(path.relative_to(folder))), ("page", "page.html")]
-    )
+    places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
+    run_folder.print_places(console, folder, places)
     if footage.failures:
         raise VoccError(f"{footage.failures[0]}; the scene is of the frames that could be read")
 
@@ -83,16 +73,10 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         bits = np.load(path, allow_pickle=False)
     except (OSError, ValueError) as error:
         raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
-    if (
-        bits.dtype != np.bool_
-        or bits.ndim != 3
-        or bits.shape[1:] != (shape.rows, shape.columns)
-        or not len(bits)
-    ):
+    if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
-        raise VoccError(
-            f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be {wanted}"
-        )
+        given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
+        raise VoccError(f"{given}: it must be {wanted}")
     known: NDArray[np.bool_] = bits
     return known
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import yaml
@@ -73,30 +73,30 @@ class Named:
     effect: str
     asked: bool
     criterion: str
-    gain: float
-    needed: float
+    gain: float = 0.0
+    needed: float = 0.0
     explains: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(kw_only=True)
 class Calibrated:
     """A scene from a recording.
 
     Args:
-        values: of the scene and its effects, each with what it explains.
-        effects: all that were tried.
         camera: whose picture it is.
         panel: whose LEDs they are.
+        values: of the scene and its effects, each with what it explains.
+        effects: all that were tried.
         unknown: what the recording does not tell, in sentences.
         doubts: what the model does not explain, in sentences.
     """
 
-    values: tuple[Value, ...]
-    effects: tuple[Named, ...]
     camera: Camera
     panel: LedPanel
-    unknown: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    values: list[Value] = field(default_factory=list)
+    effects: list[Named] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
     def of(self, effect: str) -> list[Value]:
         """Give an effect's values."""

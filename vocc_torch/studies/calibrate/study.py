@@ -1,7 +1,6 @@
 """From frames to a scene: fits one after the other, each effect only where the recording asks for it."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
-from vocc_torch.studies.calibrate import model
+from vocc_torch.studies.calibrate import CalibrateConfig, model
 from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.describe import LIKELIHOOD, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
@@ -31,6 +30,8 @@ FINEST_PITCH_PX = 12
 """Pixels from LED to LED that are enough; of more, several are averaged into one."""
 LEAST_FRAMES = 4
 """Fewer show no noise."""
+BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
+"""With which power of the pixels' width values grow."""
 
 
 @dataclass(frozen=True)
@@ -52,31 +53,15 @@ class CalibratedScene:
     footage: Footage
 
 
-def windows_of(
-    footage: Footage, camera: Camera, panel: LedPanel, most: int
-) -> tuple[Windows, Tensor, Footage]:
+def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> tuple[Windows, Tensor]:
     """Cut a window about the panel from each frame, all of one size, on a grid of 8 px.
 
     Returns:
-        what is known of them, their grey values (B,H,W), and the footage of the frames that were taken.
-
-    Raises:
-        VoccError: a panel that fills the picture.
+        what is known of them, and their grey values (B,H,W).
     """
-    step = -(-len(footage) // most)
-    kept = slice(None, None, step)
-    footage = replace(
-        footage,
-        greys=footage.greys[kept],
-        numbers=footage.numbers[kept],
-        times_s=footage.times_s[kept],
-        corners_px=footage.corners_px[kept],
-    )
-    corners = footage.corners_px
-    low, high = corners.amin(1), corners.amax(1)
-    cell = (high - low).amax(1) / max(panel.shape.rows, panel.shape.columns)
-    margin = (1.2 * cell + 8).unsqueeze(1)
-    extent = (high - low + 2 * margin).amax(0)
+    low, high = footage.corners_px.amin(1), footage.corners_px.amax(1)
+    cell = (high - low).amax(1, keepdim=True) / max(panel.shape.rows, panel.shape.columns)
+    extent = (high - low + 2 * (1.2 * cell + 8)).amax(0)
     sensor = torch.tensor([camera.width_px, camera.height_px])
     size = ((extent / GRID_PX).ceil() * GRID_PX + GRID_PX).long()
     size = torch.minimum(size, sensor)
@@ -88,26 +73,16 @@ def windows_of(
         torch.from_numpy(frame[y : y + height, x : x + width].astype(np.float64))
         for frame, (x, y) in zip(footage.greys, first.tolist(), strict=True)
     ]
-    known = Windows(
-        panel.shape,
-        panel.led_diameter_m / panel.pitch_m / 2,
-        camera.focal_length_px,
-        camera.sensor_px,
-        first,
-        (height, width),
-    )
-    return known, torch.stack(cut), footage
+    radius, focal = panel.led_diameter_m / panel.pitch_m / 2, camera.focal_length_px
+    return Windows(panel.shape, radius, focal, camera.sensor_px, first, (height, width)), torch.stack(cut)
 
 
 def calibrate(
     footage: Footage,
     camera: Camera,
     panel: LedPanel,
-    *,
-    most: int,
+    config: CalibrateConfig,
     bits: NDArray[np.bool_] | None = None,
-    ambient_lx: float | None = None,
-    quantum_efficiency: float = 0.6,
 ) -> CalibratedScene:
     """Fit a scene to a recording.
 
@@ -115,30 +90,29 @@ def calibrate(
         footage: frames with the panel's corners.
         camera: whose picture it is, of the recording's size.
         panel: the panel.
-        most: frames that are fitted, at most.
+        config: how many frames are fitted, and what is known of the light.
         bits: (N,R,C) what the panel showed by frame, or None.
-        ambient_lx: illuminance, where it is known.
-        quantum_efficiency: for the illuminance, where it is not.
 
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
     uncut, whole, times = footage, camera, coarseness(footage.corners_px, panel.shape)
     camera = coarser(camera, times)
-    known, grey, footage = windows_of(binned(footage, times), camera, panel, most)
+    footage = binned(footage, times).taken(np.s_[:: -(-len(footage) // config.frames)])
+    known, grey = windows_of(footage, camera, panel)
     cells = max(panel.shape.rows, panel.shape.columns)
     around = Surround.of(footage.greys, footage.corners_px, cells)
     fall = falloff(around, camera.focal_length_px, camera.gamma)
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
     demand_contrast(begun, footage)
-    found = Findings(camera, panel, around, fall, compression(uncut.greys))
+    coded = compression(uncut.greys)
+    found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
         found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
-        own = fit.of_all.clone()
-        own[0] = camera.gamma
+        own = fit.of_all.index_fill(0, torch.tensor(0), camera.gamma)
         fit = settled(replace(fit, of_all=own), free)
     curve = None
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
@@ -156,8 +130,9 @@ def calibrate(
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
     if quiet and not found.needed:
         fit = corrected(fit, free, math.sqrt(around.noise()))
-    scene = describe(fit, curve, differ, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
-    return CalibratedScene(finer(scene, whole, times), fit, curve, own, footage)
+    describe(fit, curve, differ, apart, found)
+    finer(found, whole, times)
+    return CalibratedScene(found, fit, curve, own, footage)
 
 
 def coarseness(corners_px: Tensor, shape: PanelShape) -> int:
@@ -183,17 +158,13 @@ def binned(footage: Footage, times: int) -> Footage:
     return replace(footage, greys=cut.mean((2, 4)), corners_px=footage.corners_px / times)
 
 
-def finer(scene: Calibrated, camera: Camera, times: int) -> Calibrated:
+def finer(scene: Calibrated, camera: Camera, times: int) -> None:
     """Say of single pixels what was found of many in one."""
-    powers = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
-    scales = {key: float(times) ** power for key, power in powers.items()}
-    values = [
-        replace(one, given=one.middle * scales[one.key], deviation=one.deviation * scales[one.key])
-        if one.key in scales
-        else one
-        for one in scene.values
-    ]
-    return replace(scene, values=tuple(values), camera=replace(camera, gamma=scene.camera.gamma))
+    for at, one in enumerate(scene.values):
+        if one.key in BY_PIXEL:
+            scale = float(times) ** BY_PIXEL[one.key]
+            scene.values[at] = replace(one, given=one.middle * scale, deviation=one.deviation * scale)
+    scene.camera = replace(camera, gamma=scene.camera.gamma)
 
 
 def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[str, ...], Tensor]:
@@ -202,7 +173,7 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     Returns:
         the fit, the names of what is fitted, and by how much each frame tells a pose from its mirror image.
     """
-    posed = replace(begun, of_frame=begun.of_frame + 0.08 * model.direction("yaw")[1])
+    posed = replace(begun, of_frame=begun.of_frame + 0.08 * model.directions(["yaw"])[0])
     fit, _, _ = decided(posed, POSED)
     flat = fit.of_frame.clone()
     flat[:, 3:6] = 0
@@ -237,29 +208,25 @@ def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
 
 
 def sensor_and_lens(
-    fit: RecordingFit, free: Sequence[str], found: Findings
+    fit: RecordingFit, free: tuple[str, ...], found: Findings
 ) -> tuple[RecordingFit, tuple[str, ...]]:
     """Try motion, the lens and a board, one after the other."""
-    free = tuple(free)
     moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
     rich = settled(fit, moving, steps=3)
     apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
     rich = certain(fit, rich, apart, math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy")))
     kept = found.judge("motion_blur", fit, rich, "light is spread farther along rows or columns")
-    free = moving if kept is rich else free
-    fit = kept
+    fit, free = (rich, moving) if kept is rich else (fit, free)
     rich = settled(fit, (*free, "k1"), steps=6)
     rich = certain(fit, rich, abs(float(rich.value("k1"))), rich.deviation("k1"))
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
-    free = (*free, "k1") if kept is rich else free
-    fit = kept if kept is rich else fit
+    fit, free = (rich, (*free, "k1")) if kept is rich else (fit, free)
     own = fit.of_frame.clone()
     own[:, OF_FRAME.index("board")] = fit.value("background")
     boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
     rich = settled(boards, (*free, "board"), steps=4)
-    kept = found.judge(
-        "panel.board_reflectance", fit, rich, "between the LEDs it is not as bright as around them"
-    )
+    explains = "between the LEDs it is not as bright as around them"
+    kept = found.judge("panel.board_reflectance", fit, rich, explains)
     return kept, (*free, "board") if kept is rich else free
 
 

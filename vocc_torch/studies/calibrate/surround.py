@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
 
+from vocc_torch.studies.calibrate.coded import tiled
 from vocc_torch.studies.calibrate.fit import UNDITHERED
 
 Array = NDArray[np.float64]
@@ -23,31 +24,27 @@ class Surround:
 
     Args:
         greys: (B,H,W).
-        box: rows and columns of the ring's outer border: top, bottom, left, right.
+        box: rows and columns of the panel and a ring around it.
         outside: (H,W) bool, where no frame has the panel.
     """
 
     greys: NDArray[Any]
-    box: tuple[int, int, int, int]
+    box: tuple[slice, slice]
     outside: NDArray[np.bool_]
 
     @classmethod
     def of(cls, greys: NDArray[Any], corners_px: Tensor, shape_cells: int) -> "Surround":
         """Leave the panel out, with two cells and 8 px around it, in every frame."""
-        height, width = greys.shape[1:]
-        outside = np.ones((height, width), dtype=bool)
-        bounds = []
-        for corners in corners_px.numpy():
-            low, high = corners.min(0), corners.max(0)
-            margin = 2 * float((high - low).max()) / shape_cells + 8
-            (left, top), (right, bottom) = np.floor(low - margin), np.ceil(high + margin)
-            bounds.append((top, bottom, left, right))
-            outside[max(0, int(top)) : max(0, int(bottom)), max(0, int(left)) : max(0, int(right))] = False
-        edges = np.array(bounds)
-        wide = int(0.5 * (edges[:, 1] - edges[:, 0]).max()) + 24
-        top, left = (max(0, int(edges[:, i].min()) - wide) for i in (0, 2))
-        bottom = min(height, int(edges[:, 1].max()) + wide)
-        return cls(greys, (top, bottom, left, min(width, int(edges[:, 3].max()) + wide)), outside)
+        outside = np.ones(greys.shape[1:], dtype=bool)
+        low, high = corners_px.amin(1), corners_px.amax(1)
+        margin = 2 * (high - low).amax(1, keepdim=True) / shape_cells + 8
+        low, high = (low - margin).floor().long(), (high + margin).ceil().long()
+        for (left, top), (right, bottom) in zip(low.clamp(min=0), high.clamp(min=0), strict=True):
+            outside[top:bottom, left:right] = False
+        wide = int(0.5 * (high - low)[:, 1].max()) + 24
+        left, top = (low.amin(0) - wide).clamp(min=0).tolist()
+        right, bottom = (high.amax(0) + wide).tolist()
+        return cls(greys, np.s_[top:bottom, left:right], outside)
 
     def noise(self) -> float:
         """Variance of the background from pixel to pixel next to it, in grey values; 0 where all is panel."""
@@ -55,83 +52,64 @@ class Surround:
         both = self.outside[:, 1:] & self.outside[:, :-1]
         return float((apart[:, both] ** 2).mean()) / 2 if both.any() else math.inf
 
-    def ring(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Give the greys around the panel (B,h,w), each frame less its own median, and which are outside."""
-        top, bottom, left, right = self.box
-        part = self.greys[:, top:bottom, left:right].astype(np.float64)
-        outside = self.outside[top:bottom, left:right]
-        middles = np.array([np.median(frame[outside]) if outside.any() else 0.0 for frame in part])
-        return part - middles[:, None, None], outside
 
-
-@dataclass(frozen=True)
-class Pattern:
-    """Noise that stays, or that rows share, in grey values of the background.
+class Excess(NamedTuple):
+    """What a scatter has beyond that which noise alone leaves.
 
     Args:
-        fixed: standard deviation of the pattern that stays.
-        fixed_deviation: of that.
-        fixed_gain: log-likelihood ratio over what noise alone leaves, times two.
-        row: standard deviation of rows' own offsets.
-        row_deviation: of that.
-        row_gain: as ``fixed_gain``.
+        value: its standard deviation.
+        deviation: of that.
+        gain: twice the log-likelihood ratio over noise alone.
     """
 
-    fixed: float = 0.0
-    fixed_deviation: float = math.nan
-    fixed_gain: float = 0.0
-    row: float = 0.0
-    row_deviation: float = math.nan
-    row_gain: float = 0.0
+    value: float = 0.0
+    deviation: float = math.nan
+    gain: float = 0.0
+
+    @classmethod
+    def of(cls, found: float, expected: float, count: float) -> "Excess":
+        """Compare a variance as found in so many numbers with the one expected.
+
+        Example:
+            >>> Excess.of(1.0, 1.0, 100).gain, round(Excess.of(2.0, 1.0, 100).gain, 1)
+            (0.0, 30.7)
+        """
+        if found <= expected:
+            return cls()
+        value, ratio = math.sqrt(found - expected), found / expected if expected > 0 else 1.0
+        return cls(value, found * math.sqrt(2 / count) / (2 * value), count * (ratio - 1 - math.log(ratio)))
 
 
-def variance_gain(found: float, expected: float, count: float) -> float:
-    """Say how much likelier a variance is that is as found than one as expected: 2 log of their ratio.
+def patterns(around: Surround) -> tuple[Excess, Excess]:
+    """Part what stays in a pixel, and what a row shares, from noise that is new in each frame.
 
-    Example:
-        >>> variance_gain(1.0, 1.0, 100), round(variance_gain(2.0, 1.0, 100), 1)
-        (0.0, 30.7)
+    Light that changes slowly over the picture, or where lamps pass, is neither: pixels and rows are compared
+    with their neighbours.
     """
-    if found <= expected or expected <= 0:
-        return 0.0
-    return count * (found / expected - 1 - math.log(found / expected))
-
-
-def patterns(around: Surround) -> Pattern:
-    """Part what stays in a pixel, and what a row shares, from noise that is new in each frame."""
-    rest, outside = around.ring()
-    frames = len(rest)
+    outside, frames = around.outside[around.box], len(around.greys)
     if frames < 4 or outside.sum() < 400:
-        return Pattern()
-    mean = rest.mean(0)
-    temporal = rest.var(0, ddof=1)
+        return Excess(), Excess()
+    rest = around.greys[:, *around.box].astype(np.float64)
+    rest = rest - np.median(rest[:, outside], axis=1)[:, None, None]
+    mean, temporal = rest.mean(0), rest.var(0, ddof=1)
     calm = outside & (temporal < 16 * np.median(temporal[outside]) + 1)
-    # Each pixel less its four neighbours: light that changes slowly over the picture is no pattern.
-    kernel = np.array([[0, -0.25, 0], [-0.25, 1, -0.25], [0, -0.25, 0]])
-    sharp = ndimage.convolve(mean, kernel)
+    sharp = ndimage.convolve(mean, np.array([[0, -0.25, 0], [-0.25, 1, -0.25], [0, -0.25, 0]]))
     whole = ndimage.minimum_filter(calm, size=3)
     if whole.sum() < 200:
-        return Pattern()
+        return Excess(), Excess()
     bulk = sharp[whole]
     bulk = bulk[np.abs(bulk) < 6 * np.median(np.abs(bulk)) + 1e-9]
-    found, noise = float(bulk.var()) / 1.25, float(temporal[whole].mean()) / frames
-    # Neighbours share a part: fewer pixels than there are count.
-    count = len(bulk) / 1.8
-    fixed = math.sqrt(max(0.0, found - noise))
-    error = found * math.sqrt(2 / count) / (2 * fixed) if fixed > 0 else math.nan
-    moving = rest - mean
-    wide = calm.sum(1)
-    rows = wide >= 16
-    shared = (moving * calm).sum(2)[:, rows] / wide[rows]
-    shared = shared - shared.mean(1, keepdims=True)
-    left = (1 - 1 / frames) * (1 - 1 / max(rows.sum(), 2))
-    each = (temporal * calm).sum(1)[rows] / wide[rows] / wide[rows]
-    row_found, row_noise = float((shared**2).mean()) / left, float(each.mean())
-    row_count = frames * int(rows.sum()) * left
-    row = math.sqrt(max(0.0, row_found - row_noise))
-    row_error = row_found * math.sqrt(2 / row_count) / (2 * row) if row > 0 else math.nan
-    gains = variance_gain(found, noise, count), variance_gain(row_found, row_noise, row_count)
-    return Pattern(fixed, error, gains[0], row, row_error, gains[1])
+    # Neighbours share a part: fewer pixels and rows than there are count.
+    fixed = Excess.of(float(bulk.var()) / 1.25, float(temporal[whole].mean()) / frames, len(bulk) / 1.8)
+    wide, left = calm.sum(1), 1 - 1 / frames
+    good = ndimage.minimum_filter1d(wide, 3, mode="constant") >= 16
+    if not good.any():
+        return fixed, Excess()
+    shared = ((rest - mean) * calm).sum(2) / wide.clip(1)
+    steps = ndimage.convolve1d(shared, [-0.5, 1, -0.5], axis=1)[:, good]
+    noise = ndimage.convolve1d((temporal * calm).sum(1) / wide.clip(1) ** 2, [0.25, 1, 0.25])[good]
+    count = frames * int(good.sum()) * left / 2
+    return fixed, Excess.of(float((steps**2).mean()) / 1.5 / left, float(noise.mean()) / 1.5, count)
 
 
 @dataclass(frozen=True)
@@ -161,27 +139,12 @@ def natural(height: int, width: int, focal_px: float) -> tuple[Array, Array]:
 def falloff(around: Surround, focal_px: float, gamma: float) -> Falloff:
     """Compare the background's blocks with even light, with cos^4 and with a lens barrel's loss."""
     height, width = around.greys.shape[1:]
-    rows, columns = height // CELL_PX, width // CELL_PX
-    if rows * columns < 40 or not around.outside.any():
+    if (height // CELL_PX) * (width // CELL_PX) < 40 or not around.outside.any():
         return Falloff()
-    inside = np.s_[: rows * CELL_PX, : columns * CELL_PX]
-
-    def blocks(plane: Array) -> Array:
-        return (
-            plane[inside]
-            .reshape(rows, CELL_PX, columns, CELL_PX)
-            .transpose(0, 2, 1, 3)
-            .reshape(rows, columns, -1)
-        )
-
-    light = np.zeros((rows, columns))
-    for frame in around.greys:
-        cells = np.mean(blocks(frame.astype(np.float64)), axis=2)
-        light += (cells / np.median(cells)) ** gamma
-    light /= len(around.greys)
-    free = blocks(around.outside.astype(np.float64)).min(2) > 0
-    free &= np.isfinite(light) & (light > 0)
-    shade, out = (blocks(plane).mean(2) for plane in natural(height, width, focal_px))
+    cells = tiled(around.greys, CELL_PX).mean((-2, -1), dtype=np.float64)
+    light = ((cells / np.median(cells, axis=(1, 2), keepdims=True)) ** gamma).mean(0)
+    free = tiled(around.outside, CELL_PX).all((-2, -1)) & np.isfinite(light) & (light > 0)
+    shade, out = (tiled(plane, CELL_PX).mean((-2, -1)) for plane in natural(height, width, focal_px))
     for _ in range(3):
         rest = light - np.median(light[free])
         free &= np.abs(rest) < 6 * 1.48 * np.median(np.abs(rest[free])) + 0.02
@@ -204,9 +167,8 @@ def falloff(around: Surround, focal_px: float, gamma: float) -> Falloff:
     flat, cosine, barrel = explained(np.ones(count)), explained(shade), explained(shade, shade * out)
     cost = math.log(count)
     barrel_gain = count * math.log(cosine[0] / barrel[0]) - cost
-    natural_gain = (
-        count * math.log(flat[0] / min(cosine[0], barrel[0] if barrel_gain > 0 else cosine[0])) - cost
-    )
+    best = min(cosine[0], barrel[0]) if barrel_gain > 0 else cosine[0]
+    natural_gain = count * math.log(flat[0] / best) - cost
     loss = -barrel[1][1] / barrel[1][0]
     turn = np.array([loss, 1.0]) / barrel[1][0]
     deviation = math.sqrt(max(0.0, float(turn @ barrel[2] @ turn)))

@@ -34,6 +34,7 @@ class Curve:
         noise: the fitted slope and floor.
         deviation: standard deviations of slope and floor; NaN for what was not fitted.
         gains: how much the criterion favours slope, floor, over what is without.
+        hidden: the floor that it takes for the criterion to favour one.
         still: whether pixels were compared from frame to frame.
     """
 
@@ -43,6 +44,7 @@ class Curve:
     noise: Noise
     deviation: tuple[float, float]
     gains: tuple[float, float]
+    hidden: float
     still: bool
 
 
@@ -130,15 +132,18 @@ def transfer(fit: RecordingFit) -> Curve:
         gains = [(loss(np.zeros(2)) - alone) / miss - cost for alone in (slope, floor)]
         kept = [int(np.argmax(gains))] if max(gains) > 0 else []
     noise = fits[2 if len(kept) == 2 else kept[0]][0] if kept else np.zeros(2)
-    deviation = np.full(2, math.nan)
+    deviation, hidden = np.full(2, math.nan), math.nan
     if kept:
-        step = 1e-4 * np.diag(noise)[kept]
+        step = 1e-4 * np.diag(np.exp(first))
         slopes = torch.stack([(predicted(noise + one) - predicted(noise)) / one.sum() for one in step])
-        information = (slopes * (count / (2 * predicted(noise).square()))) @ slopes.T
-        errors = torch.linalg.pinv(information, hermitian=True).diagonal().clamp(min=0)
-        deviation[kept] = (errors * miss).sqrt().numpy()
+        information = (slopes * (count / (2 * miss * predicted(noise).square()))) @ slopes.T
+        errors = torch.linalg.pinv(information[kept][:, kept], hermitian=True).diagonal().clamp(min=0)
+        deviation[kept] = errors.sqrt().numpy()
+        hidden = math.sqrt(cost * max(0.0, float(torch.linalg.pinv(information, hermitian=True)[1, 1])))
     sure, gained = (deviation[0], deviation[1]), (gains[0], gains[1])
-    return Curve(level.numpy(), raw.numpy(), count.numpy(), Noise(*noise.tolist()), sure, gained, still)
+    return Curve(
+        level.numpy(), raw.numpy(), count.numpy(), Noise(*noise.tolist()), sure, gained, hidden, still
+    )
 
 
 def middle_slope(x: float, gamma: Tensor, noise: Noise) -> float:
