@@ -7,8 +7,9 @@
 Each recording is of a scene that ships, with values drawn at random: those of the scene, and blur, gamma,
 read noise, and where the scene has them pattern noise and vignetting. The sensor is a part of 320 x 240
 px, with pixels of the scene's own size. The tables in ``docs/results`` grow by a recording at a time:
-``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there and
-which were named. What is in them is not done again; delete them where the fit changes.
+``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there,
+which were named, and of those there and not named how much the frames hold. What is in them is not done
+again; delete them where the fit changes. ``python docs/update_calibration.py`` writes them into the page.
 
 The second command trains receivers on the paper's scene, on the one that was found and on the true one, and
 counts their errors in fresh frames of the last: ``calibration_receivers.csv``. The third fits the photographs
@@ -20,7 +21,6 @@ import json
 import math
 import sys
 import time
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,12 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.recording import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.simulation.photometry import transmission
+from vocc_torch.simulation.effects import Context
+from vocc_torch.simulation.effects.sensor import Photoelectrons
+from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso, transmission
+from vocc_torch.studies.calibrate import CalibrateConfig
+from vocc_torch.studies.calibrate.fit import Turns, arrow_step, normal
+from vocc_torch.studies.calibrate.model import Noise, expected
 from vocc_torch.studies.calibrate.reading import Footage, agreeing
 from vocc_torch.studies.calibrate.report import write_page
 from vocc_torch.studies.calibrate.scene import of_size
@@ -55,8 +60,13 @@ AMONG_LAMPS = 24
 WIDTH, HEIGHT = 320, 240
 ALIKE = {"airlight": "veiling_glare"}
 """Effects that a recording does not tell from others, which stand for them."""
-UNSEEN = ("attenuation", "full_well")
-"""Effects that leave no trace of their own in these recordings."""
+NOISES = ("shot_noise", "prnu", "dsnu", "read_noise")
+UNTOLD = {"attenuation": "the air: ", "bayer": "the sensor's colours", "demosaicing": "the sensor's colours"}
+UNTOLD |= {"read_noise": "read noise: ", "prnu": "(prnu)", "dsnu": "(dsnu)"}
+CODED = "the sensor's noise: "
+"""How sentences begin, or what is in them, that say of effects that the recording does not tell them."""
+TRACED = ("motion_blur", "lens_distortion", "vignetting", "pose", "full_well", "veiling_glare", "read_noise")
+"""Effects for which it is asked how much of them the frames hold, where they are not named."""
 COMPARED = tuple(
     f"effects.{key}"
     for key in (
@@ -183,29 +193,104 @@ def compared(study: CalibratedScene, world: World, scene: Scene) -> list[Row]:
     return rows
 
 
+def judged(
+    study: CalibratedScene, world: World, scene: Scene, bits: torch.Tensor, keys: list[FrameKey]
+) -> list[Row]:
+    """Say of each effect that was there or tried: was it there, named, said not to be told, and its trace."""
+    true = {ALIKE.get(effect, effect): effect for effect in world.effects}
+    asked = {one.effect: one.asked for one in study.scene.effects}
+    coded, rows = any(one.startswith(CODED) for one in study.scene.unknown), []
+    for effect in dict.fromkeys((*true, *asked)):
+        there, named, untold, held = effect in true, asked.get(effect, False), False, math.nan
+        if there and not named:
+            word = CODED if coded and effect in (*NOISES, "photoelectrons", "gain") else UNTOLD.get(effect)
+            untold = word is not None and any(word in one for one in study.scene.unknown)
+            if effect in TRACED and not (coded and untold):
+                held = trace(true[effect], study, world, scene, bits, keys)
+        rows.append([effect, *map(int, (there, named, untold)), "" if math.isnan(held) else held])
+    return rows
+
+
+def trace(
+    effect: str,
+    study: CalibratedScene,
+    world: World,
+    scene: Scene,
+    bits: torch.Tensor,
+    keys: list[FrameKey],
+) -> float:
+    """Say how much of an effect frames hold, over what it takes to be named: below 1 it cannot be seen.
+
+    What twice the log-likelihood of the true pictures gains at most by the effect (Kullback and Leibler's
+    divergence from the pictures without it), less what the values of place, levels, blur, gamma and
+    photon noise take up of it, over Schwarz's log(pixels).
+    """
+    gamma, fit = world.camera.gamma, study.fit
+    still = {
+        name: given for name, given in world.effects.items() if name not in (*NOISES, "quantization", "jpeg")
+    }
+
+    def drawn(effects: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor]:
+        named = {name: given for name, given in still.items() if name in effects}
+        simulator = Simulator(world.camera, world.panel, named, framing="full", dtype=torch.float64)
+        grey = simulator.render(scene, bits, keys=keys).grey[:, 0]
+        if "shot_noise" not in effects:
+            return grey, torch.full_like(grey, 1 / 12)
+        context = Context(scene, world.camera, effects=simulator.effects, panel=world.panel)
+        efficiency = Photoelectrons(**effects["photoelectrons"]).electrons_per_lx_s(world.camera)
+        counted = efficiency * 10 / float(auto_iso(context).mean())  # electrons of the grey value 118
+        floor = (effects.get("read_noise", {"electrons": 0.0})["electrons"] / counted) ** 2
+        light = (grey / MIDDLE_GREY) ** gamma
+        return grey, expected(light, torch.tensor(gamma), Noise(1 / counted, floor))[1]
+
+    (mean, variance), (bare, bare_variance) = (
+        drawn({one: given for one, given in world.effects.items() if one != left}) for left in (None, effect)
+    )
+    ratio = variance / bare_variance
+    apart = (mean - bare).square() / bare_variance + ratio - 1 - ratio.log()
+    height, width = fit.windows.size_px
+    change, weight = (
+        torch.stack(
+            [
+                one[y : y + height, x : x + width]
+                for one, (x, y) in zip(plane, fit.windows.origin_px, strict=True)
+            ]
+        )
+        for plane in (mean - bare, 1 / bare_variance)
+    )
+    turns = Turns.of(fit.free)
+    blocks = normal(fit.slopes(fit.of_frame, fit.of_all, turns)[1], change, weight, len(turns.own))
+    own, shared = arrow_step(*blocks, 0.0)
+    taken_up = float((own * blocks[3]).sum() + (shared * blocks[4]).sum())
+    photons = 1 - 1 / 12 / bare_variance  # more photon noise takes up what other noise adds
+    taken_up += float(((ratio - 1) * photons).sum() ** 2 / photons.square().sum().clamp(min=1e-9)) / 2
+    return (float(apart.sum()) - taken_up) / math.log(fit.pixels)
+
+
 def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
     """Calibrate one recording: its values, its effects, and what happened."""
     began, world = time.process_time(), truth_of(name, seed)
     footage, bits, scene = recorded(world, seed)
     if len(footage) < 4:
         return [], [], f"the panel was found in {len(footage)} of {FRAMES} frames"
-    study = calibrate(footage, replace(world.camera, gamma=2.2, iso_limits=None), world.panel, most=FRAMES)
+    camera = replace(world.camera, gamma=2.2, iso_limits=None)
+    study = calibrate(footage, camera, world.panel, CalibrateConfig(frames=FRAMES))
     wrong = int((study.fit.bits != bits.flatten(1)).sum())
     path = SCENES_MADE / f"{name}_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(study.scene.text(path.stem, "a recording"))
     rows = compared(study, world, scene)
-    true = {ALIKE.get(effect, effect) for effect in world.effects if effect not in UNSEEN}
-    effects = [[one.effect, int(one.effect in true), int(one.asked)] for one in study.scene.effects]
+    keys = [FrameKey(BlockKey(seed, "recording", 0), int(number)) for number in footage.numbers]
+    effects = judged(study, world, scene, bits, keys)
     off = ", ".join(f"{key} {(est - is_) / (high - low) * 3.92:+.1f}" for key, is_, est, low, high in rows)
-    missed = [effect for effect, there, named in effects if there and not named]
-    many = [effect for effect, there, named in effects if named and not there]
+    missed = [row for row in effects if row[1] and not row[2]]
+    many = [effect for effect, there, named, *_ in effects if named and not there]
     text = f"{time.process_time() - began:.1f} s, {wrong} bits wrong, residuals {study.fit.scale**0.5:.2f}; "
     return rows, effects, text + f"{off}; missed {missed}, too many {many}"
 
 
 def main() -> None:
-    """Calibrate what is not in the files yet, and print their tables."""
+    """Calibrate what is not in the files yet."""
     words = sys.argv[1:]
     if words == ["pictures"]:
         pictures()
@@ -225,8 +310,8 @@ def main() -> None:
             rows, effects, text = run(name, seed)
             print(f"{name} {seed}: {text}", flush=True)
             append("calibration.csv", "key truth estimate low high", name, seed, rows)
-            append("calibration_effects.csv", "effect present named", name, seed, effects or [["none", 0, 0]])
-    print_tables()
+            columns = "effect present named untold trace"
+            append("calibration_effects.csv", columns, name, seed, effects or [["none", 0, 0, 0, ""]])
 
 
 def receivers(name: str, seed: int) -> list[Row]:
@@ -240,7 +325,7 @@ def receivers(name: str, seed: int) -> list[Row]:
     true = replace(true, scene=replace(true.scene, distance_m=about(FAR[name][0], 0.5), **far))
     footage, bits, _ = recorded(true, seed)
     known = replace(true.camera, gamma=2.2, iso_limits=None)
-    study = calibrate(footage, known, true.panel, most=FRAMES)
+    study = calibrate(footage, known, true.panel, CalibrateConfig(frames=FRAMES))
     wrong_leds = int((study.fit.bits != bits.flatten(1)).sum())
     print(f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong", flush=True)
     path = SCENES_MADE / f"{name}_far_{seed}.yaml"
@@ -274,7 +359,7 @@ def pictures() -> None:
         panel = replace(LedPanel(), shape=PanelShape(one["rows"], one["columns"]))
         camera, _ = of_size(Camera(), *picture.grey.shape)
         began, bits = time.process_time(), np.array([[bit == "1" for bit in row] for row in one["bits"]])
-        study = calibrate(footage, camera, panel, most=1)
+        study = calibrate(footage, camera, panel, CalibrateConfig(frames=2))
         wrong = int((study.fit.bits.numpy() != bits.reshape(1, -1)).sum())
         folder = SCENES_MADE / Path(name).stem
         folder.mkdir(parents=True, exist_ok=True)
@@ -303,28 +388,6 @@ def append(file: str, columns: str, name: str, seed: int, rows: list[Row]) -> No
         for row in rows:
             shown = [f"{one:.7g}" if isinstance(one, float) else one for one in row]
             writer.writerow([name, seed, *shown])
-
-
-def print_tables() -> None:
-    """Print how many values lie in their intervals, by scene, and which effects were named."""
-    inside: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(lambda: [0, 0]))
-    for row in read(RESULTS / "calibration.csv"):
-        held = float(row["low"]) <= float(row["truth"]) <= float(row["high"])
-        for column in (row["scene"], "all"):
-            inside[row["key"]][column][0] += held
-            inside[row["key"]][column][1] += 1
-    columns = [*SCENES, "all"]
-    print(f"\n| value | {' | '.join(columns)} |\n|---|{'---:|' * len(columns)}")
-    for key, by_scene in inside.items():
-        cells = ["/".join(map(str, by_scene[one])) if one in by_scene else "" for one in columns]
-        print(f"| `{key}` | {' | '.join(cells)} |")
-    there: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
-    for row in read(RESULTS / "calibration_effects.csv"):
-        there[row["effect"]][2 * (row["present"] == "0") + (row["named"] == "0")] += 1
-    print("\n| effect | there, named | there, not named | not there, named | not there, not named |")
-    print("|---|---:|---:|---:|---:|")
-    for effect, counts in sorted(there.items()):
-        print(f"| {effect} | {' | '.join(map(str, counts))} |")
 
 
 if __name__ == "__main__":

@@ -69,6 +69,11 @@ def test_less_than_a_tenth_of_the_changes_survived_and_each_survivor_is_explaine
     assert all((ROOT / test).is_file() for tests in made.TESTS.values() for test in tests)
 
 
+def test_the_page_of_calibration_shows_what_was_measured():
+    made, page = script("docs/update_calibration.py"), text_of("calibration")
+    assert made.written(page, made.RESULTS) == page
+
+
 def test_every_hard_case_is_a_row():
     for floor in script("docs/update_numerics.py").floors():
         section = text_of("numerics").partition(f"### {floor.floor}\n")[2]

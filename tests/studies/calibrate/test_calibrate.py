@@ -18,6 +18,7 @@ from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies.calibrate import CalibrateConfig, model, surround
 from vocc_torch.studies.calibrate.coded import compression
+from vocc_torch.studies.calibrate.describe import Findings, describe
 from vocc_torch.studies.calibrate.fit import (
     RecordingFit,
     arrow_step,
@@ -27,7 +28,7 @@ from vocc_torch.studies.calibrate.fit import (
     settled,
     trusted,
 )
-from vocc_torch.studies.calibrate.leds import BASE, amplitudes, decided, scatter, start, two_levels
+from vocc_torch.studies.calibrate.leds import BASE, Scatter, amplitudes, decided, scatter, start, two_levels
 from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
 from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
@@ -323,6 +324,9 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
         read_footage(tmp_path / "5.npy", "luma", Jumping(), PanelShape(8, 8), 16)
     one = read_footage(tmp_path / "1.npy", "luma", Jumping(), PanelShape(8, 8), 16)
     assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
+    few = Footage(np.zeros((4, 8, 8)), np.arange(4), np.full(4, np.nan), torch.zeros(4, 4, 2), 9, 9, [])
+    assert ["found in 4 of 9 frames" in said for said in few.doubts()] == [True]
+    assert not replace(few, looked=8).doubts()
 
 
 def test_frames_that_agree_on_the_panel_outvote_false_alarms():
@@ -344,6 +348,21 @@ def test_leds_that_are_all_alike_are_refused():
         with pytest.raises(VoccError, match="all LEDs look alike in all 3 frames"):
             demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()), footage)
     demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()), footage)
+
+
+def test_white_leds_are_warned_of_and_others_are_not():
+    own = values_of(Scene.of(1, **AT, **LIGHT), CAMERA, SMALL)
+    lit, of_all = torch.ones(1, 12).double(), torch.tensor([2.2, 1.7, 1.7, 0.0]).double()
+    for on, warned in ((300.0, True), (250.0, False)):
+        own[:, OF_FRAME.index("on")] = on
+        known = whole(CAMERA, SMALL, 1)
+        grey = model.encoded(model.light(known, own, of_all, lit), of_all[0])
+        fit = settled(RecordingFit(known, grey, own, of_all, lit), BASE, steps=0)
+        around = surround.Surround(grey.numpy(), np.s_[:, :], np.zeros(CAMERA.sensor_px, bool))
+        parts = {"config": CalibrateConfig(), "around": around, "fall": surround.Falloff()}
+        found = Findings(camera=CAMERA, panel=SMALL, **parts)
+        describe(fit, None, Scatter(0.0, math.nan, 0.0, lit[0]), torch.zeros(1), found)
+        assert ["On LEDs are white" in one for one in found.doubts] == [True] * warned
 
 
 def test_what_hangs_together_widens_intervals():
