@@ -275,6 +275,8 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
         return [], [], f"the panel was found in {len(footage)} of {FRAMES} frames"
     camera = replace(world.camera, gamma=2.2, iso_limits=None)
     study = calibrate(footage, camera, world.panel, CalibrateConfig(frames=FRAMES))
+    fitted = torch.from_numpy(np.isin(footage.numbers, study.footage.numbers)).nonzero()[:, 0]
+    bits, scene, footage = bits[fitted], scene[fitted], study.footage
     wrong = int((study.fit.bits != bits.flatten(1)).sum())
     path = SCENES_MADE / f"{name}_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -326,6 +328,7 @@ def receivers(name: str, seed: int) -> list[Row]:
     footage, bits, _ = recorded(true, seed)
     known = replace(true.camera, gamma=2.2, iso_limits=None)
     study = calibrate(footage, known, true.panel, CalibrateConfig(frames=FRAMES))
+    bits = bits[torch.from_numpy(np.isin(footage.numbers, study.footage.numbers))]
     wrong_leds = int((study.fit.bits != bits.flatten(1)).sum())
     print(f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong", flush=True)
     path = SCENES_MADE / f"{name}_far_{seed}.yaml"

@@ -86,7 +86,8 @@ class Findings(Calibrated):
     def note(self, value: Value) -> None:
         """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
         if value.key in BY_GAMMA and self.loose:
-            value = replace(value, deviation=math.nan, note=value.note + "; no interval, see below")
+            note = "; ".join(part for part in (value.note, "no interval: gamma is not told") if part)
+            value = replace(value, deviation=math.nan, note=note)
         self.values.append(value)
 
     def say(self, word: str, **given: object) -> None:
@@ -180,8 +181,8 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
     """Describe the light, and give the quantum efficiency that fits to it."""
     camera, panel, ambient_lx = found.camera, found.panel, found.config.ambient_lx
     efficiency = found.config.quantum_efficiency
-    grey = fit.derived(lambda own, _: own["background"])
-    found.values.append(scenes.spread("background_grey", grey, "as seen", 1.0))
+    grey = scenes.spread("background_grey", fit.derived(lambda own, _: own["background"]), "as seen", 1.0)
+    found.values.append(grey)
     ratio = fit.derived(lambda own, all_: level("off", own, all_) / level("background", own, all_))
     middle = float(ratio[0].median())
     error = math.hypot(float(ratio[1].median()) / math.sqrt(len(ratio[0])), ratio[2])
@@ -193,10 +194,13 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
     seen = panel.background_reflectance / math.pi + over  # luminance of the background at 1 lx
     lux, lux_error, note = ambient_lx or scenes.UNKNOWN_LX, math.nan, "as configured" if ambient_lx else ""
     if curve is not None:
-        counted = scenes.illuminance(fit, camera, seen, efficiency)
+        gamma = float(fit.of_all[0])
+        electrons = (grey.middle / MIDDLE_GREY) ** gamma / curve.noise.slope
+        counted = scenes.illuminance(electrons, camera, seen, efficiency)
         if ambient_lx is None:
-            shaky = curve.deviation[0] / curve.noise.slope, 2 * fit.deviation("gamma") / float(fit.of_all[0])
-            lux, lux_error, note = counted, counted * math.hypot(*shaky), "by the photons counted"
+            shaky = 2 * grey.deviation / grey.middle, 2 * fit.deviation("gamma") / gamma
+            lux_error = counted * math.hypot(curve.deviation[0] / curve.noise.slope, *shaky)
+            lux, note = counted, "by the photons counted"
             found.say("product")
         else:
             efficiency *= counted / ambient_lx

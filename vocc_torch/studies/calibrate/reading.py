@@ -45,7 +45,7 @@ class Footage:
     looked: int
     failures: list[str]
 
-    def taken(self, rows: slice) -> "Footage":
+    def taken(self, rows: slice | NDArray[Any]) -> "Footage":
         """Take some frames."""
         parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "times_s", "corners_px")}
         return replace(self, **parts)

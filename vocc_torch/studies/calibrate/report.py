@@ -1,5 +1,6 @@
 """The page of a calibration: measured beside expected, what is left, and every value with its uncertainty."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from vocc_torch.studies.calibrate.study import CalibratedScene
 from vocc_torch.studies.calibrate.transfer import Curve
 
 FARTHEST = 5.0
-"""Standard deviations at which the colours of residuals end."""
+"""Standard deviations at which the colours of residuals end, or of theirs where they are the wider."""
 SHOWN = 3
 """Frames in the picture."""
 
@@ -56,6 +57,7 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
     fit = study.fit
     mean, variance = fit.predicted()
     off = (fit.grey - mean) / variance.sqrt()
+    far = FARTHEST * max(1.0, math.sqrt(fit.scale))
     order = off.square().mean(dim=(1, 2)).argsort().tolist()
     frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))[:SHOWN]
     height, width = fit.windows.size_px
@@ -63,10 +65,10 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
     figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))
     for row, frame in enumerate(frames):
         number = int(study.footage.numbers[frame])
-        heads = f"frame {number}: measured", "expected", f"difference, to {FARTHEST:g} standard deviations"
+        heads = f"frame {number}: measured", "expected", f"difference, to {far:.3g} standard deviations"
         for column, (head, plane) in enumerate(zip(heads, (fit.grey, mean, off), strict=True)):
             one = axes[3 * row + column]
-            ends = (-FARTHEST, FARTHEST) if column == 2 else (0, model.WHITE)
+            ends = (-far, far) if column == 2 else (0, model.WHITE)
             look = {"cmap": "RdBu_r" if column == 2 else "gray", "interpolation": "nearest"}
             one.imshow(plane[frame].numpy(), vmin=ends[0], vmax=ends[1], **look)
             one.set_title(head, fontsize=9)

@@ -28,6 +28,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     Raises:
         VoccError: no input, or one that cannot be calibrated from.
     """
+    warnings.filterwarnings("ignore", category=FutureWarning, module="torch")  # of its own forward mode
     run_folder.refuse_results(folder)
     if settings.input is None:
         raise VoccError("input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture")

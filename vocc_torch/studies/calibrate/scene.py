@@ -157,18 +157,17 @@ def veil(fit: RecordingFit, panel: LedPanel) -> float:
     return max(0.0, (panel.led_reflectance - ratio * share) / (ratio - 1) / math.pi) if ratio > 1 else 0.0
 
 
-def illuminance(fit: RecordingFit, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
-    """Say which illuminance gives the electrons that the photon transfer curve counts, lx.
+def illuminance(electrons: float, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
+    """Say which illuminance gives a pixel of the background so many electrons, lx.
 
     Args:
-        fit: with the curve's noise.
+        electrons: that the photon transfer curve counts.
         camera: whose picture it is.
         seen_cd_m2: luminance that the background has at 1 lx, with any veil.
         efficiency: the quantum efficiency.
     """
     exposure = 10 * seen_cd_m2 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
-    counted = float(linear(fit, "background").median()) / fit.noise.slope
-    return counted / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
+    return electrons / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
 
 
 def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:

@@ -13,7 +13,7 @@ from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import CalibrateConfig, model
 from vocc_torch.studies.calibrate.coded import compression
-from vocc_torch.studies.calibrate.describe import LIKELIHOOD, Findings, describe
+from vocc_torch.studies.calibrate.describe import LIKELIHOOD, SENTENCES, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
 from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
@@ -30,6 +30,8 @@ FINEST_PITCH_PX = 12
 """Pixels from LED to LED that are enough; of more, several are averaged into one."""
 LEAST_FRAMES = 4
 """Fewer show no noise."""
+ODD, ODD_LEAST = 4.0, 0.0125
+"""LEDs of a frame whose corners are wrong by a row are so many times as far from On and Off as others'."""
 BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
@@ -97,8 +99,8 @@ def calibrate(
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
     uncut, whole, times = footage, camera, coarseness(footage.corners_px, panel.shape)
-    camera = coarser(camera, times)
-    footage = binned(footage, times).taken(np.s_[:: -(-len(footage) // config.frames)])
+    camera, chosen = coarser(camera, times), footage.taken(np.s_[:: -(-len(footage) // config.frames)])
+    footage = binned(chosen, times)
     known, grey = windows_of(footage, camera, panel)
     cells = max(panel.shape.rows, panel.shape.columns)
     around = Surround.of(footage.greys, footage.corners_px, cells)
@@ -110,6 +112,11 @@ def calibrate(
     found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
+    kept = fitting(amplitudes(fit)[0])
+    if not bool(kept.all()):
+        study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits)
+        study.scene.unknown.append(SENTENCES["odd"].format(count=int((~kept).sum())))
+        return study
     if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
         found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
         own = fit.of_all.index_fill(0, torch.tensor(0), camera.gamma)
@@ -133,6 +140,16 @@ def calibrate(
     describe(fit, curve, differ, apart, found)
     finer(found, whole, times)
     return CalibratedScene(found, fit, curve, own, footage)
+
+
+def fitting(own: Tensor) -> Tensor:
+    """Tell frames whose LEDs lie where they are looked for, (B,) bool: each is near Off or near On there.
+
+    Args:
+        own: (B,R*C) light of each LED over that of On.
+    """
+    off = torch.minimum(own.abs(), (own - 1).abs()).median(1).values
+    return off <= ODD * off.median().clamp(min=ODD_LEAST)
 
 
 def coarseness(corners_px: Tensor, shape: PanelShape) -> int:
