@@ -145,9 +145,8 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
     panels = locator_named("refined", PaperLocator())(Frames.whole(greys[:, 0]), world.panel.shape)
     rows = panels.found.nonzero()[:, 0]
     rows = rows[agreeing(panels.corners_px[rows].double())][:FRAMES]
-    none = np.full(len(rows), np.nan)
     footage = Footage(
-        greys[rows, 0].numpy(), rows.numpy(), none, panels.corners_px[rows].double(), taken, taken, []
+        greys[rows, 0].numpy(), rows.numpy(), panels.corners_px[rows].double(), taken, taken, []
     )
     return footage, bits[rows], scene[rows]
 
@@ -357,8 +356,7 @@ def pictures() -> None:
     for name, one in told.items():
         (picture,) = read_recording(PICTURES / name, "max")
         corners = panel_corners(one["corner_led_centres_px"], PanelShape(one["rows"], one["columns"]))
-        none = np.full(1, np.nan)
-        footage = Footage(picture.grey[None], np.zeros(1, np.int64), none, corners.double(), 1, 1, [])
+        footage = Footage(picture.grey[None], np.zeros(1, np.int64), corners.double(), 1, 1, [])
         panel = replace(LedPanel(), shape=PanelShape(one["rows"], one["columns"]))
         camera, _ = of_size(Camera(), *picture.grey.shape)
         began, bits = time.process_time(), np.array([[bit == "1" for bit in row] for row in one["bits"]])

@@ -33,7 +33,7 @@ from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
 from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value, of_size, spread
-from vocc_torch.studies.calibrate.study import calibrate, demand_contrast
+from vocc_torch.studies.calibrate.study import calibrate, demand_contrast, fitting
 from vocc_torch.types import Panels
 
 CAMERA = Camera(width_px=160, height_px=128, sensor_width_mm=13.2 * 160 / 1920)
@@ -155,7 +155,7 @@ def recording():
     simulator = Simulator(CAMERA, panel, EFFECTS, framing="full")
     greys = simulator.render(scene, bits, keys=keys).grey[:, 0].numpy()
     corners = simulator.true_panels(scene, keys).corners_px
-    return panel, scene, bits, Footage(greys, np.arange(6), np.full(6, np.nan), corners, 6, 6, [])
+    return panel, scene, bits, Footage(greys, np.arange(6), corners, 6, 6, [])
 
 
 @pytest.fixture(scope="module")
@@ -324,7 +324,7 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
         read_footage(tmp_path / "5.npy", "luma", Jumping(), PanelShape(8, 8), 16)
     one = read_footage(tmp_path / "1.npy", "luma", Jumping(), PanelShape(8, 8), 16)
     assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
-    few = Footage(np.zeros((4, 8, 8)), np.arange(4), np.full(4, np.nan), torch.zeros(4, 4, 2), 9, 9, [])
+    few = Footage(np.zeros((4, 8, 8)), np.arange(4), torch.zeros(4, 4, 2), 9, 9, [])
     assert ["found in 4 of 9 frames" in said for said in few.doubts()] == [True]
     assert not replace(few, looked=8).doubts()
 
@@ -341,13 +341,35 @@ def test_leds_that_are_all_alike_are_refused():
     known, scene = whole(CAMERA, SMALL, 3), Scene.of(3, **AT, **LIGHT)
     own, grey = values_of(scene, CAMERA, SMALL), torch.zeros(3, *CAMERA.sensor_px)
     bits = torch.arange(12).repeat(3, 1) % 2
-    footage = Footage(grey.numpy(), np.arange(3), np.full(3, np.nan), torch.zeros(3, 4, 2), 3, 3, [])
+    footage = Footage(grey.numpy(), np.arange(3), torch.zeros(3, 4, 2), 3, 3, [])
     for lit, on in ((torch.ones(3, 12), 200.0), (bits, 0.0)):
         values = own.clone()
         values[:, OF_FRAME.index("on")] = values[:, OF_FRAME.index("off")] + on
         with pytest.raises(VoccError, match="all LEDs look alike in all 3 frames"):
             demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()), footage)
     demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()), footage)
+
+
+def test_frames_whose_leds_lie_elsewhere_are_told_from_noisy_ones():
+    draws = torch.Generator().manual_seed(0)
+    bits = (torch.rand(8, 64, generator=draws) > 0.5).double()
+    noise = torch.randn(8, 64, generator=draws).double()
+    for scatter_ in (0.01, 0.15):
+        assert bool(fitting(bits + scatter_ * noise).all())
+    elsewhere = bits + 0.01 * noise
+    elsewhere[3] = (bits[3] + bits[3].roll(1)) / 2 + 0.01 * noise[3]
+    assert (~fitting(elsewhere)).nonzero().tolist() == [[3]]
+
+
+@pytest.mark.slow
+def test_a_frame_whose_corners_are_wrong_is_left_out(recording):
+    panel, _, bits, footage = recording
+    corners = footage.corners_px.clone()
+    corners[2] = corners[2, 0] + (corners[2] - corners[2, 0]) * 1.22
+    study = calibrate(replace(footage, corners_px=corners), CAMERA, panel, CalibrateConfig(frames=6))
+    assert study.footage.numbers.tolist() == [0, 1, 3, 4, 5]
+    assert torch.equal(study.fit.bits, bits.flatten(1)[study.footage.numbers])
+    assert "1 of the frames" in study.scene.unknown[-1]
 
 
 def test_white_leds_are_warned_of_and_others_are_not():

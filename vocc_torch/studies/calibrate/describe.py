@@ -136,10 +136,9 @@ def describe(
     counts = curve is not None and curve.noise.slope > 0 and not coded
     efficiency = how_bright(fit, curve if counts else None, found)
     through_the_lens(fit, found)
-    explains = "LEDs differ in brightness"
     if coded:
         found.say("scatter")
-    elif found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, explains):
+    elif found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, "LEDs differ in brightness"):
         key = "effects.led_scatter.coefficient_of_variation"
         found.tell(key, min(scatter.share, 2.0), scatter.deviation, "of this panel")
     if curve is None or coded:
@@ -157,11 +156,10 @@ def describe(
 
 def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
     """Describe place and pose."""
-    camera = found.camera
-    whole = camera.focal_length_px * found.panel.pitch_m
+    whole = found.camera.focal_length_px * found.panel.pitch_m
     away = fit.derived(lambda own, _: whole * torch.exp(-own["log_pitch_px"]))
     found.values.append(scenes.spread("distance_m", away, "by the image of a pitch"))
-    for name, side in (("x", camera.width_px), ("y", camera.height_px)):
+    for name, side in (("x", found.camera.width_px), ("y", found.camera.height_px)):
 
         def offset(own: Mapping[str, Tensor], _: Tensor, name: str = name, side: int = side) -> Tensor:
             return (own[f"{name}_px"] - side / 2) * found.panel.pitch_m * torch.exp(-own["log_pitch_px"])
@@ -238,8 +236,7 @@ def through_the_lens(fit: RecordingFit, found: Findings) -> None:
     moments, moved = fit.of_all[1:3], found.asked("motion_blur")
     long = int(moments.argmax())
     blur, narrow = math.sqrt(float(moments.min())), ("blur_yy", "blur_xx")[long] if moved else "blur"
-    explains = "light spreads over neighbours"
-    if found.tried("blooming", blur, BLIND_BLUR_PX, "standard deviation, px", explains):
+    if found.tried("blooming", blur, BLIND_BLUR_PX, "standard deviation, px", "light spreads to neighbours"):
         error = fit.deviation(narrow) / (2 * max(blur, 1e-3))
         found.tell("effects.blooming.sigma_px", min(blur, 32.0), error, "a Gaussian's")
         found.say("blur")
@@ -264,8 +261,7 @@ def through_the_lens(fit: RecordingFit, found: Findings) -> None:
 def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: float) -> None:
     """Describe the sensor's noise, in electrons, which shot noise counts."""
     criterion = "gain of likelihood of the residuals' variances, twice its logarithm, less log(pixels)"
-    shot = found.tried("shot_noise", curve.gains[0], 0.0, criterion, "variance grows with light")
-    if not shot:
+    if not found.tried("shot_noise", curve.gains[0], 0.0, criterion, "variance grows with light"):
         if curve.gains[1] > 0:
             found.say("unit")
         return
@@ -293,9 +289,8 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
     criterion = f"{RATIO}, of variances in the background"
     if found.tried(kind, fixed.gain, LIKELIHOOD, criterion, "pixels differ, always alike"):
         relative = math.hypot(fixed.deviation / fixed.value, slope_error if kind == "dsnu" else 0.0)
-        given = share if kind == "prnu" else share * x * electrons
-        key = "effects.prnu.share" if kind == "prnu" else "effects.dsnu.electrons"
-        found.tell(key, given, given * relative, "of each pixel")
+        unit, given = ("share", share) if kind == "prnu" else ("electrons", share * x * electrons)
+        found.tell(f"effects.{kind}.{unit}", given, given * relative, "of each pixel")
         found.say("pattern", kind=kind, share=share)
     found.tried(other, 0.0, LIKELIHOOD, f"not told from {kind}")
     if found.tried("row_noise", row.gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):
@@ -306,8 +301,7 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
 def beside(fit: RecordingFit, found: Findings) -> None:
     """Describe lamps beside the panel."""
     count, wide, grey = lamps(found.around)
-    explains = "round bright things stand beside the panel"
-    if not found.tried("lamps", count, 0.5, "how many a frame", explains):
+    if not found.tried("lamps", count, 0.5, "how many a frame", "round bright things stand beside the panel"):
         return
     panel, gamma = found.panel, float(fit.of_all[0])
     across = wide * panel.pitch_m / float(torch.exp(fit.value("log_pitch_px")).median())

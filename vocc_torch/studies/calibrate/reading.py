@@ -30,7 +30,6 @@ class Footage:
     Args:
         greys: (B,H,W), grey values.
         numbers: (B,) each frame's number in the recording.
-        times_s: (B,) when it was taken; no number where that is not known.
         corners_px: (B,4,2) of the panel, clockwise from the top left.
         read: frames that were read.
         looked: frames in which the panel was looked for.
@@ -39,7 +38,6 @@ class Footage:
 
     greys: NDArray[Any]
     numbers: NDArray[np.int64]
-    times_s: NDArray[np.float64]
     corners_px: Tensor
     read: int
     looked: int
@@ -47,7 +45,7 @@ class Footage:
 
     def taken(self, rows: slice | NDArray[Any]) -> "Footage":
         """Take some frames."""
-        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "times_s", "corners_px")}
+        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "corners_px")}
         return replace(self, **parts)
 
     def doubts(self) -> list[str]:
@@ -140,8 +138,7 @@ def read_footage(source: Path, channel: str, locator: PanelLocator, shape: Panel
     if len(rows) == 1 and len(kept) > 1:
         rule = "record slower, shorten the exposure, or give another receiver.locator"
         raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
-    times = np.array([np.nan if one.time_s is None else one.time_s for one in kept])
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
     numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
-    every = Footage(greys, numbers, times, torch.cat(corners), read, len(kept), failures)
+    every = Footage(greys, numbers, torch.cat(corners), read, len(kept), failures)
     return every.taken(rows.numpy())

@@ -15,8 +15,6 @@ from vocc_torch.studies.calibrate.transfer import Curve
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end, or of theirs where they are the wider."""
-SHOWN = 3
-"""Frames in the picture."""
 
 
 def write_page(study: CalibratedScene, source: str, command: str, folder: Path) -> None:
@@ -59,7 +57,7 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
     off = (fit.grey - mean) / variance.sqrt()
     far = FARTHEST * max(1.0, math.sqrt(fit.scale))
     order = off.square().mean(dim=(1, 2)).argsort().tolist()
-    frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))[:SHOWN]
+    frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))
     height, width = fit.windows.size_px
     cell = (3.2, 3.2 * height / width)
     figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))

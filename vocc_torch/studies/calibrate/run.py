@@ -71,15 +71,14 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         VoccError: another file, or bits of another panel.
     """
     try:
-        bits = np.load(path, allow_pickle=False)
+        bits: NDArray[np.bool_] = np.load(path, allow_pickle=False)
     except (OSError, ValueError) as error:
         raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
     if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
         given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
         raise VoccError(f"{given}: it must be {wanted}")
-    known: NDArray[np.bool_] = bits
-    return known
+    return bits
 
 
 def next_command(name: str, fitted: LedPanel) -> str:

@@ -44,14 +44,12 @@ class CalibratedScene:
         scene: what came of it.
         fit: the last fit.
         curve: the photon transfer curve; None for too few frames.
-        own: (B,R*C) each LED's light over On's.
         footage: the frames.
     """
 
     scene: Calibrated
     fit: RecordingFit
     curve: Curve | None
-    own: Tensor
     footage: Footage
 
 
@@ -98,7 +96,7 @@ def calibrate(
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
-    uncut, whole, times = footage, camera, coarseness(footage.corners_px, panel.shape)
+    coded, whole, times = compression(footage.greys), camera, coarseness(footage.corners_px, panel.shape)
     camera, chosen = coarser(camera, times), footage.taken(np.s_[:: -(-len(footage) // config.frames)])
     footage = binned(chosen, times)
     known, grey = windows_of(footage, camera, panel)
@@ -108,7 +106,6 @@ def calibrate(
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
     demand_contrast(begun, footage)
-    coded = compression(uncut.greys)
     found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
@@ -139,7 +136,7 @@ def calibrate(
         fit = corrected(fit, free, math.sqrt(around.noise()))
     describe(fit, curve, differ, apart, found)
     finer(found, whole, times)
-    return CalibratedScene(found, fit, curve, own, footage)
+    return CalibratedScene(found, fit, curve, footage)
 
 
 def fitting(own: Tensor) -> Tensor:

@@ -30,7 +30,6 @@ class Curve:
     Args:
         light: (N,) levels.
         variance: (N,) of the grey values' residuals there.
-        pixels: (N,) how many.
         noise: the fitted slope and floor.
         deviation: standard deviations of slope and floor; NaN for what was not fitted.
         gains: how much the criterion favours slope, floor, over what is without.
@@ -40,10 +39,9 @@ class Curve:
 
     light: Array
     variance: Array
-    pixels: Array
     noise: Noise
-    deviation: tuple[float, float]
-    gains: tuple[float, float]
+    deviation: Array
+    gains: list[float]
     hidden: float
     still: bool
 
@@ -140,10 +138,7 @@ def transfer(fit: RecordingFit) -> Curve:
         errors = torch.linalg.pinv(information[kept][:, kept], hermitian=True).diagonal().clamp(min=0)
         deviation[kept] = errors.sqrt().numpy()
         hidden = math.sqrt(cost * max(0.0, float(torch.linalg.pinv(information, hermitian=True)[1, 1])))
-    sure, gained = (deviation[0], deviation[1]), (gains[0], gains[1])
-    return Curve(
-        level.numpy(), raw.numpy(), count.numpy(), Noise(*noise.tolist()), sure, gained, hidden, still
-    )
+    return Curve(level.numpy(), raw.numpy(), Noise(*noise.tolist()), deviation, gains, hidden, still)
 
 
 def middle_slope(x: float, gamma: Tensor, noise: Noise) -> float:
