@@ -300,6 +300,6 @@ def slopes(
 
     brighter, x = torch.func.jacfwd(moved, has_aux=True)(torch.zeros(len(own)).double())
     at, none = (x, of_all[0]), torch.zeros_like(of_all[0])
-    mean, by_light = torch.func.jvp(greys, at, (torch.ones_like(x), none))
+    mean, by_light = torch.func.jvp(greys, at, (torch.ones_like(x), none))[:2]
     by_gamma = torch.func.jvp(greys, at, (torch.zeros_like(x), none + 1))[1]
     return mean, by_light * brighter.movedim(-1, 0) + by_gamma * shared[:, :1, None, None]

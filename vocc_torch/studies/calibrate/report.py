@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -67,7 +68,7 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
         for column, (head, plane) in enumerate(zip(heads, (fit.grey, mean, off), strict=True)):
             one = axes[3 * row + column]
             ends = (-far, far) if column == 2 else (0, model.WHITE)
-            look = {"cmap": "RdBu_r" if column == 2 else "gray", "interpolation": "nearest"}
+            look: dict[str, Any] = {"cmap": "RdBu_r" if column == 2 else "gray", "interpolation": "nearest"}
             one.imshow(plane[frame].numpy(), vmin=ends[0], vmax=ends[1], **look)
             one.set_title(head, fontsize=9)
             one.set_axis_off()
