@@ -12,6 +12,7 @@ from torch import Tensor
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.calibrate import scene as scenes
+from vocc_torch.studies.calibrate.coded import quantisation_table
 from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 from vocc_torch.studies.calibrate.leds import Scatter
 from vocc_torch.studies.calibrate.model import WHITE
@@ -180,6 +181,9 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
     camera, panel, ambient_lx = found.camera, found.panel, found.config.ambient_lx
     efficiency = found.config.quantum_efficiency
     grey = scenes.spread("background_grey", fit.derived(lambda own, _: own["background"]), "as seen", 1.0)
+    if found.coded[1] > CODED:  # blocks that are alike have their means rounded alike
+        step = float(quantisation_table(found.coded[0])[0, 0]) / 8
+        grey = replace(grey, deviation=math.hypot(grey.deviation, step / math.sqrt(12)))
     found.values.append(grey)
     ratio = fit.derived(lambda own, all_: level("off", own, all_) / level("background", own, all_))
     middle = float(ratio[0].median())
@@ -210,8 +214,7 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
         on, off, behind = (level(name, own, all_) for name in ("on", "off", "background"))
         return (on - off) / behind * (seen * lux)
 
-    shining = scenes.spread("led_luminance_cd_m2", fit.derived(own_light), "relative to ambient_lx", 0.0)
-    found.note(shining)
+    found.note(scenes.spread("led_luminance_cd_m2", fit.derived(own_light), "relative to ambient_lx", 0.0))
     found.say("air")
     if float(fit.value("on").median()) >= WHITE:
         found.say("white")

@@ -13,7 +13,7 @@ from vocc_torch.simulation import raster
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.fit import RecordingFit, settled
-from vocc_torch.studies.calibrate.model import LEVELS, PLACED, TURNED, Windows
+from vocc_torch.studies.calibrate.model import LEVELS, OF_FRAME, PLACED, TURNED, Windows
 
 BEGUN_WITH = 3
 """Frames by which the blur's size is searched for."""
@@ -132,9 +132,8 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Tens
     Returns:
         the better fit, and by how much the misfit of each frame tells the two ways apart, (B,).
     """
-    turns = fit.of_frame.clone()
-    turns[:, 3:5] = -turns[:, 3:5]
-    other = settled(replace(fit, of_frame=turns), free, steps=8)
+    turned = fit.of_frame * torch.ones(len(OF_FRAME)).double().index_fill(0, torch.tensor([3, 4]), -1.0)
+    other = settled(replace(fit, of_frame=turned), free, steps=8)
     here, there = (
         ((fit.grey - mean).square() / variance).sum(dim=(1, 2))
         for mean, variance in (fit.predicted(), other.predicted())

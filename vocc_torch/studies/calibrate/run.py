@@ -47,8 +47,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     study = calibrate(footage, camera, panel, config, bits)
     path = folder / "scene" / f"{settings.name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    word = Path(settings.name).name
-    write_atomically(path, study.scene.text(word, source.name).encode())
+    write_atomically(path, study.scene.text(path.stem, source.name).encode())
     run_folder.write_config(settings, folder)
     for doubt in study.scene.doubts:
         warnings.warn(doubt, stacklevel=2)

@@ -189,8 +189,7 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     """
     posed = replace(begun, of_frame=begun.of_frame + 0.08 * model.directions(["yaw"])[0])
     fit, _, _ = decided(posed, POSED)
-    flat = fit.of_frame.clone()
-    flat[:, 3:6] = 0
+    flat = fit.of_frame.index_fill(1, torch.arange(3, 6), 0.0)
     upright = settled(replace(fit, of_frame=flat), BASE, steps=10)
     kept = found.judge("pose", upright, fit, "the panel's image is no upright square grid")
     if kept is upright:
@@ -235,8 +234,8 @@ def sensor_and_lens(
     rich = certain(fit, rich, abs(float(rich.value("k1"))), rich.deviation("k1"))
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
     fit, free = (rich, (*free, "k1")) if kept is rich else (fit, free)
-    own = fit.of_frame.clone()
-    own[:, OF_FRAME.index("board")] = fit.value("background")
+    board = torch.tensor([OF_FRAME.index("board")])
+    own = fit.of_frame.index_copy(1, board, fit.value("background").unsqueeze(1))
     boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
     rich = settled(boards, (*free, "board"), steps=4)
     explains = "between the LEDs it is not as bright as around them"
