@@ -19,6 +19,8 @@ BINS = 24
 """Levels of light at which residuals are compared."""
 CALM = 35.0
 """A residual's square over its level's median, 4 standard deviations, beyond which it is no noise."""
+PASSED = 1.5
+"""Frames whose residuals' mean square exceeds so many times the median show something else, too."""
 STILL_PX = 0.1
 """A panel that moves less stands still: its pixels can be compared from frame to frame."""
 
@@ -76,7 +78,9 @@ def by_level(fit: RecordingFit) -> tuple[Tensor, Tensor, Tensor, bool]:
     """Give levels of light, the residuals' variance there, of how many pixels, and if the panel stands."""
     left, kept, still = residuals(fit)
     light = fit.light().flatten()
-    use = (model.encoded(light, fit.of_all[0]) < model.WHITE - 8) & (kept.flatten() > 0.4)
+    off = (left.square() / fit.predicted()[1]).mean((1, 2))
+    seen = (off <= PASSED * off.median()).repeat_interleave(left[0].numel())
+    use = seen & (model.encoded(light, fit.of_all[0]) < model.WHITE - 8) & (kept.flatten() > 0.4)
     light, square = light[use], (left.flatten()[use].square() / kept.flatten()[use])
     low, high = float(light.min().log()), float(light.max().log())
     place = ((light.log() - low) / max(high - low, 1e-9) * BINS).long().clamp(max=BINS - 1)
