@@ -34,6 +34,7 @@ from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage
 from vocc_torch.studies.calibrate.run import known_bits, next_command
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value, of_size, spread
 from vocc_torch.studies.calibrate.study import calibrate, demand_contrast, fitting
+from vocc_torch.studies.calibrate.transfer import transfer
 from vocc_torch.types import Panels
 
 CAMERA = Camera(width_px=160, height_px=128, sensor_width_mm=13.2 * 160 / 1920)
@@ -422,6 +423,23 @@ def test_rounding_without_noise_moves_no_value():
     exact = corrected(rounded, BASE, 0.0)
     assert abs(float(exact.of_all[0]) - 2.2) < 0.5 * abs(float(rounded.of_all[0]) - 2.2)
     assert abs(float(exact.of_all[0]) - 2.2) < 2 * exact.deviation("gamma")
+
+
+@pytest.mark.parametrize("slope", [5e-5, 8e-5, 1.5e-4])
+@pytest.mark.parametrize("grey", [100.0, 100.25, 100.5])
+def test_little_noise_is_told_from_rounding(grey, slope):
+    """Where all pixels of the background are rounded alike, near to whole values or far from them."""
+    scene = Scene.of(2, **AT, **(LIGHT | {"background_grey": grey}))
+    own, of_all = values_of(scene, CAMERA, SMALL), torch.tensor([2.2, 1.7, 1.7, 0.0]).double()
+    lit = (torch.arange(24).view(2, 12) % 3 == 0).double()
+    known = whole(CAMERA, SMALL, 2)
+    light = model.light(known, own, of_all, lit)
+    draws = torch.randn(light.shape, generator=torch.Generator().manual_seed(0)).double()
+    seen = model.encoded(light + (slope * light).sqrt() * draws, of_all[0]).round()
+    curve = transfer(RecordingFit(known, seen, own, of_all, lit))
+    assert curve.noise.floor == 0
+    assert curve.noise.slope == pytest.approx(slope, abs=4 * curve.deviation[0])
+    assert curve.deviation[0] < 0.05 * slope
 
 
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():

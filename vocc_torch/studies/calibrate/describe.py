@@ -189,7 +189,7 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
     middle = float(ratio[0].median())
     error = math.hypot(float(ratio[1].median()) / math.sqrt(len(ratio[0])), ratio[2])
     shares = panel.led_reflectance / panel.background_reflectance
-    off = ((shares - middle) / max(error, 1e-9)) ** 2 if 1 < middle < shares else 0.0
+    off = ((shares - middle) / max(error, 1e-9)) ** 2 if 1 < middle < shares and not found.loose else 0.0
     explains = "Off LEDs and background are more alike than their reflectances: fog or glare lies over them"
     veiled = found.tried("veiling_glare", off, LIKELIHOOD, RATIO, explains)
     over = scenes.veil(fit, panel) if veiled else 0.0

@@ -81,10 +81,9 @@ def write_transfer(study: CalibratedScene, curve: Curve, path: Path) -> None:
     light = np.geomspace(curve.light.min(), curve.light.max(), 100)
     gamma = study.fit.of_all[0]
     fitted = model.expected(torch.from_numpy(light), gamma, curve.noise)[1]
-    rounding = np.full_like(light, model.ROUNDING)
     axes.plot(curve.light, curve.variance, "o", color=canvas.INK, label="measured")
     axes.plot(light, fitted.numpy(), "-", color="#0072B2", label="photon transfer and rounding")
-    axes.plot(light, rounding, ":", color=canvas.QUIET, label="rounding alone")
+    axes.axhline(model.ROUNDING, linestyle=":", color=canvas.QUIET, label="rounding alone")
     labels = {"xlabel": "light, of that which is encoded as 118", "ylabel": "variance, grey values squared"}
     axes.set(xscale="log", yscale="log", **labels)
     axes.legend(fontsize=8, frameon=False)

@@ -2,7 +2,7 @@
 
 import shlex
 import warnings
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -82,12 +82,9 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
 
 def next_command(name: str, fitted: LedPanel) -> str:
     """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
-    usual, words = LedPanel(), [f"scene={name}"]
-    for field in fields(LedPanel):
-        if field.name == "shape":
-            for side, own in asdict(fitted.shape).items():
-                if own != getattr(usual.shape, side):
-                    words.append(f"panel.{side}={own}")
-        elif (own := getattr(fitted, field.name)) != getattr(usual, field.name):
-            words.append(f"panel.{field.name}={'null' if own is None else own}")
-    return shlex.join(["vocc-torch", *words, "task=train"])
+    usual, given = asdict(LedPanel()), asdict(fitted)
+    usual, given = usual | usual.pop("shape"), given | given.pop("shape")
+    words = [
+        f"panel.{key}={'null' if own is None else own}" for key, own in given.items() if own != usual[key]
+    ]
+    return shlex.join(["vocc-torch", f"scene={name}", *words, "task=train"])

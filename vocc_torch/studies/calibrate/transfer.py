@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,6 +20,8 @@ BINS = 24
 """Levels of light at which residuals are compared."""
 CALM = 35.0
 """A residual's square over its level's median, 4 standard deviations, beyond which it is no noise."""
+WHOLE, LEAST = 0.25, 1e-3
+"""Least median: whole numbers, most of them alike, have none. Least variance that is fitted."""
 PASSED = 1.5
 """Frames whose residuals' mean square exceeds so many times the median show something else, too."""
 STILL_PX = 0.1
@@ -74,11 +77,14 @@ def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
     return left, kept, True
 
 
-def by_level(fit: RecordingFit) -> tuple[Tensor, Tensor, Tensor, bool]:
-    """Give levels of light, the residuals' variance there, of how many pixels, and if the panel stands."""
-    left, kept, still = residuals(fit)
+def by_level(fit: RecordingFit) -> tuple[Tensor, Tensor, Tensor, Tensor, bool]:
+    """Give levels of light, the residuals' variance there, of how many pixels, and if the panel stands.
+
+    Before the last: how near the grey values of a level are to whole ones, from 1 to -1 for halves.
+    """
+    (left, kept, still), (mean, variance) = residuals(fit), fit.predicted()
     light = fit.light().flatten()
-    off = (left.square() / fit.predicted()[1]).mean((1, 2))
+    off = (left.square() / variance).mean((1, 2))
     seen = (off <= PASSED * off.median()).repeat_interleave(left[0].numel())
     use = seen & (model.encoded(light, fit.of_all[0]) < model.WHITE - 8) & (kept.flatten() > 0.4)
     light, square = light[use], (left.flatten()[use].square() / kept.flatten()[use])
@@ -88,19 +94,25 @@ def by_level(fit: RecordingFit) -> tuple[Tensor, Tensor, Tensor, bool]:
     good = count >= 50
     # Far residuals are what passes by, not noise.
     bulk = torch.stack([square[place == i].median() if good[i] else square.sum() for i in range(BINS)])
-    calm = square < CALM * bulk[place]
+    calm = square < CALM * bulk.clamp(min=WHOLE)[place]
     near = torch.bincount(place[calm], minlength=BINS).double()[good]
-    raw = torch.bincount(place[calm], square[calm], BINS)[good] / near.clamp(min=1)
-    return torch.bincount(place, light, BINS)[good] / count[good], raw, near, still
+    near_whole = (2 * math.pi * mean.flatten()[use]).cos()
+    raw, alike = (
+        torch.bincount(place[calm], one[calm], BINS)[good] / near.clamp(min=1) for one in (square, near_whole)
+    )
+    return torch.bincount(place, light, BINS)[good] / count[good], raw, near, alike, still
 
 
 def transfer(fit: RecordingFit) -> Curve:
     """Fit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
-    level, raw, count, still = by_level(fit)
+    level, raw, count, alike, still = by_level(fit)
     gamma, most = fit.of_all[0], int(count.argmax())
 
     def predicted(noise: Array) -> Tensor:
-        return model.expected(level, gamma, Noise(*noise.tolist()))[1]
+        variance = model.expected(level, gamma, Noise(*noise.tolist()))[1]
+        spread = variance - model.ROUNDING  # little of it rounds pixels of one light alike
+        alone = alike * torch.exp(-2 * math.pi**2 * spread) * (1 / math.pi**2 + 4 * spread)
+        return (variance - alone).clamp(min=LEAST)
 
     def loss(noise: Array) -> float:
         variance = predicted(noise)
@@ -115,12 +127,8 @@ def transfer(fit: RecordingFit) -> Curve:
     first = np.log(np.maximum([unit / float(level[most]), unit], 1e-15))
 
     def best(at: list[int], lower: float) -> tuple[Array, float]:
-        found = optimize.minimize(
-            lambda logs: loss(part(at, logs)),
-            first[at] - lower,
-            method="Nelder-Mead",
-            options={"xatol": 1e-5, "fatol": 1e-6},
-        )
+        how: dict[str, Any] = {"method": "Nelder-Mead", "options": {"xatol": 1e-5, "fatol": 1e-6}}
+        found = optimize.minimize(lambda logs: loss(part(at, logs)), first[at] - lower, **how)
         return part(at, found.x), float(found.fun)
 
     fits = best([0], 0.0), best([1], 0.0), best([0, 1], 0.7)
