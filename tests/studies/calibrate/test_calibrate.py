@@ -336,6 +336,9 @@ def test_frames_that_agree_on_the_panel_outvote_false_alarms():
     corners[2] *= 3
     corners[5] += 900
     assert agreeing(corners).tolist() == [True, True, False, True, True, False, True]
+    still = corners[:1] + torch.linspace(0, 2, 7).view(-1, 1, 1)
+    still[[3, 5]] += torch.tensor([[80.0], [84.0]]).unsqueeze(1)  # a lamp two panels away
+    assert agreeing(still).tolist() == [True, True, True, False, True, False, True]
 
 
 def test_leds_that_are_all_alike_are_refused():
@@ -438,8 +441,8 @@ def test_little_noise_is_told_from_rounding(grey, slope):
     seen = model.encoded(light + (slope * light).sqrt() * draws, of_all[0]).round()
     curve = transfer(RecordingFit(known, seen, own, of_all, lit))
     assert curve.noise.floor == 0
-    assert curve.noise.slope == pytest.approx(slope, abs=4 * curve.deviation[0])
-    assert curve.deviation[0] < 0.05 * slope
+    assert curve.noise.slope == pytest.approx(slope, rel=4 * curve.slope_error)
+    assert curve.slope_error < 0.05
 
 
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():

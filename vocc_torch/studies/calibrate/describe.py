@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 
+import numpy as np
 import torch
 import yaml
 from torch import Tensor
@@ -201,7 +202,7 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
         counted = scenes.illuminance(electrons, camera, seen, efficiency)
         if ambient_lx is None:
             shaky = 2 * grey.deviation / grey.middle, 2 * fit.deviation("gamma") / gamma
-            lux_error = counted * math.hypot(curve.deviation[0] / curve.noise.slope, *shaky)
+            lux_error = counted * math.hypot(curve.slope_error, *shaky)
             lux, note = counted, "by the photons counted"
             found.say("product")
         else:
@@ -274,7 +275,7 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
     found.tell(key, min(1.0, efficiency), math.nan, "as configured, or by calibrate.ambient_lx")
     if efficiency > 1:
         found.say("photons", efficiency=efficiency)
-    electrons, slope_error = 1 / curve.noise.slope, curve.deviation[0] / curve.noise.slope
+    electrons, slope_error = 1 / curve.noise.slope, curve.slope_error
     fixed, row = patterns(found.around)
     x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
     steep = middle_slope(x, gamma, curve.noise)
@@ -284,7 +285,8 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
         stays = share > RESPONSE and fixed.gain > LIKELIHOOD and not curve.still
         floor = max(curve.noise.floor - (share * x) ** 2 * stays, 0.01 * curve.noise.floor)
         sigma = math.sqrt(floor) * electrons
-        relative = math.hypot(curve.deviation[1] / (2 * floor), slope_error)
+        turn = np.array([-electrons, 1 / (2 * floor)])  # a floor too high goes with a slope too low
+        relative = math.sqrt(max(0.0, float(turn @ curve.covariance @ turn)))
         found.tell("effects.read_noise.electrons", sigma, sigma * relative, "in the dark")
     else:
         found.say("read", electrons=math.sqrt(curve.hidden) * electrons)

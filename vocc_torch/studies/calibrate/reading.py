@@ -19,7 +19,7 @@ from vocc_torch.types import Frames, Panels, PanelShape
 
 BATCH = 8
 """Frames located at a time."""
-ALIKE_SIZE, NEAR_PANELS, LONE = 1.25, 3, 5.0
+ALIKE_SIZE, NEAR_PANELS, USUAL = 1.25, (0.5, 3.0), 5.0
 """By how much panels of one recording differ at most from the next alike."""
 
 
@@ -93,16 +93,14 @@ def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[Recorde
 def agreeing(corners_px: Tensor) -> Tensor:
     """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool.
 
-    Two belong together whose sizes differ by less than a quarter and whose middles by less than three panels.
-    One is left out that is half a panel and five times as far from the nearest other as is usual: a lamp that
-    was taken for the panel.
+    Two belong together whose sizes differ by less than a quarter and whose middles by less than five times
+    what is usual from one to the nearest other, half a panel to three: lamps taken for it stand farther off.
     """
     middle, size = corners_px.mean(1), (corners_px.amax(1) - corners_px.amin(1)).amax(1).clamp(min=1e-9)
     ratio = (size / size.unsqueeze(1)).log().abs() < math.log(ALIKE_SIZE)
     apart = torch.cdist(middle, middle) / torch.maximum(size, size.unsqueeze(1))
     nearest = (apart + 1e9 * torch.eye(len(apart))).amin(1)
-    lone = nearest > (LONE * nearest.median()).clamp(min=0.5)
-    alike = ratio & (apart < NEAR_PANELS) & ~lone & ~lone.unsqueeze(1)
+    alike = ratio & (apart < (USUAL * nearest.median()).clamp(*NEAR_PANELS))
     _, label = sparse.csgraph.connected_components(alike.numpy())
     return torch.from_numpy(label == np.bincount(label).argmax())
 

@@ -36,7 +36,7 @@ class Curve:
         light: (N,) levels.
         variance: (N,) of the grey values' residuals there.
         noise: the fitted slope and floor.
-        deviation: standard deviations of slope and floor; NaN for what was not fitted.
+        covariance: (2,2) of slope and floor; NaN for what was not fitted.
         gains: how much the criterion favours slope, floor, over what is without.
         hidden: the floor that it takes for the criterion to favour one.
         still: whether pixels were compared from frame to frame.
@@ -45,10 +45,15 @@ class Curve:
     light: Array
     variance: Array
     noise: Noise
-    deviation: Array
+    covariance: Array
     gains: list[float]
     hidden: float
     still: bool
+
+    @property
+    def slope_error(self) -> float:
+        """Standard deviation of the slope, over the slope."""
+        return math.sqrt(self.covariance[0, 0]) / self.noise.slope
 
 
 def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
@@ -142,15 +147,14 @@ def transfer(fit: RecordingFit) -> Curve:
         gains = [(loss(np.zeros(2)) - alone) / miss - cost for alone in (slope, floor)]
         kept = [int(np.argmax(gains))] if max(gains) > 0 else []
     noise = fits[2 if len(kept) == 2 else kept[0]][0] if kept else np.zeros(2)
-    deviation, hidden = np.full(2, math.nan), math.nan
+    covariance, hidden = np.full((2, 2), math.nan), math.nan
     if kept:
         step = 1e-4 * np.diag(np.exp(first))
         slopes = torch.stack([(predicted(noise + one) - predicted(noise)) / one.sum() for one in step])
         information = (slopes * (count / (2 * miss * predicted(noise).square()))) @ slopes.T
-        errors = torch.linalg.pinv(information[kept][:, kept], hermitian=True).diagonal().clamp(min=0)
-        deviation[kept] = errors.sqrt().numpy()
+        covariance[np.ix_(kept, kept)] = torch.linalg.pinv(information[kept][:, kept], hermitian=True)
         hidden = math.sqrt(cost * max(0.0, float(torch.linalg.pinv(information, hermitian=True)[1, 1])))
-    return Curve(level.numpy(), raw.numpy(), Noise(*noise.tolist()), deviation, gains, hidden, still)
+    return Curve(level.numpy(), raw.numpy(), Noise(*noise.tolist()), covariance, gains, hidden, still)
 
 
 def middle_slope(x: float, gamma: Tensor, noise: Noise) -> float:
