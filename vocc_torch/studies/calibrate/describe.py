@@ -32,10 +32,8 @@ BLIND_BLUR_PX = 0.15
 SENTENCES = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
 DOUBTS = ("white", "bound", "residuals", "photons")
 """Sentences of what the model does not explain; the others say what the recording does not tell."""
-BY_GAMMA = (
-    *("camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.veiling_glare.luminance_cd_m2"),
-    *("effects.blooming.sigma_px", "effects.vignetting.corner_loss"),
-)
+BY_GAMMA = {"camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.blooming.sigma_px"}
+BY_GAMMA |= {"effects.veiling_glare.luminance_cd_m2", "effects.vignetting.corner_loss"}
 """Values that have no interval where gamma is not told."""
 WIDE_GAMMA = 0.3
 """Half of gamma's 95 % interval from which on the page says that it is hardly told."""

@@ -165,14 +165,10 @@ def settled(
     variance = fit.predicted()[1]
     damping, current = FIRST_DAMPING, (fit.of_frame, fit.of_all)
 
-    def weighed(residual: Tensor) -> Tensor:
-        weights = fit.trust / variance
-        return weights * calmed(residual, variance) if robust else weights
-
     for step in range(steps + 1):
         mean, slopes = fit.slopes(*current, turns)
         residual = fit.grey - mean
-        weights = weighed(residual)
+        weights = fit.trust / variance * (calmed(residual, variance) if robust else 1.0)
         misfit = float((weights * residual.square()).sum())
         counted = max(fit.pixels - own * len(fit.grey) - len(turns.shared), 1.0)
         scale = max(misfit / counted, 1e-12)
@@ -332,8 +328,7 @@ def covariances(
     parts, count = parts.movedim(0, 1), own.shape[1]
     of_own = parts[:, :count]
     of_all = parts[:, count:] - lead.mT @ of_own  # (B,M,K): what a block pulls at that which all share
-    frames = len(own)
-    freedom = max(frames - 1, 1)
+    frames, freedom = len(own), max(len(own) - 1, 1)
     wide = frames / freedom * (float(stats.t.ppf(0.975, freedom)) / SURE) ** 2
     by_frame = of_all.sum(2)
     meats = (of_all @ of_all.mT).sum(0), wide * by_frame.mT @ by_frame

@@ -84,7 +84,6 @@ def next_command(name: str, fitted: LedPanel) -> str:
     """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
     usual, given = asdict(LedPanel()), asdict(fitted)
     usual, given = usual | usual.pop("shape"), given | given.pop("shape")
-    words = [
-        f"panel.{key}={'null' if own is None else own}" for key, own in given.items() if own != usual[key]
-    ]
+    told = {key: own for key, own in given.items() if own != usual[key]}
+    words = [f"panel.{key}={'null' if own is None else own}" for key, own in told.items()]
     return shlex.join(["vocc-torch", f"scene={name}", *words, "task=train"])

@@ -68,10 +68,9 @@ def residuals(fit: RecordingFit) -> tuple[Tensor, Tensor, bool]:
     if len(fit.grey) < 4 or moved > STILL_PX or not fixed:
         return residual, torch.ones_like(residual), False
     at = model.seen(fit.windows, fit.of_frame[:1], fit.of_all, model.grid(fit.windows.shape))[0][0]
-    height, width = fit.windows.size_px
-    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    pixels = torch.stack([x, y], -1).view(-1, 2).double() + fit.windows.origin_px[0]
-    nearest = torch.cdist(pixels, at).argmin(1)
+    sides = (torch.arange(n) + 0.5 for n in fit.windows.size_px[::-1])
+    pixels = torch.stack(torch.meshgrid(*sides, indexing="xy"), -1).view(-1, 2).double()
+    nearest = torch.cdist(pixels + fit.windows.origin_px[0], at).argmin(1)
     lit = fit.bits[:, nearest].view_as(residual)
     left, kept = residual.clone(), torch.zeros_like(residual)
     for one in (lit, ~lit):
