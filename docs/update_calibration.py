@@ -82,7 +82,7 @@ def recordings(results: Path) -> str:
     for scene, _ in done:
         count[scene] += 1
     least, most = min(count.values()), max(count.values())
-    each = f"{least}" if least == most else f"{least} or {most}"
+    each = f"{least}" if least == most else f"{least} to {most}"
     return f"{len(done)} recordings are in the tables, {each} of each of {len(count)} scenes."
 
 
