@@ -54,6 +54,8 @@ from vocc_torch.studies.calibrate.study import CalibratedScene, calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
+FIRST = 100
+"""Number of the first recording: those below showed the faults that were mended, these had no part in it."""
 FRAMES = 8
 AMONG_LAMPS = 24
 """Frames recorded where the locator takes lamps for the panel in more than half of them."""
@@ -304,7 +306,7 @@ def main() -> None:
         return
     count = int(words.pop(0)) if words and words[0].isdigit() else 1
     done = {(row["scene"], int(row["recording"])) for row in read(RESULTS / "calibration_effects.csv")}
-    for seed in range(count):
+    for seed in range(FIRST, FIRST + count):
         for name in words or SCENES:
             if (name, seed) in done:
                 continue
