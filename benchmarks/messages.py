@@ -52,9 +52,9 @@ def learned(scene):
     return receiver
 
 
-def carried(scene, distance, fps, message, fault="", effects=(), cut=None, window=1.5, **faults):
+def carried(scene, distance, fps, message, fault="", effects=(), cut=None, window=1.5, code="rs", **faults):
     """A row: a message through a recording that is received as it is rendered."""
-    options, world, key = Signalling(), load_scene(scene, *effects), BlockKey(16, "messages", 0)
+    options, world, key = Signalling(code=code), load_scene(scene, *effects), BlockKey(16, "messages", 0)
     plan = MessagePlan(SHAPE, options)
     film = film_of(message, plan)
     drawn = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
@@ -106,7 +106,7 @@ def carried(scene, distance, fps, message, fault="", effects=(), cut=None, windo
 
 
 def long(done):
-    """100 kB through both scenes at 30 to 70 m, and 2 kB where it must fail; rows that are done are left out."""
+    """100 kB through both scenes at 30 to 70 m, and 2 kB where it must fail, but for rows that are done."""
     text = np.random.default_rng(16).bytes(100_000)
     far = [(150, scene, 130, 2_000) for scene in ("night", "dashcam")]
     cells = product((150, 240), ("night", "dashcam"), (70, 50, 30), (100_000,))
@@ -120,6 +120,9 @@ def faults():
     scene, distance, fps = "night", 50, 240
     for name, chance in product(("dropped", "repeated", "black"), (0.1, 0.3)):
         yield carried(scene, distance, fps, MESSAGE, f"{name} {chance:.0%}", **{name: chance})
+        if chance == 0.3:
+            told = f"{name} {chance:.0%}, ldpc"
+            yield carried(scene, distance, fps, MESSAGE, told, code="ldpc", **{name: chance})
     for width in (0.1, 0.2, 0.4, 0.8):
         effects = (f"+scene.effects.occlusion={{width_share: {width}, height_share: 2.0}}",)
         yield carried(scene, distance, fps, MESSAGE, f"a post over {width:.0%} of the panel", effects)

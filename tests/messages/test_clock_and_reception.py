@@ -46,6 +46,26 @@ def test_the_clock_finds_every_symbol_and_none_twice(ratio, drift, timed):
         assert {*range(first[0] + 1, last[-1])} <= {*bands[right].tolist()}
 
 
+def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them():
+    """Shorter runs of sync bits come twice in a block, so a jump fits as well some frames early or late."""
+    astray = doubted = frames = 0
+    for begin in range(20, 100, 8):
+
+        def gap(times, _, begin=begin):
+            return times[(times < begin) | (times > begin + 12)]
+
+        llr, times, stamps = seen(FILM[:128], 2.4, np.random.default_rng(begin), faults=gap, begin=0.0)
+        clock = SymbolClock(Layout(PLAN))
+        clock.push(llr, stamps[: len(llr)] / 100)  # the stamps know nothing of the gap
+        ticks = clock.finish()
+        believed, off = ticks.agreement.any(axis=1), np.abs(ticks.symbol[:, 0] - times)
+        astray += int((off[believed] > 2).sum())
+        doubted += int((~believed).sum())
+        frames += len(times)
+    assert astray == 0
+    assert 0 < doubted < 0.05 * frames
+
+
 def dropped(times, draws):
     return times[draws.random(len(times)) > 0.1]
 

@@ -82,7 +82,7 @@ def test_lost_frames_come_in_runs_and_their_share_is_what_was_asked_for(dropped,
     mean = ((1 - begins) ** -burst - 1) / begins
     assert runs.mean() == pytest.approx(mean, rel=0.05)
     assert lost.sum() / 2e5 == pytest.approx(dropped, rel=0.05)
-    with pytest.raises(VoccError, match="lose all 9 frames"):
+    with pytest.raises(VoccError, match="lose all of 9 frames"):
         Shutter(1.0, dropped=0.999, burst_frames=9000).taken_s(9.0, np.random.default_rng(1))
 
 

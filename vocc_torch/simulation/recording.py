@@ -58,7 +58,7 @@ class Shutter:
         begun = begun < 1 - (1 - self.dropped) ** (1 / self.burst_frames)  # so the share lost is ``dropped``
         lost = np.convolve(begun, np.ones(self.burst_frames), "valid") > 0
         if lost.all():
-            raise VoccError(f"record.dropped and record.burst_frames lose all {len(times)} frames: lower them")
+            raise VoccError(f"record.dropped and burst_frames lose all of {len(times)} frames: lower them")
         kept: NDArray[np.float64] = times[~lost]
         return kept
 
