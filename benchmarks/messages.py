@@ -111,7 +111,7 @@ def long(done):
     far = [(150, scene, 130, 2_000) for scene in ("night", "dashcam")]
     cells = product((150, 240), ("night", "dashcam"), (70, 50, 30), (100_000,))
     for fps, scene, distance, size in [*far, *cells]:
-        if (scene, str(distance), str(fps)) not in done:
+        if (scene, str(distance), str(fps), str(size)) not in done:
             yield carried(scene, distance, fps, text[:size], window=1.0)
 
 
@@ -369,7 +369,7 @@ if __name__ == "__main__":
             writer = csv.writer(out, lineterminator="\n")
             if not done:
                 writer.writerow(head)
-            for row in rows({tuple(one[:3]) for one in done}) if name == "long" else rows():
+            for row in rows({(*one[:3], one[4]) for one in done}) if name == "long" else rows():
                 writer.writerow(row)
                 out.flush()
                 print(*row, flush=True)
