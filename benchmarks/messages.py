@@ -1,8 +1,8 @@
 """Long messages and hard recordings: bytes that arrive, faults, noise, the clock, time and memory.
 
-``python benchmarks/messages.py [PART ...]`` writes docs/results/messages*.csv; parts are long (or, on two cores,
-long150 and long240), faults, noise, clock, load, memory and picture. ``vocc-torch experiment=messages`` has
-packets lost over distance, light and ratio.
+``python benchmarks/messages.py [PART ...]`` writes docs/results/messages*.csv; parts are long (on two cores
+long150 and long240 side by side), faults, noise, clock, load, memory and picture. ``vocc-torch
+experiment=messages`` has packets lost over distance, light and ratio.
 """
 
 import csv
