@@ -1,8 +1,8 @@
 """Long messages and hard recordings: bytes that arrive, faults, noise, the clock, time and memory.
 
-``python benchmarks/messages.py [PART ...]`` writes docs/results/messages*.csv; parts are long, faults, noise,
-clock, load, memory and picture. ``vocc-torch experiment=messages`` has packets lost over distance, light and
-ratio.
+``python benchmarks/messages.py [PART ...]`` writes docs/results/messages*.csv; parts are long (on two cores
+long150 and long240 side by side), faults, noise, clock, load, memory and picture. ``vocc-torch
+experiment=messages`` has packets lost over distance, light and ratio.
 """
 
 import csv
@@ -10,7 +10,7 @@ import os
 import sys
 import tempfile
 import time
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -39,8 +39,6 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 SHAPE = PanelShape(8, 8)
 MESSAGE = np.random.default_rng(16).bytes(2000)
 NOISE = 10_000
-LONG = {("night", 70, 150): 100_000, ("night", 50, 150): 100_000}
-LONG |= {("night", 30, 150): 10_000, ("dashcam", 70, 150): 10_000}
 SYMBOL_S, DRIFT = 0.01, 0.005
 COLUMNS = ("scene", "distance_m", "fps", "fault", "bytes", "seconds", "frames", "raw_ber", "sent", "arrived")
 COLUMNS += ("equal", "false", "kbit_s", "process_s", "lost")
@@ -54,15 +52,16 @@ def learned(scene):
     return receiver
 
 
-def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **faults):
+def carried(scene, distance, fps, message, fault="", effects=(), cut=None, window=1.5, code="rs", **faults):
     """A row: a message through a recording that is received as it is rendered."""
-    options, world, key = Signalling(), load_scene(scene, *effects), BlockKey(16, "messages", 0)
+    options, world, key = Signalling(code=code), load_scene(scene, *effects), BlockKey(16, "messages", 0)
     plan = MessagePlan(SHAPE, options)
     film = film_of(message, plan)
     drawn = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
     front, reception, assembly = Front(learned(scene)), Reception(plan), Assembly()
     shutter = Shutter(fps, 0.0037, 0.004, **faults)
-    parts = record(world.simulator(), drawn, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key)
+    told = drawn, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key
+    parts = record(world.simulator(), *told, window=window)
     wrong = frames = spent = 0
 
     def took(packets):
@@ -106,14 +105,14 @@ def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **fau
     )
 
 
-def long():
-    """Up to 100 kB through both scenes at 30 to 70 m, and where it must fail."""
+def long(done, rates=(150, 240)):
+    """100 kB through both scenes at 30 to 70 m, and 2 kB where it must fail, but for rows that are done."""
     text = np.random.default_rng(16).bytes(100_000)
-    for scene in ("night", "dashcam"):
-        yield carried(scene, 130, 150, text[:2000])
-    for (fps, scene), distance in product(product((150, 240), ("night", "dashcam")), (70, 50, 30)):
-        size = LONG.get((scene, distance, fps), 3_000)
-        yield carried(scene, distance, fps, text[:size])
+    far = [(150, scene, 130, 2_000) for scene in ("night", "dashcam") if 150 in rates]
+    cells = product(rates, ("night", "dashcam"), (70, 50, 30), (100_000,))
+    for fps, scene, distance, size in [*far, *cells]:
+        if (scene, str(distance), str(fps), str(size)) not in done:
+            yield carried(scene, distance, fps, text[:size], window=1.0)
 
 
 def faults():
@@ -121,6 +120,9 @@ def faults():
     scene, distance, fps = "night", 50, 240
     for name, chance in product(("dropped", "repeated", "black"), (0.1, 0.3)):
         yield carried(scene, distance, fps, MESSAGE, f"{name} {chance:.0%}", **{name: chance})
+        if chance == 0.3:
+            told = f"{name} {chance:.0%}, ldpc"
+            yield carried(scene, distance, fps, MESSAGE, told, code="ldpc", **{name: chance})
     for width in (0.1, 0.2, 0.4, 0.8):
         effects = (f"+scene.effects.occlusion={{width_share: {width}, height_share: 2.0}}",)
         yield carried(scene, distance, fps, MESSAGE, f"a post over {width:.0%} of the panel", effects)
@@ -333,6 +335,8 @@ def memory():
 
 PARTS = {
     "long": (long, "messages_long.csv", COLUMNS),
+    "long150": (partial(long, rates=(150,)), "messages_long.csv", COLUMNS),  # beside the next on another core
+    "long240": (partial(long, rates=(240,)), "messages_long.csv", COLUMNS),
     "faults": (faults, "messages_faults.csv", COLUMNS),
     "picture": (picture, None, ()),
     "load": (
@@ -360,10 +364,14 @@ if __name__ == "__main__":
         if file is None:
             rows()
             continue
-        with (RESULTS / file).open("w", newline="", encoding="utf-8") as out:
+        path, done = RESULTS / file, []
+        if "long" in name and path.exists():  # goes on where it was stopped; without the file it begins anew
+            done = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+        with path.open("a" if done else "w", newline="", encoding="utf-8") as out:
             writer = csv.writer(out, lineterminator="\n")
-            writer.writerow(head)
-            for row in rows():
+            if not done:
+                writer.writerow(head)
+            for row in rows({(*one[:3], one[4]) for one in done}) if "long" in name else rows():
                 writer.writerow(row)
                 out.flush()
                 print(*row, flush=True)

@@ -90,7 +90,7 @@ SECTIONS = {
     },
     "record": {
         **{"fps": 150.0, "drift": 0.01, "start_s": 0.1, "readout_s": 0.01, "dropped": 0.1, "repeated": 0.1},
-        **{"black": 0.1, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
+        **{"black": 0.1, "burst_frames": 3, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
     },
     "calibrate": {
         **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},

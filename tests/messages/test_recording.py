@@ -71,6 +71,21 @@ def test_drops_repeats_and_black_frames_are_told_and_batches_change_nothing():
     assert (np.diff(one[0].taken_s[~np.array(dark)]) >= 0).all()
 
 
+@pytest.mark.parametrize(("dropped", "burst"), [(0.1, 30), (0.4, 5), (0.3, 1)])
+def test_lost_frames_come_in_runs_and_their_share_is_what_was_asked_for(dropped, burst):
+    shutter = Shutter(1.0, dropped=dropped, burst_frames=burst)
+    lost = np.diff(shutter.taken_s(2e5, np.random.default_rng(1))) - 1
+    runs = lost[lost > 0]
+    assert runs.min() == burst
+    # Runs that meet are longer: from the begin of one, each further frame is lost by the chance of a burst.
+    begins = 1 - (1 - dropped) ** (1 / burst)
+    mean = ((1 - begins) ** -burst - 1) / begins
+    assert runs.mean() == pytest.approx(mean, rel=0.05)
+    assert lost.sum() / 2e5 == pytest.approx(dropped, rel=0.05)
+    with pytest.raises(VoccError, match="lose all of 9 frames"):
+        Shutter(1.0, dropped=0.999, burst_frames=9000).taken_s(9.0, np.random.default_rng(1))
+
+
 def test_a_panel_that_moves_keeps_its_truth():
     far = list(record(Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-100.0))
     corners = far[0].panels.corners_px

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from scipy.stats import theilslopes
 
 from vocc_torch.messages.layout import Layout
+from vocc_torch.messages.signalling import ORDERS
 
 SURE = 6.0
 """Most that one known cell's log-likelihood ratio counts."""
@@ -26,7 +27,7 @@ MOST_STEPS = 3
 EVEN = 0.02
 """Chance left to a symbol more, or less, where the time between two frames speaks against it."""
 
-JUMP_COST = 40.0
+JUMP_COST = 15.0
 """What a jump to any place costs."""
 
 STUCK, MEMORY = 0.75, 64
@@ -40,6 +41,13 @@ ENDS, BESIDE = 8, 32
 
 ASTRAY = 1.25
 """Symbols from where the others place it, from which on such a frame is astray."""
+
+BACK = 16
+"""Symbols that a jump may lead back, from a place taken wrongly beside a gap; farther back is far ahead."""
+
+DOUBTFUL, NEAR = 12.0, 64
+"""By how much the frames beside a jump must together be likelier where they are taken to be than where the
+frames beyond the jump would have them, and how many of them are asked."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +103,9 @@ class SymbolClock:
         self._back: list[NDArray[np.int32]] = []
         self._steps: list[float] = []
         self._llr: list[NDArray[np.float32]] = []
+        self._seen: list[NDArray[np.float32]] = []
         self._last: float | None = None
-        self._settled, self._place, self._symbols = 0, -1, 0
+        self._settled, self._place, self._symbols, self._ahead = 0, -1, 0, 0.0
 
     def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Ticks | None:
         """Take frames in.
@@ -123,6 +132,7 @@ class SymbolClock:
             self._last = time_s
             self._advance(values, ahead)
             self._llr.append(own)
+            self._seen.append(values)
         return self._settle(len(self._back) - DELAY) if len(self._back) >= 2 * DELAY else None
 
     def finish(self) -> Ticks | None:
@@ -171,26 +181,50 @@ class SymbolClock:
         path.reverse()
         bands, n = self.layout.bands, self.states
         units = np.empty(count, dtype=np.int64)
+        doubtful = self._doubtful(np.array(path))[:count]
         for i in range(count):
+            self._ahead += self._steps[i]
             if self._place < 0:
-                self._symbols = path[i]
-            else:
-                step = (path[i] - self._place) % n
-                # A gap may be longer than a block.
-                self._symbols += step + n * max(0, round((self._steps[i] - step) / n))
-            self._place, units[i] = path[i], self._symbols
+                self._place, self._symbols, self._ahead = path[i], path[i], 0.0
+            step = (path[i] - self._place + BACK * bands) % n - BACK * bands
+            # A gap may be longer than a block.
+            units[i] = self._symbols + step + n * max(0, round((self._ahead - step) / n))
+            if not doubtful[i]:
+                self._place, self._symbols, self._ahead = path[i], units[i], 0.0
         expected = np.cumsum(self._steps[:count])
         for begin in [slice(None)] * (not self._settled) + [slice(None, None, -1)] * at_end:
             rejoin(units[begin], expected[begin], ASTRAY * bands)
         llr = np.stack(self._llr[:count])
-        del self._back[:count], self._steps[:count], self._llr[:count]
+        del self._back[:count], self._steps[:count], self._llr[:count], self._seen[:count]
         own = np.arange(bands)[None] >= bands - (units % bands)[:, None]
         symbol = (units // bands)[:, None] + own
         odd = 2 * (symbol % 2) - 1
         clocks = np.stack([llr[:, cells].sum(axis=1) for cells in self._clocks], axis=1)
-        ticks = Ticks(self._settled, symbol, (clocks * odd).astype(np.float32))
+        agreement = np.where(doubtful[:, None], 0, clocks * odd)
+        ticks = Ticks(self._settled, symbol, agreement.astype(np.float32))
         self._settled += count
         return ticks
+
+    def _doubtful(self, path: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Say which frames beside a jump fit as well on its other side: few symbols do not tell their place.
+
+        Where frames were lost, nobody knows which symbol is the first one after the gap but the sync cells.
+        """
+        n, bands, clock = self.states, self.layout.bands, np.cumsum(self._steps)
+        apart = (np.diff(path) - np.diff(clock) + n / 2) % n - n / 2
+        doubtful, about = np.zeros(len(path), dtype=bool), np.arange(-bands, bands + 1)
+        jumps = np.flatnonzero(np.abs(apart) > (1 + ASTRAY) * bands)  # beyond what is looked at about a place
+        for begin, last, end in zip([-1, *jumps], jumps, [*jumps[1:], len(path) - 1], strict=False):
+            if begin >= 0 and (path[last] - path[begin + 1]) % n < ORDERS[self.layout.symbols] * bands:
+                doubtful[begin + 1 : last + 1] = True  # too few symbols between two jumps
+            after, before = np.arange(last + 1, end + 1)[:NEAR], np.arange(last, begin, -1)[:NEAR]
+            for rows, beyond in ((after, last), (before, last + 1)):
+                led = np.rint(path[beyond] + clock[rows] - clock[beyond]).astype(int)
+                seen = np.stack([self._seen[row] for row in rows])
+                others = np.take_along_axis(seen, (led[:, None] + about) % n, axis=1).max(axis=1)
+                sure = np.cumsum(seen[np.arange(len(rows)), path[rows]] - others) > DOUBTFUL
+                doubtful[rows[: int(sure.argmax()) if sure.any() else len(rows)]] = True
+        return doubtful
 
 
 def rejoin(units: NDArray[np.int64], expected: NDArray[np.float64], astray: float) -> None:

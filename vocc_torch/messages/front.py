@@ -135,17 +135,12 @@ class Front:
     def _looked_up(self, greys: Sequence[NDArray[np.uint8]], first: int) -> torch.Tensor:
         """Look for the panel now and then, and take the median place between."""
         due = [(first + row) % self.locate_every == 0 for row in range(len(greys))]
-        rows = [row for row in range(len(greys)) if due[row] or not self._places]
+        new = 0 if self._places else REMEMBERED
+        found = self._found(greys, [row for row in range(len(greys)) if due[row] or row < new])
+        if new:  # there is nothing to go by before the first place: each of those frames is searched
+            before = range(new, min(found, default=len(greys)))
+            found |= self._found(greys, [row for row in before if not due[row]])
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
-        found: dict[int, torch.Tensor] = {}
-        if rows:
-            frames = Frames.of(torch.from_numpy(np.stack([greys[row] for row in rows])))
-            frames = Frames.whole(frames.grey.to(self.receiver.device))
-            panels = self.receiver.locator(frames, self.receiver.shape)
-            places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
-            found = {row: place.double() for row, place, there in places if there}
-        self.looked += len(rows)
-        self.found += len(found)
         for row in range(len(greys)):
             if row in found:
                 self._places.append(found[row])
@@ -154,6 +149,19 @@ class Front:
             if self.corners_px is not None:
                 corners[row] = self.corners_px
         return corners
+
+    def _found(self, greys: Sequence[NDArray[np.uint8]], rows: list[int]) -> dict[int, torch.Tensor]:
+        """Look for the panel in some of the frames, and give the corners of those where it is found."""
+        if not rows:
+            return {}
+        frames = Frames.of(torch.from_numpy(np.stack([greys[row] for row in rows])))
+        frames = Frames.whole(frames.grey.to(self.receiver.device))
+        panels = self.receiver.locator(frames, self.receiver.shape)
+        places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
+        found = {row: place.double() for row, place, there in places if there}
+        self.looked += len(rows)
+        self.found += len(found)
+        return found
 
     def _moves(self) -> bool:
         """Say whether the last looks saw the panel move."""

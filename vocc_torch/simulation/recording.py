@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.light import Playback, RollingShutter
 from vocc_torch.simulation.simulator import Simulator
@@ -25,6 +26,7 @@ class Shutter:
         dropped: chance that a frame is lost; those after it follow without a gap.
         repeated: chance that a frame is the one before it once more.
         black: chance that a frame is black.
+        burst_frames: frames that are lost in a row, at least 1; bursts may meet.
     """
 
     fps: float
@@ -33,11 +35,15 @@ class Shutter:
     dropped: float = 0.0
     repeated: float = 0.0
     black: float = 0.0
+    burst_frames: int = 1
 
     def taken_s(self, length_s: float, draws: np.random.Generator) -> NDArray[np.float64]:
         """Give the moments of the frames of a film of ``length_s``: those that were lost are left out.
 
         A moment that comes twice is a repeated frame; a black one is no number.
+
+        Raises:
+            VoccError: no frame is left.
 
         Example:
             >>> Shutter(fps=200.0).taken_s(0.02, np.random.default_rng(0)).tolist()
@@ -48,7 +54,12 @@ class Shutter:
         for i in np.flatnonzero(fate[1] < self.repeated).tolist():
             times[i] = times[max(0, i - 1)]
         times[fate[2] < self.black] = np.nan
-        kept: NDArray[np.float64] = times[fate[0] >= self.dropped]
+        begun = np.concatenate([draws.random(self.burst_frames - 1), fate[0]])  # some before the recording
+        begun = begun < 1 - (1 - self.dropped) ** (1 / self.burst_frames)  # so the share lost is ``dropped``
+        lost = np.convolve(begun, np.ones(self.burst_frames), "valid") > 0
+        if lost.all():
+            raise VoccError(f"record.dropped and burst_frames lose all of {len(times)} frames: lower them")
+        kept: NDArray[np.float64] = times[~lost]
         return kept
 
 

@@ -44,6 +44,7 @@ class RecordConfig:
             symbol.
         readout_s: from the first row's exposure to the last row's, s, above 0 to 1.
         dropped: chance that a frame is lost, 0 to below 1.
+        burst_frames: frames that are lost in a row, 1 to 10,000.
         repeated: chance that a frame is the one before it once more, 0 to below 1.
         black: chance that a frame is black, 0 to below 1.
         speed_m_s: by which the distance grows, m/s.
@@ -59,6 +60,7 @@ class RecordConfig:
     start_s: float | None = None
     readout_s: float = 0.004
     dropped: float = 0.0
+    burst_frames: int = 1
     repeated: float = 0.0
     black: float = 0.0
     speed_m_s: float = 0.0
@@ -79,6 +81,7 @@ class RecordConfig:
                 least = "above 0" if name in ("fps", "readout_s") else f"at least {low:g}"
                 raise VoccError.of(f"record.{name}", f"{number:g}", f"{least} and at most {high:g}")
         whole_number("record.quality", self.quality, 0, 51)
+        whole_number("record.burst_frames", self.burst_frames, 1, 10_000)
 
 
 @dataclass

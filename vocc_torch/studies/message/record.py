@@ -60,7 +60,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     start_s = config.start_s
     if start_s is None:
         start_s = float(key.generator("start").random()) * symbol_s
-    faults = config.dropped, config.repeated, config.black
+    faults = config.dropped, config.repeated, config.black, config.burst_frames
     shutter = Shutter(config.fps, start_s, config.readout_s, *faults)
     parts = record(
         simulator,

@@ -194,7 +194,7 @@ def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterato
     symbol_s = (1 + own.drift) / config.signalling.symbol_rate_hz
     fps = job.ratio * config.signalling.symbol_rate_hz
     start_s = float(key.generator("start").random()) * symbol_s
-    shutter = Shutter(fps, start_s, own.readout_s, own.dropped, own.repeated, own.black)
+    shutter = Shutter(fps, start_s, own.readout_s, own.dropped, own.repeated, own.black, own.burst_frames)
     scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
     return record(
         job.plan.world.simulator(),
