@@ -41,7 +41,7 @@ def test_a_drawing_covers_the_polygons_exact_area():
         exact = raster.polygon_cover(torch.from_numpy(corners)[None], 64, 64)[0].numpy()
         made = sketch.Sketch()
         made.polygon(corners, 7.0)
-        thing = sketch.Placed.on_sensor(made.parts, lambda points: points)
+        thing = sketch.Drawing.on_sensor(made.parts, lambda points: points)
         ((_, keep, light),) = sketch.composed([thing], (0, 0, 64, 64))
         drawn = 1 - keep
         assert light == pytest.approx(7 * drawn, abs=0.03)
@@ -61,7 +61,7 @@ def test_windows_of_a_thing_are_parts_of_the_whole_and_nothing_leaves_its_reach(
         assert all((luminance > 0).all() for _, luminance in made.parts)
         if thing in roadside.REACH_M:
             assert np.hypot(*points.T).max() < roadside.REACH_M[thing] * 1.05
-    on_sensor = sketch.Placed.on_sensor(made.parts, lambda at: at * 31.7 + 150.3)
+    on_sensor = sketch.Drawing.on_sensor(made.parts, lambda at: at * 31.7 + 150.3)
     planes = [laid([on_sensor], window) for window in ((0, 0, 300, 200), (37, 51, 180, 140))]
     for whole, part in zip(*planes, strict=True):
         assert np.array_equal(whole[51:140, 37:180], part)
@@ -89,7 +89,7 @@ def test_what_is_hidden_is_not_drawn_and_nothing_changes(monkeypatch):
             at = generator.uniform(0, 300, 2)
             parts = roadside.BESIDE[number % len(roadside.BESIDE)](generator, light).parts
             share = 0.3 if number == 7 else 1.0
-            things.append(sketch.Placed.on_sensor(parts, lambda p, t=turn, a=at: p @ t + a, share))
+            things.append(sketch.Drawing.on_sensor(parts, lambda p, t=turn, a=at: p @ t + a, share))
         quick, keep, added = laid(things, window), np.ones(1, np.float32), np.zeros(1, np.float32)
         with monkeypatch.context() as patch:
             patch.setattr(sketch, "CLEAR", math.inf)  # so that nothing is told covered

@@ -127,7 +127,7 @@ Picture = tuple[Plane, Plane]
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class Drawing:
     """A thing as it lies on the sensor, drawn tile by tile.
 
     Args:
@@ -155,7 +155,7 @@ class Placed:
     @classmethod
     def on_sensor(
         cls, parts: Iterable[Part], place: Callable[[Array], Array], share: float = 1.0
-    ) -> "Placed | None":
+    ) -> "Drawing | None":
         """Place polygons (N,V,2) and their luminance (N,), as of a sketch.
 
         Args:
@@ -187,8 +187,8 @@ class Placed:
 
     def shown(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
         """Which polygons are seen from one pixel to another, and whether the first of these covers all."""
-        seen = ((self.least < end) & (self.most > begin)).all(axis=1).nonzero()[0]
-        whole = ((self.least[seen] <= begin) & (self.most[seen] >= end)).all(axis=1).nonzero()[0]
+        seen = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
+        whole = np.flatnonzero(((self.least[seen] <= begin) & (self.most[seen] >= end)).all(axis=1))
         wide, high = ((end - begin) * self.fine).tolist()
         at = np.array([(0, 0), (wide, 0), (wide, high), (0, high)])
         for number in whole[::-1].tolist():
@@ -225,10 +225,9 @@ class Placed:
             lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
             if not full:
                 cover = COVERED[self.fine][np.asarray(image.convert("L").reduce(self.fine))]
-        lit = lit / np.float32(self.scale)
-        return (
-            (cover * np.float32(self.share), lit * np.float32(self.share)) if self.share < 1 else (cover, lit)
-        )
+        shown: Plane = np.divide(lit, np.float32(self.scale), dtype=np.float32)
+        share = np.float32(self.share)
+        return (cover, shown) if share == 1 else (cover * share, shown * share)
 
 
 def _extent(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -236,7 +235,7 @@ def _extent(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.ceil(points.max(axis=0)).astype(int), np.floor(points.min(axis=0)).astype(int)
 
 
-def composed(things: Sequence[Placed], window: Window) -> Iterator[tuple[int, Plane, Plane]]:
+def composed(things: Sequence[Drawing], window: Window) -> Iterator[tuple[int, Plane, Plane]]:
     """Lay things before a picture, later ones over earlier ones, tile by tile; what is hidden is not drawn.
 
     Args:
@@ -250,7 +249,7 @@ def composed(things: Sequence[Placed], window: Window) -> Iterator[tuple[int, Pl
     Example:
         >>> sketch = Sketch()
         >>> sketch.box(1.5, 1, 3, 2, 10.0)
-        >>> thing = Placed.on_sensor(sketch.parts, lambda points: points)
+        >>> thing = Drawing.on_sensor(sketch.parts, lambda points: points)
         >>> [(top, keep[1, 1:3].tolist(), light[1, 1:3].tolist())
         ...  for top, keep, light in composed([thing], (0, 0, 9, 9))]
         [(0, [0.5, 0.0], [5.0, 10.0])]
@@ -268,7 +267,7 @@ def composed(things: Sequence[Placed], window: Window) -> Iterator[tuple[int, Pl
             first, last = np.array((column, row)), np.array((min(column + TILE_PX, right), row + size[0]))
             within = (firsts < last) & (lasts > np.maximum(first, (left, top)))
             shown = []
-            for number in within.all(axis=1).nonzero()[0][::-1].tolist():
+            for number in np.flatnonzero(within.all(axis=1))[::-1].tolist():
                 begin, end = np.maximum(first, firsts[number]), np.minimum(last, lasts[number])
                 seen, full = things[number].shown(begin, end)
                 if len(seen):

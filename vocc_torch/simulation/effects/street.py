@@ -56,7 +56,8 @@ def across(nodes: Plane, x: NDArray[np.float64]) -> Plane:
 def down(lines: Plane, y: NDArray[np.float64]) -> Plane:
     """Interpolate lines (h,W) at rows y (H,), to (H,W)."""
     row = y.astype(int)
-    low, filled = lines[row], lines[row + 1]
+    low: Plane = lines[row]
+    filled: Plane = lines[row + 1]
     filled -= low
     filled *= (y - row).astype(np.float32)[:, None]
     filled += low
@@ -142,7 +143,7 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
             middle = 1 - above - below
             base = above * (sky * lift) + middle * np.float32(far) + below * (ground / lift)
             depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
-            wave = down(lines, rows / NODE_PX) * depth
+            wave: Plane = down(lines, rows / NODE_PX) * depth
             # The exponential's first terms: the same numbers wherever a pixel lies in its array.
             square = wave * wave
             square *= np.float32(0.5)
@@ -167,14 +168,14 @@ class Layer:
 
     seen: view.View
     window: sketch.Window
-    things: list[sketch.Placed] = field(default_factory=list)
+    things: list[sketch.Drawing] = field(default_factory=list)
     dirt: Plane | None = None
 
     def lay(
         self, parts: list[sketch.Part], place: Callable[[sketch.Array], sketch.Array], share: float = 1.0
     ) -> None:
         """Lay a sketch before what is there; a mirror shows a ``share`` of it."""
-        if thing := sketch.Placed.on_sensor(parts, place, share):
+        if thing := sketch.Drawing.on_sensor(parts, place, share):
             self.things.append(thing)
 
     def drawn(self) -> Iterator[tuple[int, Plane, Plane]]:
@@ -210,14 +211,14 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
             self.draw(layers[-1], generator)
         if not any(one.things for one in layers):
             return value
-        drawn = [{top // sketch.TILE_PX: (top, *each) for top, *each in one.drawn()} for one in layers]
+        drawn = [{rows[0] // sketch.TILE_PX: rows for rows in one.drawn()} for one in layers]
 
         def change(frame: int, strip: Tensor, top: int) -> Tensor:
             if top // sketch.TILE_PX not in drawn[frame]:
                 return strip
-            first, *planes = drawn[frame][top // sketch.TILE_PX]
+            first, stays, light = drawn[frame][top // sketch.TILE_PX]
             rows = slice(top - first, top - first + len(strip))
-            keep, added = (torch.from_numpy(one[rows]).to(strip) for one in planes)
+            keep, added = (torch.from_numpy(one[rows]).to(strip) for one in (stays, light))
             return strip * keep + added
 
         return in_strips(value, change, context)
