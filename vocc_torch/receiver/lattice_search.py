@@ -22,7 +22,7 @@ PITCHES_PX = (2.9, 6.3)
 # A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
 _SHEAR, _MOST_CELLS = 0.36, 16
 # Windows of each level, and the least that their light is periodic.
-_WINDOWS, _LEAST_STRENGTH = 12, 4.0
+_WINDOWS, _LEAST_STRENGTH = 8, 4.0
 # Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
 # than this deviation counts less, DN.
 _BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
