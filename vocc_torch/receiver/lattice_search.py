@@ -113,15 +113,11 @@ def _boxes(planes: Tensor, size: tuple[int, int], join: Callable[[Tensor, Tensor
 
 def _texture_blocks(plane: Tensor) -> Tensor:
     """Means over blocks of 4 px of changes along both axes, of grey values, and of their squares (4,h,w)."""
-    high, wide = (side // _BLOCK_PX for side in (plane.shape[0] - _LAG_PX, plane.shape[1] - _LAG_PX))
-    few = plane[: plane.shape[0] // 2 * 2 : 2, : plane.shape[1] // 2 * 2 : 2] - 128
-    half = _BLOCK_PX // 2
-    blocks = [
-        _blocks((plane[::2, _LAG_PX:] - plane[::2, :-_LAG_PX]).abs(), half, _BLOCK_PX),
-        _blocks((plane[_LAG_PX:, ::2] - plane[:-_LAG_PX, ::2]).abs(), _BLOCK_PX, half),
-        _blocks(few, half, half),
-        _blocks(few * few, half, half),
-    ]
+    few = plane[::_LAG_PX, ::_LAG_PX] - 128
+    side = _BLOCK_PX // _LAG_PX
+    parts = ((few[:, 1:] - few[:, :-1]).abs(), (few[1:] - few[:-1]).abs(), few, few * few)
+    blocks = [_blocks(one, side, side) for one in parts]
+    high, wide = (min(one.shape[axis] for one in blocks) for axis in (0, 1))
     return torch.stack([one[:high, :wide] for one in blocks])
 
 
