@@ -226,11 +226,13 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     frequency, offset, strength = [], [], []
     for axis in (0, 1):
         seen, own = (one.mT if axis else one for one in (windows, plain))
-        # Light of LEDs that run into one another bends in their middles, whatever their bits.
+        # Light of LEDs that run into one another bends in their middles, whatever their bits; on halved
+        # pictures they do not.
         smooth = _boxes(seen, (3, 1), torch.add) / 3
         planes = torch.stack([own, torch.zeros_like(own), torch.zeros_like(own)])
         planes[1, ..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
         planes[2, ..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
+        planes[2, level > 0] = 0
         along, across, there, value = _peak(
             planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]
         )
