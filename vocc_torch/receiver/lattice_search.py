@@ -21,8 +21,8 @@ PITCHES_PX = (2.9, 6.3)
 
 # A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
 _SHEAR, _MOST_CELLS = 0.36, 16
-# Windows of each level, and the least that their light is periodic.
-_WINDOWS, _LEAST_STRENGTH = 8, 4.0
+# Windows of each level, their least texture for their contrast, and the least that their light is periodic.
+_WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.14, 4.0
 # Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
 # than this deviation counts less, DN.
 _BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
@@ -144,9 +144,9 @@ def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tens
             value = texture(blocks, shape, pitch)
             side = [max(3, round(leds * pitch * 0.6 / _BLOCK_PX)) | 1 for leds in (shape.rows, shape.columns)]
             top = _boxes(value[None], (side[0], side[1]), torch.maximum)[0]
-            value = value.where((value >= top) & (value > 0), 0.0).flatten()
+            value = value.where(value >= top, 0.0).flatten()
             best = value.topk(min(_WINDOWS, len(value)))
-            place = best.indices[best.values > 0]
+            place = best.indices[best.values > _LEAST_TEXTURE]
             wide = top.shape[1]
             centre = torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX) + _BLOCK_PX / 2 + 0.5
             found.append((torch.full_like(place, level), torch.full_like(centre[:, 0], step), centre))

@@ -24,8 +24,8 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# Cells that lattices are shifted by, placings that are kept, and those that are fitted.
-_REACH, _KEPT, _STEPS, _FITTED = 3, 6, 2, 6
+# Cells that lattices are shifted by, and placings that are kept.
+_REACH, _KEPT = 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
@@ -73,7 +73,7 @@ class LearnedLocator:
 
     - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator.
     - Placings: the network sees the cells of each with their surroundings, and tells which placing by whole
-      cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
+      cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
     - Fits: of two patterns to the cells, and of up to 16 x 16 LEDs of round spots, kept where the placing
       stays as likely.
     - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
@@ -160,9 +160,8 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
-    for _ in range(_STEPS):
-        quads, logit = placings(net, scales, quads, shape, 1, moved=True)
-    quads, logit = distinct(quads, logit, shape, _FITTED, _OVERLAP)
+    quads, logit = placings(net, scales, quads, shape, 1, moved=True)
+    quads, logit = distinct(quads, logit, shape, _KEPT, _OVERLAP)
     # Fits are kept where the panel is as likely then: of round spots, or else of two patterns to whole cells.
     best = (logit > _WORTH_A_FIT).nonzero()[:, 0]
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
@@ -176,7 +175,7 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _FITTED)
+    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _KEPT)
     return quads + frame.origin_px, logit.double()
 
 
