@@ -38,8 +38,9 @@ from vocc_torch.types import Frames
 
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 SCORES = RESULTS / "false_alarms"
-SCENES = ("street", "street_night")
-POINT, BATCH, NONE = "calibration", 8, -99.0
+WORLDS = (("street", "calibration"), ("street_night", "calibration by night"))
+"""Scenes, and the keys of their frames: by one key a street by night would be that of a day, in the dark."""
+BATCH, NONE = 8, -99.0
 STATED = 1e-3
 HEAD = ("locator", "rows", "columns", "frames", "score", "greatest", "tail_frames", "low", "high", "above")
 HEAD += ("above_low", "above_high", "pareto_shape", "shape_low", "shape_high", "anderson_darling")
@@ -56,9 +57,9 @@ def scores(name: str) -> Callable[[Frames, PanelShape], torch.Tensor]:
 
 def drawn(batch: int) -> Frames:
     """Draw a batch of panel-free frames: eight of a scene, then eight of the other, and on."""
-    world = vt.load_scene(SCENES[batch % 2], "+scene.effects.panel_absent={}")
-    at = batch // 2 * BATCH
-    block, rows = BlockKey(0, POINT, at // BLOCK_FRAMES), range(at % BLOCK_FRAMES, BLOCK_FRAMES, BATCH)
+    scene, point = WORLDS[batch % 2]
+    world, at = vt.load_scene(scene, "+scene.effects.panel_absent={}"), batch // 2 * BATCH
+    block, rows = BlockKey(0, point, at // BLOCK_FRAMES), range(at % BLOCK_FRAMES, BLOCK_FRAMES, BATCH)
     return next(rendered(world.simulator(), world.scene, [block], rows, False))[-1][0]
 
 

@@ -114,7 +114,7 @@ def claimed(names: list[str], streets: int) -> None:
     kinds["black, white"] = [np.full((240, 320), level, np.uint8) for level in (0, 255)]
     for scene in ("street_held_out", "street_held_out_night") if streets else ():
         world = vt.load_scene(scene, "+scene.effects.panel_absent={}")
-        batches = vt.simulate(world, streets // 2, batch=8, point="no panel")
+        batches = vt.simulate(world, streets // 2, batch=8, point=f"no panel, {scene}")
         kinds[scene] = [one for batch in batches for one in batch.frames.grey[:, 0].numpy()]
     heads = ("locator", "pictures", "", "claimed", "median, greatest score of these", "least false alarms")
     print(f"| {' | '.join(heads)} |\n" + "|---" * len(heads) + "|")
