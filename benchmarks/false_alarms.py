@@ -121,7 +121,8 @@ def judged(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     at, excess = row.score_at(STATED), found[found > row.floor].sub(row.floor).sort().values.numpy()
     above = int((found >= at).sum())
     counted, bent = clopper_pearson(above, len(found)), float(genpareto.fit(excess, floc=0)[0])
-    spread = 1.96 * (1 + bent) / math.sqrt(len(excess))
+    # Of tails that end so abruptly likelihood has no such bounds.
+    spread = 1.96 * (1 + bent) / math.sqrt(len(excess)) if bent > -0.5 else math.nan
     below = np.clip(1 - np.exp(-excess / excess.mean()), 1e-12, 1 - 1e-12)
     odd = 2 * np.arange(len(excess)) + 1
     apart = -len(excess) - float((odd * (np.log(below) + np.log(1 - below[::-1]))).mean())
