@@ -1,10 +1,10 @@
 """How often task=decode takes a picture without a panel for one: pictures found, and those without a warning.
 
     python benchmarks/no_panel.py
-    python benchmarks/no_panel.py --stated lattice learned --streets 60
+    python benchmarks/no_panel.py --locators paper refined learned --streets 200
 
-Writes the table of docs/decoding.md to the terminal, or that of docs/eyes.md: what locators that state their
-false alarms claim in the same pictures, in black and white ones and in streets without a panel.
+Writes the table of docs/decoding.md to the terminal, or that of docs/eyes.md: what locators claim, and how
+surely, in these pictures, black and white ones, and held-out streets without a panel, half of them by night.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from sklearn.datasets import load_sample_images
 
 import vocc_torch as vt
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.locators import LOCATORS, locator_named
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
 from vocc_torch.studies.decode.reading import decode
+from vocc_torch.types import StatedPanels
 
 SHIPPED = (
     "astronaut",
@@ -106,34 +107,37 @@ def row(receiver: vt.Receiver, pictures: list[Picture], bits: torch.Tensor | Non
     return [len(read), sum(one.found for one in read), well, len(calm), wrong, len(sure)]
 
 
-def stated(names: list[str], streets: int) -> None:
-    """Print in how many pictures without a panel locators claim one, and the least rate that they stated."""
+def claimed(names: list[str], streets: int) -> None:
+    """Print in how many pictures without a panel locators claim one, and how surely."""
     pictures = list(without_panel())
     kinds = {"drawn and noise": pictures[:80], "photographs and crops": pictures[80:]}
     kinds["black, white"] = [np.full((240, 320), level, np.uint8) for level in (0, 255)]
-    if streets:
-        world = vt.load_scene("street_held_out", "+scene.effects.panel_absent={}")
-        batches = vt.simulate(world, streets, batch=8, point="no panel")
-        kinds["streets, held out"] = [one for batch in batches for one in batch.frames.grey[:, 0].numpy()]
-    print("| locator | pictures | | claimed | least false alarms stated |\n|---|---|---|---|---|")
+    for scene in ("street_held_out", "street_held_out_night") if streets else ():
+        world = vt.load_scene(scene, "+scene.effects.panel_absent={}")
+        batches = vt.simulate(world, streets // 2, batch=8, point=f"no panel, {scene}")
+        kinds[scene] = [one for batch in batches for one in batch.frames.grey[:, 0].numpy()]
+    heads = ("locator", "pictures", "", "claimed", "median, greatest score of these", "least false alarms")
+    print(f"| {' | '.join(heads)} |\n" + "|---" * len(heads) + "|")
     for name in names:
         locator = locator_named(name, PaperLocator())
         for kind, some in kinds.items():
             panels = [locator(one[None].copy(), vt.PanelShape()) for one in some]
-            least = min(float(one.false_alarms[0]) for one in panels)
-            claimed = sum(bool(one.found[0]) for one in panels)
-            print(f"| `{name}` | {kind} | {len(some)} | {claimed} | {least:.2g} |", flush=True)
+            scores = [float(one.score[0]) for one in panels if bool(one.found[0])]
+            shown = f"{np.median(scores):.2f}, {max(scores):.2f}" if scores else ""
+            stated = [float(one.false_alarms[0]) for one in panels if isinstance(one, StatedPanels)]
+            least = f"{min(stated):.2g}" if stated else "states none"
+            print(f"| `{name}` | {kind} | {len(some)} | {len(scores)} | {shown} | {least} |", flush=True)
 
 
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--stated", nargs="+", help="locators that state their false alarms")
+    parser.add_argument("--locators", nargs="+", choices=LOCATORS, help="for the table of docs/eyes.md")
     parser.add_argument("--streets", type=int, default=0, help="frames of held-out streets without a panel")
     given = parser.parse_args()
     torch.set_num_threads(1)
-    if given.stated:
-        stated(given.stated, given.streets)
+    if given.locators:
+        claimed(given.locators, given.streets)
         return
     kinds: dict[str, tuple[list[Picture], torch.Tensor | None]] = {"no panel": (list(without_panel()), None)}
     kinds |= {f"panel at {one} m": with_panel(one) for one in DISTANCES_M}

@@ -41,10 +41,10 @@ def test_a_drawing_covers_the_polygons_exact_area():
         exact = raster.polygon_cover(torch.from_numpy(corners)[None], 64, 64)[0].numpy()
         made = sketch.Sketch()
         made.polygon(corners, 7.0)
-        drawn = np.zeros((64, 64))
-        for left, top, cover, light in sketch.patches(made.parts, lambda points: points, (0, 0, 64, 64)):
-            drawn[top : top + len(cover), left : left + cover.shape[1]] = cover
-            assert light == pytest.approx(7 * cover, abs=0.03)
+        thing = sketch.Drawing.on_sensor(made.parts, lambda points: points)
+        ((_, keep, light),) = sketch.composed([thing], (0, 0, 64, 64))
+        drawn = 1 - keep
+        assert light == pytest.approx(7 * drawn, abs=0.03)
         wide.append(abs(drawn - exact).max())
         gaps.append((drawn.sum() - exact.sum()) / math.sqrt(exact.sum()))
     assert max(wide) < 0.55
@@ -61,15 +61,45 @@ def test_windows_of_a_thing_are_parts_of_the_whole_and_nothing_leaves_its_reach(
         assert all((luminance > 0).all() for _, luminance in made.parts)
         if thing in roadside.REACH_M:
             assert np.hypot(*points.T).max() < roadside.REACH_M[thing] * 1.05
-    planes = []
-    for left, top, right, bottom in ((0, 0, 300, 200), (37, 51, 180, 140)):
-        keep = np.ones((bottom - top, right - left), dtype=np.float32)
-        added = np.zeros_like(keep)
-        for patch in sketch.patches(made.parts, lambda at: at * 31.7 + 150.3, (left, top, right, bottom)):
-            sketch.lay(keep, added, patch, (left, top))
-        planes.append((keep, added))
+    on_sensor = sketch.Drawing.on_sensor(made.parts, lambda at: at * 31.7 + 150.3)
+    planes = [laid([on_sensor], window) for window in ((0, 0, 300, 200), (37, 51, 180, 140))]
     for whole, part in zip(*planes, strict=True):
         assert np.array_equal(whole[51:140, 37:180], part)
+
+
+def laid(things, window):
+    """How much of what is behind stays in a window, and the light of things that cover one another."""
+    left, top, right, bottom = window
+    keep = np.ones((bottom - top, right - left), dtype=np.float32)
+    light = np.zeros_like(keep)
+    for row, *planes in sketch.composed(things, window):
+        rows = slice(row - top, row - top + len(planes[0]))
+        keep[rows], light[rows] = planes
+    return keep, light
+
+
+def test_what_is_hidden_is_not_drawn_and_nothing_changes(monkeypatch):
+    """To the last bit what the same things leave that are drawn whole and laid one by one."""
+    light, window, hidden = roadside.Light(2000.0, 3000.0, 0.5), (20, 0, 300, 290), 0
+    generator = np.random.default_rng(3)
+    for _ in range(3):
+        things = []
+        for number in range(12):
+            turn = np.array([[0.9, 0.4], [-0.4, 0.9]]) * generator.uniform(5, 60)
+            at = generator.uniform(0, 300, 2)
+            parts = roadside.BESIDE[number % len(roadside.BESIDE)](generator, light).parts
+            share = 0.3 if number == 7 else 1.0
+            things.append(sketch.Drawing.on_sensor(parts, lambda p, t=turn, a=at: p @ t + a, share))
+        quick, keep, added = laid(things, window), np.ones(1, np.float32), np.zeros(1, np.float32)
+        with monkeypatch.context() as patch:
+            patch.setattr(sketch, "CLEAR", math.inf)  # so that nothing is told covered
+            for thing in things:
+                free, own = laid([thing], window)
+                keep, added = keep * free, added * free + own
+                hidden += int((free == 0).sum())
+        assert np.array_equal(quick[0], keep)
+        assert np.array_equal(quick[1], added)
+    assert hidden > 50_000
 
 
 def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():

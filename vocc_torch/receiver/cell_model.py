@@ -247,16 +247,20 @@ def fit_cells(
     best, now = start, start
     for number in range(steps + 1):
         picture = read_cells(pyramid, now, shape, _FINE, 1)
-        slope_u = (
-            picture[:, _FINE:-_FINE, _FINE + 1 : 1 - _FINE] - picture[:, _FINE:-_FINE, _FINE - 1 : -1 - _FINE]
-        ) * (_FINE / 2)
-        slope_v = (
-            picture[:, _FINE + 1 : 1 - _FINE, _FINE:-_FINE] - picture[:, _FINE - 1 : -1 - _FINE, _FINE:-_FINE]
-        ) * (_FINE / 2)
         grey = picture[:, _FINE:-_FINE, _FINE:-_FINE]
         n = len(grey)
-        planes = torch.cat([grey[:, None], slope_u[:, None] * inside, slope_v[:, None] * inside], 1)
-        # (n,4RC,9*K/2*K/2)
+        planes = grey[:, None]
+        if number < steps:
+            slope_u = (
+                picture[:, _FINE:-_FINE, _FINE + 1 : 1 - _FINE]
+                - picture[:, _FINE:-_FINE, _FINE - 1 : -1 - _FINE]
+            ) * (_FINE / 2)
+            slope_v = (
+                picture[:, _FINE + 1 : 1 - _FINE, _FINE:-_FINE]
+                - picture[:, _FINE - 1 : -1 - _FINE, _FINE:-_FINE]
+            ) * (_FINE / 2)
+            planes = torch.cat([planes, slope_u[:, None] * inside, slope_v[:, None] * inside], 1)
+        # (n,4RC,K/2*K/2), and nine times as many with slopes
         folded = _quadrants(planes).permute(0, 2, 3, 4, 1, 5).reshape(n, 4 * shape.leds, -1)
         bits = now.bits
         for _ in range(2):
@@ -264,7 +268,7 @@ def fit_cells(
             gram = a.mT @ a
             gram = gram + torch.eye(7, device=gram.device) * 1e-3 * shape.leds
             weights = torch.linalg.solve(gram, a.mT @ folded)
-            quarter = folded.shape[2] // 9
+            quarter = folded.shape[2] // planes.shape[1]
             own = (a[..., :1] * 0 + folded[..., :quarter]) - a @ weights[..., :quarter]
             # A bit is turned where its own cell is then explained better.
             gain = weights[:, 1:2, :quarter]
@@ -276,10 +280,10 @@ def fit_cells(
         a = _regressors(bits).reshape(n, -1, 7)
         gram = a.mT @ a + torch.eye(7, device=a.device) * 1e-3 * shape.leds
         rest = folded - a @ torch.linalg.solve(gram, a.mT @ folded)
-        rest = rest.view(n, -1, 9, folded.shape[2] // 9)
+        rest = rest.view(n, -1, planes.shape[1], quarter)
         left, slopes = rest[:, :, 0].flatten(1), rest[:, :, 1:].permute(0, 2, 1, 3).flatten(2)
         energy = left.square().sum(1)
-        value = folded[..., : folded.shape[2] // 9]
+        value = folded[..., :quarter]
         spread = (value - value.mean(1, keepdim=True)).square().sum((1, 2))
         noise = _ROUNDING_DN2 * left.shape[1]
         # What the On LEDs add to a panel of Off ones; a line of the dark around it in its place adds nothing.

@@ -21,10 +21,13 @@ PITCHES_PX = (2.9, 6.3)
 
 # A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
 _SHEAR, _MOST_CELLS = 0.36, 16
-# Proposals of each level, and its windows of most periodic light, of at least so much.
-_PROPOSALS, _WINDOWS, _LEAST_STRENGTH = 28, 12, 15.0
-# Side of the blocks whose texture is summed, px; texture below this deviation is noise of rounding, DN.
-_BLOCK_PX, _LEAST_DN = 4, 4.0
+# Windows of each level, their least texture for their contrast, and the least that their light is periodic.
+_WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.14, 4.0
+# Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
+# than this deviation counts less, DN.
+_BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
+# Share of a picture that is as rough as noise is, or less, and the step to the next block that tells.
+_GRAIN, _GRAIN_STEP = 0.1, 13
 _MID_PITCH_PX = 4.0
 # Samples of a window about which its light is levelled.
 _LOCAL = 7
@@ -108,44 +111,45 @@ def _boxes(planes: Tensor, size: tuple[int, int], join: Callable[[Tensor, Tensor
     return planes
 
 
-def texture(plane: Tensor, shape: PanelShape, pitch_px: float) -> Tensor:
-    """Texture along both axes for its contrast, (h,w) in blocks of 4 px, within boxes of a panel's size."""
-    lag = 2 if pitch_px > 3 else 1
-    high, wide = (side // _BLOCK_PX for side in (plane.shape[0] - lag, plane.shape[1] - lag))
-    few = plane[: plane.shape[0] // 2 * 2 : 2, : plane.shape[1] // 2 * 2 : 2] - 128
-    half = _BLOCK_PX // 2
-    blocks = [
-        _blocks((plane[::2, lag:] - plane[::2, :-lag]).abs(), half, _BLOCK_PX),
-        _blocks((plane[lag:, ::2] - plane[:-lag, ::2]).abs(), _BLOCK_PX, half),
-        _blocks(few, half, half),
-        _blocks(few * few, half, half),
-    ]
+def _texture_blocks(plane: Tensor) -> Tensor:
+    """Means over blocks of 4 px of changes along both axes, of grey values, and of their squares (4,h,w)."""
+    few = plane[::_LAG_PX, ::_LAG_PX] - 128
+    side = _BLOCK_PX // _LAG_PX
+    parts = ((few[:, 1:] - few[:, :-1]).abs(), (few[1:] - few[:-1]).abs(), few, few * few)
+    blocks = [_blocks(one, side, side) for one in parts]
+    high, wide = (min(one.shape[axis] for one in blocks) for axis in (0, 1))
+    return torch.stack([one[:high, :wide] for one in blocks])
+
+
+def texture(blocks: Tensor, shape: PanelShape, pitch_px: float) -> Tensor:
+    """Texture along both axes for its contrast, (h,w) in blocks (4,h,w), within boxes of a panel's size."""
     box = [max(1, round(leds * pitch_px * 0.75 / _BLOCK_PX)) | 1 for leds in (shape.rows, shape.columns)]
-    box = [min(one, side - 1 + side % 2) for one, side in zip(box, (high, wide), strict=True)]
-    mean = _boxes(torch.stack([one[:high, :wide] for one in blocks]), (box[0], box[1]), torch.add)
-    mean = mean / (box[0] * box[1])
-    rough = torch.minimum(mean[0], mean[1])
+    box = [min(one, side - 1 + side % 2) for one, side in zip(box, blocks.shape[1:], strict=True)]
+    mean = _boxes(blocks, (box[0], box[1]), torch.add) / (box[0] * box[1])
     contrast = (mean[3] - mean[2] ** 2).clamp(min=0).sqrt()
-    return rough**2 / (contrast + _LEAST_DN)
+    rough = torch.minimum(mean[0], mean[1])
+    grain = rough.flatten()[::_GRAIN_STEP].quantile(_GRAIN)
+    return (rough - grain).clamp(min=0) / (contrast + _LEAST_DN)
 
 
 def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tensor]:
     """Places of most texture: level (n,), step (n,) px between samples, and centre (n,2) px."""
     found: list[tuple[Tensor, ...]] = []
-    for level, step in [(0, 0.5)] + [(level, 1.0) for level in range(len(pyramid.levels))]:
-        plane = pyramid.levels[level]
-        pitch = _MID_PITCH_PX * step
+    for level, plane in enumerate(pyramid.levels):
         if min(plane.shape) < 3 * _BLOCK_PX:
             continue
-        value = texture(plane, shape, pitch)
-        side = [max(3, round(leds * pitch * 0.6 / _BLOCK_PX)) | 1 for leds in (shape.rows, shape.columns)]
-        top = _boxes(value[None], (side[0], side[1]), torch.maximum)[0]
-        value = value.where((value >= top) & (value > 0), 0.0).flatten()
-        best = value.topk(min(_PROPOSALS, len(value)))
-        place = best.indices[best.values > 0]
-        wide = top.shape[1]
-        centre = torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX) + _BLOCK_PX / 2 + 0.5
-        found.append((torch.full_like(place, level), torch.full_like(centre[:, 0], step), centre))
+        blocks = _texture_blocks(plane)
+        for step in (0.5, 1.0) if level == 0 else (1.0,):
+            pitch = _MID_PITCH_PX * step
+            value = texture(blocks, shape, pitch)
+            side = [max(3, round(leds * pitch * 0.6 / _BLOCK_PX)) | 1 for leds in (shape.rows, shape.columns)]
+            top = _boxes(value[None], (side[0], side[1]), torch.maximum)[0]
+            value = value.where(value >= top, 0.0).flatten()
+            best = value.topk(min(_WINDOWS, len(value)))
+            place = best.indices[best.values > _LEAST_TEXTURE]
+            wide = top.shape[1]
+            centre = torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX) + _BLOCK_PX / 2 + 0.5
+            found.append((torch.full_like(place, level), torch.full_like(centre[:, 0], step), centre))
     return tuple(torch.cat(part) for part in zip(*found, strict=True))  # type: ignore[return-value]
 
 
@@ -201,7 +205,7 @@ def _peak(planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> tuple[Tens
     power = waves.abs().square().sum(0)
     power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
     value, place = power.flatten(1).max(1)
-    there = waves.flatten(2).gather(2, place[None, :, None].expand(2, -1, -1))[..., 0]
+    there = waves.flatten(2).gather(2, place[None, :, None].expand(len(waves), -1, -1))[..., 0]
     many = len(own.frequency)
     return own.frequency[place % many], other.frequency[place // many], there, value
 
@@ -221,26 +225,26 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     plain = windows - _boxes(windows, (_LOCAL, _LOCAL), torch.add) / _LOCAL**2
     frequency, offset, strength = [], [], []
     for axis in (0, 1):
-        change = torch.zeros_like(windows)
-        if axis == 0:
-            change[:, :, 1:-1] = (windows[:, :, 2:] - windows[:, :, :-2]).abs()
-        else:
-            change[:, 1:-1] = (windows[:, 2:] - windows[:, :-2]).abs()
-        both = torch.stack([plain, change])
+        seen, own = (one.mT if axis else one for one in (windows, plain))
+        # Light of LEDs that run into one another bends in their middles, whatever their bits; on halved
+        # pictures they do not.
+        smooth = _boxes(seen, (3, 1), torch.add) / 3
+        planes = torch.stack([own, torch.zeros_like(own), torch.zeros_like(own)])
+        planes[1, ..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
+        planes[2, ..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
+        planes[2, level > 0] = 0
         along, across, there, value = _peak(
-            both.mT if axis else both, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]
+            planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]
         )
         frequency.append(torch.stack([across, along] if axis else [along, across], 1))
         # A wave cos(2 pi (f x) + angle) is greatest at f x = -angle / 2 pi: of grey values in the middle of
         # a cell, of differences on its border.
-        angle = torch.where(there[0].abs() >= there[1].abs(), there[0].angle(), there[1].angle() + torch.pi)
+        strongest = there.abs().argmax(0)
+        angle = there.gather(0, strongest[None])[0].angle() + torch.pi * (strongest == 1)
         offset.append(-angle / (2 * torch.pi))
         strength.append(value)
-    # Scenes with much that is periodic on one scale must not hide a panel on another.
     periodic, ordered = torch.minimum(*strength).sort(descending=True, stable=True)
-    ordered = ordered[periodic >= _LEAST_STRENGTH]
-    same = level[ordered, None] == level[ordered]
-    rows = ordered[same.tril().sum(1) <= _WINDOWS]
+    rows = ordered[periodic >= _LEAST_STRENGTH]
     basis = torch.linalg.inv(torch.stack(frequency, 1)[rows].to(torch.float64)).to(torch.float32)
     middle = (basis @ torch.stack(offset, 1)[rows, :, None])[..., 0]
     size = step[rows, None]

@@ -24,14 +24,13 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# Cells that lattices are shifted by, placings that are kept, and those that are fitted.
-_REACH, _KEPT, _STEPS, _FITTED = 4, 16, 2, 6
+# Cells that lattices are shifted by, and placings that are kept.
+_REACH, _KEPT = 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
-# A lattice of spots is kept that explains the first share of the picture, and none is looked for beyond the
-# second; cells that its corners may move by.
-_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 0.3, 16
+# A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
+_LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
@@ -74,7 +73,7 @@ class LearnedLocator:
 
     - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator.
     - Placings: the network sees the cells of each with their surroundings, and tells which placing by whole
-      cells is a panel, how likely, and how its corners are off. The likeliest are seen twice more.
+      cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
     - Fits: of two patterns to the cells, and of up to 16 x 16 LEDs of round spots, kept where the placing
       stays as likely.
     - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
@@ -161,21 +160,22 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
-    for _ in range(_STEPS):
-        quads, logit = placings(net, scales, quads, shape, 1, moved=True)
-    quads, logit = distinct(quads, logit, shape, _FITTED, _OVERLAP)
-    # Two fits, kept where the panel is as likely then: of two patterns to whole cells, and of round spots.
+    quads, logit = placings(net, scales, quads, shape, 1, moved=True)
+    quads, logit = distinct(quads, logit, shape, _KEPT, _OVERLAP)
+    # Fits are kept where the panel is as likely then: of round spots, or else of two patterns to whole cells.
     best = (logit > _WORTH_A_FIT).nonzero()[:, 0]
+    if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
+        here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
+        again = fitted(here, quads[best], shape)
+        left = (again == quads[best]).flatten(1).all(1)
+        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
+        best = best[left]
     if len(best):
         cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-        if max(shape.rows, shape.columns) <= _MOST_LEDS:
-            here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
-            again = fitted(_repeated(here, len(best)), quads[best], shape)
-            quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _FITTED)
+    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _KEPT)
     return quads + frame.origin_px, logit.double()
 
 
@@ -281,26 +281,23 @@ def _repeated(frame: Frames, times: int) -> Frames:
     return Frames(grey, origin, frame.sensor_px, surround)
 
 
-def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
-    """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near.
+def fitted(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Fit lattices in one frame from good corners (n,4,2); those that explain the picture and stay near.
 
-    They begin at the corners; where that explains too little, with the panel's own dark cells for background.
+    The background is what is around the panel, or the panel's own dark cells; the better of both stays.
     """
-    patches = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
+    many = len(corners_px)
+    patches = lattice_model.read_patches(_repeated(frame, many), corners_px, shape, lattice_model.MARGIN)
     side = lattice_model.SAMPLES
     dark = patches[:, side:-side, side:-side].flatten(1).quantile(0.1, dim=1).to(torch.float64)
     patches[:, side:-side, side:-side] = torch.nan
     ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
-    cell = torch.maximum(*rectification.cell_size_px(corners_px, shape)).clamp(min=1e-6)
-    best, share = corners_px.clone(), torch.full_like(ring, _LEAST_SHARE)
-    for level in (ring, dark):
-        rows = (share < _GOOD_SHARE).nonzero()[:, 0]
-        if not len(rows):
-            break
-        start, blur = corners_px[rows], torch.full_like(ring[rows], _BLUR)
-        begun = lattice_model.Lattice.at(start, blur, level[rows], shape)
-        lattice = lattice_fit.fit_lattice(frames[rows], begun)
-        moved = (lattice.corners_px - corners_px[rows]).norm(dim=2).amax(1) / cell[rows]
-        better = (lattice.share > share[rows]) & (moved <= _NEAR_CELLS)
-        best[rows[better]], share[rows[better]] = lattice.corners_px[better], lattice.share[better]
-    return best
+    start, level = torch.cat([corners_px, corners_px]), torch.cat([ring, dark])
+    begun = lattice_model.Lattice.at(start, torch.full_like(level, _BLUR), level, shape)
+    lattice = lattice_fit.fit_lattice(_repeated(frame, 2 * many), begun)
+    cell = torch.maximum(*rectification.cell_size_px(start, shape)).clamp(min=1e-6)
+    moved = (lattice.corners_px - start).norm(dim=2).amax(1) / cell
+    good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
+    share, which = lattice.share.where(good, 0.0).view(2, many).max(0)
+    best = lattice.corners_px.view(2, many, 4, 2)[which, torch.arange(many, device=which.device)]
+    return torch.where((share > 0)[:, None, None], best, corners_px)

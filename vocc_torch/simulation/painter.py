@@ -68,13 +68,8 @@ def paint(
         stamps = [(a[k], b[k], c[k], d[k]) for (a, b, c, d), k in zip(stamps, kept, strict=True)]
     added = surface - board if look is None else (surface - board) * look.visible
     if behind or before:
-        covered = torch.zeros_like(canvas)
-        for cover, left, top, led in stamps:
-            raster.add_patches(covered, cover, led // leds, left, top)
-        # An LED hides what lies behind it: the board, wherever there is one.
-        hidden = canvas if panel.board_reflectance is None else board.view(-1, 1, 1)
-        seen = covered if look is None else covered * look.visible.view(-1, 1, 1)
-        canvas = canvas + seen * (surface.view(-1, 1, 1) - hidden)
+        hidden = None if panel.board_reflectance is None else board.view(-1, 1, 1)
+        canvas = _with_surfaces(canvas, stamps, leds, surface, hidden, look)
         for effect in before:
             canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
         added = torch.zeros_like(surface)
@@ -91,6 +86,33 @@ def paint(
         raster.add_patches(canvas, cover * (light + added[frame].view(-1, 1, 1)), frame, left, top)
     # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
     return canvas.clamp_(min=0).unsqueeze(1).to(dtype)
+
+
+def _with_surfaces(
+    canvas: Tensor,
+    stamps: Sequence[Stamp],
+    leds: int,
+    surface: Tensor,
+    hidden: Tensor | None,
+    look: housing.Look | None,
+) -> Tensor:
+    """Draw the LEDs' surfaces (B,) cd/m2 before the (B,H,W) canvas, in the part of it where LEDs are.
+
+    An LED hides what lies behind it: the board, wherever there is one, (B,1,1), or else the canvas.
+    """
+    stamps = [stamp for stamp in stamps if len(stamp[-1])]
+    if not stamps:
+        return canvas
+    x, y = (min(int(stamp[axis].min()) for stamp in stamps) for axis in (1, 2))
+    right, bottom = (max(int(one[axis].max()) + one[0].shape[-axis] for one in stamps) for axis in (1, 2))
+    covered = canvas.new_zeros(len(canvas), bottom - y, right - x)
+    for cover, left, top, led in stamps:
+        raster.add_patches(covered, cover, led // leds, left - x, top - y)
+    drawn, part = canvas.clone(), (slice(None), slice(y, bottom), slice(x, right))
+    behind = canvas[part]
+    seen = covered if look is None else covered * look.visible.view(-1, 1, 1)
+    drawn[part] = behind + seen * (surface.view(-1, 1, 1) - (behind if hidden is None else hidden))
+    return drawn
 
 
 def board_cover(context: Context, size: framing.Size) -> Tensor:

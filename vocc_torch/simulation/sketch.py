@@ -6,9 +6,8 @@ and averaged, which leaves the share of each pixel that is covered and the mean 
 """
 
 import functools
-import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,10 +25,11 @@ TILE_PX = 128
 FINENESS = ((15_000, 4), (60_000, 3))
 """Up to so many pixels of a thing, how many times finer each side is drawn; 2 beyond."""
 
-WHOLE = 144
-"""What a covered pixel counts: 2 x 2, 3 x 3 and 4 x 4 of them have whole means."""
+COVERED = {n: (np.rint(np.arange(256) * (n * n / 255)) / (n * n)).astype(np.float32) for n in (2, 3, 4)}
+"""The share of n x n steps that is white, by their rounded mean in 8 bits."""
 
-WHOLE_OF_WHITE = [0] * 255 + [WHOLE]
+CLEAR = 2.0
+"""How far within a polygon all of a patch must lie, steps, to be told covered without drawing it."""
 
 LETTERS = np.array(list("ABCDEFGHIJKLMNOPRSTUVWXYZ0123456789"))
 
@@ -119,80 +119,169 @@ def words_of(generator: np.random.Generator, length: int) -> str:
     return "".join(generator.choice(LETTERS, size=length))
 
 
-Patch = tuple[int, int, Plane, Plane]
-"""Left column and top row of a patch of the sensor, the share of each pixel covered, and the light there."""
-
 Window = tuple[int, int, int, int]
 """Left, top, right and bottom of what is looked at, px of the sensor."""
 
+Picture = tuple[Plane, Plane]
+"""The share of each pixel that things cover, or leave, and the light of these things there."""
 
-def patches(parts: Iterable[Part], place: Callable[[Array], Array], window: Window) -> Iterator[Patch]:
-    """Draw what a window shows of a thing, tile by tile.
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A thing as it lies on the sensor, drawn tile by tile.
 
     Args:
-        parts: polygons (N,V,2) and their luminance (N,), as of a sketch.
-        place: takes points (M,2) on the plane to the sensor, px; where it gives NaN nothing is drawn.
+        corners: (P,2) of all polygons, in steps of which ``fine`` are a pixel.
+        starts: (N,) where each polygon's corners begin.
+        ends: (N,) likewise.
+        least: (N,2) px, each polygon's extent.
+        most: (N,2) likewise.
+        luminance: (N,) of each.
+        scale: what it is drawn times.
+        fine: how many times finer than the pixels it is drawn, each side.
+        share: what a mirror shows of it; 1 without one.
+    """
+
+    corners: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    least: Array
+    most: Array
+    luminance: Array
+    scale: float
+    fine: int
+    share: float
+
+    @classmethod
+    def on_sensor(
+        cls, parts: Iterable[Part], place: Callable[[Array], Array], share: float = 1.0
+    ) -> "Drawing | None":
+        """Place polygons (N,V,2) and their luminance (N,), as of a sketch.
+
+        Args:
+            parts: the polygons.
+            place: takes points (M,2) on the plane to the sensor, px; where it gives NaN nothing is drawn.
+            share: what a mirror shows.
+        """
+        parts = list(parts)
+        flat = place(np.concatenate([points.reshape(-1, 2) for points, _ in parts])).clip(-1e6, 1e6)
+        if not np.isfinite(flat).all():
+            return None
+        fine = next((n for pixels, n in FINENESS if np.prod(np.subtract(*_extent(flat))) <= pixels), 2)
+        sides = np.concatenate([np.full(len(points), points.shape[1]) for points, _ in parts])
+        ends = np.cumsum(sides)
+        starts = ends - sides
+        # Pillow fills to both ends: half a step inwards, so that as many steps are filled as there are.
+        inwards = np.sign((np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0) - flat)
+        corners = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
+        least, most = np.minimum.reduceat(flat, starts), np.maximum.reduceat(flat, starts)
+        luminance = np.concatenate([each for _, each in parts])
+        # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
+        scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
+        return cls(corners, starts, ends, least, most, luminance, scale, fine, share)
+
+    @property
+    def extent(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The last and the first pixel that it touches, each (2,)."""
+        return _extent(np.concatenate([self.least, self.most]))
+
+    def shown(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
+        """Which polygons are seen from one pixel to another, and whether the first of these covers all."""
+        seen = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
+        whole = np.flatnonzero(((self.least[seen] <= begin) & (self.most[seen] >= end)).all(axis=1))
+        wide, high = ((end - begin) * self.fine).tolist()
+        at = np.array([(0, 0), (wide, 0), (wide, high), (0, high)])
+        for number in whole[::-1].tolist():
+            corners = self._corners(seen[number], seen[number], begin)
+            along = np.roll(corners, -1, axis=0) - corners
+            lengths = np.hypot(*along.T)
+            away = along[:, :1] * (at[:, 1] - corners[:, 1:]) - along[:, 1:] * (at[:, 0] - corners[:, :1])
+            away = away[lengths > 0] / lengths[lengths > 0, None]
+            if len(away) and (away.min() > CLEAR or away.max() < -CLEAR):
+                return seen[number:], True
+        return seen, False
+
+    def _corners(self, first: int, last: int, begin: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The corners of the polygons from one to another, as seen from a pixel."""
+        return (self.corners[self.starts[first] : self.ends[last]] - begin * self.fine).clip(-30_000, 30_000)
+
+    def patch(
+        self, begin: NDArray[np.int64], end: NDArray[np.int64], seen: NDArray[np.int64], full: bool
+    ) -> Picture:
+        """Draw the polygons ``seen`` from one pixel to another: the share covered, and the light there."""
+        light, ground = (self.luminance[seen] * self.scale).tolist(), 0.0
+        (wide, high), first = (end - begin).tolist(), int(full)
+        if full:
+            ground, cover = light[0], np.ones((high, wide), np.float32)
+        if len(light) == first:
+            lit = np.full((high, wide), ground, dtype=np.float32)
+        else:
+            image = Image.new("F", (wide * self.fine, high * self.fine), ground)
+            drawn = seen[first:]
+            pen, at = ImageDraw.Draw(image), self._corners(drawn[0], drawn[-1], begin).ravel().tolist()
+            cuts = (2 * (each[drawn] - self.starts[drawn[0]]) for each in (self.starts, self.ends))
+            for start, stop, shade in zip(*(each.tolist() for each in cuts), light[first:], strict=True):
+                pen.polygon(at[start:stop], fill=shade)
+            lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
+            if not full:
+                cover = COVERED[self.fine][np.asarray(image.convert("L").reduce(self.fine))]
+        shown: Plane = np.divide(lit, np.float32(self.scale), dtype=np.float32)
+        share = np.float32(self.share)
+        return (cover, shown) if share == 1 else (cover * share, shown * share)
+
+
+def _extent(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The last and the first pixel that points (M,2) touch, each (2,)."""
+    return np.ceil(points.max(axis=0)).astype(int), np.floor(points.min(axis=0)).astype(int)
+
+
+def composed(things: Sequence[Drawing], window: Window) -> Iterator[tuple[int, Plane, Plane]]:
+    """Lay things before a picture, later ones over earlier ones, tile by tile; what is hidden is not drawn.
+
+    Args:
+        things: on the sensor.
         window: within the sensor.
+
+    Returns:
+        Of each row of tiles with a thing, top to bottom: the sensor's row where it begins in the window, how
+        much of what is behind stays in these rows of the window, and the light of the things.
 
     Example:
         >>> sketch = Sketch()
         >>> sketch.box(1.5, 1, 3, 2, 10.0)
-        >>> [(left, top, cover.tolist(), light.tolist())
-        ...  for left, top, cover, light in patches(sketch.parts, lambda points: points, (0, 0, 9, 9))]
-        [(1, 1, [[0.5, 1.0]], [[5.0, 10.0]])]
+        >>> thing = Drawing.on_sensor(sketch.parts, lambda points: points)
+        >>> [(top, keep[1, 1:3].tolist(), light[1, 1:3].tolist())
+        ...  for top, keep, light in composed([thing], (0, 0, 9, 9))]
+        [(0, [0.5, 0.0], [5.0, 10.0])]
     """
-    parts = list(parts)
-    flat = place(np.concatenate([points.reshape(-1, 2) for points, _ in parts])).clip(-1e6, 1e6)
-    if not np.isfinite(flat).all():
+    if not things:
         return
-    low, high = np.floor(flat.min(axis=0)).astype(int), np.ceil(flat.max(axis=0)).astype(int)
-    first, last = np.maximum(low, window[:2]), np.minimum(high, window[2:])
-    if (first >= last).any():
-        return
-    fine = next((finer for pixels, finer in FINENESS if np.prod(high - low) <= pixels), 2)
-    sides = np.concatenate([np.full(len(points), points.shape[1]) for points, _ in parts])
-    ends = np.cumsum(sides)
-    starts = ends - sides
-    least, most = np.minimum.reduceat(flat, starts), np.maximum.reduceat(flat, starts)
-    # Pillow fills to both ends: half a step inwards, so that as many steps are filled as there are.
-    inwards = np.sign((np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0) - flat)
-    whole = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
-    luminance = np.concatenate([each for _, each in parts])
-    # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
-    scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
-    tiles = (range(begin // TILE_PX, -(-end // TILE_PX)) for begin, end in zip(first, last, strict=True))
-    for column, row in itertools.product(*tiles):
-        begin = np.maximum(low, (column * TILE_PX, row * TILE_PX))
-        end = np.minimum(high, ((column + 1) * TILE_PX, (row + 1) * TILE_PX))
-        seen = ((least < end) & (most > begin)).all(axis=1).nonzero()[0]
-        if not len(seen):
-            continue
-        image = Image.new("F", tuple(((end - begin) * fine).tolist()))
-        pen, at = ImageDraw.Draw(image), (whole - begin * fine).clip(-30_000, 30_000).ravel().tolist()
-        shown = zip(2 * starts[seen], 2 * ends[seen], (luminance[seen] * scale).tolist(), strict=True)
-        for start, stop, light in shown:
-            pen.polygon(at[start:stop], fill=light)
-        solid = image.convert("L").point(WHOLE_OF_WHITE).reduce(fine)
-        cover = np.asarray(solid, dtype=np.float32) / np.float32(WHOLE)
-        lit = np.asarray(image.reduce(fine), dtype=np.float32) / np.float32(scale)
-        yield int(begin[0]), int(begin[1]), cover, lit
-
-
-def lay(keep: Plane, added: Plane, patch: Patch, origin_px: tuple[int, int]) -> None:
-    """Lay a patch before a picture in place, which shows ``keep`` of what is behind and ``added`` light.
-
-    Args:
-        keep: (h,w), changed in place.
-        added: (h,w), likewise.
-        patch: one of :func:`patches`.
-        origin_px: the sensor's column and row where the picture begins.
-    """
-    left, top, cover, light = patch
-    x, y = left - origin_px[0], top - origin_px[1]
-    rows, columns = (slice(max(at, 0), max(at + n, 0)) for at, n in ((y, len(cover)), (x, cover.shape[1])))
-    free = 1 - cover[max(-y, 0) :, max(-x, 0) :][: max(len(keep) - rows.start, 0)]
-    free = free[:, : max(keep.shape[1] - columns.start, 0)]
-    seen = light[max(-y, 0) :, max(-x, 0) :][: len(free), : free.shape[1]]
-    keep[rows, columns] *= free
-    added[rows, columns] *= free
-    added[rows, columns] += seen
+    lasts, firsts = (np.stack(each) for each in zip(*(one.extent for one in things), strict=True))
+    left, top, right, bottom = window
+    # A patch begins at a corner of its tile or of its thing, whatever the window, and so is the same in all.
+    start = left - left % TILE_PX
+    for row in range(top - top % TILE_PX, bottom, TILE_PX):
+        size = min(row + TILE_PX, bottom) - row, right - start
+        keep, added, drawn = np.ones(size, np.float32), np.zeros(size, np.float32), False
+        for column in range(start, right, TILE_PX):
+            first, last = np.array((column, row)), np.array((min(column + TILE_PX, right), row + size[0]))
+            within = (firsts < last) & (lasts > np.maximum(first, (left, top)))
+            shown = []
+            for number in np.flatnonzero(within.all(axis=1))[::-1].tolist():
+                begin, end = np.maximum(first, firsts[number]), np.minimum(last, lasts[number])
+                seen, full = things[number].shown(begin, end)
+                if len(seen):
+                    shown.append((things[number], begin, end, seen, full))
+                if full and things[number].share == 1 and (end - begin == last - first).all():
+                    break
+            for thing, begin, end, seen, full in reversed(shown):
+                cover, light = thing.patch(begin, end, seen, full)
+                x, y = (begin - (start, row)).tolist()
+                place, free = (slice(y, y + len(cover)), slice(x, x + cover.shape[1])), 1 - cover
+                keep[place] *= free
+                added[place] *= free
+                added[place] += light
+                drawn = True
+        if drawn:
+            inside = slice(max(top - row, 0), None), slice(left - start, None)
+            yield max(row, top), keep[inside], added[inside]

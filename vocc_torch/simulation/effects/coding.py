@@ -145,26 +145,25 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Cover a part of each frame's (B,1,H,W) grey values."""
-        frames, (height, width) = [], context.camera.sensor_px
-        generators = context.generators(self.name, of_scene=True)
-        for plane, generator, (left, top) in zip(value, generators, context.first_px.tolist(), strict=True):
-            written = np.full(plane.shape[1:], np.nan)
-            rows, columns = top + np.arange(plane.shape[1])[:, None], left + np.arange(plane.shape[2])
+        frames, (height, width) = list(value), context.camera.sensor_px
+        generators, firsts = context.generators(self.name, of_scene=True), context.first_px.tolist()
+        for i, (generator, (left, top)) in enumerate(zip(generators, firsts, strict=True)):
+            rows, columns = top + np.arange(value.shape[2]), left + np.arange(value.shape[3])
             bar = self.drawn("bar", generator) * (generator.random() < self.share)
-            along, full = ((rows, height), (columns, width))[int(generator.random() < 0.5)]
-            written[((along < bar * full) | (along >= (1 - bar) * full)) & (rows >= 0) & (columns >= 0)] = 0
+            along, full = ((rows[:, None], height), (columns, width))[int(generator.random() < 0.5)]
             mask = letters_mask(words_of(generator, int(generator.integers(8, 24))))
             times = max(1, round(height * generator.uniform(0.01, 0.04) / len(mask)))
             x, y, white = *generator.random(2), 255.0 * (generator.random() < 0.8)
             y = (0.01 if y < 0.5 else 0.98) * (height - times * len(mask))
-            column = (columns - round(x * width * 0.5)) // times
-            row = (rows - round(y)) // times
-            inside = (row >= 0) & (row < len(mask)) & (column >= 0) & (column < mask.shape[1])
+            if bar:
+                black = torch.from_numpy((along < bar * full) | (along >= (1 - bar) * full))
+                frames[i] = frames[i].masked_fill(black.to(value.device), 0.0)
             if generator.random() < self.lettering:
-                lit = mask[row.clip(0, len(mask) - 1), column.clip(0, mask.shape[1] - 1)]
-                written[inside & lit] = white
-            over = torch.from_numpy(written).to(plane)
-            frames.append(torch.where(over.isnan(), plane, over))
+                row, column = (rows - round(y)) // times, (columns - round(x * width * 0.5)) // times
+                shown = (row >= 0) & (row < len(mask)), (column >= 0) & (column < mask.shape[1])
+                lit = np.zeros(value.shape[2:], dtype=bool)
+                lit[np.ix_(*shown)] = mask[np.ix_(row[shown[0]], column[shown[1]])]
+                frames[i] = frames[i].masked_fill(torch.from_numpy(lit).to(value.device), white)
         return torch.stack(frames)
 
 

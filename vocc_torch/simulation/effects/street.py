@@ -1,10 +1,11 @@
 """A street around the panel: photographs or a drawn scenery behind, and what stands before it."""
 
 import functools
+import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -19,6 +20,9 @@ from vocc_torch.simulation.scene import Distribution
 
 Generator = np.random.Generator
 Plane = NDArray[np.float32]
+
+STRIP_PX = 32
+"""Rows of the sensor that are filled at a time; tiles are some strips."""
 
 NODE_PX = 8
 """Distance of the nodes between which drawn textures run evenly, px."""
@@ -38,12 +42,42 @@ def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> P
 
 def between(nodes: Plane, x: NDArray[np.float64], y: NDArray[np.float64]) -> Plane:
     """Interpolate nodes (h,w) bilinearly at columns x (W,) and rows y (H,), to (H,W)."""
-    column, row = x.astype(int), y.astype(int)
-    u, v = (x - column).astype(np.float32), (y - row).astype(np.float32)[:, None]
-    across = nodes[:, column] * (1 - u) + nodes[:, column + 1] * u
-    low: Plane = across[row]
-    filled: Plane = low + (across[row + 1] - low) * v
+    return down(across(nodes, x), y)
+
+
+def across(nodes: Plane, x: NDArray[np.float64]) -> Plane:
+    """Interpolate nodes (h,w) at columns x (W,), to (h,W)."""
+    column = x.astype(int)
+    u = (x - column).astype(np.float32)
+    filled: Plane = nodes[:, column] * (1 - u) + nodes[:, column + 1] * u
     return filled
+
+
+def down(lines: Plane, y: NDArray[np.float64]) -> Plane:
+    """Interpolate lines (h,W) at rows y (H,), to (H,W)."""
+    row = y.astype(int)
+    low: Plane = lines[row]
+    filled: Plane = lines[row + 1]
+    filled -= low
+    filled *= (y - row).astype(np.float32)[:, None]
+    filled += low
+    return filled
+
+
+def in_strips(value: Tensor, change: Callable[[int, Tensor, int], Tensor], context: Context) -> Tensor:
+    """Change (B,1,H,W) strip by strip of rows, whose working arrays stay in the cache.
+
+    Args:
+        value: the pictures.
+        change: takes a frame's number, a strip (h,W) and its first row on the sensor, and gives the strip.
+        context: says where each frame lies on the sensor.
+    """
+    strips = []
+    for frame, (_, first) in enumerate(context.first_px.tolist()):
+        cuts = [0, *range(STRIP_PX - first % STRIP_PX, value.shape[2], STRIP_PX), value.shape[2]]
+        for begin, end in itertools.pairwise(cuts):
+            strips.append(change(frame, value[frame, 0, begin:end], first + begin))
+    return torch.cat(strips).view(value.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,67 +110,84 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance by each frame's scenery."""
-        size, shades = value.shape[-2:], []
-        generators = context.generators(self.name, of_scene=True)
-        for generator, origin in zip(generators, context.first_px.tolist(), strict=True):
-            shades.append(torch.from_numpy(self.shade(generator, context.camera.sensor_px, origin, size)))
-        return value * torch.stack(shades).unsqueeze(1).to(value)
+        width, streams = value.shape[3], context.generators(self.name, of_scene=True)
+        left = context.first_px[:, 0].tolist()
+        drawn = [self.sky(g, context.camera.sensor_px, x, width) for g, x in zip(streams, left, strict=True)]
 
-    def shade(
-        self, generator: np.random.Generator, sensor_px: tuple[int, int], origin: list[int], size: torch.Size
-    ) -> Plane:
-        """Luminance of a part of one frame over that of the plain background."""
+        def change(frame: int, strip: Tensor, top: int) -> Tensor:
+            return strip * torch.from_numpy(drawn[frame](top, len(strip))).to(strip)
+
+        return in_strips(value, change, context)
+
+    def sky(
+        self, generator: np.random.Generator, sensor_px: tuple[int, int], left: int, width: int
+    ) -> Callable[[int, int], Plane]:
+        """Draw one frame's scenery: what gives some rows' luminance over that of the plain background."""
         ranges = (2, 7), (0.15, 1.5), (0.3, 2)
         sky, far, ground = (roadside.spread(generator, low, high) for low, high in ranges)
         horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
         skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(0.02, 0.12)
-        nodes = noise_nodes(generator, sensor_px)
-        left, top = origin
-        x = (left + np.arange(size[1]) + 0.5) / NODE_PX
-        rows = top + np.arange(size[0]) + 0.5
+        x = (left + np.arange(width) + 0.5) / NODE_PX
+        lines = across(noise_nodes(generator, sensor_px), x)
         height = np.maximum(between(np.repeat(skyline, 2, axis=0), x, np.zeros(1)) + np.float32(0.05), 0)
         edge = horizon - height * sensor_px[0]
-        above = np.clip(edge - rows[:, None].astype(np.float32) + 0.5, 0, 1)
-        below = np.clip(rows - horizon + 0.5, 0, 1).astype(np.float32)[:, None]
-        # Brighter towards the horizon, and the ground darker towards the camera.
-        lift = (1 + 0.4 * (rows / sensor_px[0] - 0.5)).astype(np.float32)[:, None]
-        middle = 1 - above - below
-        base = above * (sky * lift) + middle * np.float32(far) + below * (ground / lift)
-        depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
-        wave = between(nodes, x, rows / NODE_PX) * depth
-        # The exponential's first terms: the same numbers wherever a pixel lies in its array.
-        shade: Plane = (base * (1 + wave + wave * wave * np.float32(0.5))).astype(np.float32)
-        return shade
+
+        def rows_from(top: int, count: int) -> Plane:
+            rows = top + np.arange(count) + 0.5
+            # Where all of a row is sky, or all is not, one number stands for it.
+            at = edge if rows[0] < edge.max() + 1 and rows[-1] > edge.min() - 1 else edge[:, :1]
+            above = np.clip(at - rows[:, None].astype(np.float32) + 0.5, 0, 1)
+            below = np.clip(rows - horizon + 0.5, 0, 1).astype(np.float32)[:, None]
+            # Brighter towards the horizon, and the ground darker towards the camera.
+            lift = (1 + 0.4 * (rows / sensor_px[0] - 0.5)).astype(np.float32)[:, None]
+            middle = 1 - above - below
+            base = above * (sky * lift) + middle * np.float32(far) + below * (ground / lift)
+            depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
+            wave: Plane = down(lines, rows / NODE_PX) * depth
+            # The exponential's first terms: the same numbers wherever a pixel lies in its array.
+            square = wave * wave
+            square *= np.float32(0.5)
+            wave += 1
+            wave += square
+            wave *= base
+            return wave
+
+        return rows_from
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Layer:
     """What lies before one frame's background.
 
     Args:
         seen: the frame alone, as its camera sees the panel.
-        keep: (H,W) share of what is behind that stays, drawn on in place.
-        added: (H,W) light of what was drawn, cd/m2, likewise.
+        window: the part of the sensor that it covers, px: left, top, right and bottom.
+        things: what was laid, the farthest first.
+        dirt: (h,w) nodes of a texture on all of it, on the sensor; None for none.
     """
 
     seen: view.View
-    keep: Plane
-    added: Plane
-
-    @property
-    def window(self) -> sketch.Window:
-        """The part of the sensor that it covers, px: left, top, right and bottom."""
-        (left, top), (height, width) = self.seen.context.first_px[0].tolist(), self.keep.shape
-        return left, top, left + width, top + height
+    window: sketch.Window
+    things: list[sketch.Drawing] = field(default_factory=list)
+    dirt: Plane | None = None
 
     def lay(
         self, parts: list[sketch.Part], place: Callable[[sketch.Array], sketch.Array], share: float = 1.0
     ) -> None:
         """Lay a sketch before what is there; a mirror shows a ``share`` of it."""
-        for x, y, cover, light in sketch.patches(parts, place, self.window):
-            if share < 1:
-                cover, light = cover * np.float32(share), light * np.float32(share)
-            sketch.lay(self.keep, self.added, (x, y, cover, light), self.window[:2])
+        if thing := sketch.Drawing.on_sensor(parts, place, share):
+            self.things.append(thing)
+
+    def drawn(self) -> Iterator[tuple[int, Plane, Plane]]:
+        """Draw: the sensor's row where some rows begin, how much of what is behind stays, and the light."""
+        left, _, right, _ = self.window
+        columns = (np.arange(left, right) + 0.5) / NODE_PX
+        lines = None if self.dirt is None else across(self.dirt, columns)
+        for top, keep, added in sketch.composed(self.things, self.window):
+            if lines is not None:
+                rows = (np.arange(top, top + len(added)) + 0.5) / NODE_PX
+                added *= np.maximum(1 + np.float32(0.12) * down(lines, rows), 0)
+            yield top, keep, added
 
 
 class Sketched(Effect, on=Quantity.BACKGROUND):
@@ -150,17 +201,27 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Lay what is drawn before each frame's (B,1,H,W) background luminance."""
-        every, layers, size = view.view_of(context), [], tuple(value.shape[-2:])
+        every, layers, (height, width) = view.view_of(context), [], value.shape[-2:]
         for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
             row = slice(frame, frame + 1)
             keys, origin = context.keys[row], context.first_px[row]
             alone = replace(context, scene=context.scene[row], keys=keys, origin_px=origin)
-            seen = view.View(every.placement[row], alone, every.effects)
-            layers.append(Layer(seen, np.ones(size, np.float32), np.zeros(size, np.float32)))
+            (left, top), seen = origin[0].tolist(), view.View(every.placement[row], alone, every.effects)
+            layers.append(Layer(seen, (left, top, left + width, top + height)))
             self.draw(layers[-1], generator)
-        planes = [one.keep for one in layers], [one.added for one in layers]
-        keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1).to(value) for each in planes)
-        return value * keep + added
+        if not any(one.things for one in layers):
+            return value
+        drawn = [{rows[0] // sketch.TILE_PX: rows for rows in one.drawn()} for one in layers]
+
+        def change(frame: int, strip: Tensor, top: int) -> Tensor:
+            if top // sketch.TILE_PX not in drawn[frame]:
+                return strip
+            first, stays, light = drawn[frame][top // sketch.TILE_PX]
+            rows = slice(top - first, top - first + len(strip))
+            keep, added = (torch.from_numpy(one[rows]).to(strip) for one in (stays, light))
+            return strip * keep + added
+
+        return in_strips(value, change, context)
 
 
 Placed = tuple[float, roadside.Thing, Callable[[sketch.Array], sketch.Array], int, tuple[float, float], float]
@@ -219,9 +280,7 @@ class Clutter(Sketched):
                 layer.lay([(points * (1, -1), luminance) for points, luminance in parts], place, wet)
             layer.lay(parts, place)
         # No surface is of one shade: dirt, and what it mirrors.
-        nodes = noise_nodes(generator, seen.context.camera.sensor_px)
-        columns, rows = ((np.arange(*ends) + 0.5) / NODE_PX for ends in ((left, right), (top, bottom)))
-        layer.added[:] *= np.maximum(1 + np.float32(0.12) * between(nodes, columns, rows), 0)
+        layer.dirt = noise_nodes(generator, seen.context.camera.sensor_px)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
