@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from scipy.stats import expon
 
 from vocc_torch import PanelShape
@@ -17,6 +18,7 @@ from vocc_torch.receiver.cell_model import randomness
 from vocc_torch.receiver.false_alarms import FalseAlarms
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.lattice_locator import LatticeLocator
+from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
 from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
@@ -56,6 +58,25 @@ def test_panels_darker_than_the_wall_are_seen_both(two):
         apart = (seen.corners_px[:2] - corners_at(x, y, 72.0)).abs().amax((1, 2))
         assert float(apart.min()) < 0.25 * 9
     assert bool((seen.score[2:] < seen.score[1]).all())
+
+
+@pytest.mark.parametrize("pitch", [3.6, 4.4])
+def test_a_lattice_shows_where_leds_run_into_one_another(pitch):
+    """A blur of half a pitch leaves nothing of it in the grey values; noise is that of a night."""
+    draw, seen = np.random.default_rng(8), 0
+    for _ in range(8):
+        bits, left = np.pad(draw.random((8, 8)) < 0.5, 1), 30 + 5 * draw.random(2)
+        cell = [((np.arange(800) + 0.5) / 8 - one) / pitch for one in left]
+        row, column = (np.floor(one).clip(-1, 8).astype(int) + 1 for one in cell)
+        light = gaussian_filter(40 + 80.0 * bits[row[:, None], column], 8 * pitch / 2.3)
+        grey = light.reshape(100, 8, 100, 8).mean((1, 3)) + draw.normal(0, 1.5, (100, 100))
+        picture = torch.from_numpy(grey.clip(0, 255).round().astype(np.uint8))[None, None]
+        guess = lattice_hypotheses(Pyramid.of(picture, 12), SHAPE)
+        scale = 2.0 ** guess.level[:, None]
+        off = ((guess.centre_px * scale - torch.from_numpy(left[::-1].copy())) / pitch + 0.5) % 1 - 0.5
+        bent = (guess.basis_px * scale[..., None] / pitch - torch.eye(2)).abs().amax((1, 2))
+        seen += bool(((bent < 0.05) & ((off.abs() - 0.5).abs().amax(1) < 0.3)).any())
+    assert seen >= 6
 
 
 def test_the_brightest_blob_is_no_panel_here_for_the_paper(two):

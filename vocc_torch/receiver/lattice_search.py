@@ -1,9 +1,9 @@
 """Where a lattice of LEDs may lie, however bright: texture finds places, their spectrum the lattice.
 
 A panel of random bits has much fine texture along both of its axes, for its contrast. In a window about such
-a place the lattice is a peak in two spectra: of the grey values, for LEDs with gaps between them, and of the
-absolute differences of neighbours, for LEDs that fill their cells. Both are searched on a pyramid of halved
-pictures, on each for pitches of 3 to 6 px.
+a place the lattice is a peak in the spectra of the grey values, for LEDs with gaps between them, of the
+absolute differences of neighbours, for LEDs that fill their cells, and of how light bends, for LEDs that run
+into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6 px.
 """
 
 from collections.abc import Callable
@@ -189,10 +189,10 @@ def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tu
 
 
 def _peak(planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Find the greatest power of grey values and of differences (2,n,S,S), along x for its own frequency.
+    """Find the greatest power of P planes (P,n,S,S) of windows, along x for its own frequency.
 
     Returns:
-        (n,) own and other frequency; (2,n) complex light there over its root of variance; (n,) power over
+        (n,) own and other frequency; (P,n) complex light there over its root of variance; (n,) power over
         the mean one.
     """
     planes = planes - (planes * taper).sum((2, 3), keepdim=True) / taper.sum()
@@ -213,8 +213,8 @@ def _peak(planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> tuple[Tens
 def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     """Find lattices in the windows of most texture, the most periodic ones first.
 
-    Along each axis a cell's middle lies where grey values are greatest or where they change least, by the
-    spectrum that has more power there.
+    Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
+    bend most, by the spectrum that has most power there.
     """
     level, step, centre = proposals(pyramid, shape)
     side, taper, banks = _banks((shape.columns, shape.rows), pyramid.levels[0].device)

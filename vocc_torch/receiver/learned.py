@@ -74,8 +74,8 @@ class LearnedLocator:
     - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator.
     - Placings: the network sees the cells of each with their surroundings, and tells which placing by whole
       cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
-    - Fits: of two patterns to the cells, and of up to 16 x 16 LEDs of round spots, kept where the placing
-      stays as likely.
+    - Fits: of up to 16 x 16 LEDs by round spots, and where these explain too little by two patterns of cells;
+      kept where the placing stays as likely.
     - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
 
     The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
