@@ -41,7 +41,7 @@ for one in frozen:
     os.kill(one, signal.SIGKILL)
 cluster.shutdown()
 """
-"""Starts a cluster, tells its address, and kills or adds a node, or stops a worker, for each line that it reads."""
+"""Starts a cluster, tells its address, and for each line kills or adds a node, or stops a worker."""
 
 AMBIENT = (
     *("experiment=ambient", "budget.frames=1536", "budget.training_frames=256", "tensorboard=false"),
@@ -175,7 +175,8 @@ def test_a_node_with_another_version_of_the_package_is_refused(tmp_path):
     other = tmp_path / "other" / "vocc_torch"
     shutil.copytree(Path(vocc_torch.__file__).parent, other)
     (other / "rng.py").write_text((other / "rng.py").read_text() + "# another text\n")
-    with cluster(1, PYTHONPATH=str(other.parent)) as (address, _):
+    path = os.pathsep.join([str(other.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    with cluster(1, PYTHONPATH=path) as (address, _):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert (status, err.count("\n")) == (2, 1)
     assert err.startswith("vocc-torch: error: node ")
