@@ -55,23 +55,31 @@ def number(text: str, digits: int = 2) -> str:
 def power(value: float) -> str:
     """Write a rate such as 3.2e-4."""
     digits, exponent = f"{value:.1e}".split("e")
-    return f"{digits}e{int(exponent)}"
+    return f"{digits}e{int(exponent)}" if value else "0"
+
+
+def cells(row: dict[str, str], at: str, what: str) -> list[str]:
+    """Give a rate or a ratio with its ends; after several trainings those of the algorithm."""
+    several = int(row.get("trainings") or 1) > 1
+    ends = f"{at}_algorithm_ratio" if what == "ratio" else f"{at}_algorithm"
+    names = (f"{at}_ber_mean" if what == "ber" else ends, ends) if several else (f"{at}_{what}",) * 2
+    return [row[names[0]], row[f"{names[1]}_low"], row[f"{names[1]}_high"]]
 
 
 def rate(row: dict[str, str], at: str) -> str:
     """Write a bit error rate with its interval, or the limit where there was no error."""
-    value, low, high = (float(row[f"{at}_ber{end}"]) for end in ("", "_low", "_high"))
+    value, low, high = map(float, cells(row, at, "ber"))
     return f"{power(value)} [{power(low)}, {power(high)}]" if value else f"< {power(high)}"
 
 
 def share(row: dict[str, str], at: str) -> str:
     """Write a rate over that of the reference, or how many times lower it is at least."""
-    if not row[f"{at}_ratio"]:
+    value, low, high = cells(row, at, "ratio")
+    if not value:
         return "1"
-    if float(row[f"{at}_ratio"]) == 0:
-        return f"below 1/{int(1 / float(row[f'{at}_ratio_high']))}"
-    low, high = (number(row[f"{at}_ratio_{end}"]) for end in ("low", "high"))
-    return f"{number(row[f'{at}_ratio'])} [{low}, {high}]"
+    if float(value) == 0:
+        return f"below 1/{int(1 / float(high))}"
+    return f"{number(value)} [{number(low)}, {number(high)}]"
 
 
 def titled(name: str) -> str:
