@@ -4,11 +4,14 @@
     python benchmarks/rare.py frames 1400 experiment=ambient receiver.locator=truth classifier=tag_planes
     python benchmarks/rare.py seeds 1600 experiment=ambient receiver.locator=truth classifier=tag_planes
     python benchmarks/rare.py picture 1600 experiment=ambient receiver.locator=truth classifier=tag_planes
+    python benchmarks/rare.py strata 1800 experiment=ambient receiver.locator=refined classifier=tag_planes
 
 ``coverage`` simulates studies with errors whose rate is known: an LED that is Off between four that are On is
 wrong where luminance, distance and background all lie in the last part of their distributions, or are so far
 up together. ``frames`` resamples the weighted errors of real frames, whose mean is then the truth. ``seeds``
 repeats one study, with pilots and frames of their own. ``picture`` draws frames that a receiver has wrong.
+``strata`` counts frames that all have some outer rows and columns dark, each kind with the probability that
+it has, and no weights: what a locator's failures must come to.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from matplotlib.figure import Figure
 
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
-from vocc_torch.measure import rare, sweep, train
+from vocc_torch.measure import frame_errors, rare, sweep, train
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import WeightedCounts
@@ -194,6 +197,27 @@ def repeated(plan: Plan, value: float, seeds: int) -> None:
         print(f"{label}: {mean:.3g}, spread {spread:.0f} %, at most {most:.0f} %; {held} of {seeds} hold it")
 
 
+def strata(plan: Plan, value: float, blocks: int) -> None:
+    """Count frames whose outer lines are dark, and give each kind's share of the rate."""
+    banks, model = trained(plan), plan.experiment.model_at(plan.world, value)
+    each = frame_errors.Banks(list(banks.items()))
+    print(f"| dark | share of frames | misplaced | their share of the BER | CPU s |\n{'|---' * 5}|")
+    corner, two, opposite = (np.full((1, 8, 8), 0.5) for _ in range(3))
+    corner[0, 0], corner[0, :, 0], two[0, :2], opposite[0, ::7] = 1e-15, 1e-15, 1e-15, 1e-15
+    kinds = (("a row and a column", corner, 4), ("two at a side", two, 4), ("two opposite", opposite, 2))
+    for name, maps, ways in kinds:
+        begin, share = time.process_time(), ways * 2.0 ** -int((maps < 0.5).sum())
+        scenes = TiltedScenes.of(model, [Component(BLOCK_FRAMES, maps, np.ones(1))])
+        job = frame_errors.FrameJob(plan, scenes, f"strata/{name}", tuple(banks), each, each.needs_preambles)
+        halves = np.array(job.count(range(blocks), blocks * BLOCK_FRAMES).half_errors)[0]
+        wrong = halves / 2 / SHAPE.leds * (halves > 12)  # six bits and more: no single LEDs
+        error = share * wrong.std() / len(wrong) ** 0.5
+        print(
+            f"| {name} | {share:.2g} | {(wrong > 0).sum()} of {len(wrong)} "
+            f"| {share * wrong.mean():.2e} ± {error:.1e} | {time.process_time() - begin:.0f} |"
+        )
+
+
 def picture(plan: Plan, value: float, path: Path) -> None:
     """Draw twelve frames of the saved receiver with a wrong bit, drawn as often as their weights say."""
     banks, name, scenes = proposed(plan, value)
@@ -255,7 +279,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("coverage", "frames", "seeds", "picture"))
+    parser.add_argument("what", choices=("coverage", "frames", "seeds", "picture", "strata"))
     parser.add_argument("value", nargs="?", type=float, help="of the experiment's axis")
     parser.add_argument("words", nargs="*", help="as on the command line of vocc-torch")
     parser.add_argument("--studies", type=int, default=1000)
@@ -267,6 +291,8 @@ def main() -> None:
         coverage(given.studies)
     elif given.what == "frames":
         resampled(planned(given.words), given.value, given.blocks, given.studies)
+    elif given.what == "strata":
+        strata(planned(given.words), given.value, min(given.blocks, 64))
     elif given.what == "seeds":
         repeated(planned(given.words), given.value, given.seeds)
     else:

@@ -4,16 +4,18 @@ import pickle
 import socket
 import sys
 import time
+from concurrent.futures import Future
 from functools import partial
+from unittest.mock import Mock
 
 import pytest
 import torch
 from composing import composed
-from unreliable import Unreliable, on
+from unreliable import GoneError, Unreliable, on
 
 from vocc_torch import plugins
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import executors, workers
+from vocc_torch.measure import executors, schedule, workers
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import about_run, called, demand_answer
@@ -25,8 +27,8 @@ def counted(parts, frames=64):
     return [{("a", 0): Counts(part.frames, 64 * part.frames)} for part in parts]
 
 
-def run(engine, monkeypatch, blocks=6):
-    on(monkeypatch, engine)
+def run(engine, monkeypatch, blocks=6, overdue_s=0.2):
+    on(monkeypatch, engine, overdue_s)
     with Workers(2, "ray") as pool:
         works = [PointWork("p", partial(counted, frames=64), Budget(64 * blocks))]
         (outcome,) = pool.run(works)
@@ -54,6 +56,40 @@ def test_what_never_comes_back_is_given_up_after_three_times(fates, told, monkey
 
 def test_a_block_that_came_twice_is_counted_once(monkeypatch):
     assert run(Unreliable(("done", "silent", "done")), monkeypatch) == 6 * 64
+
+
+@pytest.mark.parametrize("silent", [0, 3, 5])
+def test_a_run_does_not_wait_for_one_silent_node(silent, monkeypatch):
+    """Its block is handed out once more when there is no other to hand out, long before it is overdue."""
+    engine = Unreliable(["silent" if block == silent else "done" for block in range(6)] + ["done"] * 9)
+    monkeypatch.setattr(schedule, "LATE_S", 0.1)
+    begun = time.monotonic()
+    assert run(engine, monkeypatch, overdue_s=30.0) == 6 * 64
+    assert time.monotonic() - begun < 10
+    assert engine.handed.count(engine.handed[silent]) == 2
+
+
+def test_a_copy_that_is_lost_takes_nothing_from_one_that_comes(monkeypatch):
+    engine = Unreliable(("done",))
+    copies = [Future(), Future()]
+    monkeypatch.setattr(engine, "call", Mock(side_effect=copies))
+    handed = workers.Handed(engine, ())
+    for _ in copies:
+        handed.hand_out()
+    copies[0].set_exception(GoneError())
+    assert not handed.done()
+    copies[1].set_result(pickle.dumps((True, 7)))
+    assert handed.result(0) == 7
+
+
+@pytest.mark.parametrize(
+    ("slots", "count", "window"), [(2, None, 4), (2, 8, 4), (8, 8, 16), (32, 8, 8), (32, 1, 1)]
+)
+def test_a_cluster_is_never_given_more_at_a_time_than_was_asked_for(slots, count, window, monkeypatch):
+    monkeypatch.setattr(Unreliable, "slots", lambda _: slots)
+    on(monkeypatch, Unreliable(("done",)))
+    with Workers(count, "ray") as pool:
+        assert pool.window == window
 
 
 # What a worker does

@@ -17,22 +17,31 @@ pytestmark = pytest.mark.slow
 ray = pytest.importorskip("ray")
 
 NODES = """
-import os, sys, ray
+import os, signal, sys, ray
+from pathlib import Path
 from ray.cluster_utils import Cluster
 
 small = {"num_cpus": 1, "object_store_memory": 80 << 20}
 cluster = Cluster(initialize_head=True, head_node_args={**small, "include_dashboard": False})
-nodes = [cluster.head_node] + [cluster.add_node(**small) for _ in range(int(sys.argv[1]) - 1)]
+nodes, frozen = [cluster.head_node] + [cluster.add_node(**small) for _ in range(int(sys.argv[1]) - 1)], []
 print(cluster.address, flush=True)
 for line in sys.stdin:
     if line == "kill\\n":
         cluster.remove_node(nodes.pop(), allow_graceful=False)
+    elif line == "freeze\\n":
+        raylet = nodes[-1].all_processes["raylet"][0].process.pid
+        children = Path(f"/proc/{raylet}/task/{raylet}/children").read_text().split()
+        frozen += [int(one) for one in children if "ray::called" in Path(f"/proc/{one}/cmdline").read_text()]
+        for one in frozen:
+            os.kill(one, signal.SIGSTOP)
     else:
         nodes.append(cluster.add_node(**small))
     print("done", flush=True)
+for one in frozen:
+    os.kill(one, signal.SIGKILL)
 cluster.shutdown()
 """
-"""Starts a cluster, tells its address, and kills or adds a node for each line that it reads."""
+"""Starts a cluster, tells its address, and for each line kills or adds a node, or stops a worker."""
 
 AMBIENT = (
     *("experiment=ambient", "budget.frames=1536", "budget.training_frames=256", "tensorboard=false"),
@@ -118,6 +127,22 @@ def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(app, 
         assert (tmp_path / "runs/one" / name).read_bytes() == (tmp_path / "runs/many" / name).read_bytes()
 
 
+def test_a_worker_that_falls_silent_does_not_hold_a_run_up(app, tmp_path):
+    """Ray knows nothing of it: its block comes from another node, minutes before it is overdue."""
+    assert app(*AMBIENT, "workers=1", "name=one").status == 0
+    with cluster(2) as (address, told):
+        run = begun(tmp_path, address, *AMBIENT, "name=many")
+        while blocks(tmp_path, "many") < 40:
+            assert run.poll() is None, run.communicate()
+            time.sleep(0.1)
+        told("freeze")
+        assert blocks(tmp_path, "many") < 144
+        status, _, err = ended(run)
+    assert (status, err) == (0, "")
+    for name in ("ber.csv", "paired.csv"):
+        assert (tmp_path / "runs/one" / name).read_bytes() == (tmp_path / "runs/many" / name).read_bytes()
+
+
 @pytest.fixture(scope="module")
 def two():
     """A cluster of two nodes."""
@@ -150,7 +175,8 @@ def test_a_node_with_another_version_of_the_package_is_refused(tmp_path):
     other = tmp_path / "other" / "vocc_torch"
     shutil.copytree(Path(vocc_torch.__file__).parent, other)
     (other / "rng.py").write_text((other / "rng.py").read_text() + "# another text\n")
-    with cluster(1, PYTHONPATH=str(other.parent)) as (address, _):
+    path = os.pathsep.join([str(other.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    with cluster(1, PYTHONPATH=path) as (address, _):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert (status, err.count("\n")) == (2, 1)
     assert err.startswith("vocc-torch: error: node ")

@@ -22,7 +22,7 @@ LAWS = {
 
 
 def told(y, frames, confidence, unseen):
-    """Fay and Feuer's interval of a sum with its variance, widened by t, and one large frame more."""
+    """Fay and Feuer's interval of a sum with its variance, widened by t, and some large frames more."""
     total, squares, fourths = y.sum(), (y**2).sum(), (y**4).sum()
     tail = (1 - confidence) / 2
     even = total**2 / squares
@@ -30,9 +30,10 @@ def told(y, frames, confidence, unseen):
     freedom = max(1, min(frames - 1, squares**2 / fourths))
     paid = (stats.norm.ppf(tail) / stats.t.ppf(tail, freedom)) ** 2
     low = stats.gamma.ppf(tail, shape * paid, scale=1 / shape / paid)
-    step = np.sqrt(fourths / squares) / total
-    variance = (1 / shape + step**2) / paid
-    high = stats.gamma.isf(tail, (1 + step) ** 2 / variance, scale=variance / (1 + step))
+    step, never_met = np.sqrt(fourths / squares) / total, max(1, stats.expon.isf(tail))
+    further = never_met + (1 - never_met) * (squares**2 / fourths / even) ** 2
+    mean, variance = 1 + further * step, (1 / shape + further * step**2) / paid
+    high = stats.gamma.isf(tail, mean**2 / variance, scale=variance / mean)
     rate = total / frames / BITS
     return rate, low * rate, max(rate, min(1, high * rate + (unseen if len(y) > UNEVEN * even else 0)))
 

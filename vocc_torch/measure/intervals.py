@@ -211,7 +211,9 @@ def weighted_interval(counts: WeightedCounts, confidence: float = 0.95, unseen: 
     shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` over the frames' weighted errors y,
     corrected for a number of frames that is fixed, times the ratio of t quantiles that pays for a variance
     which is itself an estimate: few large y make it, so its degrees of freedom are ``(sum y^2)^2 / sum y^4``.
-    The upper end allows for one more wrong frame of the large ones, ``y^2 = sum y^4 / sum y^2``.
+    The upper end allows for more wrong frames of the large ones, ``y^2 = sum y^4 / sum y^2``: for one where
+    all are alike, which is exact, and where a few make the variance for up to -ln(tail), as many as may be
+    expected of a kind of which none came (three, where the tail is 5 %).
 
     Where more than :data:`UNEVEN` wrong frames are worth one of equal weights, the proposal seeks other
     errors than most there are; the frames drawn as they are meant then say how many it may miss.
@@ -226,9 +228,9 @@ def weighted_interval(counts: WeightedCounts, confidence: float = 0.95, unseen: 
     # Frames were a number fixed beforehand.
     shape = total**2 / (squares - total**2 / frames) if seen < frames else float(frames)
     paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
-    one_more = math.sqrt(fourths / squares) / total
-    mean, variance = 1 + one_more, (1 / shape + one_more**2) / paid
-    tail, rate, shape = (1 - confidence) / 2, counts.ber, shape * paid
+    tail, rate, large = (1 - confidence) / 2, counts.ber, math.sqrt(fourths / squares) / total
+    more = 1 + (max(1.0, -math.log(tail)) - 1) * (1 - min(1.0, freedom / seen) ** 2)
+    mean, variance, shape = 1 + more * large, (1 / shape + more * large**2) / paid, shape * paid
     low = gammaincinv(shape, tail) / shape
     high = gammainccinv(mean**2 / variance, tail) * variance / mean
     missed = unseen if counts.frame_errors > UNEVEN * seen else 0.0

@@ -281,7 +281,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         # A ledger of one training is what it was before there were several.
         **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
-        **({"rare": 2} if plan.budget.rare else {}),
+        **({"rare": 3} if plan.budget.rare else {}),
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

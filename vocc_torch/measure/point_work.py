@@ -135,7 +135,7 @@ class PointWork:
     def take(self, blocks: int) -> list[Part]:
         """Take the next blocks, and give those of them that the ledger does not know."""
         taken, missing = list(itertools.islice(self._parts, blocks)), []
-        self.exhausted = not taken
+        self.exhausted = not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
         for part in taken:
             if self.ledger is None or (counts := self.ledger.find(self.point, *part)) is None:
                 missing.append(part)

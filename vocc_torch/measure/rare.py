@@ -6,10 +6,12 @@ neighbourhoods and scenes of its weakest LEDs (the cross-entropy method: Rubinst
 in Applied Probability 1, 1999). The proposal is then frozen, and all receivers are counted on its frames.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -39,6 +41,8 @@ WEAKEST = 256
 """LEDs of each receiver that a look learns from, or all that were wrong if these are more."""
 ENOUGH = 48
 """Effective number of LEDs that a component is learned from at least."""
+PRIOR = 32
+"""Frames that a pattern's guess counts as much as, when it is learned."""
 REACH = 2
 """LEDs around a weak one whose bits are learned."""
 FAILED_CELLS = 0.5
@@ -176,7 +180,7 @@ def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
 
 
 def patterns(shape: PanelShape, frames: int) -> Component:
-    """Up to three neighbouring rows or columns that are dark, and panels with few or with many LEDs On."""
+    """Up to three rows or columns that are dark, neighbours or outer ones, and few or many LEDs On."""
     maps = []
     for axis, lines in enumerate((shape.rows, shape.columns)):
         for width in range(1, min(4, lines)):
@@ -184,6 +188,11 @@ def patterns(shape: PanelShape, frames: int) -> Component:
                 one = np.full((shape.rows, shape.columns), 0.5)
                 one[(slice(None),) * axis + (slice(first, first + width),)] = 0.05
                 maps.append(one)
+    for top, bottom, left, right in itertools.product(range(3), repeat=4):
+        if top + bottom + left + right <= 3 and 4 - (top, bottom, left, right).count(0) > 1:
+            one = np.full((shape.rows, shape.columns), 0.05)
+            one[top : shape.rows - bottom, left : shape.columns - right] = 0.5
+            maps.append(one)
     maps += [np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)]
     return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))
 
@@ -269,15 +278,14 @@ def of_leds(
     bits = seen.bits.astype(np.float64)
     wide = np.pad(bits, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=np.nan)
     around = sliding_window_view(wide, (side, side), axis=(1, 2))[frame, row, column]
-    # A panel looks the same to its receivers when it is turned or mirrored.
-    turned = [np.rot90(one, k, (1, 2)) for one in (around, around.transpose(0, 2, 1)) for k in range(4)]
-    there = np.sum([np.einsum("n,nij->ij", weights, ~np.isnan(one)) for one in turned], axis=0)
-    lit = np.sum([np.einsum("n,nij->ij", weights, np.nan_to_num(one)) for one in turned], axis=0)
+    ways = turned(around)
+    there = np.sum([np.einsum("n,nij->ij", weights, ~np.isnan(one)) for one in ways], axis=0)
+    lit = np.sum([np.einsum("n,nij->ij", weights, np.nan_to_num(one)) for one in ways], axis=0)
     every, near = bits[frame].sum(axis=(1, 2)), np.nansum(around, axis=(1, 2))
     others = shape.leds - np.sum(~np.isnan(around), axis=(1, 2))
     count = effective(weights)
     prior = 2 * weights.sum() / count
-    template = ((lit + len(turned) * prior / 2) / (there + len(turned) * prior)).clip(0.05, 0.95)
+    template = ((lit + len(ways) * prior / 2) / (there + len(ways) * prior)).clip(0.05, 0.95)
     beyond = (weights @ (every - near) + others.mean() * prior / 2) / (
         weights @ others + others.mean() * prior
     )
@@ -292,21 +300,25 @@ def relearned(component: Component, seen: PilotFrames) -> Component:
     frame = np.flatnonzero(seen.failed.any(axis=0))
     if len(frame) < 4:
         return component
-    one = seen.bits[frame]
-    # As likely from either side.
-    bits = np.concatenate([one, one[:, ::-1], one[:, :, ::-1], one[:, ::-1, ::-1]])
-    weights = np.tile(evened(seen.weights[frame]) / 4, 4)
+    sides = turned(seen.bits[frame])
+    bits, weights = np.concatenate(sides), np.tile(evened(seen.weights[frame]) / len(sides), len(sides))
     ratios = component.log_ratios(bits)
     # How likely each frame came of each pattern.
     belongs = np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None]) * weights[:, None]
-    count = effective(weights) / 4
+    count = effective(weights) / len(sides)
     own = belongs.sum(axis=0) / weights.sum()
     lit = np.einsum("np,nrc->prc", belongs, bits.astype(np.float64)) / weights.sum()
     places = (count * own + 8 / len(own)) / (count + 8)
-    maps = (count * lit + 8 * component.maps) / (count * own + 8)[:, None, None]
+    maps = (count * lit + PRIOR * component.maps) / (count * own + PRIOR)[:, None, None]
     return Component(
         component.frames, maps.clip(0.03, 0.97), places, tilts(seen, frame, weights[: len(frame)])
     )
+
+
+def turned(maps: NDArray[Any]) -> list[NDArray[Any]]:
+    """Give maps (N,R,C) in all ways that look the same to receivers: mirrored, and turned if square."""
+    ways = [maps, maps.transpose(0, 2, 1)] if maps.shape[1] == maps.shape[2] else [maps]
+    return [way[:, ::down, ::right] for way in ways for down in (1, -1) for right in (1, -1)]
 
 
 def evened(weights: Floats) -> Floats:

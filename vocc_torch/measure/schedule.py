@@ -3,6 +3,7 @@
 Blocks are handed out in the order of points and blocks, a few ahead, and come back as they are ready.
 """
 
+import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -22,7 +23,13 @@ BEAT_S = 0.05
 OVERDUE, OVERDUE_S = 20, 600.0
 """A call that takes this many times as long as the longest before, and so many seconds at least, is lost."""
 
-Submit: TypeAlias = Callable[[Count, Sequence[Part]], futures.Future[Counted]]
+LATE, LATE_S = 3, 5.0
+"""Where no other block is left, a call that takes this many times as long as most did, and so many seconds at
+least, is handed out once more: a run does not wait for one slow or silent node."""
+
+Future: TypeAlias = futures.Future[Counted]
+
+Submit: TypeAlias = Callable[[Count, Sequence[Part]], Future]
 """Hands a call to whoever is to do it, and returns its future result."""
 
 
@@ -32,39 +39,48 @@ class Call(NamedTuple):
     Args:
         point: whose blocks it counts.
         parts: the blocks.
-        since: when it was handed out, s.
+        begun: when it was handed out first, s.
+        since: when it was handed out last, s.
         copies: how often it was.
     """
 
     point: PointWork
     parts: list[Part]
+    begun: float
     since: float
     copies: int = 1
 
 
-class UnderWay(dict[futures.Future[Counted], Call]):
+class UnderWay(dict[Future, Call]):
     """The calls of a run that have not come back.
 
     Args:
         submit: hands out a call.
-        remote: whether a call may be lost without a word.
+        again: hands one out once more, where a call may be lost without a word.
     """
 
-    def __init__(self, submit: Submit, remote: bool) -> None:
+    def __init__(self, submit: Submit, again: Callable[[Future], object] | None) -> None:
         super().__init__()
-        self._submit, self._remote, self._longest_s = submit, remote, 0.0
-        self._looked = self._beat = time.monotonic()
+        self._submit, self._again, self._longest_s, self._beat = submit, again, 0.0, time.monotonic()
+        self._took_s = deque[float](maxlen=99)
 
     def hand_out(self, point: PointWork, parts: list[Part]) -> None:
         """Hand out a call for some blocks of a point."""
-        self[self._submit(point.count, parts)] = Call(point, parts, time.monotonic())
+        now = time.monotonic()
+        self[self._submit(point.count, parts)] = Call(point, parts, now, now)
 
-    def collect(self) -> None:
-        """Wait until something comes back and record it, before the error of another call is raised."""
-        patience_s = max(OVERDUE_S, OVERDUE * self._longest_s) if self._remote else None
-        if self._remote:  # many at a time, for each time the disk is waited for
+    def collect(self, last: bool) -> None:
+        """Wait until something comes back and record it, before the error of another call is raised.
+
+        Args:
+            last: whether no block is left to hand out, so that late calls are what is waited for.
+        """
+        patience_s = overdue_s = max(OVERDUE_S, OVERDUE * self._longest_s)
+        if last and self._took_s:
+            patience_s = min(overdue_s, max(LATE_S, LATE * statistics.median(self._took_s)))
+        if self._again:  # many at a time, for each time the disk is waited for
             time.sleep(max(0.0, self._beat + BEAT_S - time.monotonic()))
-        done, _ = futures.wait(self, patience_s, return_when=futures.FIRST_COMPLETED)
+        done, _ = futures.wait(self, patience_s if self._again else None, return_when=futures.FIRST_COMPLETED)
         self._beat = time.monotonic()
         calls = [(future, self.pop(future)) for future in done]
         with ExitStack() as together:
@@ -72,32 +88,25 @@ class UnderWay(dict[futures.Future[Counted], Call]):
                 together.enter_context(ledger.together())
             for future, call in sorted(calls, key=lambda one: _failed(one[0])):
                 call.point.record(call.parts, future.result())
-                self._longest_s = max(self._longest_s, time.monotonic() - call.since)
-                if call.copies > 1:
-                    for other in self._copies(call):
-                        del self[other]
-        if patience_s is not None and time.monotonic() > self._looked + patience_s / 4:
-            self._looked = time.monotonic()
-            self._hand_out_again(self._looked - patience_s)
+                self._took_s.append(time.monotonic() - call.begun)
+                self._longest_s = max(self._longest_s, self._took_s[-1])
+        if self._again:
+            self._hand_out_again(self._again, patience_s, overdue_s)
 
-    def _copies(self, call: Call) -> list[futures.Future[Counted]]:
-        return [future for future, of in self.items() if of.parts is call.parts]
-
-    def _hand_out_again(self, before: float) -> None:
-        """Hand out again what was handed out before a time; what still comes of it counts all the same."""
-        overdue = {id(call.parts): call for call in self.values() if call.since < before}
-        for call in overdue.values():
-            same = self._copies(call)
-            if call.point.stopped_by:  # nobody waits for it
-                for future in same:
-                    del self[future]
-                continue
-            if call.copies >= MOST_TRIES:
-                told = f"block {call.parts[0].block} of {call.point.point} was handed out {MOST_TRIES} times"
-                raise VoccError(f"{told} and never came back: start again to go on")
-            again = call._replace(since=time.monotonic(), copies=call.copies + 1)
-            for future in (*same, self._submit(call.point.count, call.parts)):
-                self[future] = again
+    def _hand_out_again(self, again: Callable[[Future], object], patience_s: float, overdue_s: float) -> None:
+        """Hand out again what has been under way for too long; what comes back first is taken."""
+        now = time.monotonic()
+        for future, call in [one for one in self.items() if one[1].since < now - patience_s]:
+            if call.copies < MOST_TRIES and not call.point.stopped_by:
+                again(future)
+                self[future] = call._replace(since=now, copies=call.copies + 1)
+            elif call.since < now - overdue_s:
+                if not call.point.stopped_by:
+                    told = (
+                        f"block {call.parts[0].block} of {call.point.point} was handed out {MOST_TRIES} times"
+                    )
+                    raise VoccError(f"{told} and never came back: start again to go on")
+                del self[future]  # nobody waits for it
 
     def call_off(self) -> None:
         """Cancel the calls of points that have enough; what has been begun is recorded when it comes back."""
@@ -118,7 +127,7 @@ def run_points(
     *,
     window: int | Callable[[], int] = 1,
     blocks_at_once: int = 1,
-    remote: bool = False,
+    again: Callable[[Future], object] | None = None,
 ) -> Iterator[Outcome]:
     """Count points one after the other, with blocks of the next ones ahead where there is room.
 
@@ -131,8 +140,8 @@ def run_points(
         submit: hands out a call.
         window: most calls handed out at a time, at least 1, or what tells it as workers come and go.
         blocks_at_once: blocks in a call, at least 1.
-        remote: whether a call may be lost without a word: it is then handed out again when it is overdue, as
-            ``OVERDUE`` says, and what comes back first is taken.
+        again: hands a call out once more, where one may be lost without a word: when it is late or overdue,
+            as ``LATE`` and ``OVERDUE`` say; what comes back first is taken.
 
     Yields:
         The outcome of each point, in the order of ``works``.
@@ -150,7 +159,7 @@ def run_points(
         >>> [outcome.counts["a", 0].frames for outcome in Workers(1).run(works)]
         [64, 100]
     """
-    upcoming, points, under_way = iter(works), deque[PointWork](), UnderWay(submit, remote)
+    upcoming, points, under_way = iter(works), deque[PointWork](), UnderWay(submit, again)
 
     def fill() -> None:
         # Passing by what is known already; up to where the first point is finished.
@@ -174,7 +183,7 @@ def run_points(
                 first = points.popleft()
                 yield Outcome(first.counts, first.stopped_by)
             elif under_way:
-                under_way.collect()
+                under_way.collect(last=all(one.exhausted or one.stopped_by for one in points))
                 for point in points:
                     point.add_known()
                 under_way.call_off()
@@ -184,6 +193,6 @@ def run_points(
         under_way.end()
 
 
-def _failed(future: futures.Future[Counted]) -> bool:
+def _failed(future: Future) -> bool:
     """Whether a call that is done has no result."""
     return future.cancelled() or future.exception() is not None

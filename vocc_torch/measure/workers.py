@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent import futures
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Self, TypeVar
 
@@ -102,7 +102,8 @@ class Workers:
         if self._here:
             return 1
         slots = self.count if self._engine is None else self._engine.slots()
-        return 2 * (min(slots, self._most) if self._most else slots)
+        # A larger cluster would begin all that it is given.
+        return self._most if self._most and self._most < slots else 2 * slots
 
     def submit(self, call: Callable[[A], R], argument: A, /) -> futures.Future[R]:
         """Hand out a call; in this process it is made at once, and its error raised here.
@@ -126,8 +127,13 @@ class Workers:
 
     def run(self, works: Iterable[PointWork], blocks_at_once: int = 1) -> Iterator[Outcome]:
         """Count points, as :func:`vocc_torch.measure.schedule.run_points`."""
-        remote, window = self._kind in ELSEWHERE, partial(getattr, self, "window")
-        return run_points(works, self.submit, window=window, blocks_at_once=blocks_at_once, remote=remote)
+        window, again = partial(getattr, self, "window"), self._again if self._kind in ELSEWHERE else None
+        return run_points(works, self.submit, window=window, blocks_at_once=blocks_at_once, again=again)
+
+    @staticmethod
+    def _again(future: futures.Future[R]) -> None:
+        if isinstance(future, Handed) and not future.done():
+            future.hand_out()
 
     def _open(self) -> Engine:
         if self._engine is None:
@@ -171,40 +177,40 @@ class Handed(futures.Future[R]):
 
     def __init__(self, engine: Engine, work: Sequence[object]) -> None:
         super().__init__()
-        self._engine, self._work, self._tries = engine, work, 0
-        self._inner: futures.Future[bytes] | None = None
+        self._engine, self._work, self._lost = engine, work, 0
+        self._copies: list[futures.Future[bytes]] = []
 
     def hand_out(self) -> None:
-        """Hand the call out, once more if it was before."""
-        self._tries += 1
-        self._inner = self._engine.call(*self._work)
-        self._inner.add_done_callback(self._came)
+        """Hand the call out, once more if it was before; what comes back first is its result."""
+        self._copies.append(self._engine.call(*self._work))
+        self._copies[-1].add_done_callback(self._came)
 
     def cancel(self) -> bool:
         """Cancel a call that nobody has begun."""
-        return self._engine.cancels and self._inner is not None and self._inner.cancel() and super().cancel()
+        return self._engine.cancels and self._copies[-1].cancel() and super().cancel()
 
-    def _came(self, inner: futures.Future[bytes]) -> None:
+    def _came(self, copy: futures.Future[bytes]) -> None:
         """Take what came back, or hand a lost call out again."""
         try:
-            if inner.cancelled() and self._engine.cancels:
+            if copy.cancelled() and self._engine.cancels:
                 if super().cancel():
                     self.set_running_or_notify_cancel()
                 return
             try:
-                well, value = pickle.loads(inner.result())
+                well, value = pickle.loads(copy.result())
             except self._engine.lost as error:
-                if self._tries < MOST_TRIES:
+                self._lost += 1
+                if not all(one.done() for one in self._copies):
+                    return
+                if self._lost < MOST_TRIES:
                     warnings.warn("a worker or node was lost: what it did is handed out again", stacklevel=1)
                     self.hand_out()
                     return
-                raise _lost(error, self._tries) from error
+                raise _lost(error, self._lost) from error
         except Exception as error:
             well, value = False, _of_node(error)
-        if well:
-            self.set_result(value)
-        else:
-            self.set_exception(value)
+        with suppress(futures.InvalidStateError):  # another copy came first
+            self.set_result(value) if well else self.set_exception(value)
 
 
 def _lost(error: BaseException, tries: int) -> VoccError:
