@@ -244,7 +244,7 @@ def fit_cells(
     decided anew before it.
     """
     inside, corner = _fields(shape, start.level.device)
-    best, now = start, start
+    best, now, closest = start, start, start.score
     for number in range(steps + 1):
         picture = read_cells(pyramid, now, shape, _FINE, 1)
         grey = picture[:, _FINE:-_FINE, _FINE:-_FINE]
@@ -294,10 +294,12 @@ def fit_cells(
         score = fit.clamp(max=_BEST_FIT) + randomness(bits).clamp(max=most_random) - _CHANGE_COST * beyond
         now = Cells(now.level, now.corners_px, bits, score)
         if number == 0:
-            best = now[torch.arange(n, device=score.device)]
+            best, closest = now[torch.arange(n, device=score.device)], fit
         else:
-            better = score > best.score
+            # Beyond the best fit that counts scores are alike: then the closer fit tells where corners are.
+            better = (score > best.score) | ((score == best.score) & (fit > closest))
             best.put(better, now[better])
+            closest = torch.where(better, fit, closest)
         if number == steps:
             break
         curve = slopes @ slopes.mT
