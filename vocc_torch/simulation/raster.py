@@ -281,7 +281,7 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
 
 def _range(along: Tensor, size: int) -> tuple[int, int]:
     """First and last-plus-one pixel that values along an axis touch, within 0 to ``size``."""
-    low, high = (float(value) for value in (along.min(), along.max()))
+    low, high = (float(value) for value in along.detach().aminmax())
     first = math.floor(min(max(low, 0), size))
     return first, max(first, math.ceil(min(max(high, 0), size)))
 
