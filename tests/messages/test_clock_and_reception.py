@@ -68,7 +68,7 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
         astray += int((off[believed] > 2).sum())
         doubted += int((~believed).sum())
         frames += len(times)
-    assert astray == 0 or second
+    assert astray <= (4 * 2.4 * 6 if second else 0)  # the frames of four symbols, in six recordings
     assert 0 < doubted < 0.08 * frames
 
 

@@ -160,14 +160,17 @@ def run_points(
         [64, 100]
     """
     upcoming, points, under_way = iter(works), deque[PointWork](), UnderWay(submit, again)
+    all_begun = False
 
     def fill() -> None:
         # Passing by what is known already; up to where the first point is finished.
+        nonlocal all_begun
         most = window if isinstance(window, int) else window()
         while len(under_way) < most and not (points and points[0].stopped_by):
             point = next((one for one in points if not (one.exhausted or one.stopped_by)), None)
             if point is None:
                 if (point := next(upcoming, None)) is None:
+                    all_begun = True
                     return
                 points.append(point)
             if missing := point.take(blocks_at_once):
@@ -183,7 +186,7 @@ def run_points(
                 first = points.popleft()
                 yield Outcome(first.counts, first.stopped_by)
             elif under_way:
-                under_way.collect(last=all(one.exhausted or one.stopped_by for one in points))
+                under_way.collect(last=all_begun and all(one.exhausted or one.stopped_by for one in points))
                 for point in points:
                     point.add_known()
                 under_way.call_off()

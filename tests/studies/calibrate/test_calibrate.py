@@ -445,6 +445,22 @@ def test_little_noise_is_told_from_rounding(grey, slope):
     assert curve.slope_error < 0.05
 
 
+@pytest.mark.parametrize("luminance", [200.0, 400.0])
+def test_what_either_noise_explains_names_one_of_them(luminance):
+    """At one level of light alone noise of photons looks like noise in the dark: the other is not there."""
+    light = LIGHT | {"background_grey": 40.0, "led_luminance_cd_m2": luminance}
+    own = values_of(Scene.of(2, **AT, **light), CAMERA, SMALL)
+    of_all = torch.tensor([2.2, 1.7, 1.7, 0.0]).double()
+    lit, known = (torch.arange(24).view(2, 12) % 3 == 0).double(), whole(CAMERA, SMALL, 2)
+    seen = model.light(known, own, of_all, lit)
+    draws = torch.randn(seen.shape, generator=torch.Generator().manual_seed(0)).double()
+    grey = model.encoded(seen + (5e-5 * seen).sqrt() * draws, of_all[0]).round()
+    curve = transfer(RecordingFit(known, grey, own, of_all, lit))
+    there = [curve.noise.slope > 0, curve.noise.floor > 0]
+    assert sum(there) == 1
+    assert [gain > 0 for gain in curve.gains] == there
+
+
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
     draws = torch.randn(30, generator=torch.Generator().manual_seed(0)).double()
     error = torch.full((30,), 0.1).double()
@@ -489,6 +505,9 @@ def test_bits_of_another_panel_are_refused(tmp_path):
         known_bits(tmp_path / "b.npy", PanelShape(8, 8))
     with pytest.raises(VoccError, match="cannot be read"):
         known_bits(tmp_path / "none.npy", PanelShape(8, 8))
+    np.savez(tmp_path / "several.npz", a=np.zeros(3), b=np.zeros(3))
+    with pytest.raises(VoccError, match="holds several arrays"):
+        known_bits(tmp_path / "several.npz", PanelShape(8, 8))
 
 
 def test_yaml_says_what_each_value_explains():

@@ -145,6 +145,7 @@ def transfer(fit: RecordingFit) -> Curve:
     if not kept:  # either explains what both do
         gains = [(loss(np.zeros(2)) - alone) / miss - cost for alone in (slope, floor)]
         kept = [int(np.argmax(gains))] if max(gains) > 0 else []
+        gains = [gain if i in kept else min(gain, 0.0) for i, gain in enumerate(gains)]
     noise = fits[2 if len(kept) == 2 else kept[0]][0] if kept else np.zeros(2)
     covariance, hidden = np.full((2, 2), math.nan), math.nan
     if kept:
