@@ -216,6 +216,8 @@ class Frames:
         sensor_px: ``(height, width)`` of the sensor.
         surround: (B,) the uniform grey value of all the sensor outside the crop, or None where ``grey`` is
             the whole frame, or where a smaller ``grey`` says nothing of the rest.
+        colour: (B,3,H,W) red, green and blue, of which ``grey`` is the luma or a channel; None where all is
+            grey.
 
     Example:
         >>> frames = Frames.whole(torch.zeros(2, 1, 4, 6, dtype=torch.uint8))
@@ -227,6 +229,7 @@ class Frames:
     origin_px: Tensor
     sensor_px: tuple[int, int]
     surround: Tensor | None = None
+    colour: Tensor | None = None
 
     @classmethod
     def whole(cls, grey: Tensor) -> "Frames":
@@ -263,6 +266,13 @@ class Frames:
             raise VoccError.of(name, given, "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty", "has")
         return cls.whole(grey)
 
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """What a file of 8 bits holds: (B,H,W) greys, or where there is colour (B,H,W,3)."""
+        shown = self.grey[:, 0] if self.colour is None else self.colour.movedim(1, -1)
+        kept: NDArray[np.uint8] = shown.round().clamp(0, 255).byte().contiguous().cpu().numpy()
+        return kept
+
     def __len__(self) -> int:
         """Count the frames."""
         return int(self.grey.shape[0])
@@ -270,7 +280,8 @@ class Frames:
     def __getitem__(self, rows: slice | Tensor) -> "Frames":
         """Take a slice of the frames, or those of an index or a bool mask."""
         surround = None if self.surround is None else self.surround[rows]
-        return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround)
+        colour = None if self.colour is None else self.colour[rows]
+        return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround, colour)
 
 
 Images = Frames | Tensor | NDArray[np.uint8]

@@ -24,6 +24,7 @@ for _name, _own in {
     "lamps": {"count": 3, "luminance_cd_m2": 1e4},
     "second_panel": {"offset_x_m": 0.6},
     "hot_pixels": {"share": 0.05},
+    "colour": {"peak_nm": ["uniform", 470, 630]},
     "panel_absent": {"share": 0.7},
     "led_look": {"fill": ["uniform", 0.1, 0.4]},
     "leaves": {"count": 30},

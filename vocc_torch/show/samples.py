@@ -30,7 +30,7 @@ class Crop:
 
     Args:
         scene: of the one frame.
-        pixels: (H,W,3) uint8, grey.
+        pixels: (H,W,3) uint8.
         origin_px: (2,) int64, sensor coordinates (x, y) of its top left pixel.
     """
 
@@ -56,8 +56,8 @@ def crops(
         row, keys = slice(frame, frame + 1), [FrameKey(key, frame)]
         with torch.autocast(simulator.device.type, enabled=False):
             seen = simulator.render(scenes[row], bits[row], nearest_m=nearest_m, keys=keys, panel_only=True)
-        grey = seen.grey[0, 0].round().clamp(0, 255).byte().cpu().numpy()
-        yield Crop(scenes[row], np.repeat(grey[..., None], 3, axis=2), seen.origin_px[0].cpu())
+        shown = seen.pixels[0] if seen.colour is not None else np.repeat(seen.pixels[0][..., None], 3, axis=2)
+        yield Crop(scenes[row], shown, seen.origin_px[0].cpu())
 
 
 def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "test")) -> None:

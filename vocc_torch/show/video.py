@@ -1,4 +1,4 @@
-"""Grey frames as a video."""
+"""Frames as a video."""
 
 from collections.abc import Iterable
 from fractions import Fraction
@@ -19,7 +19,7 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, qua
 
     Args:
         path: the file, replaced whole.
-        frames: (H,W) uint8 greys of one size, one by one.
+        frames: (H,W) uint8 greys, or (H,W,3) colours, of one size, one by one.
         fps: frames a second.
         quality: x264's constant rate factor, 0 (lossless) to 51.
 
@@ -41,11 +41,11 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, qua
         rate = Fraction(fps).limit_denominator(SLOWEST_PARTS)
         stream = container.add_stream("libx264", rate=rate, options={"crf": str(quality), "preset": "fast"})
         stream.pix_fmt = "yuv420p"
-        for grey in frames:
-            even = np.ascontiguousarray(grey[: len(grey) // 2 * 2, : grey.shape[1] // 2 * 2])
+        for shown in frames:
+            even = np.ascontiguousarray(shown[: len(shown) // 2 * 2, : shown.shape[1] // 2 * 2])
             if not count:
-                stream.height, stream.width = even.shape
-            picture = av.VideoFrame.from_ndarray(even, format="gray")
+                stream.height, stream.width = even.shape[:2]
+            picture = av.VideoFrame.from_ndarray(even, format="gray" if even.ndim == 2 else "rgb24")
             picture.pts = count
             container.mux(stream.encode(picture))
             count += 1

@@ -213,7 +213,7 @@ def crop_origins_px(
 
 
 def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor:
-    """Read the corner of each crop that lies farthest from the panel, beyond its light, (B,1,H,W) to (B,)."""
+    """Read the corner of each crop that lies farthest from the panel, beyond its light, (B,C,H,W) to (B,)."""
     height, width = value.shape[-2:]
     x, y = (centre_px - origin_px).unbind(dim=-1)
     column = torch.where(x < width / 2, width - 1, 0)
@@ -243,7 +243,7 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
 
 
 def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]) -> Tensor:
-    """Lay each crop into a full frame of its surround, (B,1,h,w) to (B,1,H,W).
+    """Lay each crop into a full frame of its surround, (B,C,h,w) to (B,C,H,W).
 
     Example:
         >>> crop, origin = torch.full((1, 1, 1, 2), 5.0), torch.tensor([[1, 0]])
@@ -251,9 +251,9 @@ def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px:
         [[[[3.0, 5.0, 5.0, 3.0], [3.0, 3.0, 3.0, 3.0]]]]
     """
     height, width = value.shape[-2:]
-    full = surround.view(-1, 1, 1, 1).expand(-1, 1, *sensor_px).contiguous()
+    full = surround.view(-1, 1, 1, 1).expand(-1, value.shape[1], *sensor_px).contiguous()
     for index, (x, y) in enumerate(origin_px.tolist()):
-        full[index, 0, y : y + height, x : x + width] = value[index, 0]
+        full[index, :, y : y + height, x : x + width] = value[index]
     return full
 
 

@@ -137,6 +137,8 @@ def record(
         bits = playback.symbols(torch.tensor(symbols))
         frames = camera.render(scenes, bits, nearest_m=nearest, keys=keys, panel_only=window is not None)
         dark = torch.from_numpy(np.isnan(times)).to(frames.grey.device)
-        frames.grey[dark] = 0
+        for pixels in (frames.grey, frames.colour):
+            if pixels is not None:
+                pixels[dark] = 0
         told = [None if black else number for black, number in zip(dark.tolist(), symbols, strict=True)]
         yield Recorded(frames, camera.true_panels(scenes, keys), times, told)

@@ -13,6 +13,9 @@ from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
 from vocc_torch.simulation import framing, painter, photometry
 from vocc_torch.simulation.effects import Context, Effect, Effects, Quantity, housing, light, view
+from vocc_torch.simulation.effects.coding import Jpeg
+from vocc_torch.simulation.effects.colour import CHANNELS, Colour
+from vocc_torch.simulation.effects.sensor import Bayer
 from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
 PAPER_EFFECTS: dict[str, Mapping[str, float]] = {"attenuation": {"visibility_m": 40_000.0}}
@@ -26,6 +29,9 @@ DRAWN = chain.CAMERA_STEPS[: chain.CAMERA_STEPS.index(Quantity.LUMINANCE)]
 
 Seen = tuple[torch.Tensor, Quantity]
 """Pictures on their way through the camera, (B,1,H,W), and what their numbers mean."""
+
+OF_ALL_CHANNELS = (Bayer, Jpeg)
+"""Effects that take the three channels of a scene in colour together, (B,3,H,W)."""
 
 
 class Simulator:
@@ -79,6 +85,7 @@ class Simulator:
         self.device = resolve_device(str(device))
         self.dtype = dtype
         self._filling = next((effect for effect in self.effects if effect.fills_sensor), None)
+        self._colour = next((effect for effect in self.effects if isinstance(effect, Colour)), None)
 
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
@@ -160,7 +167,9 @@ class Simulator:
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
         unbounded = any(effect.unbounded for effect in self.effects)
         window = panel_only and self._filling is not None and not unbounded
-        drawn_full = self._filling is not None and self._filling.takes in DRAWN
+        if self._colour is not None and any(isinstance(effect, Jpeg) for effect in self.effects):
+            window = False  # the chroma's blocks are wider than a window's grid
+        drawn_full = self._filling is not None and (self._colour is not None or self._filling.takes in DRAWN)
         whole = self.framing != "crop" or (self._filling is not None and not window)
         size = sensor
         if window or not (self.framing == "full" or drawn_full):
@@ -179,15 +188,15 @@ class Simulator:
         pictures = framing.in_groups(batch, groups, lambda part: self.expose(part, window))
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
-        if size == sensor or window:
-            return Frames(pictures, origin, sensor)
-        if tuple(pictures.shape[-2:]) == sensor:
-            return Frames(pictures, torch.zeros_like(origin), sensor)
-        surround = framing.read_surround(pictures, batch.centre_px, origin)
-        if self.framing == "crop":
+        surround = None
+        if not window and tuple(pictures.shape[-2:]) != sensor:
+            surround = framing.read_surround(pictures, batch.centre_px, origin)
+            if self.framing != "crop":
+                pictures, surround = framing.lay_on_sensor(pictures, surround, origin, sensor), None
+        origin = torch.zeros_like(origin) if tuple(pictures.shape[-2:]) == sensor else origin
+        if self._colour is None or pictures.shape[1] == 1:  # a raw mosaic has one plane
             return Frames(pictures, origin, sensor, surround)
-        laid = framing.lay_on_sensor(pictures, surround, origin, sensor)
-        return Frames(laid, torch.zeros_like(origin), sensor)
+        return Frames(self._colour.grey_of(pictures), origin, sensor, surround, pictures)
 
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
@@ -203,8 +212,10 @@ class Simulator:
     def expose(self, batch: framing.Batch, window: bool) -> torch.Tensor:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         context, sensor = batch.context, self.camera.sensor_px
-        seen = self.paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
+        if self._colour is not None:
+            return self._in_colour(batch, after)
+        seen = self.paint(batch), Quantity.LUMINANCE
         if self._filling not in after or window or batch.size == sensor:
             pictures = self._run(seen, after, context, to_end=True)[0]
             if self._filling is None and batch.size != sensor:
@@ -221,6 +232,19 @@ class Simulator:
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
             frames.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
         return torch.cat(frames)
+
+    def _in_colour(self, batch: framing.Batch, after: Sequence[Effect]) -> torch.Tensor:
+        """Carry each channel's light through the camera, up to what takes all three together."""
+        places = (i for i, effect in enumerate(after) if isinstance(effect, OF_ALL_CHANNELS))
+        apart, planes = next(places, len(after)), []
+        for channel in range(len(CHANNELS)):
+            own = replace(batch, context=replace(batch.context, channel=channel))
+            seen = self.paint(own), Quantity.LUMINANCE
+            value, current = self._run(seen, after[:apart], own.context, to_end=apart == len(after))
+            if self._filling is None and batch.size != self.camera.sensor_px:
+                framing.demand_even_border(value, batch)
+            planes.append(value)
+        return self._run((torch.cat(planes, dim=1), current), after[apart:], batch.context, to_end=True)[0]
 
     def paint(self, batch: framing.Batch) -> torch.Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""

@@ -73,7 +73,7 @@ class Photographs(Backdrop):
         pictures = pictures_of(self.folder, Path.cwd())
         for i, generator in enumerate(context.generators(self.name, of_scene=True)):
             path, _ = pictures[int(generator.integers(len(pictures)))]
-            light = light_of(path, self.gamma, 2 * max(height, width))
+            light = light_of(path, self.gamma, 2 * max(height, width), context.channel)
             sides = light.shape[0] - 1, light.shape[1] - 1
             scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
             starts, mirrored = generator.random(2), bool(generator.random() < 0.5)
@@ -120,8 +120,10 @@ def _opens(path: Path) -> bool:
 
 
 @functools.lru_cache(maxsize=32)
-def light_of(path: Path, gamma: float, most_px: int) -> street.Plane:
-    """Read a picture's light, (H+1,W+1) of mean 1, its last row and column repeated; larger ones shrink.
+def light_of(path: Path, gamma: float, most_px: int, channel: int | None = None) -> street.Plane:
+    """Read a picture's light, (H+1,W+1), its last row and column repeated; larger ones shrink.
+
+    Of its luma, which has a mean of 1, or of one channel over the luma's mean.
 
     Raises:
         VoccError: a picture that cannot be read.
@@ -131,11 +133,17 @@ def light_of(path: Path, gamma: float, most_px: int) -> street.Plane:
             shown = ImageOps.exif_transpose(picture.convert("L"))
             shown.thumbnail((most_px, most_px))
             grey = np.asarray(shown, dtype=np.float32)
+            if channel is not None:
+                own = ImageOps.exif_transpose(picture.convert("RGB")).getchannel(channel)
+                own.thumbnail((most_px, most_px))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         rule = f"holds {path.name}, which cannot be read ({error})"
         raise VoccError(f"scene.effects.backdrop.folder {rule}") from None
     light = (grey / np.float32(255)) ** np.float32(gamma)
-    scaled: street.Plane = np.pad(light / max(float(light.mean()), 1e-9), (0, 1), mode="edge")
+    mean = max(float(light.mean()), 1e-9)
+    if channel is not None:
+        light = (np.asarray(own, dtype=np.float32) / np.float32(255)) ** np.float32(gamma)
+    scaled: street.Plane = np.pad(light / mean, (0, 1), mode="edge")
     return scaled.astype(np.float32)
 
 
@@ -189,7 +197,7 @@ class Leaves(street.Sketched):
             axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
             axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
             parts = self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts
-            layer.lay(parts, functools.partial(_moved, axes, middles[leaf]))
+            layer.lay(parts, functools.partial(_moved, axes, middles[leaf]), seed=int(seeds[leaf]))
 
     def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
         """Draw one shape, about 1 in size; those that shine are small."""

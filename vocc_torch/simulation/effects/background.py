@@ -12,7 +12,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import photometry, raster
-from vocc_torch.simulation.effects import light, view
+from vocc_torch.simulation.effects import colour, light, view
 from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity, within
 
 MOST_LAMPS = 1000
@@ -215,7 +215,7 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         size = panel.shape.rows, panel.shape.columns
         bits = np.stack([g.integers(2, size=size, dtype=np.uint8) for g in context.generators(self.name)])
         full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        own = light.dimmed_once(torch.from_numpy(bits).to(full) * full, context)
+        own = light.dimmed_once(colour.of_leds(torch.from_numpy(bits).to(full) * full, context), context)
         surface = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
         shining, canvas = surface.view(-1, 1, 1) + own, value.squeeze(1)
         if panel.board_reflectance is not None:

@@ -69,6 +69,13 @@ class Context:
     panel: LedPanel = field(default_factory=LedPanel)
     iso: torch.Tensor | None = None
     """(B,) the ISO speeds, where they are known already."""
+    channel: int | None = None
+    """Red, green or blue, 0 to 2, while one channel of a scene in ``colour`` is drawn."""
+
+    @property
+    def sensor(self) -> str:
+        """The ending of the names of streams that belong to one channel's sensor; empty with one for all."""
+        return "" if self.channel is None else f".{self.channel}"
 
     def keys_for(self, stream: str) -> Sequence[FrameKey]:
         """The frames' keys, for the effect named ``stream``.

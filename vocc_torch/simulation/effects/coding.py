@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.colour import CHANNELS
 from vocc_torch.simulation.effects.sensor import Bayer
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import letters_mask, words_of
@@ -41,7 +42,8 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
     so grey stays grey. What remains is what colour cameras do to a grey picture: two of three colours are
     guessed from neighbours, so edges lose sharpness, the more so in red and blue; and where noise came
     between, that of red and blue pixels is amplified and spread. Without ``bayer`` there is nothing to
-    balance and the blur alone remains. A uniform frame stays uniform.
+    balance and the blur alone remains. A uniform frame stays uniform. In a scene in ``colour`` the three
+    colours stay.
 
     It runs in float64, so that a frame does not depend on the batch it comes in. Linear and differentiable.
 
@@ -72,16 +74,19 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
             if isinstance(effect, Bayer):
                 raw = raw / effect.filters(raw, context)
         phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
-        luma = torch.empty_like(raw)
+        coloured = context.channel is None and {"colour", "bayer"} <= {one.name for one in context.effects}
+        seen = raw.new_empty(len(raw), 3 if coloured else 1, *raw.shape[2:])
         for phase in set(phases):
             alike = [frame for frame, its in enumerate(phases) if its == phase]
             rows = slice(None) if len(alike) == len(raw) else alike
-            luma[rows] = luma_of(raw[rows], PATTERNS[phase])
-        return luma.to(value.dtype)
+            seen[rows] = demosaiced(raw[rows], PATTERNS[phase], coloured)
+        return seen.to(value.dtype)
 
 
-def luma_of(raw: Tensor, pattern: CFA) -> Tensor:
+def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
     """Demosaic (B,1,H,W) frames of one pattern, strip by strip, each with the rows that its border needs.
+
+    They are given as luma, (B,1,H,W), or ``coloured``, (B,3,H,W).
 
     Odd sides are continued by reflection, which keeps the pattern.
     """
@@ -91,8 +96,9 @@ def luma_of(raw: Tensor, pattern: CFA) -> Tensor:
         above = min(top, CELL_PX)
         strip = raw[..., top - above : top + MOSAIC_ROWS + CELL_PX, :]
         even = nn.functional.pad(strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect")
-        luma = rgb_to_grayscale(raw_to_rgb(even, pattern))[..., :width]
-        strips.append(luma[..., above : above + min(MOSAIC_ROWS, height - top), :])
+        rgb = raw_to_rgb(even, pattern)
+        seen = (rgb if coloured else rgb_to_grayscale(rgb))[..., :width]
+        strips.append(seen[..., above : above + min(MOSAIC_ROWS, height - top), :])
     return torch.cat(strips, dim=-2)
 
 
@@ -236,7 +242,7 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
     fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Code (B,1,H,W) uint8 frames.
+        """Code (B,1,H,W) uint8 frames, or (B,3,H,W) with chroma of half the resolution.
 
         Raises:
             VoccError: crops off the grid of blocks.
@@ -251,9 +257,14 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
         tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
         several = max(1, JPEG_PIXELS // (min(height, JPEG_ROWS) * width))
+        coloured = value.shape[1] == len(CHANNELS)
         for first in range(0, len(value), several):
             for top in range(0, height, JPEG_ROWS):
                 part = slice(first, first + several), slice(None), slice(top, top + JPEG_ROWS)
+                if coloured:
+                    rgb = jpeg_codec_differentiable(value[part].to(torch.float32) / 255.0, quality)
+                    coded[part] = torch.round(rgb * 255.0).clamp(0, 255).to(torch.uint8)
+                    continue
                 rgb = jpeg_codec_differentiable(value[part].to(torch.float32) / 255.0 + tint, quality)
                 # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
                 red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]

@@ -11,7 +11,7 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import photometry, raster
-from vocc_torch.simulation.effects import view
+from vocc_torch.simulation.effects import colour, view
 from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Extent, Quantity, within
 
 MOST_SYMBOLS = 1001
@@ -470,6 +470,6 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
         return value + self.veil_cd_m2
 
 
-AT_THE_LEDS = (RollingShutter, StuckLeds, LedScatter, Attenuation)
+AT_THE_LEDS = (RollingShutter, StuckLeds, LedScatter, colour.Colour, Attenuation)
 ON_THE_WAY = (Airlight, Occlusion, VeilingGlare)
 """In physical order; what stands in the background comes between the two."""

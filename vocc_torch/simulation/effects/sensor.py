@@ -6,7 +6,7 @@ that the full frame has there, for the price of the tiles that it touches.
 """
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from typing import NamedTuple, Self
 
@@ -19,6 +19,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.rng import sensor_generator
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.colour import CHANNELS
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -35,10 +36,11 @@ NO_NOISE = "leave the effect out for none"
 class Bayer(Effect, on=Quantity.EXPOSURE):
     """Bayer's mosaic: each pixel gets the share of the light that its filter lets through.
 
-    Cells of 2 x 2 pixels, red and green over green and blue, begin at the sensor's top left pixel. All
-    light is taken to be of one colour, as that of white LEDs and daylight nearly is, so a filter is one
-    number. Named alone it leaves the raw mosaic; ``demosaicing`` balances and interpolates it after the
-    readout, and what the filters took from the light then comes back as noise.
+    Cells of 2 x 2 pixels, red and green over green and blue, begin at the sensor's top left pixel. Without
+    ``colour`` all light is taken to be of one colour, as that of white LEDs and daylight nearly is, so a
+    filter is one number; with it each filter takes the light of its channel. Named alone it leaves the raw
+    mosaic; ``demosaicing`` balances and interpolates it after the readout, and what the filters took from the
+    light then comes back as noise.
 
     Linear and differentiable. It fills the sensor.
 
@@ -75,16 +77,23 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
         Returns:
             (B,1,H,W).
         """
+        return self._laid([[self.red, self.green], [self.green, self.blue]], like, context)
+
+    @staticmethod
+    def _laid(cell_of: Sequence[Sequence[float]], like: torch.Tensor, context: Context) -> torch.Tensor:
+        """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
         height, width = like.shape[-2:]
-        cell = torch.tensor([[self.red, self.green], [self.green, self.blue]], dtype=like.dtype)
+        cell = torch.tensor(cell_of, dtype=like.dtype)
         places = context.first_px.tolist()
         alike = len({(x % 2, y % 2) for x, y in places}) == 1
         cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
         planes = [one.repeat(height // 2 + 1, width // 2 + 1)[:height, :width] for one in cells]
-        return torch.stack(planes).unsqueeze(1).to(like.device).expand_as(like)
+        return torch.stack(planes).unsqueeze(1).to(like.device).expand(len(like), 1, height, width)
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
-        """Filter (B,1,H,W) luminous exposure."""
+        """Filter (B,1,H,W) luminous exposure; of (B,3,H,W) each filter takes its own channel."""
+        if value.shape[1] == len(CHANNELS):
+            value = value.gather(1, self._laid([[0, 1], [1, 2]], value, context).long())
         return value * self.filters(value, context)
 
 
@@ -146,7 +155,7 @@ TILE = TILE_PX, TILE_PX
 """Shape of such a square."""
 
 Plane = NDArray[np.float32]
-Tiles = dict[tuple[int, int, int], Plane]
+Tiles = dict[tuple[int, int, int, str], Plane]
 
 
 class TilePart(NamedTuple):
@@ -197,7 +206,7 @@ def picture_tiles(
         VoccError: frames without keys.
     """
     for key, origin in zip(context.keys_for(stream), context.first_px.tolist(), strict=True):
-        generator = key.tiles(f"effect.{stream}")
+        generator = key.tiles(f"effect.{stream}{context.sensor}")
         # All before the first is drawn from: taking turns costs a tenth of the drawing.
         yield [(part, generator(part.row, part.column)) for part in tile_parts(origin, size)]
 
@@ -236,11 +245,11 @@ class SensorPattern(ElectronNoise):
         frames = zip(planes, context.keys_for(self.name), context.first_px.tolist(), strict=True)
         for plane, key, origin in frames:
             for part in tile_parts(origin, plane.shape):
-                place = key.block.seed, part.row, part.column
+                place = key.block.seed, part.row, part.column, context.sensor
                 if place not in self._tiles:
                     if self._tiles and next(iter(self._tiles))[0] != key.block.seed:
                         self._tiles.clear()
-                    stream = f"effect.{self.name}/{part.row}/{part.column}"
+                    stream = f"effect.{self.name}{context.sensor}/{part.row}/{part.column}"
                     self._tiles[place] = self.tile(sensor_generator(key.block.seed, stream))
                 plane[part.in_window] = self._tiles[place][part.in_tile]
         return torch.from_numpy(planes).unsqueeze(1).to(value)
@@ -481,7 +490,8 @@ class RowNoise(ElectronNoise):
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add to (B,1,H,W) electrons the offsets of the rows that each frame shows."""
         height, sensor_rows = value.shape[-2], context.camera.height_px
-        frames = zip(context.generators(self.name), context.first_px.tolist(), strict=True)
+        streams = context.generators(f"{self.name}")
+        frames = zip(streams, context.first_px.tolist(), strict=True)
         rows = [g.standard_normal(sensor_rows, dtype=np.float32)[y : y + height] for g, (_, y) in frames]
         return value + self.electrons * torch.from_numpy(np.stack(rows)).view(-1, 1, height, 1).to(value)
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
-from vocc_torch.simulation.effects import view
+from vocc_torch.simulation.effects import colour, view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
 
@@ -23,6 +23,9 @@ Plane = NDArray[np.float32]
 
 STRIP_PX = 32
 """Rows of the sensor that are filled at a time; tiles are some strips."""
+
+SKY = {None: 1.0, 0: 0.88, 1: 1.0, 2: 1.31}
+"""What luma and each channel see of the sky over its luminance: blue, of luma 1."""
 
 NODE_PX = 8
 """Distance of the nodes between which drawn textures run evenly, px."""
@@ -112,7 +115,8 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         """Multiply (B,1,H,W) background luminance by each frame's scenery."""
         width, streams = value.shape[3], context.generators(self.name, of_scene=True)
         left = context.first_px[:, 0].tolist()
-        drawn = [self.sky(g, context.camera.sensor_px, x, width) for g, x in zip(streams, left, strict=True)]
+        sides = context.camera.sensor_px, width, SKY[context.channel]
+        drawn = [self.sky(g, x, *sides) for g, x in zip(streams, left, strict=True)]
 
         def change(frame: int, strip: Tensor, top: int) -> Tensor:
             return strip * torch.from_numpy(drawn[frame](top, len(strip))).to(strip)
@@ -120,11 +124,12 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         return in_strips(value, change, context)
 
     def sky(
-        self, generator: np.random.Generator, sensor_px: tuple[int, int], left: int, width: int
+        self, generator: Generator, left: int, sensor_px: tuple[int, int], width: int, blue: float
     ) -> Callable[[int, int], Plane]:
         """Draw one frame's scenery: what gives some rows' luminance over that of the plain background."""
         ranges = (2, 7), (0.15, 1.5), (0.3, 2)
         sky, far, ground = (roadside.spread(generator, low, high) for low, high in ranges)
+        sky *= blue
         horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
         skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(0.02, 0.12)
         x = (left + np.arange(width) + 0.5) / NODE_PX
@@ -172,9 +177,16 @@ class Layer:
     dirt: Plane | None = None
 
     def lay(
-        self, parts: list[sketch.Part], place: Callable[[sketch.Array], sketch.Array], share: float = 1.0
+        self,
+        parts: list[sketch.Part],
+        place: Callable[[sketch.Array], sketch.Array],
+        share: float = 1.0,
+        seed: int | None = None,
     ) -> None:
-        """Lay a sketch before what is there; a mirror shows a ``share`` of it."""
+        """Lay a sketch before what is there: a mirror's ``share`` of it, in the colours of a ``seed``."""
+        if seed is not None and self.seen.context.channel is not None:
+            seen = colour.tints(seed, len(parts), self.seen.context.channel)
+            parts = [(points, light * tint) for (points, light), tint in zip(parts, seen, strict=True)]
         if thing := sketch.Drawing.on_sensor(parts, place, share):
             self.things.append(thing)
 
@@ -277,8 +289,8 @@ class Clutter(Sketched):
                 continue
             parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
             if wet and thing is not roadside.marks:
-                layer.lay([(points * (1, -1), luminance) for points, luminance in parts], place, wet)
-            layer.lay(parts, place)
+                layer.lay([(points * (1, -1), luminance) for points, luminance in parts], place, wet, seed)
+            layer.lay(parts, place, seed=seed)
         # No surface is of one shade: dirt, and what it mirrors.
         layer.dirt = noise_nodes(generator, seen.context.camera.sensor_px)
 

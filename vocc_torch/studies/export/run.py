@@ -131,9 +131,9 @@ class Shards:
             for scene, bits, names, (seen,) in rendered(simulator, self.model, keys, batches, False, crop):
                 panels = simulator.true_panels(scene, names, rendered=True)
                 told = truth.rows_of(scene, bits, names, seen, panels)
-                for grey, row in zip(seen.grey[:, 0].cpu().numpy(), told, strict=True):
+                for shown, row in zip(seen.pixels, told, strict=True):
                     name = f"{first + len(rows) - 1:07d}.png"
-                    Image.fromarray(grey).save(made / name)
+                    Image.fromarray(shown).save(made / name)
                     rows.append((f"{place}/{name}", *row))
             run_folder.write_rows(made / truth.NAME, rows)
         return [{} for _ in parts]

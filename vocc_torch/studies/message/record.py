@@ -75,7 +75,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     )
     rows: list[run_folder.Cells] = [COLUMNS]
 
-    def greys() -> Iterator[NDArray[np.uint8]]:
+    def pictures() -> Iterator[NDArray[np.uint8]]:
         for part in parts:
             corners = (part.panels.corners_px - part.frames.origin_px[:, None]).flatten(1).tolist()
             times = part.taken_s.tolist()
@@ -89,12 +89,12 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
                 shape = (count, *kept.shape[1:])
                 held.append(np.lib.format.open_memmap(temporary, "w+", np.uint8, shape))
             held[0][len(rows) - 1 - len(kept) : len(rows) - 1] = kept
-            yield from kept
+            yield from part.frames.pixels
 
     held: list[NDArray[np.uint8]] = []  # in a file: whole frames would fill the memory
     count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
     with atomic_file(folder / "recording.npy") as temporary:
-        write_video(folder / "recording.mp4", greys(), config.fps, config.quality)
+        write_video(folder / "recording.mp4", pictures(), config.fps, config.quality)
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
     run_folder.write_config(settings, folder)

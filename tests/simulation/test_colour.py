@@ -1,0 +1,152 @@
+"""Colour: spectra against tables and quadrature, luma against Pillow, channels against grey scenes."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from scipy import integrate
+
+from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera
+from vocc_torch.receiver.recording import read_recording
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Simulator
+from vocc_torch.simulation.effects.colour import Colour, channel_shares, luma_of, luminous_efficiency
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import Scene
+
+CAMERA = Camera(width_px=160, height_px=96, sensor_width_mm=13.2 / 12)
+NOISE = {"photoelectrons": {"quantum_efficiency": 0.6}, "shot_noise": {}, "gain": {}}
+RAW = {"blooming": {"sigma_px": 1.5}}
+
+
+def shot(effects, batch=None, frames=2, **settings):
+    """Frames of one scene each, bright enough to see colour."""
+    scene = Scene.of(frames, ambient_lx=8000.0)
+    bits = torch.rand(frames, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
+    keys = [FrameKey(BlockKey(0, "colour", 0), frame) for frame in range(frames)]
+    simulator = Simulator(CAMERA, effects=effects, **settings)
+    return simulator.render(scene, bits, keys=keys)
+
+
+def test_the_eyes_sensitivity_is_the_tabulated_one():
+    """CIE 1924, photopic."""
+    table = {450: 0.038, 480: 0.13902, 510: 0.503, 530: 0.862, 555: 1.0, 580: 0.870, 610: 0.503, 650: 0.107}
+    told = luminous_efficiency(np.array(list(table), dtype=np.float64))
+    np.testing.assert_allclose(told, list(table.values()), atol=0.01)
+
+
+@pytest.mark.parametrize(("peak_nm", "width_nm"), [(630.0, 20.0), (525.0, 35.0), (470.0, 25.0)])
+def test_shares_are_the_integrals_over_the_spectra(peak_nm, width_nm):
+    sigma = width_nm / math.sqrt(8 * math.log(2))
+
+    def led(nm):
+        return math.exp(-0.5 * ((nm - peak_nm) / sigma) ** 2)
+
+    def day(nm):
+        return nm**-5 / math.expm1(6.62607015e-34 * 299792458 / (1.380649e-23 * 6500 * nm * 1e-9)) * 1e12
+
+    def eye(nm):
+        return float(luminous_efficiency(np.array([nm]))[0])
+
+    def over(*parts):
+        return integrate.quad(lambda nm: math.prod(part(nm) for part in parts), 360, 780, limit=300)[0]
+
+    for (peak, width), told in zip(((600, 35), (540, 35), (460, 30)), channel_shares(peak_nm, width_nm)):
+        wanted = over(lambda nm: math.exp(-0.5 * ((nm - peak) / width) ** 2), led) / over(eye, led)
+        wanted /= over(lambda nm: math.exp(-0.5 * ((nm - peak) / width) ** 2), day) / over(eye, day)
+        assert told == pytest.approx(wanted, rel=2e-3, abs=1e-6)
+
+
+def test_luma_is_pillows_to_the_last_bit():
+    colour = np.random.default_rng(0).integers(256, size=(300, 300, 3), dtype=np.uint8)
+    told = luma_of(torch.from_numpy(colour).movedim(-1, 0).unsqueeze(0))
+    assert np.array_equal(told[0, 0].numpy(), np.asarray(Image.fromarray(colour).convert("L")))
+
+
+def test_white_leds_by_daylight_are_grey_and_as_without_colour():
+    grey = shot(PAPER_EFFECTS)
+    seen = shot(PAPER_EFFECTS | {"colour": {"white": 1.0}})
+    assert seen.colour is not None
+    assert grey.colour is None
+    for plane in (*seen.colour.unbind(1), seen.grey[:, 0]):
+        assert torch.equal(plane, grey.grey[:, 0])
+    assert torch.equal(seen.surround, grey.surround)
+
+
+def test_each_channel_is_a_grey_scene_whose_leds_shine_as_it_sees_them():
+    effects = {"attenuation": {"visibility_m": 200.0}, "colour": {"peak_nm": 525}} | RAW
+    seen = shot(effects, dtype=torch.float64)
+    shares = channel_shares(525.0, 20.0)
+    bits = torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
+    plain = Simulator(CAMERA, effects={"attenuation": {"visibility_m": 200.0}} | RAW, dtype=torch.float64)
+    for channel, share in enumerate(shares):
+        scene = Scene.of(2, ambient_lx=8000.0, led_luminance_cd_m2=3000.0 * share)
+        torch.testing.assert_close(seen.colour[:, channel], plain.render(scene, bits).grey[:, 0])
+
+
+@pytest.mark.parametrize("word", ["red", "green", "blue"])
+def test_the_grey_that_receivers_read_is_the_channel_that_is_asked_for(word):
+    seen = shot(PAPER_EFFECTS | {"colour": {"peak_nm": 590, "grey": word}})
+    assert torch.equal(seen.grey[:, 0], seen.colour[:, ("red", "green", "blue").index(word)])
+    with pytest.raises(VoccError, match=r"scene.effects.colour.grey is 'max'"):
+        Colour(grey="max")
+
+
+def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
+    coloured = {"colour": {"white": 1.0}, **NOISE}
+    three = shot(coloured, framing="full", dtype=torch.float64).colour
+    corner = three[0, :, :30, :30].flatten(1)
+    assert np.abs(np.corrcoef(corner.numpy()) - np.eye(3)).max() < 0.1
+    assert torch.allclose(corner.mean(1), corner.mean(), rtol=0.01)
+    raw = shot(coloured | {"bayer": {}}, framing="full")
+    assert raw.colour is None
+    one = shot({**NOISE, "bayer": {}}, framing="full")
+    assert torch.equal(raw.grey, one.grey)  # white LEDs before a mosaic: as without colour
+
+
+def test_a_mosaic_takes_of_each_channel_what_its_filter_lets_through():
+    planes = shot(RAW | {"colour": {"peak_nm": 630}}, framing="full", dtype=torch.float64).colour
+    raw = shot(RAW | {"colour": {"peak_nm": 630}, "bayer": {}}, framing="full", dtype=torch.float64).grey[
+        :, 0
+    ]
+    filters = {(0, 0): (0, 0.5), (0, 1): (1, 1.0), (1, 0): (1, 1.0), (1, 1): (2, 0.625)}
+    for (row, column), (channel, share) in filters.items():
+        wanted = planes[:, channel, row::2, column::2] * share ** (1 / CAMERA.gamma)
+        torch.testing.assert_close(raw[:, row::2, column::2], wanted)
+    seen = shot(RAW | {"colour": {"peak_nm": 630}, "bayer": {}, "demosaicing": {}}, framing="full")
+    flat = seen.colour[0, :, 4:12, 4:12]
+    torch.testing.assert_close(flat, flat.mean().expand_as(flat))  # daylight stays grey
+    assert float(seen.colour[0, 0].max()) > 1.1 * float(seen.colour[0, 1].max())
+
+
+def test_coded_colour_is_near_pillows():
+    digital = PAPER_EFFECTS | {"colour": {"peak_nm": 630}}
+    plain = shot(digital, framing="full").pixels
+    coded = shot(digital | {"jpeg": {"quality": 85}}, framing="full").pixels
+    for before, after in zip(plain, coded, strict=True):
+        held = io.BytesIO()
+        Image.fromarray(before).save(held, format="JPEG", quality=85)
+        theirs = np.asarray(Image.open(held), dtype=np.float64)
+        assert np.abs(after - theirs).mean() < 0.5
+        assert np.abs(before - theirs).mean() > 0.05  # the coding changes something
+
+
+def test_pictures_on_the_disk_give_the_grey_that_was_read(tmp_path):
+    seen = shot(PAPER_EFFECTS | {"colour": {"peak_nm": 630}}, framing="full")
+    Image.fromarray(seen.pixels[1]).save(tmp_path / "frame.png")
+    (read,) = read_recording(tmp_path / "frame.png", "luma")
+    assert np.array_equal(read.grey, seen.grey[1, 0].numpy())
+    assert seen[1:].pixels.shape == (1, 96, 160, 3)
+
+
+def test_things_of_a_street_are_coloured_and_of_the_same_shapes():
+    """Seen in its luma, a street in colour is the grey one to within rounding and gamma."""
+    street = PAPER_EFFECTS | {"scenery": {}, "clutter": {}}
+    grey, seen = shot(street), shot(street | {"colour": {"white": 1.0}})
+    apart = seen.colour.float().std(dim=1).mean()
+    assert float(apart) > 2
+    assert float((grey.grey.float() - seen.grey.float()).abs().mean()) < 1.5

@@ -1,0 +1,171 @@
+"""LEDs of a colour before a camera of three channels: spectra in broad strokes, and luma."""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.scene import Distribution
+
+CHANNELS = ("red", "green", "blue")
+
+SENSITIVITIES_NM = ((600.0, 35.0), (540.0, 35.0), (460.0, 30.0))
+"""Peak and standard deviation of what each channel sees, as most colour cameras' in broad strokes."""
+
+DAYLIGHT_K = 6500.0
+"""Temperature of the black body that stands for daylight."""
+
+WAVELENGTHS_NM: NDArray[np.float64] = np.arange(360.0, 781.0)
+
+LUMA = (0.299, 0.587, 0.114)
+"""Weights of ITU-R BT.601."""
+
+LUMA_16 = (19595, 38470, 7471)
+"""The same in 65536ths, as Pillow adds whole numbers."""
+
+
+def luminous_efficiency(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The eye's sensitivity V by day, 1 at 555 nm, to within 0.01.
+
+    Source: C. Wyman, P.-P. Sloan and P. Shirley, "Simple analytic approximations to the CIE XYZ color
+    matching functions", J. Comput. Graph. Tech. 2(2), 2013.
+
+    Example:
+        >>> luminous_efficiency(np.array([510.0, 555.0, 610.0])).round(2).tolist()
+        [0.5, 1.0, 0.5]
+    """
+    lobes = (0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)
+    widths = (np.where(wavelength_nm < peak, below, above) for _, peak, below, above in lobes)
+    return sum(
+        height * np.exp(-0.5 * ((wavelength_nm - peak) / width) ** 2)
+        for (height, peak, _, _), width in zip(lobes, widths, strict=True)
+    ) + np.zeros_like(wavelength_nm)
+
+
+@functools.cache
+def channel_shares(peak_nm: float, width_nm: float) -> tuple[float, float, float]:
+    """What red, green and blue see of an LED over what they see of daylight of the same luminance.
+
+    Args:
+        peak_nm: of the LED's light, whose spectrum is a Gaussian.
+        width_nm: full width at half its maximum.
+
+    Example:
+        >>> [round(share, 2) for share in channel_shares(630.0, 20.0)]
+        [3.31, 0.19, 0.0]
+    """
+    nm = WAVELENGTHS_NM
+    led = np.exp(-4 * math.log(2) * ((nm - peak_nm) / width_nm) ** 2)
+    day = nm**-5.0 / np.expm1(1.438777e7 / (nm * DAYLIGHT_K))
+    seen = np.stack([np.exp(-0.5 * ((nm - peak) / sigma) ** 2) for peak, sigma in SENSITIVITIES_NM])
+    eye = luminous_efficiency(nm)
+    red, green, blue = (seen @ led) / (eye @ led) / ((seen @ day) / (eye @ day))
+    return float(red), float(green), float(blue)
+
+
+@dataclass(frozen=True, slots=True)
+class Colour(Effect, on=Quantity.LED_LUMINANCE):
+    """LEDs of one colour, and a camera of three channels, white balanced to daylight.
+
+    Frames then have ``colour``, (B,3,H,W), beside their grey, which is its luma or a channel. A channel sees
+    an LED's light as its sensitivity weighs the LED's spectrum, over daylight's of the same luminance. So
+    what daylight lights is grey in all three, but for what has a colour of its own: photographs of a
+    ``backdrop``, the sky, and drawn things, whose colours are random. Without ``bayer`` each channel has a
+    sensor of its own with noise of its own; with it one mosaic is read, and ``demosaicing`` makes three
+    channels of it.
+
+    A frame and its preambles share the colour. Sampled: the colour is a constant to automatic
+    differentiation, and the light keeps its gradient.
+
+    Source: Gaussian spectra; sensitivities as those of J. Jiang et al., "What is the space of spectral
+    sensitivity functions for digital color cameras?", WACV 2013, in round numbers; daylight as a black body.
+
+    Args:
+        peak_nm: of the LEDs' light, a number or a distribution, 400 to 700; 630 is red, 525 green, 470 blue.
+        width_nm: full width of their spectrum at half its maximum, nm, 5 to 200.
+        white: share of frames whose LEDs are white, 0 to 1.
+        grey: what becomes the frames' grey, which receivers read: ``luma`` (Rec. 601), ``red``, ``green`` or
+            ``blue``.
+
+    Raises:
+        VoccError: a value outside its range, or another word for ``grey``.
+
+    Example:
+        >>> Colour(peak_nm=590).width_nm
+        20.0
+    """
+
+    peak_nm: Distribution | float = within(400, 700, default=630.0)
+    width_nm: float = within(5, 200, default=20.0)
+    white: float = within(0, 1, default=0.0)
+    grey: str = "luma"
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges and the word."""
+        Effect.__post_init__(self)
+        if self.grey not in ("luma", *CHANNELS):
+            rule = f"one of luma, {', '.join(CHANNELS)}"
+            raise VoccError.of(f"scene.effects.{self.name}.grey", repr(self.grey), rule)
+
+    def grey_of(self, seen: Tensor) -> Tensor:
+        """What (B,3,H,W) becomes for receivers, (B,1,H,W)."""
+        if self.grey == "luma":
+            return luma_of(seen)
+        return seen[:, [CHANNELS.index(self.grey)]]
+
+    def shares(self, context: Context) -> Tensor:
+        """What the context's channel sees of each frame's LEDs, (B,); without one, what luma does."""
+        seen = []
+        for generator in context.generators(self.name, of_scene=True):
+            peak, white = self.drawn("peak_nm", generator), generator.random() < self.white
+            each = (1.0, 1.0, 1.0) if white else channel_shares(peak, self.width_nm)
+            luma = sum(weight * share for weight, share in zip(LUMA, each, strict=True))
+            seen.append(luma if context.channel is None else each[context.channel])
+        return torch.tensor(seen, dtype=torch.float64)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Weigh (B,R,C) LED luminance."""
+        return value * self.shares(context).to(value).view(-1, 1, 1)
+
+
+def of_leds(light_cd_m2: Tensor, context: Context) -> Tensor:
+    """Weigh the light of other LEDs of the panel's make, (B,R,C), as the scene's ``colour`` says."""
+    for effect in context.effects:
+        if isinstance(effect, Colour):
+            light_cd_m2 = effect(light_cd_m2, context)
+    return light_cd_m2
+
+
+def luma_of(colour: Tensor) -> Tensor:
+    """Luma of (B,3,H,W), (B,1,H,W): of whole numbers as Pillow has it, to the last bit.
+
+    Example:
+        >>> luma_of(torch.tensor([255, 0, 0], dtype=torch.uint8).view(1, 3, 1, 1)).item()
+        76
+    """
+    if colour.dtype != torch.uint8:
+        return (colour * colour.new_tensor(LUMA).view(3, 1, 1)).sum(dim=1, keepdim=True)
+    weights = torch.tensor(LUMA_16, dtype=torch.int32, device=colour.device).view(3, 1, 1)
+    return ((colour.int() * weights).sum(dim=1, keepdim=True).add_(1 << 15) >> 16).to(torch.uint8)
+
+
+def tints(seed: int, parts: int, channel: int) -> NDArray[np.float64]:
+    """Draw what a channel sees of a thing's parts over their luminance, (parts,): colours of luma 1.
+
+    Example:
+        >>> red, green, blue = (tints(7, 1, channel)[0] for channel in range(3))
+        >>> round(float(0.299 * red + 0.587 * green + 0.114 * blue), 9)
+        1.0
+    """
+    drawn = np.random.Generator(np.random.SFC64(seed)).standard_normal((parts + 1, 3))
+    # One colour for the thing, and a little of its own for each part.
+    colours = np.exp(0.25 * drawn[:1] + 0.1 * drawn[1:])
+    seen: NDArray[np.float64] = colours[:, channel] / (colours @ np.array(LUMA))
+    return seen
