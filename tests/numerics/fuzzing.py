@@ -128,7 +128,7 @@ EFFECTS = {
     kind.name: {
         field.name: _range(field, _TYPICAL[kind.name].get(field.name, field.default))
         for field in fields(kind)
-        if field.init
+        if field.init and field.name != "grey"  # a word
     }
     for kind in PHYSICAL_ORDER
     if kind.name != "backdrop"  # its folder is no number

@@ -14,7 +14,13 @@ from vocc_torch.hardware import Camera
 from vocc_torch.receiver.recording import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Simulator
-from vocc_torch.simulation.effects.colour import Colour, channel_shares, luma_of, luminous_efficiency
+from vocc_torch.simulation.effects.colour import (
+    SENSITIVITIES_NM,
+    Colour,
+    channel_shares,
+    luma_of,
+    luminous_efficiency,
+)
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Scene
 
@@ -55,9 +61,12 @@ def test_shares_are_the_integrals_over_the_spectra(peak_nm, width_nm):
     def over(*parts):
         return integrate.quad(lambda nm: math.prod(part(nm) for part in parts), 360, 780, limit=300)[0]
 
-    for (peak, width), told in zip(((600, 35), (540, 35), (460, 30)), channel_shares(peak_nm, width_nm)):
-        wanted = over(lambda nm: math.exp(-0.5 * ((nm - peak) / width) ** 2), led) / over(eye, led)
-        wanted /= over(lambda nm: math.exp(-0.5 * ((nm - peak) / width) ** 2), day) / over(eye, day)
+    for sensitivity, told in zip(SENSITIVITIES_NM, channel_shares(peak_nm, width_nm), strict=True):
+
+        def seen(nm, sensitivity=sensitivity):
+            return math.exp(-0.5 * ((nm - sensitivity[0]) / sensitivity[1]) ** 2)
+
+        wanted = over(seen, led) / over(eye, led) / (over(seen, day) / over(eye, day))
         assert told == pytest.approx(wanted, rel=2e-3, abs=1e-6)
 
 
