@@ -68,6 +68,19 @@ def test_the_film_is_the_frames_enlarged(sent):
     assert {path.name for path in sent.iterdir()} == {"frames.npy", "film.mp4", "plan.yaml", "config.yaml"}
 
 
+def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(sent, model, tmp_path):
+    words = "scene.distance_m=40", "scene.ambient_lx=8000", "record.fps=170", "record.margin=2"
+    red = "+scene.effects.colour.peak_nm=630"
+    run_task(composed("task=record", f"input='{sent}'", "name=x", *words, red), tmp_path / "red")
+    frames = list(read_recording(tmp_path / "red/recording.mp4", "luma"))
+    brightest = np.stack([frame.colour for frame in frames[:20]]).max(axis=(0, 1, 2))
+    assert int(brightest[0]) > int(brightest[1:].max()) + 50
+    greys = np.load(tmp_path / "red/recording.npy")
+    assert np.abs(greys[5].astype(float) - frames[5].grey).mean() < 3  # the film is compressed
+    receive(tmp_path / "red/recording.mp4", tmp_path / "out", model, "receive.channel=red")
+    assert (tmp_path / "out/message.bin").read_bytes() == TEXT
+
+
 def test_a_file_comes_back_from_the_video(seen, model, tmp_path):
     rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
     assert (tmp_path / "out" / "message.bin").read_bytes() == TEXT

@@ -37,6 +37,7 @@ KINDS = {
         "export.frames=5",
     ),
     "filled": (*SMALL, *CENTRED, "framing=filled", "export.frames=5"),
+    "coloured": ("+scene.effects.colour={peak_nm:[uniform,470,630]}", "export.frames=5"),
 }
 
 
@@ -84,7 +85,8 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
             for frame in range(most):
                 row, image = next(rows), images[frames]
                 picture = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED)
-                assert np.array_equal(picture, seen.grey[frame, 0].numpy())
+                shown = picture if picture.ndim == 2 else picture[..., ::-1]  # blue first, as OpenCV has it
+                assert np.array_equal(shown, seen.pixels[frame])
                 assert (row["seed"], row["point"], row["block"], row["frame"]) == (
                     "0",
                     point,
@@ -100,7 +102,7 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
                 assert {name: float(row[name]) for name in values} == values
                 (annotation,) = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
                 assert image["file_name"] == row["file"]
-                assert (image["height"], image["width"]) == picture.shape
+                assert (image["height"], image["width"]) == picture.shape[:2]
                 assert {name: image[name] for name in values} == values
                 keypoints = np.array(annotation["keypoints"]).reshape(4, 3)
                 assert np.array_equal(keypoints[:, :2], corners_of(row))
