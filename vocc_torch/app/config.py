@@ -188,8 +188,8 @@ def job_folder(name: str, job: int) -> str:
 
 
 NAMES = {
-    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, led_look, "
-    "multiplexing, panel_absent, background_texture, scenery, backdrop, leaves, clutter, lamps, "
+    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, colour, attenuation, "
+    "led_look, multiplexing, panel_absent, background_texture, scenery, backdrop, leaves, clutter, lamps, "
     "second_panel, housing, airlight, occlusion, veiling_glare, motion_blur, defocus, "
     "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
     "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, letterbox, quantization, jpeg",
