@@ -48,7 +48,8 @@ def main() -> None:
                 panels += 1
                 for plane in PLANES:
                     mix = channel_of(receiver, [shown])[0] if plane == "auto" else Mix(plane)
-                    taken[mix.name] += plane == "auto"
+                    if plane == "auto":
+                        taken[mix.name] += 1
                     read = receiver.decode(torch.from_numpy(np.array(mix(shown))[None]))
                     off = (read.corners_px[0] - batch.corners_px[i]).norm(dim=-1).max() / pitch[i]
                     if bool(read.found[0]) and float(off) < 0.25:
