@@ -37,7 +37,8 @@ def main() -> None:
     receiver = vt.train(grey, locator=given.locator, classifier="tag_planes", frames=512)
     print("| LEDs, nm | plane | panels | located | wrong bits of these | of |\n|---|---|---|---|---|---|")
     for peak_nm in LEDS_NM:
-        world = vt.load_scene(given.scene, *words, f"+scene.effects.colour.peak_nm={peak_nm}")
+        colour = f"+scene.effects.colour.peak_nm={peak_nm}"
+        world = vt.load_scene(given.scene, *words, colour, "framing=filled")
         located, wrong, taken, panels = Counter[str](), Counter[str](), Counter[str](), 0
         for batch in vt.simulate(world, given.frames, given.seed, batch=4, point="colour"):
             pitch = torch.stack(cell_size_px(batch.corners_px, world.panel.shape)).amin(0)

@@ -78,7 +78,7 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     what daylight lights is grey in all three, but for what has a colour of its own: photographs of a
     ``backdrop``, the sky, and drawn things, whose colours are random. Without ``bayer`` each channel has a
     sensor of its own with noise of its own; with it one mosaic is read, and ``demosaicing`` makes three
-    channels of it.
+    channels of it. Effects of others after a mosaic, or after JPEG, get the three together, (B,3,H,W).
 
     A frame and its preambles share the colour. Sampled: the colour is a constant to automatic
     differentiation, and the light keeps its gradient.
