@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
@@ -25,18 +25,20 @@ SHIPPED = "learned_locator.json"
 
 _KIND = "learned_locator"
 # Cells that lattices are shifted by, and placings that are kept.
-_REACH, _KEPT = 3, 6
+_REACH, _KEPT, _PLACES = 3, 6, 40
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
+# Of what is around a crop, so much is seen.
+_AROUND_PX = 24
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
 # Weights of the logit, of what two levels explain and of random bits, and a constant: a logistic regression
 # over 285 panels and 1417 other places in simulated frames; and below which less random says no more.
-_EVIDENCE, _LEAST_RANDOM = (1.2, 0.67, 0.54, -2.1), -10.0
+_EVIDENCE, _LEAST_RANDOM, _SHARES = (1.2, 0.67, 0.54, 2.0, -2.1), -20.0, (0.95, 0.995)
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -155,6 +157,9 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     Returns:
         (n,4,2) float64 corners on the sensor, and (n,) logits, the likeliest first.
     """
+    if frame.surround is not None:  # else a crop's grain is taken from the panel
+        grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
+        frame = Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
     scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
     quads, logit = placings(net, scales, spectral_places(scales, shape), shape, _REACH)
     quads, logit = distinct(quads, logit, shape, _KEPT)
@@ -163,33 +168,37 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     quads, logit = placings(net, scales, quads, shape, 1, moved=True)
     quads, logit = distinct(quads, logit, shape, _KEPT, _OVERLAP)
     # Fits are kept where the panel is as likely then: of round spots, or else of two patterns to whole cells.
-    best = (logit > _WORTH_A_FIT).nonzero()[:, 0]
+    best, spots = (logit > _WORTH_A_FIT).nonzero()[:, 0], torch.zeros_like(logit)
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
         here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
-        again = fitted(here, quads[best], shape)
-        left = (again == quads[best]).flatten(1).all(1)
+        again, share = fitted(here, quads[best], shape)
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-        best = best[left]
+        kept = (again == quads[best]).flatten(1).all(1)
+        spots[best] = share.where(kept, 0.0).to(spots)
+        best = best[share == 0]
     if len(best):
         cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _KEPT)
+    quads, logit = distinct(quads, evidence(scales, quads, logit, spots, shape), shape, _KEPT)
     return quads + frame.origin_px, logit.double()
 
 
-def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, shape: PanelShape) -> Tensor:
-    """Log odds (n,) of panels at quadrilaterals: the network's logit, what two levels explain, random bits.
+def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
+    """Log odds (n,) of panels at quadrilaterals.
 
-    Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
-    cells look; that their bits follow a rule is seen in the bits.
+    They are told by the network's logit, by what two patterns of cells explain, by how random the bits look, and
+    by the share of the picture that round spots explain. Lattices of clutter that look most like panels are
+    regular: dots, lettering, grilles. The network sees how cells look; that their bits follow a rule is seen in
+    the bits.
     """
     cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
-    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM)], 1)
-    return told @ told.new_tensor(_EVIDENCE[:3]) + _EVIDENCE[3]
+    round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
+    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM), round_spots], 1)
+    return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
@@ -207,6 +216,7 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     rows = _first_of_each(same)
     cell = lattice_model.corner_cells(shape).to(centre)
     cell = cell - cell.new_tensor([shape.columns // 2, shape.rows // 2]) - 0.5
+    rows = rows[:_PLACES]
     return (centre[rows, None] + cell @ basis[rows].mT).double()
 
 
@@ -281,8 +291,10 @@ def _repeated(frame: Frames, times: int) -> Frames:
     return Frames(grey, origin, frame.sensor_px, surround)
 
 
-def fitted(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
+def fitted(frame: Frames, corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
     """Fit lattices in one frame from good corners (n,4,2); those that explain the picture and stay near.
+
+    Beside corners it gives the share (n,) of the picture that they explain, and 0 where the corners stay.
 
     The background is what is around the panel, or the panel's own dark cells; the better of both stays.
     """
@@ -300,4 +312,4 @@ def fitted(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
     share, which = lattice.share.where(good, 0.0).view(2, many).max(0)
     best = lattice.corners_px.view(2, many, 4, 2)[which, torch.arange(many, device=which.device)]
-    return torch.where((share > 0)[:, None, None], best, corners_px)
+    return torch.where((share > 0)[:, None, None], best, corners_px), share
