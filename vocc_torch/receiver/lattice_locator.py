@@ -16,7 +16,7 @@ from vocc_torch.receiver.location import exact_frames
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 # Candidates that are fitted, in cells of both models, and how alike in place and size two are one.
-_FITTED, _SAME_PLACE, _SAME_SIZE = 20, 0.05, 0.1
+_FITTED, _SAME_PLACE, _SAME_SIZE = 5, 0.05, 0.1
 # A step to a neighbouring place may lose as much of what bits explain, a logarithm.
 _MOST_LOST = 0.5
 # The fit of spots is believed from this share on, and within so many cells of the start; of small panels.

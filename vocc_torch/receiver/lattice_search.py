@@ -23,7 +23,7 @@ PITCHES_PX = (2.9, 7.0)
 _SHEAR, _MOST_CELLS = 0.36, 16
 # How far the pitches along both axes differ, as a logarithm: cells are nearly square, if seen aslant; and
 # pairs of pitches that are kept of a window.
-_MOST_OBLONG, _PAIRS, _FLANK = 0.36, 4, 0.25
+_MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
 # Windows of each level, their least texture for their contrast, and the least that their light is periodic.
 _WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.1, 1.0
 # Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
@@ -263,7 +263,7 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
         offset.append(-angle / (2 * torch.pi))
         strength.append(lines.power[rows, at])
     periodic, ordered = torch.minimum(*strength).sort(descending=True, stable=True)
-    ordered = ordered[periodic >= _LEAST_STRENGTH]
+    ordered = ordered[periodic >= _LEAST_STRENGTH][:_LATTICES]
     basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(torch.float32)
     middle = (basis @ torch.stack(offset, 1)[ordered, :, None])[..., 0]
     rows = rows[ordered]

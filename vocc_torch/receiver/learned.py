@@ -25,9 +25,8 @@ SHIPPED = "learned_locator.json"
 
 _KIND = "learned_locator"
 # Cells that lattices are shifted by, and placings that are kept.
-_REACH, _KEPT, _PLACES = 3, 6, 40
+_REACH, _KEPT = 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
-_SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
@@ -170,8 +169,7 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     # Fits are kept where the panel is as likely then: of round spots, or else of two patterns to whole cells.
     best, spots = (logit > _WORTH_A_FIT).nonzero()[:, 0], torch.zeros_like(logit)
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
-        here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
-        again, share = fitted(here, quads[best], shape)
+        again, share = fitted(scales, quads[best], shape)
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
         kept = (again == quads[best]).flatten(1).all(1)
         spots[best] = share.where(kept, 0.0).to(spots)
@@ -206,18 +204,9 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     guess = lattice_hypotheses(scales, shape)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
-    # Windows side by side see one lattice: those that another has within its reach are left out.
-    own = torch.linalg.inv(basis)
-    steps = (own[:, None] @ (centre - centre[:, None])[..., None])[..., 0]
-    whole = steps.round()
-    bent = (own[:, None] @ basis - torch.eye(2, device=basis.device)).abs().amax((2, 3))
-    same = (bent < _SAME_BASIS) & (whole.abs().amax(2) <= _REACH // 2)
-    same &= (steps - whole).abs().amax(2) < _SAME_PHASE
-    rows = _first_of_each(same)
     cell = lattice_model.corner_cells(shape).to(centre)
     cell = cell - cell.new_tensor([shape.columns // 2, shape.rows // 2]) - 0.5
-    rows = rows[:_PLACES]
-    return (centre[rows, None] + cell @ basis[rows].mT).double()
+    return (centre[:, None] + cell @ basis.mT).double()
 
 
 def placings(
@@ -284,32 +273,34 @@ def _likelier(
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
 
 
-def _repeated(frame: Frames, times: int) -> Frames:
-    """Give one frame as several, without a copy."""
-    surround = None if frame.surround is None else frame.surround.expand(times)
-    grey, origin = frame.grey.expand(times, -1, -1, -1), frame.origin_px.expand(times, -1)
-    return Frames(grey, origin, frame.sensor_px, surround)
+def fitted(scales: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+    """Fit lattices of spots from good corners (n,4,2); those that explain the picture and stay near.
 
+    The background is what is around the panel, or the panel's own dark cells; the better of both stays. Large
+    panels are fitted in halved pictures.
 
-def fitted(frame: Frames, corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
-    """Fit lattices in one frame from good corners (n,4,2); those that explain the picture and stay near.
-
-    Beside corners it gives the share (n,) of the picture that they explain, and 0 where the corners stay.
-
-    The background is what is around the panel, or the panel's own dark cells; the better of both stays.
+    Returns:
+        (n,4,2) corners, and (n,) the share of the picture that they explain, 0 where the corners stay.
     """
-    many = len(corners_px)
-    patches = lattice_model.read_patches(_repeated(frame, many), corners_px, shape, lattice_model.MARGIN)
-    side = lattice_model.SAMPLES
-    dark = patches[:, side:-side, side:-side].flatten(1).quantile(0.1, dim=1).to(torch.float64)
-    patches[:, side:-side, side:-side] = torch.nan
-    ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
-    start, level = torch.cat([corners_px, corners_px]), torch.cat([ring, dark])
-    begun = lattice_model.Lattice.at(start, torch.full_like(level, _BLUR), level, shape)
-    lattice = lattice_fit.fit_lattice(_repeated(frame, 2 * many), begun)
-    cell = torch.maximum(*rectification.cell_size_px(start, shape)).clamp(min=1e-6)
-    moved = (lattice.corners_px - start).norm(dim=2).amax(1) / cell
-    good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
-    share, which = lattice.share.where(good, 0.0).view(2, many).max(0)
-    best = lattice.corners_px.view(2, many, 4, 2)[which, torch.arange(many, device=which.device)]
-    return torch.where((share > 0)[:, None, None], best, corners_px), share
+    found, shares = quads.clone(), quads.new_zeros(len(quads))
+    levels = (Cells.at(scales, quads, shape).level - 1).clamp(min=0)
+    for level in sorted(set(levels.tolist())):
+        rows, plane = (levels == level).nonzero()[:, 0], scales.levels[level]
+        start = quads[rows].repeat(2, 1, 1) / 2.0**level
+        many, size = len(start), (plane.shape[0], plane.shape[1])
+        frames = Frames(plane.expand(many, 1, -1, -1), start.new_zeros(many, 2, dtype=torch.int64), size)
+        patches = lattice_model.read_patches(frames, start, shape, lattice_model.MARGIN)
+        side = lattice_model.SAMPLES
+        dark = patches[: len(rows), side:-side, side:-side].flatten(1).quantile(0.1, dim=1)
+        patches[:, side:-side, side:-side] = torch.nan
+        ring = patches[: len(rows)].flatten(1).nanmedian(1).values
+        background = torch.cat([ring, dark]).double()
+        begun = lattice_model.Lattice.at(start, torch.full_like(background, _BLUR), background, shape)
+        lattice = lattice_fit.fit_lattice(frames, begun)
+        cell = torch.maximum(*rectification.cell_size_px(start, shape)).clamp(min=1e-6)
+        moved = (lattice.corners_px - start).norm(dim=2).amax(1) / cell
+        good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
+        shares[rows], which = lattice.share.where(good, 0.0).view(2, -1).max(0)
+        best = lattice.corners_px.view(2, -1, 4, 2)[which, torch.arange(len(rows), device=which.device)]
+        found[rows] = (best * 2.0**level).where((shares[rows] > 0)[:, None, None], quads[rows])
+    return found, shares
