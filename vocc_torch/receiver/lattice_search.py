@@ -3,7 +3,8 @@
 A panel of random bits has much fine texture along both of its axes, for its contrast. In a window about such
 a place the lattice is a peak in the spectra of the grey values, for LEDs with gaps between them, of the
 absolute differences of neighbours, for LEDs that fill their cells, and of how light bends, for LEDs that run
-into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6 px.
+into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6.5 px, nearly
+the same along both axes: the spectrum of the bits themselves may be stronger along one.
 """
 
 from collections.abc import Callable
@@ -21,8 +22,8 @@ PITCHES_PX = (2.9, 7.0)
 
 # A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
 _SHEAR, _MOST_CELLS = 0.36, 16
-# How far the pitches along both axes differ, as a logarithm: cells are nearly square, if seen aslant; and
-# pairs of pitches that are kept of a window.
+# How far the pitches along both axes differ, as a logarithm; pairs of them that are kept of a window; what
+# power counts that is no peak; and lattices that are kept of a frame.
 _MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
 # Windows of each level, their least texture for their contrast, and the least that their light is periodic.
 _WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.1, 1.0
@@ -195,7 +196,7 @@ class _Lines(NamedTuple):
     """Spectra of n windows along one axis: at each own frequency (F,) the strongest across it.
 
     Args:
-        power: (n,F) over the mean one.
+        power: (n,F) over the mean one, less where it is no peak.
         across: (n,F) int64, which frequency across.
         waves: (P,n,G,F) complex light of P planes over its root of variance.
     """
@@ -217,8 +218,9 @@ class _Lines(NamedTuple):
         power = waves.abs().square().sum(0)
         power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
         power, across = power.max(1)
-        # Random bits have most power at low frequencies; a lattice is a peak, and the lowest one of the band is none.
-        peak = power >= nn.functional.max_pool1d(power[None], 3, 1, 1)[0]
+        # Random bits have most power at low frequencies; a lattice is a peak, and the lowest of all is none.
+        beside = nn.functional.pad(power, (1, 1))
+        peak = (power >= beside[:, :-2]) & (power >= beside[:, 2:])
         peak[:, 0], power[:, 0] = False, 0.0
         return cls(power.where(peak, _FLANK * power), across, waves)
 
@@ -246,9 +248,7 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
         planes[1, ..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
         planes[2, ..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
         planes[2, level > 0] = 0
-        spectra.append(
-            _Lines.of(planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2])
-        )
+        spectra.append(_Lines.of(planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]))
     rows, chosen = _alike([one.power for one in spectra], [banks[0].frequency, banks[2].frequency])
     frequency, offset, strength = [], [], []
     for axis, (lines, at) in enumerate(zip(spectra, chosen, strict=True)):

@@ -35,8 +35,9 @@ _PARTS_PER_PX = 1024.0
 _AROUND_PX = 24
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
-# Weights of the logit, of what two levels explain and of random bits, and a constant: a logistic regression
-# over 285 panels and 1417 other places in simulated frames; and below which less random says no more.
+# Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
+# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; below which
+# less random says no more; and the shares of the picture from which on, and up to which, spots say more.
 _EVIDENCE, _LEAST_RANDOM, _SHARES = (1.2, 0.67, 0.54, 2.0, -2.1), -20.0, (0.95, 0.995)
 
 
@@ -77,7 +78,8 @@ class LearnedLocator:
       cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
     - Fits: of up to 16 x 16 LEDs by round spots, and where these explain too little by two patterns of cells;
       kept where the placing stays as likely.
-    - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
+    - Evidence: the network's logit, what two levels of light and round spots explain, and how random the bits
+      look.
 
     The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
     frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-evidence)). Of weights
@@ -170,7 +172,8 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     best, spots = (logit > _WORTH_A_FIT).nonzero()[:, 0], torch.zeros_like(logit)
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
         again, share = fitted(scales, quads[best], shape)
-        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
+        sure = share > _SHARES[0]
+        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
         kept = (again == quads[best]).flatten(1).all(1)
         spots[best] = share.where(kept, 0.0).to(spots)
         best = best[share == 0]
@@ -178,18 +181,18 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
-        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
+        sure = torch.zeros_like(best, dtype=torch.bool)
+        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
     quads, logit = distinct(quads, evidence(scales, quads, logit, spots, shape), shape, _KEPT)
     return quads + frame.origin_px, logit.double()
 
 
 def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
-    """Log odds (n,) of panels at quadrilaterals.
+    """Log odds (n,) of panels at quadrilaterals, by the logit, two levels, random bits and round spots.
 
-    They are told by the network's logit, by what two patterns of cells explain, by how random the bits look, and
-    by the share of the picture that round spots explain. Lattices of clutter that look most like panels are
-    regular: dots, lettering, grilles. The network sees how cells look; that their bits follow a rule is seen in
-    the bits.
+    Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
+    cells look; that their bits follow a rule is seen in the bits. ``spots`` (n,) is the share of the picture
+    that round spots of two levels explain; hardly any clutter is so well explained.
     """
     cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
@@ -263,13 +266,20 @@ def _first_of_each(same: Tensor) -> list[int]:
 
 
 def _likelier(
-    net: PanelNet, scales: Pyramid, before: tuple[Tensor, Tensor], again: Tensor, shape: PanelShape
+    net: PanelNet,
+    scales: Pyramid,
+    before: tuple[Tensor, Tensor],
+    again: Tensor,
+    shape: PanelShape,
+    sure: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """Take the corners of a fit where it left the panel about as likely, with its logit."""
+    """Take the corners of a fit that is ``sure`` (n,), or left the panel about as likely, with its logit."""
     safe = torch.where(again.isfinite(), again, before[0])
     _, logit = placings(net, scales, safe, shape, 0)
     cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
-    good = (logit > before[1] - _MOST_LOST) & ((safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell)
+    good = ((logit > before[1] - _MOST_LOST) | sure) & (
+        (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
+    )
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
 
 
