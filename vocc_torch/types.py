@@ -270,7 +270,11 @@ class Frames:
     def __getitem__(self, rows: slice | Tensor) -> "Frames":
         """Take a slice of the frames, or those of an index or a bool mask."""
         surround = None if self.surround is None else self.surround[rows]
-        return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround)
+        origin_px = self.origin_px[rows]
+        # One frame that is seen several times is not copied.
+        again = len(self) > 1 and self.grey.stride(0) == 0
+        grey = self.grey[:1].expand(len(origin_px), -1, -1, -1) if again else self.grey[rows]
+        return Frames(grey, origin_px, self.sensor_px, surround)
 
 
 Images = Frames | Tensor | NDArray[np.uint8]

@@ -148,9 +148,9 @@ def _sharpened(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Fit the lattice of spots from corners (n,4,2) px of one frame, where spots they are."""
     if not len(corners_px) or max(shape.rows, shape.columns) > _MOST_LEDS:
         return corners_px
-    frames = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)[
-        torch.zeros(len(corners_px), dtype=torch.int64, device=corners_px.device)
-    ]
+    many = len(corners_px)
+    origin_px = torch.zeros_like(frame.origin_px).expand(many, -1)
+    frames = Frames(frame.grey.expand(many, -1, -1, -1), origin_px, frame.sensor_px)
     patches = lattice_model.read_patches(frames, corners_px, shape, 2)
     level, _ = ring_statistics(patches[:, None])
     blur = torch.full_like(corners_px[:, 0, 0], _BLUR_CELLS)
