@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from importlib import resources
 
 import numpy as np
@@ -76,6 +77,24 @@ def test_what_is_found_does_not_depend_on_the_batch(noisy):
         assert (alone.corners_px[0] - together.corners_px[i]).abs().max() < 1e-2
 
 
+def test_small_panels_of_the_paper_are_found_in_crops_and_in_whole_frames():
+    """Light of LEDs runs together there, and along an axis the bits have more power than the lattice."""
+    draw, shape = np.random.default_rng(5), (8,)
+    camera = Camera(width_px=160, height_px=120, sensor_width_mm=160 * 13.2 / 1920)
+    scene = replace(
+        Scene.of(*shape, ambient_lx=4000.0), distance_m=torch.tensor([60.0, 70.0]).double().repeat(4)
+    )
+    bits = torch.from_numpy(draw.random((*shape, 8, 8)) < 0.5)
+    told = {}
+    for framing in ("crop", "filled"):
+        simulator = Simulator(camera, framing=framing)
+        told[framing] = LearnedLocator()(simulator.render(scene, bits), SHAPE)
+        off = (told[framing].corners_px - simulator.true_panels(scene).corners_px).abs().amax((1, 2))
+        assert bool(told[framing].found.all())
+        assert bool((off < 0.25 * 3).all())
+    assert (told["crop"].corners_px - told["filled"].corners_px).abs().max() < 0.1
+
+
 @pytest.mark.parametrize("level", [0, 90, 255])
 def test_nothing_is_found_where_nothing_is(level):
     panels = LearnedLocator()(torch.full((2, 96, 128), level, dtype=torch.uint8), SHAPE)
@@ -128,9 +147,14 @@ def test_dots_by_a_rule_are_less_evidence_than_random_bits():
         spot[1:5, 1:5] = 150.0
         grey[0, 0, 20:68, 30:78] += torch.kron(bits.float(), spot)
         quad = torch.tensor([[[30.0, 20.0], [78.0, 20.0], [78.0, 68.0], [30.0, 68.0]]]).double()
-        told.append(float(evidence(Pyramid.of(grey, 12), quad, torch.tensor([5.0]), SHAPE)))
-    assert told[0] > 5
-    assert told[1] < told[0] - 4
+        scales, logit = Pyramid.of(grey, 12), torch.tensor([5.0])
+        told.append(
+            [float(evidence(scales, quad, logit, torch.tensor([one]), SHAPE)) for one in (0.0, 0.9, 0.99)]
+        )
+    (none, few, most), (ruled, *_) = told
+    assert none > 5
+    assert few == none < most - 2
+    assert ruled < none - 8
 
 
 def test_of_panels_that_overlap_the_likeliest_is_kept():

@@ -16,7 +16,7 @@ from vocc_torch.receiver.location import exact_frames
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 # Candidates that are fitted, in cells of both models, and how alike in place and size two are one.
-_FITTED, _SAME_PLACE, _SAME_SIZE = 20, 0.05, 0.1
+_FITTED, _SAME_PLACE, _SAME_SIZE = 5, 0.05, 0.1
 # A step to a neighbouring place may lose as much of what bits explain, a logarithm.
 _MOST_LOST = 0.5
 # The fit of spots is believed from this share on, and within so many cells of the start; of small panels.
@@ -148,9 +148,9 @@ def _sharpened(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Fit the lattice of spots from corners (n,4,2) px of one frame, where spots they are."""
     if not len(corners_px) or max(shape.rows, shape.columns) > _MOST_LEDS:
         return corners_px
-    frames = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)[
-        torch.zeros(len(corners_px), dtype=torch.int64, device=corners_px.device)
-    ]
+    many = len(corners_px)
+    origin_px = torch.zeros_like(frame.origin_px).expand(many, -1)
+    frames = Frames(frame.grey.expand(many, -1, -1, -1), origin_px, frame.sensor_px)
     patches = lattice_model.read_patches(frames, corners_px, shape, 2)
     level, _ = ring_statistics(patches[:, None])
     blur = torch.full_like(corners_px[:, 0, 0], _BLUR_CELLS)

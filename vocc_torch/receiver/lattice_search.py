@@ -3,7 +3,8 @@
 A panel of random bits has much fine texture along both of its axes, for its contrast. In a window about such
 a place the lattice is a peak in the spectra of the grey values, for LEDs with gaps between them, of the
 absolute differences of neighbours, for LEDs that fill their cells, and of how light bends, for LEDs that run
-into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6 px.
+into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6.5 px, nearly
+the same along both axes: the spectrum of the bits themselves may be stronger along one.
 """
 
 from collections.abc import Callable
@@ -16,13 +17,16 @@ from torch import Tensor, nn
 
 from vocc_torch.types import Batched, PanelShape
 
-PITCHES_PX = (2.9, 6.3)
+PITCHES_PX = (2.9, 7.0)
 """Pitches that are searched on one level of the pyramid, px."""
 
 # A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
 _SHEAR, _MOST_CELLS = 0.36, 16
+# How far the pitches along both axes differ, as a logarithm; pairs of them that are kept of a window; what
+# power counts that is no peak; and lattices that are kept of a frame.
+_MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
 # Windows of each level, their least texture for their contrast, and the least that their light is periodic.
-_WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.14, 4.0
+_WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.1, 1.0
 # Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
 # than this deviation counts less, DN.
 _BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
@@ -188,26 +192,37 @@ def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tu
     return side, (tapers[1][:, None] * tapers[0]).to(device, torch.float32), tuple(banks)
 
 
-def _peak(planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Find the greatest power of P planes (P,n,S,S) of windows, along x for its own frequency.
+class _Lines(NamedTuple):
+    """Spectra of n windows along one axis: at each own frequency (F,) the strongest across it.
 
-    Returns:
-        (n,) own and other frequency; (P,n) complex light there over its root of variance; (n,) power over
-        the mean one.
+    Args:
+        power: (n,F) over the mean one, less where it is no peak.
+        across: (n,F) int64, which frequency across.
+        waves: (P,n,G,F) complex light of P planes over its root of variance.
     """
-    planes = planes - (planes * taper).sum((2, 3), keepdim=True) / taper.sum()
-    flat = (planes * taper).square().sum((2, 3)) + 4.0 * taper.square().sum()
-    # Real pictures by real waves, which come as pairs of real and imaginary parts.
-    lines = planes @ torch.view_as_real(own.wave).permute(1, 0, 2).flatten(1)
-    pairs = lines.view(*lines.shape[:3], len(own.frequency), 2)
-    waves = other.wave @ torch.view_as_complex(pairs)
-    waves = waves / flat.sqrt()[..., None, None]
-    power = waves.abs().square().sum(0)
-    power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
-    value, place = power.flatten(1).max(1)
-    there = waves.flatten(2).gather(2, place[None, :, None].expand(len(waves), -1, -1))[..., 0]
-    many = len(own.frequency)
-    return own.frequency[place % many], other.frequency[place // many], there, value
+
+    power: Tensor
+    across: Tensor
+    waves: Tensor
+
+    @classmethod
+    def of(cls, planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> "_Lines":
+        """Look along x of planes (P,n,S,S)."""
+        planes = planes - (planes * taper).sum((2, 3), keepdim=True) / taper.sum()
+        flat = (planes * taper).square().sum((2, 3)) + 4.0 * taper.square().sum()
+        # Real pictures by real waves, which come as pairs of real and imaginary parts.
+        lines = planes @ torch.view_as_real(own.wave).permute(1, 0, 2).flatten(1)
+        pairs = lines.view(*lines.shape[:3], len(own.frequency), 2)
+        waves = other.wave @ torch.view_as_complex(pairs)
+        waves = waves / flat.sqrt()[..., None, None]
+        power = waves.abs().square().sum(0)
+        power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
+        power, across = power.max(1)
+        # Random bits have most power at low frequencies; a lattice is a peak, and the lowest of all is none.
+        beside = nn.functional.pad(power, (1, 1))
+        peak = (power >= beside[:, :-2]) & (power >= beside[:, 2:])
+        peak[:, 0], power[:, 0] = False, 0.0
+        return cls(power.where(peak, _FLANK * power), across, waves)
 
 
 def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
@@ -223,7 +238,7 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     y = centre[:, 1:] + (place.repeat_interleave(side) * step[:, None])
     windows = pyramid.read(level, x, y).view(-1, side, side)
     plain = windows - _boxes(windows, (_LOCAL, _LOCAL), torch.add) / _LOCAL**2
-    frequency, offset, strength = [], [], []
+    spectra = []
     for axis in (0, 1):
         seen, own = (one.mT if axis else one for one in (windows, plain))
         # Light of LEDs that run into one another bends in their middles, whatever their bits; on halved
@@ -233,21 +248,43 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
         planes[1, ..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
         planes[2, ..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
         planes[2, level > 0] = 0
-        along, across, there, value = _peak(
-            planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]
-        )
-        frequency.append(torch.stack([across, along] if axis else [along, across], 1))
+        spectra.append(_Lines.of(planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]))
+    rows, chosen = _alike([one.power for one in spectra], [banks[0].frequency, banks[2].frequency])
+    frequency, offset, strength = [], [], []
+    for axis, (lines, at) in enumerate(zip(spectra, chosen, strict=True)):
+        across = lines.across[rows, at]
+        own, other = banks[2 * axis].frequency[at], banks[2 * axis + 1].frequency[across]
+        frequency.append(torch.stack([other, own] if axis else [own, other], 1))
         # A wave cos(2 pi (f x) + angle) is greatest at f x = -angle / 2 pi: of grey values in the middle of
         # a cell, of differences on its border.
+        there = lines.waves[:, rows, across, at]
         strongest = there.abs().argmax(0)
         angle = there.gather(0, strongest[None])[0].angle() + torch.pi * (strongest == 1)
         offset.append(-angle / (2 * torch.pi))
-        strength.append(value)
+        strength.append(lines.power[rows, at])
     periodic, ordered = torch.minimum(*strength).sort(descending=True, stable=True)
-    rows = ordered[periodic >= _LEAST_STRENGTH]
-    basis = torch.linalg.inv(torch.stack(frequency, 1)[rows].to(torch.float64)).to(torch.float32)
-    middle = (basis @ torch.stack(offset, 1)[rows, :, None])[..., 0]
+    ordered = ordered[periodic >= _LEAST_STRENGTH][:_LATTICES]
+    basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(torch.float32)
+    middle = (basis @ torch.stack(offset, 1)[ordered, :, None])[..., 0]
+    rows = rows[ordered]
     size = step[rows, None]
     return Hypotheses(
-        level[rows], centre[rows] + middle * size, basis * size[..., None], torch.minimum(*strength)[rows]
+        level[rows],
+        centre[rows] + middle * size,
+        basis * size[..., None],
+        torch.minimum(*strength)[ordered],
     )
+
+
+def _alike(powers: list[Tensor], frequencies: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
+    """Choose own frequencies for both axes by powers (n,F): windows (m,), and which along x and y (m,) each.
+
+    Cells are nearly square. Of such pairs the strongest few are taken: random bits may be stronger somewhere
+    than the lattice that shows them.
+    """
+    apart = (frequencies[0][:, None] / frequencies[1]).log().abs()
+    both = powers[0][:, :, None] * powers[1][:, None] * (apart < _MOST_OBLONG)
+    value, place = both.flatten(1).topk(_PAIRS)
+    rows, which = (value > 0).nonzero().unbind(1)
+    many, place = len(frequencies[1]), place[rows, which]
+    return rows, [place // many, place % many]

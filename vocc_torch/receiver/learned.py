@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
@@ -27,16 +27,18 @@ _KIND = "learned_locator"
 # Cells that lattices are shifted by, and placings that are kept.
 _REACH, _KEPT = 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
-_SAME_BASIS, _SAME_PHASE = 0.04, 0.2
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
+# Of what is around a crop, so much is seen.
+_AROUND_PX = 24
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
-# Weights of the logit, of what two levels explain and of random bits, and a constant: a logistic regression
-# over 285 panels and 1417 other places in simulated frames; and below which less random says no more.
-_EVIDENCE, _LEAST_RANDOM = (1.2, 0.67, 0.54, -2.1), -10.0
+# Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
+# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; below which
+# less random says no more; and the shares of the picture from which on, and up to which, spots say more.
+_EVIDENCE, _LEAST_RANDOM, _SHARES = (1.2, 0.67, 0.54, 2.0, -2.1), -20.0, (0.95, 0.995)
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -76,7 +78,8 @@ class LearnedLocator:
       cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
     - Fits: of up to 16 x 16 LEDs by round spots, and where these explain too little by two patterns of cells;
       kept where the placing stays as likely.
-    - Evidence: the network's logit, what two levels of light explain, and how random the bits look.
+    - Evidence: the network's logit, what two levels of light and round spots explain, and how random the bits
+      look.
 
     The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
     frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-evidence)). Of weights
@@ -155,6 +158,9 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     Returns:
         (n,4,2) float64 corners on the sensor, and (n,) logits, the likeliest first.
     """
+    if frame.surround is not None:  # else a crop's grain is taken from the panel
+        grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
+        frame = Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
     scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
     quads, logit = placings(net, scales, spectral_places(scales, shape), shape, _REACH)
     quads, logit = distinct(quads, logit, shape, _KEPT)
@@ -163,33 +169,37 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     quads, logit = placings(net, scales, quads, shape, 1, moved=True)
     quads, logit = distinct(quads, logit, shape, _KEPT, _OVERLAP)
     # Fits are kept where the panel is as likely then: of round spots, or else of two patterns to whole cells.
-    best = (logit > _WORTH_A_FIT).nonzero()[:, 0]
+    best, spots = (logit > _WORTH_A_FIT).nonzero()[:, 0], torch.zeros_like(logit)
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
-        here = Frames(frame.grey, torch.zeros_like(frame.origin_px), frame.sensor_px)
-        again = fitted(here, quads[best], shape)
-        left = (again == quads[best]).flatten(1).all(1)
-        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-        best = best[left]
+        again, share = fitted(scales, quads[best], shape)
+        sure = share > _SHARES[0]
+        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
+        kept = (again == quads[best]).flatten(1).all(1)
+        spots[best] = share.where(kept, 0.0).to(spots)
+        best = best[share == 0]
     if len(best):
         cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
-        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape)
-    quads, logit = distinct(quads, evidence(scales, quads, logit, shape), shape, _KEPT)
+        sure = torch.zeros_like(best, dtype=torch.bool)
+        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
+    quads, logit = distinct(quads, evidence(scales, quads, logit, spots, shape), shape, _KEPT)
     return quads + frame.origin_px, logit.double()
 
 
-def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, shape: PanelShape) -> Tensor:
-    """Log odds (n,) of panels at quadrilaterals: the network's logit, what two levels explain, random bits.
+def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
+    """Log odds (n,) of panels at quadrilaterals, by the logit, two levels, random bits and round spots.
 
     Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
-    cells look; that their bits follow a rule is seen in the bits.
+    cells look; that their bits follow a rule is seen in the bits. ``spots`` (n,) is the share of the picture
+    that round spots of two levels explain; hardly any clutter is so well explained.
     """
     cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
-    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM)], 1)
-    return told @ told.new_tensor(_EVIDENCE[:3]) + _EVIDENCE[3]
+    round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
+    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM), round_spots], 1)
+    return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
@@ -197,17 +207,9 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     guess = lattice_hypotheses(scales, shape)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
-    # Windows side by side see one lattice: those that another has within its reach are left out.
-    own = torch.linalg.inv(basis)
-    steps = (own[:, None] @ (centre - centre[:, None])[..., None])[..., 0]
-    whole = steps.round()
-    bent = (own[:, None] @ basis - torch.eye(2, device=basis.device)).abs().amax((2, 3))
-    same = (bent < _SAME_BASIS) & (whole.abs().amax(2) <= _REACH // 2)
-    same &= (steps - whole).abs().amax(2) < _SAME_PHASE
-    rows = _first_of_each(same)
     cell = lattice_model.corner_cells(shape).to(centre)
     cell = cell - cell.new_tensor([shape.columns // 2, shape.rows // 2]) - 0.5
-    return (centre[rows, None] + cell @ basis[rows].mT).double()
+    return (centre[:, None] + cell @ basis.mT).double()
 
 
 def placings(
@@ -264,40 +266,51 @@ def _first_of_each(same: Tensor) -> list[int]:
 
 
 def _likelier(
-    net: PanelNet, scales: Pyramid, before: tuple[Tensor, Tensor], again: Tensor, shape: PanelShape
+    net: PanelNet,
+    scales: Pyramid,
+    before: tuple[Tensor, Tensor],
+    again: Tensor,
+    shape: PanelShape,
+    sure: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """Take the corners of a fit where it left the panel about as likely, with its logit."""
+    """Take the corners of a fit that is ``sure`` (n,), or left the panel about as likely, with its logit."""
     safe = torch.where(again.isfinite(), again, before[0])
     _, logit = placings(net, scales, safe, shape, 0)
     cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
-    good = (logit > before[1] - _MOST_LOST) & ((safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell)
+    good = ((logit > before[1] - _MOST_LOST) | sure) & (
+        (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
+    )
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
 
 
-def _repeated(frame: Frames, times: int) -> Frames:
-    """Give one frame as several, without a copy."""
-    surround = None if frame.surround is None else frame.surround.expand(times)
-    grey, origin = frame.grey.expand(times, -1, -1, -1), frame.origin_px.expand(times, -1)
-    return Frames(grey, origin, frame.sensor_px, surround)
+def fitted(scales: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+    """Fit lattices of spots from good corners (n,4,2); those that explain the picture and stay near.
 
+    The background is what is around the panel, or the panel's own dark cells; the better of both stays. Large
+    panels are fitted in halved pictures.
 
-def fitted(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
-    """Fit lattices in one frame from good corners (n,4,2); those that explain the picture and stay near.
-
-    The background is what is around the panel, or the panel's own dark cells; the better of both stays.
+    Returns:
+        (n,4,2) corners, and (n,) the share of the picture that they explain, 0 where the corners stay.
     """
-    many = len(corners_px)
-    patches = lattice_model.read_patches(_repeated(frame, many), corners_px, shape, lattice_model.MARGIN)
-    side = lattice_model.SAMPLES
-    dark = patches[:, side:-side, side:-side].flatten(1).quantile(0.1, dim=1).to(torch.float64)
-    patches[:, side:-side, side:-side] = torch.nan
-    ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
-    start, level = torch.cat([corners_px, corners_px]), torch.cat([ring, dark])
-    begun = lattice_model.Lattice.at(start, torch.full_like(level, _BLUR), level, shape)
-    lattice = lattice_fit.fit_lattice(_repeated(frame, 2 * many), begun)
-    cell = torch.maximum(*rectification.cell_size_px(start, shape)).clamp(min=1e-6)
-    moved = (lattice.corners_px - start).norm(dim=2).amax(1) / cell
-    good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
-    share, which = lattice.share.where(good, 0.0).view(2, many).max(0)
-    best = lattice.corners_px.view(2, many, 4, 2)[which, torch.arange(many, device=which.device)]
-    return torch.where((share > 0)[:, None, None], best, corners_px)
+    found, shares = quads.clone(), quads.new_zeros(len(quads))
+    levels = (Cells.at(scales, quads, shape).level - 1).clamp(min=0)
+    for level in sorted(set(levels.tolist())):
+        rows, plane = (levels == level).nonzero()[:, 0], scales.levels[level]
+        start = quads[rows].repeat(2, 1, 1) / 2.0**level
+        many, size = len(start), (plane.shape[0], plane.shape[1])
+        frames = Frames(plane.expand(many, 1, -1, -1), start.new_zeros(many, 2, dtype=torch.int64), size)
+        patches = lattice_model.read_patches(frames, start, shape, lattice_model.MARGIN)
+        side = lattice_model.SAMPLES
+        dark = patches[: len(rows), side:-side, side:-side].flatten(1).quantile(0.1, dim=1)
+        patches[:, side:-side, side:-side] = torch.nan
+        ring = patches[: len(rows)].flatten(1).nanmedian(1).values
+        background = torch.cat([ring, dark]).double()
+        begun = lattice_model.Lattice.at(start, torch.full_like(background, _BLUR), background, shape)
+        lattice = lattice_fit.fit_lattice(frames, begun)
+        cell = torch.maximum(*rectification.cell_size_px(start, shape)).clamp(min=1e-6)
+        moved = (lattice.corners_px - start).norm(dim=2).amax(1) / cell
+        good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
+        shares[rows], which = lattice.share.where(good, 0.0).view(2, -1).max(0)
+        best = lattice.corners_px.view(2, -1, 4, 2)[which, torch.arange(len(rows), device=which.device)]
+        found[rows] = (best * 2.0**level).where((shares[rows] > 0)[:, None, None], quads[rows])
+    return found, shares
