@@ -52,11 +52,13 @@ def learned(scene):
     return receiver
 
 
-def carried(scene, distance, fps, message, fault="", effects=(), cut=None, window=1.5, code="rs", **faults):
+def carried(
+    scene, distance, fps, message, fault="", effects=(), cut=None, window=1.5, code="rs", repeats=1, **faults
+):
     """A row: a message through a recording that is received as it is rendered."""
     options, world, key = Signalling(code=code), load_scene(scene, *effects), BlockKey(16, "messages", 0)
     plan = MessagePlan(SHAPE, options)
-    film = film_of(message, plan)
+    film = np.tile(film_of(message, plan), (repeats, 1, 1))
     drawn = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
     front, reception, assembly = Front(learned(scene)), Reception(plan), Assembly()
     shutter = Shutter(fps, 0.0037, 0.004, **faults)
@@ -110,9 +112,13 @@ def long(done, rates=(150, 240)):
     text = np.random.default_rng(16).bytes(100_000)
     far = [(150, scene, 130, 2_000) for scene in ("night", "dashcam") if 150 in rates]
     cells = product(rates, ("night", "dashcam"), (70, 50, 30), (100_000,))
-    for fps, scene, distance, size in [*far, *cells]:
-        if (scene, str(distance), str(fps), str(size)) not in done:
-            yield carried(scene, distance, fps, text[:size], window=1.0)
+    rows = [(*one, "", {}) for one in (*far, *cells)]
+    if 150 in rates:  # what is meant for the cell that loses packets
+        more = (("ldpc", {"code": "ldpc"}), ("shown twice", {"repeats": 2}))
+        rows += [(150, "dashcam", 70, 100_000, *one) for one in more]
+    for fps, scene, distance, size, told, options in rows:
+        if (scene, str(distance), str(fps), told, str(size)) not in done:
+            yield carried(scene, distance, fps, text[:size], told, window=1.0, **options)
 
 
 def faults():
@@ -371,7 +377,7 @@ if __name__ == "__main__":
             writer = csv.writer(out, lineterminator="\n")
             if not done:
                 writer.writerow(head)
-            for row in rows({(*one[:3], one[4]) for one in done}) if "long" in name else rows():
+            for row in rows({(*one[:5],) for one in done}) if "long" in name else rows():
                 writer.writerow(row)
                 out.flush()
                 print(*row, flush=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded, Receiver
-from vocc_torch.receiver.track import Tracker
+from vocc_torch.receiver.track import Tracker, settled
 from vocc_torch.types import Frames, Panels
 
 REMEMBERED = 5
@@ -19,6 +19,9 @@ MOVED_CELLS, STEADY, CORNERS = 0.1, 0.2, 3
 """A panel moves of which so many corners are farther than that from where the first of the remembered looks
 saw them, and came nearer to there in each step, by so much of its share: errors of location go to and fro,
 and a single look that errs makes one step."""
+
+WHOLE = 32
+"""One look of so many is at the whole frame, the others are where the panel was last."""
 
 AROUND, LEAST_AROUND_PX = 0.5, 16
 """Share of the panel's extent, and px beside, that are read around it."""
@@ -36,7 +39,7 @@ class Front:
     Args:
         receiver: decides the bits; its locator finds the panel.
         locate_every: look for the panel in each so manieth frame, and take the median of the last places in
-            those between; at least 1.
+            those between; at least 1. Most looks are where it was last, and at the whole frame if it is not.
         soft: ``calibrated`` (log-likelihood ratios), ``scores`` (the receiver's own, to a common scale) or
             ``hard`` (bits).
         follow: ``true``: a tracker follows the panel from frame to frame; ``auto``: from where it is seen to
@@ -62,6 +65,7 @@ class Front:
         self._places: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._looks: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
+        self._lattice: tuple[float, float] | None = None  # blur, and what it explains of the picture
 
     def __call__(self, greys: Sequence[NDArray[np.uint8]]) -> NDArray[np.float32]:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
@@ -134,17 +138,23 @@ class Front:
 
     def _looked_up(self, greys: Sequence[NDArray[np.uint8]], first: int) -> torch.Tensor:
         """Look for the panel now and then, and take the median place between."""
-        due = [(first + row) % self.locate_every == 0 for row in range(len(greys))]
-        new = 0 if self._places else REMEMBERED
-        found = self._found(greys, [row for row in range(len(greys)) if due[row] or row < new])
-        if new:  # there is nothing to go by before the first place: each of those frames is searched
-            before = range(new, min(found, default=len(greys)))
-            found |= self._found(greys, [row for row in before if not due[row]])
+        due = [row for row in range(len(greys)) if (first + row) % self.locate_every == 0]
+        if self.corners_px is None:
+            found = self._found(greys, sorted({*due, *range(min(REMEMBERED, len(greys)))}))
+            # There is nothing to go by before the first place: each of those frames is searched.
+            before = range(REMEMBERED, min(found, default=len(greys)))
+            found |= self._found(greys, [row for row in before if row not in due])
+        else:
+            whole = [row for row in due if (first + row) % (WHOLE * self.locate_every) == 0]
+            found = self._found(greys, whole)
+            rest = [row for row in due if row not in whole]
+            found |= self._found_near(greys, rest)
+            found |= self._found(greys, [row for row in rest if row not in found])
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
         for row in range(len(greys)):
             if row in found:
                 self._places.append(found[row])
-                self._looks += [found[row]] * due[row]
+                self._looks += [found[row]] * (row in due)
                 self.corners_px = torch.stack([*self._places]).median(dim=0).values
             if self.corners_px is not None:
                 corners[row] = self.corners_px
@@ -160,6 +170,27 @@ class Front:
         places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
         found = {row: place.double() for row, place, there in places if there}
         self.looked += len(rows)
+        self.found += len(found)
+        for row, place in found.items():
+            if there := settled(greys[row], place.numpy(), self.receiver.shape):
+                found[row], self._lattice = torch.from_numpy(there[0]), there[1:]
+        return found
+
+    def _found_near(self, greys: Sequence[NDArray[np.uint8]], rows: list[int]) -> dict[int, torch.Tensor]:
+        """Look for the panel where it was last, and give its corners where it is still."""
+        found: dict[int, torch.Tensor] = {}
+        if self._lattice is None:
+            return found
+        places = deque(self._places, maxlen=REMEMBERED)
+        for row in rows:
+            # The last place follows a panel that moves; the median one does not stray in noise.
+            starts = places[-1], torch.stack([*places]).median(dim=0).values
+            fits = [settled(greys[row], one.numpy(), self.receiver.shape, self._lattice) for one in starts]
+            if any(fits):
+                best = max(filter(None, fits), key=lambda one: one[2])
+                places.append(torch.from_numpy(best[0]))
+                found[row] = places[-1]
+        self.looked += len(found)
         self.found += len(found)
         return found
 
