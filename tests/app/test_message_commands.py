@@ -143,6 +143,10 @@ def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path,
             "task=messages messages.distance_m=[] messages.ambient_lx=[] messages.ratio=[]",
             "messages varies n",
         ),
+        ("task=messages messages.record.dropped=2", "messages.record.dropped is 2: it must be at least 0"),
+        ("task=messages messages.signalling.bands=0", "messages.signalling.bands is 0: it must be"),
+        ("task=messages messages.codes=[rs-.0]", "messages.codes has 'rs-.0': it must be none, or rs or"),
+        ("task=record record.dropped=2", "record.dropped is 2: it must be at least 0"),
         (
             "task=messages messages.signalling.code=rs",
             "messages.signalling.code is rs: task=messages does no",
@@ -183,6 +187,19 @@ SMALL = (
     *("messages.ambient_lx=[]", "messages.soft=[scores,hard]", "messages.interleave=[true,false]"),
     *("messages.at_ratio=1.5", "experiment.training={distance_m:[uniform,30,70]}", "batch_frames=32"),
 )
+
+
+def test_a_recording_that_loses_all_its_frames_loses_its_packets_and_the_study_goes_on(tmp_path):
+    """Recordings of fewer than 150 frames, and runs of 300: a recording is lost, or begins or ends in a run."""
+    words = "receiver.names=[flda_3]", "messages.soft=[scores]", "messages.interleave=[true]"
+    words += "messages.codes=[none]", "messages.distance_m=[40]", "messages.record.burst_frames=300"
+    run_task(composed(*SMALL, *words, "messages.record.dropped=0.7", "messages.recordings=4"), tmp_path / "a")
+    (row,) = rows_of(tmp_path / "a" / "messages.csv")
+    assert 0 < int(row["lost"]) < int(row["packets"])
+    assert float(row["raw_ber"]) < 0.01
+    run_task(composed(*SMALL, *words, "messages.record.dropped=0.999"), tmp_path / "b")
+    (row,) = rows_of(tmp_path / "b" / "messages.csv")
+    assert (row["lost"], row["raw_ber"], row["frames"]) == (row["packets"], "", "0")
 
 
 @pytest.mark.slow

@@ -57,10 +57,12 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
                 rule = "a list of texts, as in [a,b]" if texts else "a list of numbers, as in [1,2]"
                 raise VoccError.of(key, shown(value), rule)
         typed = OmegaConf.merge(schema(), plain)  # what interpolations brought has a type too
-        for place in ("rivals.experiments", "figures.experiments"):
-            for name, one in OmegaConf.select(typed, place).items():
-                with section(f"{place}.{name}", before="experiment"):
-                    OmegaConf.to_object(one)
+        places = [("messages.record", "record"), ("messages.signalling", "transmit")]
+        for of in ("rivals.experiments", "figures.experiments"):
+            places += [(f"{of}.{name}", "experiment") for name in OmegaConf.select(typed, of)]
+        for place, own in places:
+            with section(place, before=own):
+                OmegaConf.to_object(OmegaConf.select(typed, place))
         with section("receiver.location", before="location"):
             settings = OmegaConf.to_object(typed)
     except MissingMandatoryValue as error:

@@ -126,7 +126,7 @@ class Ldpc:
         try:
             encoder = LDPC5GEncoder(8 * self.info_bytes, self.word_bits, device="cpu")
         except ValueError as error:
-            raise VoccError(f"transmit.code_rate: {' '.join(str(error).split())}") from None
+            raise VoccError(f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}") from None
         decoder = LDPC5GDecoder(encoder, num_iter=ITERATIONS, hard_out=True, device="cpu")
         object.__setattr__(self, "coders", (encoder, decoder))
 

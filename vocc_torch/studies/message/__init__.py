@@ -196,7 +196,7 @@ class MessagesConfig:
         Raises:
             VoccError: another word than a code with its rate.
         """
-        if not (found := re.fullmatch(r"none|(rs|ldpc)-(0?\.\d+)", code)):
+        if not (found := re.fullmatch(r"none|(rs|ldpc)-(0?\.\d*[1-9]\d*)", code)):
             rule = "none, or rs or ldpc with a rate above 0 and below 1, such as ldpc-0.5"
             raise VoccError.of("messages.codes", repr(code), rule, "has")
         rate, name = float(found[2] or 0.5), found[1] or "none"
