@@ -134,7 +134,10 @@ def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path,
         ("task=record panel.rows=4", "panel.rows is 4: task=record does not use it"),
         ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of scores, calibrated"),
         ("task=receive receive.channel=auto", "receive.channel is 'auto': it must be one of luma, max, red"),
-        ("task=messages messages.codes=[rs]", "messages.codes has 'rs': it must be none, or rs or ldpc with"),
+        (
+            "task=messages messages.codes=[rs]",
+            "messages.codes has 'rs': it must be none, or rs, ldpc or conv",
+        ),
         (
             "task=messages messages.ratio=[1.2]",
             "messages.ratio is [1.2]: it must be at least 1.5 and at most",
@@ -145,7 +148,7 @@ def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path,
         ),
         ("task=messages messages.record.dropped=2", "messages.record.dropped is 2: it must be at least 0"),
         ("task=messages messages.signalling.bands=0", "messages.signalling.bands is 0: it must be"),
-        ("task=messages messages.codes=[rs-.0]", "messages.codes has 'rs-.0': it must be none, or rs or"),
+        ("task=messages messages.codes=[rs-.0]", "messages.codes has 'rs-.0': it must be none, or rs,"),
         ("task=record record.dropped=2", "record.dropped is 2: it must be at least 0"),
         (
             "task=messages messages.signalling.code=rs",
@@ -190,7 +193,7 @@ SMALL = (
 
 
 def test_a_recording_that_loses_all_its_frames_loses_its_packets_and_the_study_goes_on(tmp_path):
-    """Recordings of fewer than 150 frames, and runs of 300: a recording is lost, or begins or ends in a run."""
+    """Recordings of fewer than 150 frames, and runs of 300: all of one is lost, or a part."""
     words = "receiver.names=[flda_3]", "messages.soft=[scores]", "messages.interleave=[true]"
     words += "messages.codes=[none]", "messages.distance_m=[40]", "messages.record.burst_frames=300"
     run_task(composed(*SMALL, *words, "messages.record.dropped=0.7", "messages.recordings=4"), tmp_path / "a")

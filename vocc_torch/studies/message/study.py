@@ -31,7 +31,7 @@ from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.recording import NoFrameLeft, Recorded, Shutter, record
+from vocc_torch.simulation.recording import NoFrameLeftError, Recorded, Shutter, record
 from vocc_torch.simulation.scene import narrowed
 from vocc_torch.studies.message import AXES, MessagesConfig
 
@@ -197,7 +197,7 @@ def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterato
     start_s = float(key.generator("start").random()) * symbol_s
     shutter = Shutter(fps, start_s, own.readout_s, own.dropped, own.repeated, own.black, own.burst_frames)
     scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
-    with suppress(NoFrameLeft):  # all its packets are lost
+    with suppress(NoFrameLeftError):  # all its packets are lost
         yield from record(
             job.plan.world.simulator(),
             scene,
