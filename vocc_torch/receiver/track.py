@@ -23,8 +23,9 @@ Corners = NDArray[np.float64]
 # Samples along a cell's side of the fit; along the window that is compared with the last frame's, and the
 # window's side in panels.
 _SAMPLES, _WINDOW, _PANELS = 4, 64, 2.0
-# Steps of the fit, most cells of one and of all, and a spot's standard deviations that are tried, cells.
-_STEPS, _MOST_CELLS, _MOST_OFF, _BLURS = 3, 0.35, 0.5, (0.2, 0.4)
+# Steps of the fit, and from where a search found the panel; most cells of one step and of all; and a spot's
+# standard deviations that are tried, cells.
+_STEPS, _STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF, _BLURS = 3, 8, 0.35, 0.5, (0.2, 0.4)
 # A panel is followed where a lattice explains this share of what it did when it was found.
 _LEAST_SHARE = 0.6
 # A panel that a full search claims is begun with where a lattice explains this share; of noise it does not.
@@ -189,7 +190,9 @@ def settled(
         or lies elsewhere.
     """
     if known is None:
-        moved, blur, share = max((fit(grey, corners, shape, one) for one in _BLURS), key=lambda one: one[2])
+        moved, blur, share = max(
+            (fit(grey, corners, shape, one, _STEPS_AT_FIRST) for one in _BLURS), key=lambda one: one[2]
+        )
         least = _LEAST_TO_BEGIN
     else:
         moved, blur, share = fit(grey, corners, shape, known[0])
