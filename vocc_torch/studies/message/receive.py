@@ -10,6 +10,7 @@ import numpy as np
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
+from vocc_torch.measure import timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Plan
@@ -102,7 +103,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
                 assembly.add(one.packet)
 
     try:
-        take(receive(receiver, reception, front, chain(first, recording), config.fps))
+        with timing.threads(1):  # the other cores decode: torch's threads would spin there
+            take(receive(receiver, reception, front, chain(first, recording), config.fps))
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
         take(reception.finish())
