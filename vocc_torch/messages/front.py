@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded, Receiver
+from vocc_torch.receiver.recording import Grey
 from vocc_torch.receiver.track import Tracker, settled
 from vocc_torch.types import Frames, Panels
 
@@ -67,7 +68,7 @@ class Front:
         self._contrast = self._size = 0.0
         self._lattice: tuple[float, float] | None = None  # blur, and what it explains of the picture
 
-    def __call__(self, greys: Sequence[NDArray[np.uint8]]) -> NDArray[np.float32]:
+    def __call__(self, greys: Sequence[Grey]) -> NDArray[np.float32]:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
@@ -96,7 +97,7 @@ class Front:
         given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
         return given
 
-    def locate(self, greys: Sequence[NDArray[np.uint8]]) -> tuple[Frames, torch.Tensor]:
+    def locate(self, greys: Sequence[Grey]) -> tuple[Frames, torch.Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
         first, self.frames, corners = self.frames, self.frames + len(greys), None
         if self.tracker is None:
@@ -107,7 +108,7 @@ class Front:
             corners = self._tracked(greys)
         return self._cropped(greys, corners), corners.to(self.receiver.device)
 
-    def _cropped(self, greys: Sequence[NDArray[np.uint8]], corners: torch.Tensor) -> Frames:
+    def _cropped(self, greys: Sequence[Grey], corners: torch.Tensor) -> Frames:
         """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
         height, width = greys[0].shape
         seen = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
@@ -124,19 +125,19 @@ class Front:
         device = self.receiver.device
         return Frames(grey[:, None].to(device), origin.to(device), (height, width))
 
-    def _tracked(self, greys: Sequence[NDArray[np.uint8]]) -> torch.Tensor:
+    def _tracked(self, greys: Sequence[Grey]) -> torch.Tensor:
         """Follow the panel from frame to frame."""
         assert self.tracker is not None
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
         for row, plane in enumerate(greys):
-            searches, seen = self.tracker.searches, self.tracker(plane)
+            searches, seen = self.tracker.searches, self.tracker(np.asarray(plane))
             if seen:
                 corners[row] = torch.from_numpy(seen[0].corners)
             self.looked += self.tracker.searches - searches
             self.found += bool(seen) and self.tracker.searches > searches
         return corners
 
-    def _looked_up(self, greys: Sequence[NDArray[np.uint8]], first: int) -> torch.Tensor:
+    def _looked_up(self, greys: Sequence[Grey], first: int) -> torch.Tensor:
         """Look for the panel now and then, and take the median place between."""
         due = [row for row in range(len(greys)) if (first + row) % self.locate_every == 0]
         if self.corners_px is None:
@@ -160,11 +161,11 @@ class Front:
                 corners[row] = self.corners_px
         return corners
 
-    def _found(self, greys: Sequence[NDArray[np.uint8]], rows: list[int]) -> dict[int, torch.Tensor]:
+    def _found(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, torch.Tensor]:
         """Look for the panel in some of the frames, and give the corners of those where it is found."""
         if not rows:
             return {}
-        frames = Frames.of(torch.from_numpy(np.stack([greys[row] for row in rows])))
+        frames = Frames.of(torch.from_numpy(np.stack([np.asarray(greys[row]) for row in rows])))
         frames = Frames.whole(frames.grey.to(self.receiver.device))
         panels = self.receiver.locator(frames, self.receiver.shape)
         places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
@@ -172,11 +173,11 @@ class Front:
         self.looked += len(rows)
         self.found += len(found)
         for row, place in found.items():
-            if there := settled(greys[row], place.numpy(), self.receiver.shape):
+            if there := settled(np.asarray(greys[row]), place.numpy(), self.receiver.shape):
                 found[row], self._lattice = torch.from_numpy(there[0]), there[1:]
         return found
 
-    def _found_near(self, greys: Sequence[NDArray[np.uint8]], rows: list[int]) -> dict[int, torch.Tensor]:
+    def _found_near(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, torch.Tensor]:
         """Look for the panel where it was last, and give its corners where it is still."""
         found: dict[int, torch.Tensor] = {}
         if self._lattice is None:
@@ -185,7 +186,8 @@ class Front:
         for row in rows:
             # The last place follows a panel that moves; the median one does not stray in noise.
             starts = places[-1], torch.stack([*places]).median(dim=0).values
-            fits = [settled(greys[row], one.numpy(), self.receiver.shape, self._lattice) for one in starts]
+            grey = np.asarray(greys[row])
+            fits = [settled(grey, one.numpy(), self.receiver.shape, self._lattice) for one in starts]
             if any(fits):
                 best = max(filter(None, fits), key=lambda one: one[2])
                 places.append(torch.from_numpy(best[0]))
