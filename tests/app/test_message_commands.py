@@ -147,7 +147,10 @@ def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path,
         ("task=record panel.rows=4", "panel.rows is 4: task=record does not use it"),
         ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of scores, calibrated"),
         ("task=receive receive.channel=auto", "receive.channel is 'auto': it must be one of luma, max, red"),
-        ("task=messages messages.codes=[rs]", "messages.codes has 'rs': it must be none, or rs or ldpc with"),
+        (
+            "task=messages messages.codes=[rs]",
+            "messages.codes has 'rs': it must be none, or rs, ldpc or conv",
+        ),
         (
             "task=messages messages.ratio=[1.2]",
             "messages.ratio is [1.2]: it must be at least 1.5 and at most",
@@ -156,6 +159,10 @@ def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path,
             "task=messages messages.distance_m=[] messages.ambient_lx=[] messages.ratio=[]",
             "messages varies n",
         ),
+        ("task=messages messages.record.dropped=2", "messages.record.dropped is 2: it must be at least 0"),
+        ("task=messages messages.signalling.bands=0", "messages.signalling.bands is 0: it must be"),
+        ("task=messages messages.codes=[rs-.0]", "messages.codes has 'rs-.0': it must be none, or rs,"),
+        ("task=record record.dropped=2", "record.dropped is 2: it must be at least 0"),
         (
             "task=messages messages.signalling.code=rs",
             "messages.signalling.code is rs: task=messages does no",
@@ -196,6 +203,19 @@ SMALL = (
     *("messages.ambient_lx=[]", "messages.soft=[scores,hard]", "messages.interleave=[true,false]"),
     *("messages.at_ratio=1.5", "experiment.training={distance_m:[uniform,30,70]}", "batch_frames=32"),
 )
+
+
+def test_a_recording_that_loses_all_its_frames_loses_its_packets_and_the_study_goes_on(tmp_path):
+    """Recordings of fewer than 150 frames, and runs of 300: all of one is lost, or a part."""
+    words = "receiver.names=[flda_3]", "messages.soft=[scores]", "messages.interleave=[true]"
+    words += "messages.codes=[none]", "messages.distance_m=[40]", "messages.record.burst_frames=300"
+    run_task(composed(*SMALL, *words, "messages.record.dropped=0.7", "messages.recordings=4"), tmp_path / "a")
+    (row,) = rows_of(tmp_path / "a" / "messages.csv")
+    assert 0 < int(row["lost"]) < int(row["packets"])
+    assert float(row["raw_ber"]) < 0.01
+    run_task(composed(*SMALL, *words, "messages.record.dropped=0.999"), tmp_path / "b")
+    (row,) = rows_of(tmp_path / "b" / "messages.csv")
+    assert (row["lost"], row["raw_ber"], row["frames"]) == (row["packets"], "", "0")
 
 
 @pytest.mark.slow

@@ -72,6 +72,26 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
     assert 0 < doubted < 0.08 * frames
 
 
+@pytest.mark.parametrize("begin", [104.2, 104.6, 105.0, 105.4, 105.8, 106.2])
+def test_frames_beside_a_gap_are_doubted_alike_where_those_before_it_are_settled(begin):
+    """The gap lies at the 256th frame, up to which frames are settled when 512 are there."""
+
+    def gap(times, _):
+        return times[(times < begin) | (times > begin + 12)]
+
+    llr, _, stamps = seen(FILM[:300], 2.4, np.random.default_rng(1), faults=gap, begin=0.0)
+    doubted = {}
+    for size in (64, len(llr)):
+        clock, ticks = SymbolClock(Layout(PLAN)), []
+        for at in range(0, len(llr), size):
+            ticks.append(clock.push(llr[at : at + size], stamps[at : at + len(llr[at : at + size])] / 100))
+        ticks.append(clock.finish())
+        agreement = np.concatenate([one.agreement for one in ticks if one is not None])
+        doubted[size] = np.flatnonzero(~agreement.any(axis=1)).tolist()
+    assert doubted[64] == doubted[len(llr)]
+    assert {255, 256, 257} & {*doubted[64]}
+
+
 def dropped(times, draws):
     return times[draws.random(len(times)) > 0.1]
 

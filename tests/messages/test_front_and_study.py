@@ -76,6 +76,32 @@ def test_a_single_look_that_errs_is_no_motion(trained, astray):
     assert (front.looked, front.tracker) == (9, None)
 
 
+def test_a_panel_that_stands_is_looked_for_where_it_was_and_found_again_where_it_jumps_to(trained):
+    """The locator errs by a third of a cell to the right; the panel jumps 30 px to the left in frame 150."""
+    searched = []
+
+    def searching(frames, shape):
+        searched.append(len(frames))
+        panels = RefinedLocator()(frames, shape)
+        panels.corners_px[..., 0] += (panels.corners_px[:, 1, :1] - panels.corners_px[:, 0, :1]) / 8 / 3
+        return panels
+
+    greys, symbols = (3 * part for part in frames_of(0.0))
+    pads = [((0, 0), (30, 0) if n < 150 else (0, 30)) for n in range(len(greys))]
+    greys = [np.pad(grey, pad, "edge") for grey, pad in zip(greys, pads, strict=True)]
+    true = RefinedLocator()(Frames.whole(torch.from_numpy(greys[0])), PanelShape(8, 8)).corners_px[0]
+    front, wrong = Front(Receiver("flda_3", searching, Reader(), trained)), []
+    for at in range(0, 180, 20):
+        wrong += [*((front(greys[at : at + 20]) >= 0) != FILM[symbols[at : at + 20]])]
+        if at < 130:
+            assert float((front.corners_px - true).abs().max()) < 0.3
+    assert not np.any(wrong[:150])
+    assert np.mean(wrong[150:]) > 0.05  # up to the middle of five places
+    assert float((front.corners_px - true).abs().max()) == pytest.approx(30, abs=0.3)
+    assert sum(searched) < 12
+    assert front.found == front.looked == 23 + 4
+
+
 def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver):
     greys, front = frames_of(0.0)[0][:20], Front(receiver)
     read = front([np.zeros_like(grey) for grey in greys[:13]] + greys[13:])
@@ -107,6 +133,7 @@ def test_greys_of_a_film_are_those_that_ffmpeg_gives(tmp_path, width, height):
     read = [one.grey for one in read_video(tmp_path / "a.mp4", "luma", grey_only=True)]
     assert len(read) == 5
     assert (np.stack(read) == np.stack(expected)).all()
+    assert (read[2][5:19, 3:30] == expected[2][5:19, 3:30]).all()
     assert np.stack(read).min() < 5
     assert np.stack(read).max() > 250
 

@@ -7,7 +7,7 @@ import torch
 
 import vocc_torch as vt
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.track import Tracker, fit
+from vocc_torch.receiver.track import Tracker, fit, settled
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -139,3 +139,16 @@ def test_panels_are_given_as_a_locator_gives_them(approach):
 def test_numbers_out_of_range_are_refused(wrong):
     with pytest.raises(VoccError, match=r"follow\.\w+ is .*: it must be a whole number of at least 1"):
         Tracker(Told(None), SHAPE, **wrong)
+
+
+def test_a_lattice_is_settled_where_it_is_and_nowhere_else(approach):
+    grey, corners = approach[0][0], approach[1][0]
+    cell = np.linalg.norm(corners[1] - corners[0]) / 8
+    there, *known = settled(grey, corners + 0.4 * cell, SHAPE)
+    assert np.abs(there - corners).max() < 0.1 * cell
+    again, *_ = settled(grey, corners - 0.3 * cell, SHAPE, tuple(known))
+    assert np.abs(again - corners).max() < 0.1 * cell
+    hidden, dark = approach[0][HIDDEN.start], np.zeros_like(grey)
+    for plane, at in ((hidden, corners), (dark, corners), (grey, corners + 1.2 * cell)):
+        assert settled(plane, at, SHAPE) is None
+        assert settled(plane, at, SHAPE, tuple(known)) is None

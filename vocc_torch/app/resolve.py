@@ -57,10 +57,14 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
                 rule = "a list of texts, as in [a,b]" if texts else "a list of numbers, as in [1,2]"
                 raise VoccError.of(key, shown(value), rule)
         typed = OmegaConf.merge(schema(), plain)  # what interpolations brought has a type too
+        parts = [("messages.record", "record", typed.messages.record)]
+        parts.append(("messages.signalling", "transmit", typed.messages.signalling))
         for place in ("rivals.experiments", "figures.experiments"):
-            for name, one in OmegaConf.select(typed, place).items():
-                with section(f"{place}.{name}", before="experiment"):
-                    OmegaConf.to_object(one)
+            named = OmegaConf.select(typed, place).items()
+            parts += [(f"{place}.{name}", "experiment", one) for name, one in named]
+        for place, own, one in parts:
+            with section(place, before=own):
+                OmegaConf.to_object(one)
         with section("receiver.location", before="location"):
             settings = OmegaConf.to_object(typed)
     except MissingMandatoryValue as error:

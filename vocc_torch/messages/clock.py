@@ -105,6 +105,7 @@ class SymbolClock:
         self._llr: list[NDArray[np.float32]] = []
         self._seen: list[NDArray[np.float32]] = []
         self._last: float | None = None
+        self._doubted = np.zeros(0, dtype=bool)
         self._settled, self._place, self._symbols, self._ahead = 0, -1, 0, 0.0
 
     def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Ticks | None:
@@ -181,7 +182,9 @@ class SymbolClock:
         path.reverse()
         bands, n = self.layout.bands, self.states
         units = np.empty(count, dtype=np.int64)
-        doubtful = self._doubtful(np.array(path))[:count]
+        doubtful = self._doubtful(np.array(path))
+        doubtful[: len(self._doubted)] |= self._doubted  # beside a gap of which the first side is settled
+        doubtful, self._doubted = doubtful[:count], np.logical_and.accumulate(doubtful[count:])
         for i in range(count):
             self._ahead += self._steps[i]
             if self._place < 0:

@@ -1,6 +1,7 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +14,9 @@ from vocc_torch.messages.layout import LONGEST_WORD, Layout
 Bytes = NDArray[np.uint8]
 ITERATIONS = 20
 """Of belief propagation."""
+
+MEMORY_BITS = 6
+"""Of the convolutional code."""
 
 ERASED = (0.0, 0.4, 0.8)
 """Shares of the check bytes that are spent on erasures, tried in turn where a word does not decode."""
@@ -118,16 +122,14 @@ class Ldpc:
 
     def __post_init__(self) -> None:
         """Make encoder and decoder."""
+        fec = sionna("ldpc")
         try:
-            from sionna.phy.fec.ldpc import LDPC5GDecoder, LDPC5GEncoder
-        except ImportError:
-            extra = "install the extra with pip install 'vocc-torch[ldpc]'"
-            raise VoccError(f"transmit.code is ldpc, which needs sionna-no-rt: {extra}, or give rs") from None
-        try:
-            encoder = LDPC5GEncoder(8 * self.info_bytes, self.word_bits, device="cpu")
+            encoder = fec.LDPC5GEncoder(8 * self.info_bytes, self.word_bits, device="cpu")
         except ValueError as error:
-            raise VoccError(f"transmit.code_rate: {' '.join(str(error).split())}") from None
-        decoder = LDPC5GDecoder(encoder, num_iter=ITERATIONS, hard_out=True, device="cpu")
+            raise VoccError(
+                f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}"
+            ) from None
+        decoder = fec.LDPC5GDecoder(encoder, num_iter=ITERATIONS, hard_out=True, device="cpu")
         object.__setattr__(self, "coders", (encoder, decoder))
 
     def encode(self, info: Bytes) -> Bytes:
@@ -141,6 +143,57 @@ class Ldpc:
         with torch.inference_mode():
             bits = self.coders[1](torch.from_numpy(llr)).numpy().astype(np.uint8)
         return [one.tobytes() for one in np.packbits(bits, axis=1)]
+
+
+@dataclass(frozen=True)
+class Convolutional(Ldpc):
+    """A convolutional code of 64 states, brought back to the first, by Viterbi's algorithm; by Sionna.
+
+    A code of rate 1/2, below that of rate 1/3, is evenly punctured to the word's length; or some of its bits
+    are sent again.
+
+    Source: J. Hagenauer, "Rate-compatible punctured convolutional codes", IEEE Trans. Commun. 36(4), 1988.
+
+    Args:
+        word_bits: length of a word.
+        info_bytes: bytes of information.
+    """
+
+    kept: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make encoder and decoder."""
+        fec, info = sionna("conv"), 8 * self.info_bytes + MEMORY_BITS
+        parts = 2 if 2 * info >= self.word_bits else 3
+        encoder = fec.ConvEncoder(
+            rate=1 / parts, constraint_length=MEMORY_BITS + 1, terminate=True, device="cpu"
+        )
+        object.__setattr__(self, "coders", (encoder, fec.ViterbiDecoder(encoder=encoder, device="cpu")))
+        object.__setattr__(self, "kept", np.arange(self.word_bits) * parts * info // self.word_bits)
+
+    def encode(self, info: Bytes) -> Bytes:
+        """Encode bits, and leave some out."""
+        return super().encode(info)[:, self.kept]
+
+    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+        """Decode words together; nothing is known of the bits that were left out."""
+        parts = len(self.coders[0].gen_poly)
+        whole = np.zeros((len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32)
+        np.add.at(whole.T, self.kept, llr.T)
+        return super().decode(whole)
+
+
+def sionna(kind: str) -> Any:
+    """Import Sionna's codes of a kind, ldpc or conv.
+
+    Raises:
+        VoccError: it is not installed.
+    """
+    try:
+        return import_module(f"sionna.phy.fec.{kind}")
+    except ImportError:
+        extra = "install the extra with pip install 'vocc-torch[ldpc]'"
+        raise VoccError(f"transmit.code is {kind}, which needs sionna-no-rt: {extra}, or give rs") from None
 
 
 def code_of(layout: Layout) -> Code:
@@ -157,4 +210,4 @@ def code_of(layout: Layout) -> Code:
         raise VoccError.of("transmit.code_rate", options.code_rate, f"one that fits {word_bytes} bytes")
     if options.code == "rs":
         return ReedSolomon(word_bytes, info_bytes)
-    return Ldpc(layout.word_bits, info_bytes)
+    return (Ldpc if options.code == "ldpc" else Convolutional)(layout.word_bits, info_bytes)

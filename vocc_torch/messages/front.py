@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded, Receiver
-from vocc_torch.receiver.track import Tracker
+from vocc_torch.receiver.recording import Grey
+from vocc_torch.receiver.track import Tracker, settled
 from vocc_torch.types import Frames, Panels
 
 REMEMBERED = 5
@@ -19,6 +20,9 @@ MOVED_CELLS, STEADY, CORNERS = 0.1, 0.2, 3
 """A panel moves of which so many corners are farther than that from where the first of the remembered looks
 saw them, and came nearer to there in each step, by so much of its share: errors of location go to and fro,
 and a single look that errs makes one step."""
+
+WHOLE = 32
+"""One look of so many is at the whole frame, the others are where the panel was last."""
 
 AROUND, LEAST_AROUND_PX = 0.5, 16
 """Share of the panel's extent, and px beside, that are read around it."""
@@ -36,7 +40,7 @@ class Front:
     Args:
         receiver: decides the bits; its locator finds the panel.
         locate_every: look for the panel in each so manieth frame, and take the median of the last places in
-            those between; at least 1.
+            those between; at least 1. Most looks are where it was last, and at the whole frame if it is not.
         soft: ``calibrated`` (log-likelihood ratios), ``scores`` (the receiver's own, to a common scale) or
             ``hard`` (bits).
         follow: ``true``: a tracker follows the panel from frame to frame; ``auto``: from where it is seen to
@@ -62,8 +66,9 @@ class Front:
         self._places: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._looks: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
+        self._lattice: tuple[float, float] | None = None  # blur, and what it explains of the picture
 
-    def __call__(self, greys: Sequence[NDArray[np.uint8]]) -> NDArray[np.float32]:
+    def __call__(self, greys: Sequence[Grey]) -> NDArray[np.float32]:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
@@ -92,7 +97,7 @@ class Front:
         given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
         return given
 
-    def locate(self, greys: Sequence[NDArray[np.uint8]]) -> tuple[Frames, torch.Tensor]:
+    def locate(self, greys: Sequence[Grey]) -> tuple[Frames, torch.Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
         first, self.frames, corners = self.frames, self.frames + len(greys), None
         if self.tracker is None:
@@ -103,7 +108,7 @@ class Front:
             corners = self._tracked(greys)
         return self._cropped(greys, corners), corners.to(self.receiver.device)
 
-    def _cropped(self, greys: Sequence[NDArray[np.uint8]], corners: torch.Tensor) -> Frames:
+    def _cropped(self, greys: Sequence[Grey], corners: torch.Tensor) -> Frames:
         """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
         height, width = greys[0].shape
         seen = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
@@ -120,46 +125,74 @@ class Front:
         device = self.receiver.device
         return Frames(grey[:, None].to(device), origin.to(device), (height, width))
 
-    def _tracked(self, greys: Sequence[NDArray[np.uint8]]) -> torch.Tensor:
+    def _tracked(self, greys: Sequence[Grey]) -> torch.Tensor:
         """Follow the panel from frame to frame."""
         assert self.tracker is not None
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
         for row, plane in enumerate(greys):
-            searches, seen = self.tracker.searches, self.tracker(plane)
+            searches, seen = self.tracker.searches, self.tracker(np.asarray(plane))
             if seen:
                 corners[row] = torch.from_numpy(seen[0].corners)
             self.looked += self.tracker.searches - searches
             self.found += bool(seen) and self.tracker.searches > searches
         return corners
 
-    def _looked_up(self, greys: Sequence[NDArray[np.uint8]], first: int) -> torch.Tensor:
+    def _looked_up(self, greys: Sequence[Grey], first: int) -> torch.Tensor:
         """Look for the panel now and then, and take the median place between."""
-        due = [(first + row) % self.locate_every == 0 for row in range(len(greys))]
-        new = 0 if self._places else REMEMBERED
-        found = self._found(greys, [row for row in range(len(greys)) if due[row] or row < new])
-        if new:  # there is nothing to go by before the first place: each of those frames is searched
-            before = range(new, min(found, default=len(greys)))
-            found |= self._found(greys, [row for row in before if not due[row]])
+        due = [row for row in range(len(greys)) if (first + row) % self.locate_every == 0]
+        if self.corners_px is None:
+            found = self._found(greys, sorted({*due, *range(min(REMEMBERED, len(greys)))}))
+            # There is nothing to go by before the first place: each of those frames is searched.
+            before = range(REMEMBERED, min(found, default=len(greys)))
+            found |= self._found(greys, [row for row in before if row not in due])
+        else:
+            whole = [row for row in due if (first + row) % (WHOLE * self.locate_every) == 0]
+            found = self._found(greys, whole)
+            rest = [row for row in due if row not in whole]
+            found |= self._found_near(greys, rest)
+            found |= self._found(greys, [row for row in rest if row not in found])
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
         for row in range(len(greys)):
             if row in found:
                 self._places.append(found[row])
-                self._looks += [found[row]] * due[row]
+                self._looks += [found[row]] * (row in due)
                 self.corners_px = torch.stack([*self._places]).median(dim=0).values
             if self.corners_px is not None:
                 corners[row] = self.corners_px
         return corners
 
-    def _found(self, greys: Sequence[NDArray[np.uint8]], rows: list[int]) -> dict[int, torch.Tensor]:
+    def _found(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, torch.Tensor]:
         """Look for the panel in some of the frames, and give the corners of those where it is found."""
         if not rows:
             return {}
-        frames = Frames.of(torch.from_numpy(np.stack([greys[row] for row in rows])))
+        frames = Frames.of(torch.from_numpy(np.stack([np.asarray(greys[row]) for row in rows])))
         frames = Frames.whole(frames.grey.to(self.receiver.device))
         panels = self.receiver.locator(frames, self.receiver.shape)
         places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
         found = {row: place.double() for row, place, there in places if there}
         self.looked += len(rows)
+        self.found += len(found)
+        for row, place in found.items():
+            if there := settled(np.asarray(greys[row]), place.numpy(), self.receiver.shape):
+                found[row], self._lattice = torch.from_numpy(there[0]), there[1:]
+        return found
+
+    def _found_near(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, torch.Tensor]:
+        """Look for the panel where it was last, and give its corners where it is still."""
+        found: dict[int, torch.Tensor] = {}
+        if self._lattice is None:
+            return found
+        places = deque(self._places, maxlen=REMEMBERED)
+        for row in rows:
+            # The last place follows a panel that moves; the median one does not stray in noise.
+            starts = places[-1], torch.stack([*places]).median(dim=0).values
+            grey = np.asarray(greys[row])
+            fits = [settled(grey, one.numpy(), self.receiver.shape, self._lattice) for one in starts]
+            if any(fits):
+                best = max(filter(None, fits), key=lambda one: one[2])
+                places.append(torch.from_numpy(best[0]))
+                found[row] = places[-1]
+        self.looked += len(found)
         self.found += len(found)
         return found
 

@@ -9,7 +9,7 @@ import yaml
 from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.hardware import PanelShape
 
-CODES = ("rs", "ldpc", "none")
+CODES = ("rs", "ldpc", "conv", "none")
 ORDERS = {32: 5, 64: 6, 128: 7, 256: 8}
 """Symbols of a block, and how many sync bits in a row tell where in the block they stand."""
 
@@ -22,8 +22,8 @@ class Signalling:
 
     Args:
         symbol_rate_hz: symbols a second, above 0 to 1e6.
-        code: ``rs`` (Reed-Solomon, by reedsolo), ``ldpc`` (5G LDPC, by sionna-no-rt, which takes soft values)
-            or ``none``.
+        code: ``rs`` (Reed-Solomon, by reedsolo), ``ldpc`` (5G LDPC) or ``conv`` (convolutional), both by
+            sionna-no-rt, which takes soft values, or ``none``.
         code_rate: share of a packet's code word that is information, above 0 and below 1; with ``none`` it
             has no effect.
         block_symbols: symbols in a block, over which packets are interleaved: 32, 64, 128 or 256.

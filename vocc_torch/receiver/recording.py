@@ -24,6 +24,32 @@ SPREAD = np.rint((np.arange(256) - 16) * 255 / 219).clip(0, 255).astype(np.uint8
 """From greys as most films have them, 16 to 235, to 0 to 255."""
 
 
+class FilmGrey:
+    """Greys (H,W) uint8 as a film has them, 16 to 235, spread over 0 to 255 where they are taken.
+
+    Windows are a NumPy array's; ``numpy.asarray`` gives the whole.
+
+    Args:
+        plane: (H,W) uint8 of the film.
+    """
+
+    def __init__(self, plane: NDArray[np.uint8]) -> None:
+        self.plane, self.shape = plane, plane.shape
+
+    def __getitem__(self, window: tuple[slice, slice]) -> NDArray[np.uint8]:
+        """Spread the greys of a window."""
+        part = self.plane[window]
+        return np.frombuffer(part.tobytes().translate(SPREAD), np.uint8).reshape(part.shape)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.uint8]:
+        """Spread all greys."""
+        return self[:, :]
+
+
+Grey = NDArray[np.uint8] | FilmGrey
+"""A frame's greys (H,W)."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedFrame:
     """One frame of a recording.
@@ -33,7 +59,7 @@ class RecordedFrame:
         index: the frame's number in its file, from 0.
         time_s: when the frame was taken, for a video; else None.
         colour: (H,W,3) uint8, for drawing on.
-        grey: (H,W) uint8, for decoding.
+        grey: (H,W) uint8, for decoding; of a film read for its greys alone, worked out where they are taken.
         light: the colour of light that ``grey`` holds, where several are sent at once; else empty.
     """
 
@@ -41,7 +67,7 @@ class RecordedFrame:
     index: int
     time_s: float | None
     colour: NDArray[np.uint8]
-    grey: NDArray[np.uint8]
+    grey: Grey
     light: str = ""
 
 
@@ -206,7 +232,7 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
                 for frame in frames:
                     if grey_only:
                         grey = grey_plane(frame)
-                        colour = np.broadcast_to(grey[..., None], (*grey.shape, 3))
+                        colour = np.broadcast_to(np.uint8(0), (*grey.shape, 3))
                     else:
                         colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
                         grey = to_grey(colour, channel)
@@ -223,14 +249,13 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
         raise VoccError(f"input {path} is a video without frames")
 
 
-def grey_plane(frame: Any) -> NDArray[np.uint8]:
+def grey_plane(frame: Any) -> Grey:
     """Take the greys (H,W) of a frame of PyAV as its film has them, 16 to 235 spread over 0 to 255."""
     if frame.format.name != "yuv420p" or frame.color_range == JPEG_RANGE:
         return np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
     plane = frame.planes[0]
-    spread = np.frombuffer(bytes(plane).translate(SPREAD), np.uint8)
-    grey: NDArray[np.uint8] = spread.reshape(-1, plane.line_size)[: frame.height, : frame.width]
-    return grey
+    lines = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
+    return FilmGrey(lines[: frame.height, : frame.width])
 
 
 def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:

@@ -23,8 +23,9 @@ Corners = NDArray[np.float64]
 # Samples along a cell's side of the fit; along the window that is compared with the last frame's, and the
 # window's side in panels.
 _SAMPLES, _WINDOW, _PANELS = 4, 64, 2.0
-# Steps of the fit, most cells of one, and a spot's standard deviations that are tried, cells.
-_STEPS, _MOST_CELLS, _BLURS = 3, 0.35, (0.2, 0.4)
+# Steps of the fit, and from where a search found the panel; most cells of one step and of all; and a spot's
+# standard deviations that are tried, cells.
+_STEPS, _STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF, _BLURS = 3, 8, 0.35, 0.5, (0.2, 0.4)
 # A panel is followed where a lattice explains this share of what it did when it was found.
 _LEAST_SHARE = 0.6
 # A panel that a full search claims is begun with where a lattice explains this share; of noise it does not.
@@ -149,7 +150,8 @@ def fit(
         lit = _two_levels(from_rows @ patch @ from_columns.T)
         half = rows @ lit
         rest = patch - half @ columns.T
-        share = 1 - float((rest**2).sum()) / max(float((patch**2).sum()), 1e-6)
+        all_of_it = float((patch**2).sum())
+        share = 1 - float((rest**2).sum()) / all_of_it if all_of_it > 1e-6 else 0.0
         if step == steps:
             break
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
@@ -166,6 +168,37 @@ def fit(
         beside = (corners[3] - corners[0] + corners[2] - corners[1]) / (2 * shape.rows)
         corners = corners + cells[:, :1] * along + cells[:, 1:] * beside
     return corners, blur, share
+
+
+def settled(
+    grey: NDArray[np.uint8],
+    corners: Corners,
+    shape: PanelShape,
+    known: tuple[float, float] | None = None,
+) -> tuple[Corners, float, float] | None:
+    """Fit a lattice to a panel that is near some corners, or say that it is not there.
+
+    Args:
+        grey: (H,W) grey values.
+        corners: (4,2) px, within half a cell of the truth.
+        shape: rows and columns.
+        known: of a panel that was seen there, its spots' standard deviation, cells, and the share of the
+            picture's variation that a lattice explained.
+
+    Returns:
+        Its corners (4,2), and the two numbers for the next time; None where a lattice explains too little,
+        or lies elsewhere.
+    """
+    if known is None:
+        moved, blur, share = max(
+            (fit(grey, corners, shape, one, _STEPS_AT_FIRST) for one in _BLURS), key=lambda one: one[2]
+        )
+        least = _LEAST_TO_BEGIN
+    else:
+        moved, blur, share = fit(grey, corners, shape, known[0])
+        least = max(_LEAST_TO_BEGIN, _GOOD_SHARE * known[1])
+    off = float(np.abs(moved - corners).max()) / math.sqrt(abs(_area(corners)) / shape.leds)
+    return (moved, blur, share) if share >= least and off < _MOST_OFF else None
 
 
 _U = ((np.arange(_WINDOW, dtype=np.float32) + 0.5) / _WINDOW - 0.5) * _PANELS + 0.5

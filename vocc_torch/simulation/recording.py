@@ -15,6 +15,10 @@ from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Frames, Panels, Scene
 
 
+class NoFrameLeftError(VoccError):
+    """A recording of which every frame was lost."""
+
+
 @dataclass(frozen=True, slots=True)
 class Shutter:
     """When a camera opens its shutter.
@@ -43,7 +47,7 @@ class Shutter:
         A moment that comes twice is a repeated frame; a black one is no number.
 
         Raises:
-            VoccError: no frame is left.
+            NoFrameLeftError: so it is.
 
         Example:
             >>> Shutter(fps=200.0).taken_s(0.02, np.random.default_rng(0)).tolist()
@@ -58,7 +62,9 @@ class Shutter:
         begun = begun < 1 - (1 - self.dropped) ** (1 / self.burst_frames)  # so the share lost is ``dropped``
         lost = np.convolve(begun, np.ones(self.burst_frames), "valid") > 0
         if lost.all():
-            raise VoccError(f"record.dropped and burst_frames lose all of {len(times)} frames: lower them")
+            raise NoFrameLeftError(
+                f"record.dropped and burst_frames lose all of {len(times)} frames: lower them"
+            )
         kept: NDArray[np.float64] = times[~lost]
         return kept
 

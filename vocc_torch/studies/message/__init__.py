@@ -140,7 +140,7 @@ class MessagesConfig:
         ratio: frames of the camera a symbol, 1.5 to 100, ascending; none leaves the axis out.
         at_distance_m: the distance where something else is varied, m.
         at_ratio: the ratio where something else is varied.
-        codes: those compared: ``none``, or rs or ldpc with a rate, such as ldpc-0.5.
+        codes: those compared: ``none``, or rs, ldpc or conv with a rate, such as ldpc-0.5.
         soft: soft values compared: some of ``scores``, ``calibrated`` and ``hard``.
         interleave: whether packets are interleaved: [true], [false] or both, to compare.
         recordings: recordings of a point, each of a scene of its own, at least 2.
@@ -196,8 +196,8 @@ class MessagesConfig:
         Raises:
             VoccError: another word than a code with its rate.
         """
-        if not (found := re.fullmatch(r"none|(rs|ldpc)-(0?\.\d+)", code)):
-            rule = "none, or rs or ldpc with a rate above 0 and below 1, such as ldpc-0.5"
+        if not (found := re.fullmatch(r"none|(rs|ldpc|conv)-(0?\.\d*[1-9]\d*)", code)):
+            rule = "none, or rs, ldpc or conv with a rate above 0 and below 1, such as ldpc-0.5"
             raise VoccError.of("messages.codes", repr(code), rule, "has")
         rate, name = float(found[2] or 0.5), found[1] or "none"
         return replace(self.signalling, code=name, code_rate=rate, interleave=interleave, scramble=True)

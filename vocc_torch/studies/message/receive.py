@@ -1,6 +1,7 @@
 """``task=receive``: a recording in, the message out, or the parts of it that a checksum vouches for."""
 
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain, groupby, islice
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
+from vocc_torch.measure import timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Plan
@@ -47,16 +49,26 @@ def receive(
         recording: the frames.
         fps: frames a second, or None for the recording's own times.
     """
-    number = 0
-    for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
-        size = max(1, min(BATCH_FRAMES, BATCH_PIXELS // (shape[0] * shape[1])))
-        while batch := list(islice(run, size)):
+    number, parts = 0, batches(recording)
+    # The next frames are decoded while these are read.
+    with ThreadPoolExecutor(1) as beside:
+        coming = beside.submit(next, parts, None)
+        while batch := coming.result():
+            coming = beside.submit(next, parts, None)
             times = [frame.time_s for frame in batch]
             if fps is not None:
                 times = [(number + i) / fps for i in range(len(batch))]
             number += len(batch)
             yield from reception.push(front([frame.grey for frame in batch]), times)
     yield from reception.finish()
+
+
+def batches(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]:
+    """Batch frames of one size that are read together."""
+    for (height, width), run in groupby(recording, key=lambda frame: frame.grey.shape):
+        size = max(1, min(BATCH_FRAMES, BATCH_PIXELS // (height * width)))
+        while batch := list(islice(run, size)):
+            yield batch
 
 
 def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None:
@@ -91,7 +103,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
                 assembly.add(one.packet)
 
     try:
-        take(receive(receiver, reception, front, chain(first, recording), config.fps))
+        with timing.threads(1):  # the other cores decode: torch's threads would spin there
+            take(receive(receiver, reception, front, chain(first, recording), config.fps))
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
         take(reception.finish())

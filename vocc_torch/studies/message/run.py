@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, takewhile
 from pathlib import Path
 
+from vocc_torch.errors import section
 from vocc_torch.measure import timing, workers
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
@@ -64,7 +65,9 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     plan, console = at_true_corners(build_plan(settings, folder)), terminal.Console()
     variants_of(plan, config)  # refused, as a code that is not installed, before anything is trained
     for code in config.codes:
-        code_of(Layout(MessagePlan(plan.world.panel.shape, config.options(code))))
+        rate = section(f"messages.codes has {code}, whose code_rate", before="transmit.code_rate")
+        with section("messages.signalling", "transmit"), section("messages.codes", "transmit.code"), rate:
+            code_of(Layout(MessagePlan(plan.world.panel.shape, config.options(code))))
     receivers = receivers_of(build_plan(settings, folder), terminal.train_shown(plan, console))
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
@@ -105,13 +108,14 @@ def rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
     """Give the lines of ``messages.csv``."""
     chosen = best(results)
     for number, one in enumerate(results):
-        loss, raw, rate = one.loss, ber_interval(one.raw), one.goodput
+        loss, rate, raw = one.loss, one.goodput, ber_interval(one.raw) if one.raw.bits else None
         yield (
             *(one.place.axis, one.place.value, *one.variant[:2], int(one.variant.interleave)),
             *(one.variant.code, len(one.each), one.lost.bits, sum(one.each)),
             *(f"{x:.4g}" for x in (loss.value, loss.low, loss.high)),
             one.false,
-            *(f"{x:.4g}" for x in (raw.value, raw.low, raw.high, rate.value, rate.low, rate.high)),
+            *(("",) * 3 if raw is None else (f"{x:.4g}" for x in (raw.value, raw.low, raw.high))),
+            *(f"{x:.4g}" for x in (rate.value, rate.low, rate.high)),
             *(int(number in chosen), one.frames, f"{one.read_ms:.3f}", f"{one.decode_ms:.3f}"),
         )
 
@@ -145,7 +149,7 @@ def told(results: Sequence[Carried]) -> Iterator[str]:
                 raw = f"raw bit error rate {rate_text(one.raw.ber)}"
                 yield f"{receiver}, {at} by {name_of(one).partition(' ')[2]}; {raw}"
         frames, codes = sum(one.frames for _, one in mine), dict.fromkeys(one.variant.code for _, one in mine)
-        read = sum(one.read_ms * one.frames for _, one in mine) / frames
+        read = sum(one.read_ms * one.frames for _, one in mine) / max(1, frames)
         each = {code: [one.decode_ms for _, one in mine if one.variant.code == code] for code in codes}
         priced = ", ".join(f"{code} {sum(every) / len(every):.2f}" for code, every in each.items())
         yield f"{receiver} costs {read:.2f} ms of processor time a frame, and ms a packet: {priced}"
@@ -185,12 +189,14 @@ def losses_figure(results: Sequence[Carried]) -> canvas.Figure:
         for axis in (*dict.fromkeys(one.place.axis for one in mine), "raw_ber"):
             points: dict[tuple[str, float], Point] = {}
             for one in mine:
-                value = float(f"{one.raw.ber:.2g}") if axis == "raw_ber" else one.place.value
-                if axis in ("raw_ber", one.place.axis):
+                if axis == one.place.axis or (axis == "raw_ber" and one.raw.bits):
+                    value = float(f"{one.raw.ber:.2g}") if axis == "raw_ber" else one.place.value
                     name = labels[one.variant]
                     told = "messages", axis, value, name, receiver, one.lost, "recordings"
                     points.setdefault((name, value), Point(*told))
-            tables[f"{receiver}: {axis_label(axis)}"] = BerTable(points.values())
+            tables[f"{receiver}: {axis_label(axis)}"] = (
+                BerTable(points.values()) if points else "every frame was lost"
+            )
         drawn.append(tables)
     count, packets = len(results[0].each), results[0].lost.bits
     note = f"{count} recordings a point, {packets} packets or as many as a code has; bars: 95 % intervals"

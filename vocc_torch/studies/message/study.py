@@ -3,6 +3,7 @@
 import time
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
@@ -30,7 +31,7 @@ from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.recording import Recorded, Shutter, record
+from vocc_torch.simulation.recording import NoFrameLeftError, Recorded, Shutter, record
 from vocc_torch.simulation.scene import narrowed
 from vocc_torch.studies.message import AXES, MessagesConfig
 
@@ -196,17 +197,18 @@ def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterato
     start_s = float(key.generator("start").random()) * symbol_s
     shutter = Shutter(fps, start_s, own.readout_s, own.dropped, own.repeated, own.black, own.burst_frames)
     scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
-    return record(
-        job.plan.world.simulator(),
-        scene,
-        torch.from_numpy(film),
-        symbol_s,
-        shutter,
-        key,
-        speed_m_s=own.speed_m_s,
-        window=own.margin,
-        batch=job.plan.batch_frames,
-    )
+    with suppress(NoFrameLeftError):  # all its packets are lost
+        yield from record(
+            job.plan.world.simulator(),
+            scene,
+            torch.from_numpy(film),
+            symbol_s,
+            shutter,
+            key,
+            speed_m_s=own.speed_m_s,
+            window=own.margin,
+            batch=job.plan.batch_frames,
+        )
 
 
 def decode(
@@ -280,8 +282,8 @@ class Carried:
         return Estimate(full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low))
 
 
-def counted(wrong: Sequence[int], of: int) -> Counts:
-    """Count errors by recording.
+def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
+    """Count errors by recording, of as many in each, or of each its own.
 
     Example:
         >>> counted([0, 3], 4).ber
@@ -289,7 +291,8 @@ def counted(wrong: Sequence[int], of: int) -> Counts:
     """
     halves = [2 * one for one in wrong]
     squares, erring = sum(one * one for one in halves), sum(one > 0 for one in wrong)
-    return Counts(len(wrong), of * len(wrong), sum(halves), squares, erring)
+    every = of * len(wrong) if isinstance(of, int) else sum(of)
+    return Counts(len(wrong), every, sum(halves), squares, erring)
 
 
 def carried(
@@ -301,19 +304,19 @@ def carried(
         layout = Layout(MessagePlan(plan.world.panel.shape, config.options(variant.code, variant.interleave)))
         bits, lost = 8 * payload_bytes(code_of(layout).info_bytes), [one.lost[variant] for one in outcomes]
         sent, wrong = outcomes[0].sent[variant], [one.wrong[variant.receiver] for one in outcomes]
-        least = min(count for _, count in wrong)
+        seen = [one for one in wrong if one[1]]  # of a recording that lost all its frames nothing is known
         parts = variant.receiver, variant[:2], variant
         spent = [sum(one.spent_s[of] for one in outcomes) for of in parts]
         yield Carried(
             place,
             variant,
             counted(lost, sent),
-            counted([min(count, least) for count, _ in wrong], least),
+            counted([errors for errors, _ in seen], [bits for _, bits in seen]),
             tuple(lost),
             bits,
             sent / outcomes[0].seconds,
             frames,
-            1e3 * (spent[0] + spent[1]) / frames,
+            1e3 * (spent[0] + spent[1]) / max(1, frames),
             1e3 * spent[2] / (sent * len(outcomes)),
             sum(one.false[variant] for one in outcomes),
         )
