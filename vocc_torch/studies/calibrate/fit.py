@@ -18,6 +18,8 @@ OWN_ROUNDING = 2.0
 """Grey values from a pixel to the next from which on its rounding tells nothing of theirs."""
 FIRST_DAMPING, LOOSE = 1e-6, 1e6
 """Share of the diagonal that the first step adds, and beyond which no step helps."""
+ROUNDED, TINY = 1e-10, 1e-12
+"""What double precision leaves of a diagonal, share by share: values have units of their own. The least of it."""
 UNDITHERED = 0.1
 """Variance of noise, in grey values, below which pixels of one light are rounded alike."""
 SETTLED = 0.01
@@ -304,9 +306,8 @@ def arrow_step(
 
 def damped(matrix: Tensor, damping: float) -> Tensor:
     """Raise the diagonal by a share of itself."""
-    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
-    least = 1e-9 * diagonal.amax(-1, keepdim=True).clamp(min=1e-12) if matrix.numel() else diagonal
-    return matrix + torch.diag_embed(damping * diagonal + least)
+    diagonal = matrix.diagonal(dim1=-2, dim2=-1).clamp(min=TINY)
+    return matrix + torch.diag_embed((damping + ROUNDED) * diagonal)
 
 
 def covariances(

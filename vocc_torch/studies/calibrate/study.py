@@ -30,8 +30,8 @@ FINEST_PITCH_PX = 12
 """Pixels from LED to LED that are enough; of more, several are averaged into one."""
 LEAST_FRAMES = 4
 """Fewer show no noise."""
-ODD, ODD_LEAST = 4.0, 0.0125
-"""LEDs of a frame whose corners are wrong by a row are so many times as far from On and Off as others'."""
+ODD, ODD_LEAST = 4.0, 0.5
+"""Frames whose corners are wrong by a row have so many times others' squared residuals, and than the least."""
 BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
@@ -109,7 +109,10 @@ def calibrate(
     found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
-    kept = fitting(amplitudes(fit)[0])
+    kept = fitting(fit)
+    if not bool(kept.all()):  # some frames may have bent the others: each alone
+        frames = [slice(i, i + 1) for i in range(len(grey))]
+        kept = fitting(*(decided(posed(begun.taken(one)), POSED)[0] for one in frames))
     if not bool(kept.all()):
         study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits)
         study.scene.unknown.append(SENTENCES["odd"].format(count=int((~kept).sum())))
@@ -123,9 +126,7 @@ def calibrate(
         curve = transfer(fit)
         fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
     fit, free = sensor_and_lens(fit, free, found)
-    own, error = amplitudes(fit)
-    if bits is None and bool(((own > 0.5) != fit.bits).any()):
-        fit, own, error = decided(replace(fit, lit=(own > 0.5).double()), free)
+    fit, own, error = decided(fit, free, 4 if bits is None else 0)
     differ = scatter(own, error, fit.bits)
     if differ.gain > LIKELIHOOD:
         fit = settled(replace(fit, lit=fit.bits * differ.factors), free, steps=8)
@@ -139,14 +140,11 @@ def calibrate(
     return CalibratedScene(found, fit, curve, footage)
 
 
-def fitting(own: Tensor) -> Tensor:
-    """Tell frames whose LEDs lie where they are looked for, (B,) bool: each is near Off or near On there.
-
-    Args:
-        own: (B,R*C) light of each LED over that of On.
-    """
-    off = torch.minimum(own.abs(), (own - 1).abs()).median(1).values
-    return off <= ODD * off.median().clamp(min=ODD_LEAST)
+def fitting(*fits: RecordingFit) -> Tensor:
+    """Tell frames that are fitted about as well as the better ones, (B,) bool: others' corners are wrong."""
+    parts = [(fit.grey - mean).square().mean((1, 2)) for fit in fits for mean in fit.predicted()[:1]]
+    misfit = torch.cat(parts)
+    return misfit <= ODD * misfit.quantile(0.25).clamp(min=ODD_LEAST)
 
 
 def coarseness(corners_px: Tensor, shape: PanelShape) -> int:
@@ -187,8 +185,7 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     Returns:
         the fit, the names of what is fitted, and by how much each frame tells a pose from its mirror image.
     """
-    posed = replace(begun, of_frame=begun.of_frame + 0.08 * model.directions(["yaw"])[0])
-    fit, _, _ = decided(posed, POSED)
+    fit, _, _ = decided(posed(begun), POSED)
     flat = fit.of_frame.index_fill(1, torch.arange(3, 6), 0.0)
     upright = settled(replace(fit, of_frame=flat), BASE, steps=10)
     kept = found.judge("pose", upright, fit, "the panel's image is no upright square grid")
@@ -196,6 +193,11 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
         return decided(upright, BASE)[0], BASE, torch.zeros(len(fit.grey))
     fit, apart = mirrored(fit, POSED)
     return fit, POSED, apart
+
+
+def posed(begun: RecordingFit) -> RecordingFit:
+    """Turn the panel a little: where it faces the camera the angles have no slope."""
+    return replace(begun, of_frame=begun.of_frame + 0.08 * model.directions(["yaw"])[0])
 
 
 def shaded(known: Windows, camera: Camera, fall: Falloff) -> Windows:
