@@ -1,7 +1,7 @@
 """What was fitted in the simulator's words, how sure it is, and what the recording does not tell."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 
@@ -19,7 +19,7 @@ from vocc_torch.studies.calibrate.leds import Scatter
 from vocc_torch.studies.calibrate.model import WHITE
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.surround import Falloff, Surround, lamps, patterns
-from vocc_torch.studies.calibrate.transfer import Curve, middle_slope
+from vocc_torch.studies.calibrate.transfer import Curve, pattern, transfer
 
 LIKELIHOOD = 10.8
 """Twice the log-likelihood ratio that one value reaches by chance once in a thousand times (chi-squared)."""
@@ -73,6 +73,13 @@ class Findings(Calibrated):
         added = (rich.values - simple.values) * math.log(rich.pixels)
         gain = (simple.misfit - rich.misfit) / rich.scale - added
         return rich if self.tried(effect, gain, self.needed, BIC, explains) else simple
+
+    def derived(
+        self, fit: RecordingFit, of: Callable[[Mapping[str, Tensor], Tensor], Tensor]
+    ) -> scenes.Derived:
+        """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
+        made, own, common = fit.derived(of)
+        return made, own, math.hypot(common, float(own.median()) * (self.coded[1] > CODED))
 
     @property
     def needed(self) -> float:
@@ -157,19 +164,21 @@ def describe(
 def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
     """Describe place and pose."""
     whole = found.camera.focal_length_px * found.panel.pitch_m
-    away = fit.derived(lambda own, _: whole * torch.exp(-own["log_pitch_px"]))
+    away = found.derived(fit, lambda own, _: whole * torch.exp(-own["log_pitch_px"]))
     found.values.append(scenes.spread("distance_m", away, "by the image of a pitch"))
     for name, side in (("x", found.camera.width_px), ("y", found.camera.height_px)):
 
         def offset(own: Mapping[str, Tensor], _: Tensor, name: str = name, side: int = side) -> Tensor:
             return (own[f"{name}_px"] - side / 2) * found.panel.pitch_m * torch.exp(-own["log_pitch_px"])
 
-        found.values.append(scenes.spread(f"offset_{name}_m", fit.derived(offset), "by the panel's place"))
+        found.values.append(
+            scenes.spread(f"offset_{name}_m", found.derived(fit, offset), "by the panel's place")
+        )
     found.say("ratio")
     if not found.asked("pose"):
         return
     for name in ("yaw", "pitch", "roll"):
-        degrees = fit.derived(lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
+        degrees = found.derived(fit, lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
         found.values.append(scenes.spread(f"effects.pose.{name}_deg", degrees, "of the panel"))
     if float(apart.median()) < 9:
         found.say("signs")
@@ -179,12 +188,20 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
     """Describe the light, and give the quantum efficiency that fits to it."""
     camera, panel, ambient_lx = found.camera, found.panel, found.config.ambient_lx
     efficiency = found.config.quantum_efficiency
-    grey = scenes.spread("background_grey", fit.derived(lambda own, _: own["background"]), "as seen", 1.0)
+    grey = scenes.spread(
+        "background_grey", found.derived(fit, lambda own, _: own["background"]), "as seen", 1.0
+    )
+    if found.fall.natural_gain > 0 and found.fall.barrel_gain > 0:  # the level is that of the sensor's middle
+        sides = {"x_px": camera.width_px, "y_px": camera.height_px}
+        out = math.hypot(*(2 * float(fit.value(one).median()) - side for one, side in sides.items()))
+        out /= math.hypot(*sides.values())
+        shade = out * found.fall.deviation / (1 - out * found.fall.corner_loss) / float(fit.of_all[0])
+        grey = replace(grey, deviation=math.hypot(grey.deviation, shade * grey.middle))
     if found.coded[1] > CODED:  # blocks that are alike have their means rounded alike
         step = float(quantisation_table(found.coded[0])[0, 0]) / 8
         grey = replace(grey, deviation=math.hypot(grey.deviation, step / math.sqrt(12)))
     found.values.append(grey)
-    ratio = fit.derived(lambda own, all_: level("off", own, all_) / level("background", own, all_))
+    ratio = found.derived(fit, lambda own, all_: level("off", own, all_) / level("background", own, all_))
     middle = float(ratio[0].median())
     error = math.hypot(float(ratio[1].median()) / math.sqrt(len(ratio[0])), ratio[2])
     shares = panel.led_reflectance / panel.background_reflectance
@@ -195,11 +212,13 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
     seen = panel.background_reflectance / math.pi + over  # luminance of the background at 1 lx
     lux, lux_error, note = ambient_lx or scenes.UNKNOWN_LX, math.nan, "as configured" if ambient_lx else ""
     if curve is not None:
-        gamma = float(fit.of_all[0])
-        electrons = (grey.middle / MIDDLE_GREY) ** gamma / curve.noise.slope
-        counted = scenes.illuminance(electrons, camera, seen, efficiency)
+
+        def electrons(fit: RecordingFit, curve: Curve) -> float:
+            return float(scenes.linear(fit, "background").median()) / curve.noise.slope
+
+        counted = scenes.illuminance(electrons(fit, curve), camera, seen, efficiency)
         if ambient_lx is None:
-            shaky = 2 * grey.deviation / grey.middle, 2 * fit.deviation("gamma") / gamma
+            shaky = 2 * grey.deviation / grey.middle, by_gamma(fit, curve, electrons)
             lux_error = counted * math.hypot(curve.slope_error, *shaky)
             lux, note = counted, "by the photons counted"
             found.say("product")
@@ -213,7 +232,9 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
         on, off, behind = (level(name, own, all_) for name in ("on", "off", "background"))
         return (on - off) / behind * (seen * lux)
 
-    found.note(scenes.spread("led_luminance_cd_m2", fit.derived(own_light), "relative to ambient_lx", 0.0))
+    found.note(
+        scenes.spread("led_luminance_cd_m2", found.derived(fit, own_light), "relative to ambient_lx", 0.0)
+    )
     found.say("air")
     if float(fit.value("on").median()) >= WHITE:
         found.say("white")
@@ -260,6 +281,15 @@ def through_the_lens(fit: RecordingFit, found: Findings) -> None:
         found.tell("effects.vignetting.corner_loss", loss, error, "beside cos^4")
 
 
+def by_gamma(fit: RecordingFit, curve: Curve, of: Callable[[RecordingFit, Curve], float]) -> float:
+    """Say by which share a value moves as gamma does by its deviation: photons and levels hang on it."""
+    if "gamma" not in fit.free:
+        return 0.0
+    bent = fit.bent(fit.deviation("gamma"))
+    other = transfer(bent)
+    return min(1.0, abs(math.log(max(of(bent, other), 1e-9) / of(fit, curve)))) if other.noise.slope else 1.0
+
+
 def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: float) -> None:
     """Describe the sensor's noise, in electrons, which shot noise counts."""
     criterion = "gain of likelihood of the residuals' variances, twice its logarithm, less log(pixels)"
@@ -273,31 +303,44 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
     found.tell(key, min(1.0, efficiency), math.nan, "as configured, or by calibrate.ambient_lx")
     if efficiency > 1:
         found.say("photons", efficiency=efficiency)
-    electrons, slope_error = 1 / curve.noise.slope, curve.slope_error
     fixed, row = patterns(found.around)
-    x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
-    steep = middle_slope(x, gamma, curve.noise)
-    share = fixed.value / steep / x
-    if read:
+    x = float(scenes.linear(fit, "background").median())
+
+    def stays(fit: RecordingFit, curve: Curve) -> float:
+        return pattern(fixed.value, float(scenes.linear(fit, "background").median()), fit.of_all[0], curve)
+
+    def dark(fit: RecordingFit, curve: Curve) -> float:
         # Where the panel moves over the pixels, what differs from pixel to pixel is in the floor too.
-        stays = share > RESPONSE and fixed.gain > LIKELIHOOD and not curve.still
-        floor = max(curve.noise.floor - (share * x) ** 2 * stays, 0.01 * curve.noise.floor)
-        sigma = math.sqrt(floor) * electrons
+        there = kind == "dsnu" and fixed.gain > LIKELIHOOD and not curve.still
+        own = stays(fit, curve) ** 2 if there else 0.0
+        return math.sqrt(max(curve.noise.floor - own, 0.01 * curve.noise.floor)) / curve.noise.slope
+
+    def offset(fit: RecordingFit, curve: Curve) -> float:
+        return stays(fit, curve) / curve.noise.slope
+
+    slope_error, share = curve.slope_error, stays(fit, curve) / x if fixed.value else 0.0
+    kind, other = ("prnu", "dsnu") if share < RESPONSE else ("dsnu", "prnu")
+    if read:
+        sigma, electrons = dark(fit, curve), 1 / curve.noise.slope
+        floor = (sigma / electrons) ** 2
         turn = np.array([-electrons, 1 / (2 * floor)])  # a floor too high goes with a slope too low
         relative = math.sqrt(max(0.0, float(turn @ curve.covariance @ turn)))
+        relative = math.hypot(relative, by_gamma(fit, curve, dark))
         found.tell("effects.read_noise.electrons", sigma, sigma * relative, "in the dark")
     else:
-        found.say("read", electrons=math.sqrt(curve.hidden) * electrons)
-    kind, other = ("prnu", "dsnu") if share < RESPONSE else ("dsnu", "prnu")
+        found.say("read", electrons=math.sqrt(curve.hidden) / curve.noise.slope)
     criterion = f"{RATIO}, of variances in the background"
     if found.tried(kind, fixed.gain, LIKELIHOOD, criterion, "pixels differ, always alike"):
-        relative = math.hypot(fixed.deviation / fixed.value, slope_error if kind == "dsnu" else 0.0)
-        unit, given = ("share", share) if kind == "prnu" else ("electrons", share * x * electrons)
+        unit, given, relative = "share", share, fixed.deviation / fixed.value
+        if kind == "dsnu":
+            relative = math.hypot(relative, slope_error, by_gamma(fit, curve, offset))
+            unit, given = "electrons", offset(fit, curve)
         found.tell(f"effects.{kind}.{unit}", given, given * relative, "of each pixel")
         found.say("pattern", kind=kind, share=share)
     found.tried(other, 0.0, LIKELIHOOD, f"not told from {kind}")
     if found.tried("row_noise", row.gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):
-        amount, relative = row.value / steep * electrons, math.hypot(row.deviation / row.value, slope_error)
+        amount = pattern(row.value, x, fit.of_all[0], curve) / curve.noise.slope
+        relative = math.hypot(row.deviation / row.value, slope_error)
         found.tell("effects.row_noise.electrons", amount, amount * relative, "of each row")
 
 

@@ -126,6 +126,13 @@ class RecordingFit:
         own = name in OF_FRAME
         return self.of_frame[:, OF_FRAME.index(name)] if own else self.of_all[OF_ALL.index(name)]
 
+    def bent(self, step: float) -> "RecordingFit":
+        """Move gamma, and with it what each frame has of its own."""
+        turns = Turns.of(self.free)
+        own = -step * self.lead[..., turns.shared.index("gamma")] @ turns.along[0][: len(turns.own)]
+        shared = step * model.directions(["gamma"])[1][0]
+        return replace(self, of_frame=self.of_frame + own, of_all=self.of_all + shared)
+
     def taken(self, rows: slice) -> "RecordingFit":
         """Take some frames."""
         parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}

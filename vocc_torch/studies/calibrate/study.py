@@ -30,8 +30,9 @@ FINEST_PITCH_PX = 12
 """Pixels from LED to LED that are enough; of more, several are averaged into one."""
 LEAST_FRAMES = 4
 """Fewer show no noise."""
-ODD, ODD_LEAST = 4.0, 0.5
-"""Frames whose corners are wrong by a row have so many times others' squared residuals, and than the least."""
+ODD, ODD_LEAST, BETTER = 4.0, 0.5, 0.15
+"""Frames whose corners are wrong by a row, or in which something passes, have more than so many times the squared
+residuals, in grey values, of the better ones: this share of all."""
 BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
@@ -121,6 +122,9 @@ def calibrate(
         found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
         own = fit.of_all.index_fill(0, torch.tensor(0), camera.gamma)
         fit = settled(replace(fit, of_all=own), free)
+    if fall.natural_gain > 0:  # it was told with the camera's gamma
+        found.fall = falloff(around, camera.focal_length_px, float(fit.of_all[0]))
+        fit = settled(replace(fit, windows=shaded(known, camera, found.fall)), free)
     curve = None
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
         curve = transfer(fit)
@@ -144,7 +148,7 @@ def fitting(*fits: RecordingFit) -> Tensor:
     """Tell frames that are fitted about as well as the better ones, (B,) bool: others' corners are wrong."""
     parts = [(fit.grey - mean).square().mean((1, 2)) for fit in fits for mean in fit.predicted()[:1]]
     misfit = torch.cat(parts)
-    return misfit <= ODD * misfit.quantile(0.25).clamp(min=ODD_LEAST)
+    return misfit <= ODD * misfit.quantile(BETTER).clamp(min=ODD_LEAST)
 
 
 def coarseness(corners_px: Tensor, shape: PanelShape) -> int:

@@ -98,9 +98,11 @@ def patterns(around: Surround) -> tuple[Excess, Excess]:
     if whole.sum() < 200:
         return Excess(), Excess()
     bulk = sharp[whole]
-    bulk = bulk[np.abs(bulk) < 6 * np.median(np.abs(bulk)) + 1e-9]
+    bulk = bulk[np.abs(bulk) < 10 * np.median(np.abs(bulk)) + 1e-9]
     # Neighbours share a part: fewer pixels and rows than there are count.
-    fixed = Excess.of(float(bulk.var()) / 1.25, float(temporal[whole].mean()) / frames, len(bulk) / 1.8)
+    heavy = float((bulk**4).mean()) / max(float(bulk.var()) ** 2, 1e-9) - 1  # 2 of normal numbers
+    apart = len(bulk) / 1.8 * min(1.0, 2 / max(heavy, 1e-9))
+    fixed = Excess.of(float(bulk.var()) / 1.25, float(temporal[whole].mean()) / frames, apart)
     wide, left = calm.sum(1), 1 - 1 / frames
     good = ndimage.minimum_filter1d(wide, 3, mode="constant") >= 16
     if not good.any():
