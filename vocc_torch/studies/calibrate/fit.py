@@ -19,7 +19,7 @@ OWN_ROUNDING = 2.0
 FIRST_DAMPING, LOOSE = 1e-6, 1e6
 """Share of the diagonal that the first step adds, and beyond which no step helps."""
 ROUNDED, TINY = 1e-10, 1e-12
-"""What double precision leaves of a diagonal, share by share: values have units of their own. The least of it."""
+"""What double precision leaves of a diagonal, of each value its own share: units differ. The least of it."""
 UNDITHERED = 0.1
 """Variance of noise, in grey values, below which pixels of one light are rounded alike."""
 SETTLED = 0.01
@@ -33,6 +33,7 @@ SURE = 1.96
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
 RANGES |= dict.fromkeys(("yaw", "pitch"), (-1.3, 1.3)) | dict.fromkeys(LEVELS, (1e-2, 5000.0))
 """Where values mean something."""
+ANY = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -184,10 +185,10 @@ def settled(
         blocks = normal(slopes, residual, weights, own)
         if step == steps:
             break
-        moved = True
+        moved, held = True, turns.held(*current, blocks)
         while True:
-            own_step, all_step = arrow_step(*blocks, damping)
-            promised = float((own_step * blocks[3]).sum() + (all_step * blocks[4]).sum())
+            own_step, all_step = arrow_step(*held, damping)
+            promised = float((own_step * held[3]).sum() + (all_step * held[4]).sum())
             if promised < SETTLED * scale:
                 moved = False
                 break
@@ -263,6 +264,20 @@ class Turns:
                 if name in RANGES:
                     values[..., at].clamp_(*RANGES[name])
         return made
+
+    def held(self, of_frame: Tensor, of_all: Tensor, blocks: "Blocks") -> "Blocks":
+        """Take values out of the normal equations that are at the end of their range and would leave it."""
+        own, mixed, shared, *right = blocks
+        free, one = [torch.ones_like(part) for part in right], torch.tensor(1.0)
+        all_ = dict(zip(OF_ALL, of_all, strict=True))
+        for part, (names, values) in enumerate(((self.own, model.columns(of_frame)), (self.shared, all_))):
+            for at, name in enumerate(names):
+                (low, high), value, pull = RANGES.get(name, ANY), values.get(name, one), right[part][..., at]
+                free[part][..., at] = ~(((value <= low) & (pull < 0)) | ((value >= high) & (pull > 0)))
+        a, b = free
+        own = own * a.unsqueeze(-1) * a.unsqueeze(-2) + torch.diag_embed(1 - a)
+        shared = shared * b.unsqueeze(-1) * b + torch.diag(1 - b)
+        return own, mixed * a.unsqueeze(-1) * b, shared, right[0] * a, right[1] * b
 
 
 def trusted(fit: RecordingFit) -> RecordingFit:

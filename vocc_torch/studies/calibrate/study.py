@@ -15,7 +15,7 @@ from vocc_torch.studies.calibrate import CalibrateConfig, model
 from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.describe import LIKELIHOOD, SENTENCES, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
-from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
+from vocc_torch.studies.calibrate.leds import BASE, POSED, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
@@ -31,8 +31,8 @@ FINEST_PITCH_PX = 12
 LEAST_FRAMES = 4
 """Fewer show no noise."""
 ODD, ODD_LEAST, BETTER = 4.0, 0.5, 0.15
-"""Frames whose corners are wrong by a row, or in which something passes, have more than so many times the squared
-residuals, in grey values, of the better ones: this share of all."""
+"""Frames whose corners are wrong by a row, or in which something passes, have more than so many times the squares
+of residuals of the better ones, which are this share of all. The least, in grey values squared."""
 BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
