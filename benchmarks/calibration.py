@@ -54,7 +54,7 @@ from vocc_torch.studies.calibrate.study import CalibratedScene, calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
-FIRST = 100
+FIRST = 200
 """Number of the first recording: those below showed the faults that were mended, these had no part in it."""
 FRAMES = 8
 AMONG_LAMPS = 24

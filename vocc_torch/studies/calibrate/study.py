@@ -31,8 +31,8 @@ FINEST_PITCH_PX = 12
 LEAST_FRAMES = 4
 """Fewer show no noise."""
 ODD, ODD_LEAST, BETTER = 4.0, 0.5, 0.15
-"""Frames whose corners are wrong by a row, or in which something passes, have more than so many times the squares
-of residuals of the better ones, which are this share of all. The least, in grey values squared."""
+"""Frames whose corners are wrong by a row, or in which something passes, have more than so many times the
+squared residuals of the better ones, which are this share of all. The least, in grey values squared."""
 BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 BINS = 24
 """Levels of light at which residuals are compared."""
-CALM = 35.0
-"""A residual's square over its level's median, 4 standard deviations, beyond which it is no noise."""
+CALM = 200.0
+"""A residual's square over its level's median beyond which it is no noise; dark noise is skew."""
 WHOLE, LEAST = 0.25, 1e-3
 """Least median: whole numbers, most of them alike, have none. Least variance that is fitted."""
 PASSED = 1.5
