@@ -17,6 +17,7 @@ from vocc_torch.studies.calibrate.coded import quantisation_table
 from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 from vocc_torch.studies.calibrate.leds import Scatter
 from vocc_torch.studies.calibrate.model import WHITE
+from vocc_torch.studies.calibrate.pace import Pace
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.surround import Falloff, Surround, lamps, patterns
 from vocc_torch.studies.calibrate.transfer import Curve, pattern, transfer
@@ -35,6 +36,8 @@ DOUBTS = ("white", "bound", "residuals", "photons")
 BY_GAMMA = {"camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.blooming.sigma_px"}
 BY_GAMMA |= {"effects.veiling_glare.luminance_cd_m2", "effects.vignetting.corner_loss"}
 """Values that have no interval where gamma is not told."""
+SURE_ROWS = 3.0
+"""Standard deviations from which rows are read one after the other."""
 WIDE_GAMMA = 0.3
 """Half of gamma's 95 % interval from which on the page says that it is hardly told."""
 RESPONSE = 0.05
@@ -54,6 +57,7 @@ class Findings(Calibrated):
         coded: the likeliest JPEG quality, and how sure it is.
         loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
         bound: where gamma ran to, if that is no camera's.
+        pace: the times of symbols and rows.
     """
 
     config: CalibrateConfig
@@ -62,6 +66,7 @@ class Findings(Calibrated):
     coded: tuple[int, float] = (0, 0.0)
     loose: bool = False
     bound: float | None = None
+    pace: Pace | None = None
 
     def tried(self, effect: str, gain: float, needed: float, criterion: str, explains: str = "") -> bool:
         """Note an effect, and say whether the recording asks for it."""
@@ -123,7 +128,7 @@ def describe(
         apart: (B,) by how much frames tell a pose from its mirror image.
         found: so far.
     """
-    found.say("moving")
+    in_time(found)
     found.say("colours")
     gamma, quality = float(fit.of_all[0]), found.coded[0]
     coded = found.tried("jpeg", found.coded[1], CODED, "standard deviations off chance", "pictures are coded")
@@ -159,6 +164,21 @@ def describe(
     if fit.scale > 2:
         found.say("residuals", times=math.sqrt(fit.scale))
     found.effects = [one for one in found.effects if "." not in one.effect]
+
+
+def in_time(found: Findings) -> None:
+    """Describe the symbols' and the rows' times."""
+    told = found.pace
+    if told is None:
+        found.say("rate")
+        return
+    sure = told.readout_s / told.readout_error_s if told.symbol_s >= found.camera.exposure_time_s else 0.0
+    criterion, explains = "standard deviations of the rows' time", "a symbol changes from row to row"
+    if found.tried("rolling_shutter", sure, SURE_ROWS, criterion, explains):
+        found.tell("effects.rolling_shutter.readout_s", told.readout_s, told.readout_error_s)
+        found.tell("effects.rolling_shutter.symbol_s", told.symbol_s, told.symbol_error_s)
+    else:
+        found.say("rolling", symbol=told.symbol_s, error=SURE * told.symbol_error_s)
 
 
 def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:

@@ -15,8 +15,9 @@ from vocc_torch.studies.calibrate import CalibrateConfig, model
 from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.describe import LIKELIHOOD, SENTENCES, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
-from vocc_torch.studies.calibrate.leds import BASE, POSED, decided, mirrored, scatter, start
+from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
+from vocc_torch.studies.calibrate.pace import Pace, pace
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
 from vocc_torch.studies.calibrate.surround import Falloff, Surround, falloff, natural
@@ -84,6 +85,7 @@ def calibrate(
     panel: LedPanel,
     config: CalibrateConfig,
     bits: NDArray[np.bool_] | None = None,
+    paced: Pace | None = None,
 ) -> CalibratedScene:
     """Fit a scene to a recording.
 
@@ -93,6 +95,7 @@ def calibrate(
         panel: the panel.
         config: how many frames are fitted, and what is known of the light.
         bits: (N,R,C) what the panel showed by frame, or None.
+        paced: the times of symbols and rows, where more frames than these told them.
 
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
@@ -110,12 +113,13 @@ def calibrate(
     found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
+    found.pace = paced or in_time(fit, footage.times_s)
     kept = fitting(fit)
     if not bool(kept.all()):  # some frames may have bent the others: each alone
         frames = [slice(i, i + 1) for i in range(len(grey))]
         kept = fitting(*(decided(posed(begun.taken(one)), POSED)[0] for one in frames))
     if not bool(kept.all()):
-        study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits)
+        study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits, found.pace)
         study.scene.unknown.append(SENTENCES["odd"].format(count=int((~kept).sum())))
         return study
     if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
@@ -142,6 +146,16 @@ def calibrate(
     describe(fit, curve, differ, apart, found)
     finer(found, whole, times)
     return CalibratedScene(found, fit, curve, footage)
+
+
+def in_time(fit: RecordingFit, times_s: NDArray[np.float64]) -> Pace | None:
+    """Tell the times of symbols and rows by the LEDs' light in frames whose times are known."""
+    if not np.isfinite(times_s).all():
+        return None
+    cells = len(fit.grey), fit.windows.shape.rows, -1
+    at = model.seen(fit.windows, fit.of_frame, fit.of_all, model.grid(fit.windows.shape))[0][..., 1]
+    rows_px, own = at.view(cells).mean(2), amplitudes(fit)[0].view(cells)
+    return pace(own.numpy(), times_s, rows_px.numpy(), fit.windows.sensor_px[0])
 
 
 def fitting(*fits: RecordingFit) -> Tensor:
