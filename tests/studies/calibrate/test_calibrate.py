@@ -17,7 +17,6 @@ from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies.calibrate import CalibrateConfig, model, surround
-from vocc_torch.studies.calibrate.coded import compression
 from vocc_torch.studies.calibrate.describe import Findings, describe
 from vocc_torch.studies.calibrate.fit import (
     RecordingFit,
@@ -34,6 +33,7 @@ from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage
 from vocc_torch.studies.calibrate.run import known_bits, next_command
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value, of_size, spread
 from vocc_torch.studies.calibrate.study import calibrate, demand_contrast, fitting
+from vocc_torch.studies.calibrate.surround import compression
 from vocc_torch.studies.calibrate.transfer import transfer
 from vocc_torch.types import Panels
 

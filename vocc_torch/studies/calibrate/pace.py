@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 CHANGED = 0.05
 """Share of the LEDs that differ from a frame to the next where another symbol shows."""
 RISES = 0.3
-"""By how much the earlier symbol's share may rise from a row to the one below, where rows are read downwards."""
+"""By how much the earlier symbol may gain share from a row to that below it: rows are read downwards."""
 LEAST_EDGES, LEAST_SPLIT = 3, 5
 """Changes of symbol, and frames that show two of them, from which times are told."""
 MOST_CHANGES = 2 / 3

@@ -70,12 +70,10 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         VoccError: another file, or bits of another panel.
     """
     try:
-        bits: NDArray[np.bool_] = np.load(path, allow_pickle=False)
+        with path.open("rb") as file:
+            bits: NDArray[np.bool_] = np.lib.format.read_array(file)
     except (OSError, ValueError) as error:
         raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
-    if not isinstance(bits, np.ndarray):
-        bits.close()
-        raise VoccError(f"calibrate.bits {path} holds several arrays: it must hold one, as a .npy does")
     if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
         given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"

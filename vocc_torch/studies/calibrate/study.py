@@ -12,15 +12,14 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import CalibrateConfig, model
-from vocc_torch.studies.calibrate.coded import compression
-from vocc_torch.studies.calibrate.describe import LIKELIHOOD, SENTENCES, Findings, describe
+from vocc_torch.studies.calibrate.describe import LIKELIHOOD, WORDS, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
 from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.pace import Pace, pace
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
-from vocc_torch.studies.calibrate.surround import Falloff, Surround, falloff, natural
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, compression, falloff, natural
 from vocc_torch.studies.calibrate.transfer import Curve, transfer
 
 GRID_PX = 8
@@ -120,7 +119,7 @@ def calibrate(
         kept = fitting(*(decided(posed(begun.taken(one)), POSED)[0] for one in frames))
     if not bool(kept.all()):
         study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits, found.pace)
-        study.scene.unknown.append(SENTENCES["odd"].format(count=int((~kept).sum())))
+        study.scene.unknown.append(WORDS["sentences"]["odd"].format(count=int((~kept).sum())))
         return study
     if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
         found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
@@ -133,7 +132,8 @@ def calibrate(
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
         curve = transfer(fit)
         fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
-    fit, free = sensor_and_lens(fit, free, found)
+    fit = sensor_and_lens(fit, free, found)
+    free = fit.free
     fit, own, error = decided(fit, free, 4 if bits is None else 0)
     differ = scatter(own, error, fit.bits)
     if differ.gain > LIKELIHOOD:
@@ -141,7 +141,7 @@ def calibrate(
     if curve is not None:
         curve = transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
-    if quiet and not found.needed:
+    if quiet and not found.is_coded:
         fit = corrected(fit, free, math.sqrt(around.noise()))
     describe(fit, curve, differ, apart, found)
     finer(found, whole, times)
@@ -206,7 +206,7 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     fit, _, _ = decided(posed(begun), POSED)
     flat = fit.of_frame.index_fill(1, torch.arange(3, 6), 0.0)
     upright = settled(replace(fit, of_frame=flat), BASE, steps=10)
-    kept = found.judge("pose", upright, fit, "the panel's image is no upright square grid")
+    kept = found.judge("pose", upright, fit)
     if kept is upright:
         return decided(upright, BASE)[0], BASE, torch.zeros(len(fit.grey))
     fit, apart = mirrored(fit, POSED)
@@ -240,29 +240,17 @@ def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
         raise VoccError(f"input: all LEDs look alike in all {len(footage)} frames: {rule}")
 
 
-def sensor_and_lens(
-    fit: RecordingFit, free: tuple[str, ...], found: Findings
-) -> tuple[RecordingFit, tuple[str, ...]]:
+def sensor_and_lens(fit: RecordingFit, free: tuple[str, ...], found: Findings) -> RecordingFit:
     """Try motion, the lens and a board, one after the other."""
     moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
     rich = settled(fit, moving, steps=3)
-    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
-    rich = certain(fit, rich, apart, math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy")))
-    kept = found.judge("motion_blur", fit, rich, "light is spread farther along rows or columns")
-    fit, free = (rich, moving) if kept is rich else (fit, free)
-    rich = settled(fit, (*free, "k1"), steps=6)
-    rich = certain(fit, rich, abs(float(rich.value("k1"))), rich.deviation("k1"))
-    kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
-    fit, free = (rich, (*free, "k1")) if kept is rich else (fit, free)
+    error = math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy"))
+    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy"))) / error
+    fit = found.judge("motion_blur", fit, rich, apart)
+    rich = settled(fit, (*fit.free, "k1"), steps=6)
+    fit = found.judge("lens_distortion", fit, rich, abs(float(rich.value("k1"))) / rich.deviation("k1"))
     board = torch.tensor([OF_FRAME.index("board")])
     own = fit.of_frame.index_copy(1, board, fit.value("background").unsqueeze(1))
     boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
-    rich = settled(boards, (*free, "board"), steps=4)
-    explains = "between the LEDs it is not as bright as around them"
-    kept = found.judge("panel.board_reflectance", fit, rich, explains)
-    return kept, (*free, "board") if kept is rich else free
-
-
-def certain(simple: RecordingFit, rich: RecordingFit, value: float, deviation: float) -> RecordingFit:
-    """Take the gain away from a fit whose new value its own uncertainty allows to be none."""
-    return rich if value > 3 * deviation else replace(rich, misfit=simple.misfit)
+    rich = settled(boards, (*fit.free, "board"), steps=4)
+    return found.judge("panel.board_reflectance", fit, rich)
