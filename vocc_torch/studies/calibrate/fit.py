@@ -33,6 +33,8 @@ SURE = 1.96
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
 RANGES |= dict.fromkeys(("yaw", "pitch"), (-1.3, 1.3)) | dict.fromkeys(LEVELS, (1e-2, 5000.0))
 """Where values mean something."""
+STRIDE = 1.0
+"""Share of a level and a grey value by which it changes at most in a step."""
 ANY = (-math.inf, math.inf)
 
 
@@ -259,6 +261,9 @@ class Turns:
         """Take a step, and hold values where they mean something."""
         (frame, all_), count = self.along, len(self.own)
         made = of_frame + own @ frame[:count], of_all + shared @ all_[count:]
+        levels = [OF_FRAME.index(name) for name in LEVELS]  # near black a level has next to no slope
+        most = STRIDE * (1 + of_frame[:, levels])
+        made[0][:, levels] = made[0][:, levels].clamp(of_frame[:, levels] - most, of_frame[:, levels] + most)
         for values, names in zip(made, (OF_FRAME, OF_ALL), strict=True):
             for at, name in enumerate(names):
                 if name in RANGES:
