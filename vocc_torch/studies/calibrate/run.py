@@ -73,7 +73,8 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         with path.open("rb") as file:
             bits: NDArray[np.bool_] = np.lib.format.read_array(file)
     except (OSError, ValueError) as error:
-        raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
+        why = " ".join(str(error).split())
+        raise VoccError(f"calibrate.bits {path} cannot be read as one array .npy ({why})") from None
     if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
         given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
