@@ -1,7 +1,7 @@
 """What ``task=calibrate`` finds in simulated recordings of known scenes: coverage, effects, and receivers.
 
     python benchmarks/calibration.py [RECORDINGS A SCENE] [SCENE ...]
-    python benchmarks/calibration.py receivers night tunnel fog highway
+    python benchmarks/calibration.py receivers low_sun dashcam paper fog highway night tunnel
     python benchmarks/calibration.py pictures
 
 Each recording is of a scene that ships, with values drawn at random: those of the scene, and blur, gamma,

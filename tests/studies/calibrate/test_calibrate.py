@@ -618,7 +618,7 @@ def film(symbol_s, fps, readout_s, symbols, seed):
     frames = torch.arange(len(corners))[:, None, None]
     light = part.frames.grey[frames, 0, down.long()[:, :, None], across.long()[:, None]].double() ** 2.2
     low, high = (light.flatten(1).quantile(q, 1).view(-1, 1, 1) for q in (0.02, 0.98))
-    return ((light - low) / (high - low)).numpy(), part.taken_s, down.numpy(), CAMERA.height_px
+    return ((light - low) / (high - low)).numpy(), part.taken_s, down.numpy(), CAMERA.height_px, 0.025 / 0.06
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -636,7 +636,7 @@ def test_times_of_symbols_and_rows_are_those_of_the_recording(seed):
 
 def test_times_are_not_told_from_too_few_frames_a_symbol():
     assert pace(*film(1 / 30, 33.0, 0.01, 12, 0)) is None
-    own, times, rows, height = film(0.1, 30.0, 1e-5, 8, 0)
-    assert pace(own[:3], times[:3], rows[:3], height) is None
-    assert pace(own, np.zeros_like(times), rows, height) is None
-    assert pace(own[:1].repeat(24, 0), times, rows, height) is None
+    own, times, *rest = film(0.1, 30.0, 1e-5, 8, 0)
+    assert pace(own[:3], times[:3], rest[0][:3], *rest[1:]) is None
+    assert pace(own, np.zeros_like(times), *rest) is None
+    assert pace(own[:1].repeat(24, 0), times, *rest) is None

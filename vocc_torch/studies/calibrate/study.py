@@ -117,6 +117,8 @@ def calibrate(
     if not bool(kept.all()):  # some frames may have bent the others: each alone
         frames = [slice(i, i + 1) for i in range(len(grey))]
         kept = fitting(*(decided(posed(begun.taken(one)), POSED)[0] for one in frames))
+    if paced is None and found.pace is not None and int(kept.sum()) >= LEAST_FRAMES + found.pace.mixed.sum():
+        kept &= ~torch.from_numpy(found.pace.mixed)
     if not bool(kept.all()):
         study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits, found.pace)
         study.scene.unknown.append(WORDS["sentences"]["odd"].format(count=int((~kept).sum())))
@@ -155,7 +157,7 @@ def in_time(fit: RecordingFit, times_s: NDArray[np.float64]) -> Pace | None:
     cells = len(fit.grey), fit.windows.shape.rows, -1
     at = model.seen(fit.windows, fit.of_frame, fit.of_all, model.grid(fit.windows.shape))[0][..., 1]
     rows_px, own = at.view(cells).mean(2), amplitudes(fit)[0].view(cells)
-    return pace(own.numpy(), times_s, rows_px.numpy(), fit.windows.sensor_px[0])
+    return pace(own.numpy(), times_s, rows_px.numpy(), fit.windows.sensor_px[0], fit.windows.radius)
 
 
 def fitting(*fits: RecordingFit) -> Tensor:
