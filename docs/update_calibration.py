@@ -1,7 +1,7 @@
 """Write the tables of docs/calibration.md from docs/results.
 
     python benchmarks/calibration.py 20
-    python benchmarks/calibration.py receivers night tunnel fog highway
+    python benchmarks/calibration.py receivers low_sun dashcam paper fog highway night tunnel
     python docs/update_calibration.py
 
 A test holds the page against the results.

@@ -94,7 +94,7 @@ SECTIONS = {
     },
     "calibrate": {
         **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},
-        "quantum_efficiency": 0.5,
+        **{"quantum_efficiency": 0.5, "fps": 50.0},
     },
     "receive": {
         **{"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},

@@ -20,6 +20,7 @@ class CalibrateConfig:
             all Off; null decides the bits from the frames.
         ambient_lx: illuminance of the ambient light, lx, by a light meter; null takes what the photon
             transfer curve and ``quantum_efficiency`` say.
+        fps: frames a second, above 0 and at most 1e6, for the symbols' times; null takes a video's own times.
         quantum_efficiency: of the sensor, above 0 and at most 1, for the illuminance where that is null.
 
     Raises:
@@ -30,6 +31,7 @@ class CalibrateConfig:
     frames: int = 24
     bits: str | None = None
     ambient_lx: float | None = None
+    fps: float | None = None
     quantum_efficiency: float = 0.6
 
     def __post_init__(self) -> None:
@@ -38,8 +40,10 @@ class CalibrateConfig:
             raise VoccError.of("calibrate.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
         if not 2 <= self.frames <= MOST_FRAMES:
             raise VoccError.of("calibrate.frames", self.frames, f"from 2 to {MOST_FRAMES}")
-        if self.ambient_lx is not None and not 0 < self.ambient_lx <= 1e9:
-            raise VoccError.of("calibrate.ambient_lx", self.ambient_lx, "above 0 and at most 1e9, or null")
+        for key, most in (("ambient_lx", 1e9), ("fps", 1e6)):
+            given = getattr(self, key)
+            if given is not None and not 0 < given <= most:
+                raise VoccError.of(f"calibrate.{key}", given, f"above 0 and at most {most:g}, or null")
         if not 0 < self.quantum_efficiency <= 1:
             rule = "above 0 and at most 1"
             raise VoccError.of("calibrate.quantum_efficiency", self.quantum_efficiency, rule)

@@ -18,6 +18,8 @@ OWN_ROUNDING = 2.0
 """Grey values from a pixel to the next from which on its rounding tells nothing of theirs."""
 FIRST_DAMPING, LOOSE = 1e-6, 1e6
 """Share of the diagonal that the first step adds, and beyond which no step helps."""
+ROUNDED, TINY = 1e-10, 1e-12
+"""What double precision leaves of a diagonal, of each value its own share: units differ. The least of it."""
 UNDITHERED = 0.1
 """Variance of noise, in grey values, below which pixels of one light are rounded alike."""
 SETTLED = 0.01
@@ -31,6 +33,9 @@ SURE = 1.96
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
 RANGES |= dict.fromkeys(("yaw", "pitch"), (-1.3, 1.3)) | dict.fromkeys(LEVELS, (1e-2, 5000.0))
 """Where values mean something."""
+STRIDE = 1.0
+"""Share of a level and a grey value by which it changes at most in a step."""
+ANY = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -124,6 +129,13 @@ class RecordingFit:
         own = name in OF_FRAME
         return self.of_frame[:, OF_FRAME.index(name)] if own else self.of_all[OF_ALL.index(name)]
 
+    def bent(self, step: float) -> "RecordingFit":
+        """Move gamma, and with it what each frame has of its own."""
+        turns = Turns.of(self.free)
+        own = -step * self.lead[..., turns.shared.index("gamma")] @ turns.along[0][: len(turns.own)]
+        shared = step * model.directions(["gamma"])[1][0]
+        return replace(self, of_frame=self.of_frame + own, of_all=self.of_all + shared)
+
     def taken(self, rows: slice) -> "RecordingFit":
         """Take some frames."""
         parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}
@@ -175,10 +187,10 @@ def settled(
         blocks = normal(slopes, residual, weights, own)
         if step == steps:
             break
-        moved = True
+        moved, held = True, turns.held(*current, blocks)
         while True:
-            own_step, all_step = arrow_step(*blocks, damping)
-            promised = float((own_step * blocks[3]).sum() + (all_step * blocks[4]).sum())
+            own_step, all_step = arrow_step(*held, damping)
+            promised = float((own_step * held[3]).sum() + (all_step * held[4]).sum())
             if promised < SETTLED * scale:
                 moved = False
                 break
@@ -249,11 +261,28 @@ class Turns:
         """Take a step, and hold values where they mean something."""
         (frame, all_), count = self.along, len(self.own)
         made = of_frame + own @ frame[:count], of_all + shared @ all_[count:]
+        levels = [OF_FRAME.index(name) for name in LEVELS]  # near black a level has next to no slope
+        most = STRIDE * (1 + of_frame[:, levels])
+        made[0][:, levels] = made[0][:, levels].clamp(of_frame[:, levels] - most, of_frame[:, levels] + most)
         for values, names in zip(made, (OF_FRAME, OF_ALL), strict=True):
             for at, name in enumerate(names):
                 if name in RANGES:
                     values[..., at].clamp_(*RANGES[name])
         return made
+
+    def held(self, of_frame: Tensor, of_all: Tensor, blocks: "Blocks") -> "Blocks":
+        """Take values out of the normal equations that are at the end of their range and would leave it."""
+        own, mixed, shared, *right = blocks
+        free, one = [torch.ones_like(part) for part in right], torch.tensor(1.0)
+        all_ = dict(zip(OF_ALL, of_all, strict=True))
+        for part, (names, values) in enumerate(((self.own, model.columns(of_frame)), (self.shared, all_))):
+            for at, name in enumerate(names):
+                (low, high), value, pull = RANGES.get(name, ANY), values.get(name, one), right[part][..., at]
+                free[part][..., at] = ~(((value <= low) & (pull < 0)) | ((value >= high) & (pull > 0)))
+        a, b = free
+        own = own * a.unsqueeze(-1) * a.unsqueeze(-2) + torch.diag_embed(1 - a)
+        shared = shared * b.unsqueeze(-1) * b + torch.diag(1 - b)
+        return own, mixed * a.unsqueeze(-1) * b, shared, right[0] * a, right[1] * b
 
 
 def trusted(fit: RecordingFit) -> RecordingFit:
@@ -304,9 +333,8 @@ def arrow_step(
 
 def damped(matrix: Tensor, damping: float) -> Tensor:
     """Raise the diagonal by a share of itself."""
-    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
-    least = 1e-9 * diagonal.amax(-1, keepdim=True).clamp(min=1e-12) if matrix.numel() else diagonal
-    return matrix + torch.diag_embed(damping * diagonal + least)
+    diagonal = matrix.diagonal(dim1=-2, dim2=-1).clamp(min=TINY)
+    return matrix + torch.diag_embed((damping + ROUNDED) * diagonal)
 
 
 def covariances(

@@ -17,6 +17,10 @@ from vocc_torch.studies.calibrate.model import LEVELS, OF_FRAME, PLACED, TURNED,
 
 BEGUN_WITH = 3
 """Frames by which the blur's size is searched for."""
+STRAIGHT = 1.0
+"""Grey values over which the encoding is straight."""
+DOUBTFUL = 12
+"""LEDs of a frame that are turned over."""
 BASE = (*PLACED, *LEVELS[:3], "gamma", "blur")
 POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur")
 
@@ -90,7 +94,11 @@ def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
         one = fit.taken(slice(frame, frame + 1))
         x = one.light()
         mean, variance = one.predicted()
-        steep = torch.where(mean < model.WHITE - 0.5, mean / (one.of_all[0] * x), 0.0)
+        # Of the chord, not the tangent: from Off to On the encoding is no straight line.
+        grey, seen_x = model.encoded(x, one.of_all[0]), (one.grey / MIDDLE_GREY) ** one.of_all[0]
+        chord, tangent = (one.grey - grey) / (seen_x - x), grey / (one.of_all[0] * x)
+        steep = torch.where((one.grey - grey).abs() < STRAIGHT, tangent, chord)
+        steep = torch.where(torch.minimum(grey, one.grey) < model.WHITE - 0.5, steep, 0.0)
         at = model.seen(one.windows, one.of_frame, one.of_all, model.grid(one.windows.shape))
         patches, left, top = model.stamped(one.windows, *at)
         leds = fit.lit.shape[1]
@@ -118,12 +126,34 @@ def decided(fit: RecordingFit, free: Sequence[str], rounds: int = 4) -> tuple[Re
     fit = settled(fit, free)
     own, error = amplitudes(fit)
     for _ in range(rounds):
-        bits = own > 0.5
-        if bool((bits == fit.bits).all()):
+        lit = likelier(fit, own, error)
+        if torch.equal(lit > 0, fit.bits):
             break
-        fit = settled(replace(fit, lit=bits.double()), free)
+        fit = settled(replace(fit, lit=lit), free)
         own, error = amplitudes(fit)
     return fit, own, error
+
+
+def likelier(fit: RecordingFit, own: Tensor, error: Tensor) -> Tensor:
+    """Decide bits by each LED's light, or turn the most doubtful over, where that explains a frame better.
+
+    Light that is clipped at white says too little of an LED: only the picture as a whole tells.
+    """
+    weights, rows = fit.trust / fit.predicted()[1], torch.arange(len(own))
+
+    def misfit(lit: Tensor) -> Tensor:
+        left = fit.grey - replace(fit, lit=lit).predicted()[0]
+        return (weights * left.square()).sum((1, 2))
+
+    lit = (fit.lit > 0).double()
+    doubts, least = ((own - lit) / error).abs().argsort(1, descending=True).T[:DOUBTFUL], misfit(lit)
+    for doubtful in (None, *doubts):
+        other = (own > 0.5).double() if doubtful is None else lit.clone()
+        if doubtful is not None:
+            other[rows, doubtful] = 1 - other[rows, doubtful]
+        new = misfit(other)
+        lit, least = torch.where((new < least).unsqueeze(1), other, lit), torch.minimum(new, least)
+    return lit
 
 
 def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Tensor]:

@@ -34,6 +34,7 @@ class Footage:
         read: frames that were read.
         looked: frames in which the panel was looked for.
         failures: what could not be read.
+        times_s: (B,) when each frame was taken, NaN where that is not known.
     """
 
     greys: NDArray[Any]
@@ -42,10 +43,11 @@ class Footage:
     read: int
     looked: int
     failures: list[str]
+    times_s: NDArray[np.float64]
 
     def taken(self, rows: slice | NDArray[Any]) -> "Footage":
         """Take some frames."""
-        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "corners_px")}
+        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "corners_px", "times_s")}
         return replace(self, **parts)
 
     def doubts(self) -> list[str]:
@@ -105,7 +107,14 @@ def agreeing(corners_px: Tensor) -> Tensor:
     return torch.from_numpy(label == np.bincount(label).argmax())
 
 
-def read_footage(source: Path, channel: str, locator: PanelLocator, shape: PanelShape, most: int) -> Footage:
+def read_footage(
+    source: Path,
+    channel: str,
+    locator: PanelLocator,
+    shape: PanelShape,
+    most: int,
+    fps: float | None = None,
+) -> Footage:
     """Read a recording and find the panel.
 
     Args:
@@ -114,6 +123,7 @@ def read_footage(source: Path, channel: str, locator: PanelLocator, shape: Panel
         locator: what finds the panel.
         shape: rows and columns.
         most: frames to keep, at most twice as many.
+        fps: frames a second; None takes a video's own times.
 
     Raises:
         VoccError: nothing to read, no panel, or a picture that is white throughout.
@@ -143,5 +153,6 @@ def read_footage(source: Path, channel: str, locator: PanelLocator, shape: Panel
         raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
     numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
-    every = Footage(greys, numbers, torch.cat(corners), read, len(kept), failures)
+    times = np.array([frame.time_s for frame in kept], dtype=np.float64) if fps is None else numbers / fps
+    every = Footage(greys, numbers, torch.cat(corners), read, len(kept), failures, times)
     return every.taken(rows.numpy())

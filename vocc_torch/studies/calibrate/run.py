@@ -38,7 +38,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     if locator is None:
         raise VoccError.of("receiver.locator", "truth", "one that looks for the panel, for task=calibrate")
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
-    footage = read_footage(source, config.channel, locator, panel.shape, config.frames)
+    footage = read_footage(source, config.channel, locator, panel.shape, config.frames, config.fps)
     camera, taken = scenes.of_size(plan.world.camera, *footage.greys.shape[1:])
     if taken:
         warnings.warn(taken, stacklevel=2)
@@ -70,12 +70,11 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         VoccError: another file, or bits of another panel.
     """
     try:
-        bits: NDArray[np.bool_] = np.load(path, allow_pickle=False)
+        with path.open("rb") as file:
+            bits: NDArray[np.bool_] = np.lib.format.read_array(file)
     except (OSError, ValueError) as error:
-        raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
-    if not isinstance(bits, np.ndarray):
-        bits.close()
-        raise VoccError(f"calibrate.bits {path} holds several arrays: it must hold one, as a .npy does")
+        why = " ".join(str(error).split())
+        raise VoccError(f"calibrate.bits {path} cannot be read as one array .npy ({why})") from None
     if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
         given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"

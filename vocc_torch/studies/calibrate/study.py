@@ -12,14 +12,14 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import CalibrateConfig, model
-from vocc_torch.studies.calibrate.coded import compression
-from vocc_torch.studies.calibrate.describe import LIKELIHOOD, SENTENCES, Findings, describe
+from vocc_torch.studies.calibrate.describe import LIKELIHOOD, WORDS, Findings, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
 from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
+from vocc_torch.studies.calibrate.pace import Pace, pace
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
-from vocc_torch.studies.calibrate.surround import Falloff, Surround, falloff, natural
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, compression, falloff, natural
 from vocc_torch.studies.calibrate.transfer import Curve, transfer
 
 GRID_PX = 8
@@ -30,8 +30,9 @@ FINEST_PITCH_PX = 12
 """Pixels from LED to LED that are enough; of more, several are averaged into one."""
 LEAST_FRAMES = 4
 """Fewer show no noise."""
-ODD, ODD_LEAST = 4.0, 0.0125
-"""LEDs of a frame whose corners are wrong by a row are so many times as far from On and Off as others'."""
+ODD, ODD_LEAST, BETTER = 4.0, 0.5, 0.15
+"""Frames whose corners are wrong by a row, or in which something passes, have more than so many times the
+squared residuals of the better ones, which are this share of all. The least, in grey values squared."""
 BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
@@ -83,6 +84,7 @@ def calibrate(
     panel: LedPanel,
     config: CalibrateConfig,
     bits: NDArray[np.bool_] | None = None,
+    paced: Pace | None = None,
 ) -> CalibratedScene:
     """Fit a scene to a recording.
 
@@ -92,6 +94,7 @@ def calibrate(
         panel: the panel.
         config: how many frames are fitted, and what is known of the light.
         bits: (N,R,C) what the panel showed by frame, or None.
+        paced: the times of symbols and rows, where more frames than these told them.
 
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
@@ -109,44 +112,59 @@ def calibrate(
     found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
-    kept = fitting(amplitudes(fit)[0])
+    found.pace = paced or in_time(fit, footage.times_s)
+    kept = fitting(fit)
+    if not bool(kept.all()):  # some frames may have bent the others: each alone
+        frames = [slice(i, i + 1) for i in range(len(grey))]
+        kept = fitting(*(decided(posed(begun.taken(one)), POSED)[0] for one in frames))
+    if paced is None and found.pace is not None and int(kept.sum()) >= LEAST_FRAMES + found.pace.mixed.sum():
+        kept &= ~torch.from_numpy(found.pace.mixed)
     if not bool(kept.all()):
-        study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits)
-        study.scene.unknown.append(SENTENCES["odd"].format(count=int((~kept).sum())))
+        study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits, found.pace)
+        study.scene.unknown.append(WORDS["sentences"]["odd"].format(count=int((~kept).sum())))
         return study
     if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
         found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
         own = fit.of_all.index_fill(0, torch.tensor(0), camera.gamma)
         fit = settled(replace(fit, of_all=own), free)
+    if fall.natural_gain > 0:  # it was told with the camera's gamma
+        found.fall = falloff(around, camera.focal_length_px, float(fit.of_all[0]))
+        fit = settled(replace(fit, windows=shaded(known, camera, found.fall)), free)
     curve = None
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
         curve = transfer(fit)
         fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
-    fit, free = sensor_and_lens(fit, free, found)
-    own, error = amplitudes(fit)
-    if bits is None and bool(((own > 0.5) != fit.bits).any()):
-        fit, own, error = decided(replace(fit, lit=(own > 0.5).double()), free)
+    fit = sensor_and_lens(fit, free, found)
+    free = fit.free
+    fit, own, error = decided(fit, free, 4 if bits is None else 0)
     differ = scatter(own, error, fit.bits)
     if differ.gain > LIKELIHOOD:
         fit = settled(replace(fit, lit=fit.bits * differ.factors), free, steps=8)
     if curve is not None:
         curve = transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
-    if quiet and not found.needed:
+    if quiet and not found.is_coded:
         fit = corrected(fit, free, math.sqrt(around.noise()))
     describe(fit, curve, differ, apart, found)
     finer(found, whole, times)
     return CalibratedScene(found, fit, curve, footage)
 
 
-def fitting(own: Tensor) -> Tensor:
-    """Tell frames whose LEDs lie where they are looked for, (B,) bool: each is near Off or near On there.
+def in_time(fit: RecordingFit, times_s: NDArray[np.float64]) -> Pace | None:
+    """Tell the times of symbols and rows by the LEDs' light in frames whose times are known."""
+    if not np.isfinite(times_s).all():
+        return None
+    cells = len(fit.grey), fit.windows.shape.rows, -1
+    at = model.seen(fit.windows, fit.of_frame, fit.of_all, model.grid(fit.windows.shape))[0][..., 1]
+    rows_px, own = at.view(cells).mean(2), amplitudes(fit)[0].view(cells)
+    return pace(own.numpy(), times_s, rows_px.numpy(), fit.windows.sensor_px[0], fit.windows.radius)
 
-    Args:
-        own: (B,R*C) light of each LED over that of On.
-    """
-    off = torch.minimum(own.abs(), (own - 1).abs()).median(1).values
-    return off <= ODD * off.median().clamp(min=ODD_LEAST)
+
+def fitting(*fits: RecordingFit) -> Tensor:
+    """Tell frames that are fitted about as well as the better ones, (B,) bool: others' corners are wrong."""
+    parts = [(fit.grey - mean).square().mean((1, 2)) for fit in fits for mean in fit.predicted()[:1]]
+    misfit = torch.cat(parts)
+    return misfit <= ODD * misfit.quantile(BETTER).clamp(min=ODD_LEAST)
 
 
 def coarseness(corners_px: Tensor, shape: PanelShape) -> int:
@@ -187,15 +205,19 @@ def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[st
     Returns:
         the fit, the names of what is fitted, and by how much each frame tells a pose from its mirror image.
     """
-    posed = replace(begun, of_frame=begun.of_frame + 0.08 * model.directions(["yaw"])[0])
-    fit, _, _ = decided(posed, POSED)
+    fit, _, _ = decided(posed(begun), POSED)
     flat = fit.of_frame.index_fill(1, torch.arange(3, 6), 0.0)
     upright = settled(replace(fit, of_frame=flat), BASE, steps=10)
-    kept = found.judge("pose", upright, fit, "the panel's image is no upright square grid")
+    kept = found.judge("pose", upright, fit)
     if kept is upright:
         return decided(upright, BASE)[0], BASE, torch.zeros(len(fit.grey))
     fit, apart = mirrored(fit, POSED)
     return fit, POSED, apart
+
+
+def posed(begun: RecordingFit) -> RecordingFit:
+    """Turn the panel a little: where it faces the camera the angles have no slope."""
+    return replace(begun, of_frame=begun.of_frame + 0.08 * model.directions(["yaw"])[0])
 
 
 def shaded(known: Windows, camera: Camera, fall: Falloff) -> Windows:
@@ -220,29 +242,17 @@ def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
         raise VoccError(f"input: all LEDs look alike in all {len(footage)} frames: {rule}")
 
 
-def sensor_and_lens(
-    fit: RecordingFit, free: tuple[str, ...], found: Findings
-) -> tuple[RecordingFit, tuple[str, ...]]:
+def sensor_and_lens(fit: RecordingFit, free: tuple[str, ...], found: Findings) -> RecordingFit:
     """Try motion, the lens and a board, one after the other."""
     moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
     rich = settled(fit, moving, steps=3)
-    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
-    rich = certain(fit, rich, apart, math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy")))
-    kept = found.judge("motion_blur", fit, rich, "light is spread farther along rows or columns")
-    fit, free = (rich, moving) if kept is rich else (fit, free)
-    rich = settled(fit, (*free, "k1"), steps=6)
-    rich = certain(fit, rich, abs(float(rich.value("k1"))), rich.deviation("k1"))
-    kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
-    fit, free = (rich, (*free, "k1")) if kept is rich else (fit, free)
+    error = math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy"))
+    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy"))) / error
+    fit = found.judge("motion_blur", fit, rich, apart)
+    rich = settled(fit, (*fit.free, "k1"), steps=6)
+    fit = found.judge("lens_distortion", fit, rich, abs(float(rich.value("k1"))) / rich.deviation("k1"))
     board = torch.tensor([OF_FRAME.index("board")])
     own = fit.of_frame.index_copy(1, board, fit.value("background").unsqueeze(1))
     boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
-    rich = settled(boards, (*free, "board"), steps=4)
-    explains = "between the LEDs it is not as bright as around them"
-    kept = found.judge("panel.board_reflectance", fit, rich, explains)
-    return kept, (*free, "board") if kept is rich else free
-
-
-def certain(simple: RecordingFit, rich: RecordingFit, value: float, deviation: float) -> RecordingFit:
-    """Take the gain away from a fit whose new value its own uncertainty allows to be none."""
-    return rich if value > 3 * deviation else replace(rich, misfit=simple.misfit)
+    rich = settled(boards, (*fit.free, "board"), steps=4)
+    return found.judge("panel.board_reflectance", fit, rich)

@@ -1,21 +1,72 @@
-"""What the picture around the panel tells: noise that stays or that rows share, vignetting, lamps."""
+"""What the picture around the panel tells: coding, noise that stays or that rows share, vignetting, lamps."""
 
+import io
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from PIL import Image
+from scipy import fft, ndimage
 from torch import Tensor
 
-from vocc_torch.studies.calibrate.coded import tiled
 from vocc_torch.studies.calibrate.fit import UNDITHERED
 
 Array = NDArray[np.float64]
 
+BLOCKS = 5000
+"""Blocks that are looked at, at most about twice as many."""
 CELL_PX = 16
 """Side of the blocks over which the background is averaged."""
+
+
+def quantisation_table(quality: int) -> Array:
+    """Give libjpeg's steps of luminance at a quality, (8,8)."""
+    file = io.BytesIO()
+    Image.new("L", (8, 8)).save(file, "JPEG", quality=quality)
+    with Image.open(file) as coded:
+        return np.array(coded.quantization[0], dtype=np.float64).reshape(8, 8)  # type: ignore[attr-defined]
+
+
+def tiled(planes: NDArray[Any], side: int) -> NDArray[Any]:
+    """Cut (...,H,W) into square blocks, (...,rows,columns,side,side); what is left over is not in."""
+    rows, columns = (length // side for length in planes.shape[-2:])
+    cut = planes[..., : rows * side, : columns * side]
+    return cut.reshape(*planes.shape[:-2], rows, side, columns, side).swapaxes(-3, -2)
+
+
+def compression(greys: NDArray[Any]) -> tuple[int, float]:
+    """Say at which JPEG quality frames were coded, and how sure that is.
+
+    Cosine coefficients of coded blocks lie on multiples of their steps: the mean of ``cos(2 pi c / step)``
+    over coefficients beyond half a step is then near 1, and near 0 where nothing was coded. That over its
+    standard deviation by chance is the criterion.
+
+    Args:
+        greys: (B,H,W), the blocks' grid beginning at the first pixel.
+
+    Returns:
+        the likeliest quality, and its criterion.
+    """
+    blocks = tiled(greys[:: max(1, len(greys) // 8)], 8).reshape(-1, 8, 8)
+    if not len(blocks):
+        return 0, 0.0
+    blocks = blocks[:: max(1, len(blocks) // BLOCKS)].astype(np.float64) - 128
+    coefficients = fft.dctn(blocks, axes=(1, 2), norm="ortho")
+    coefficients[:, 0, 0] = 0
+    best = 0, 0.0
+    for quality in range(30, 97):
+        table = quantisation_table(quality)
+        coarse = np.broadcast_to(table >= 4, coefficients.shape)
+        steps = coefficients / table
+        used = steps[coarse & (np.abs(steps) > 0.5)]
+        if len(used) < 100:
+            continue
+        score = float(np.cos(2 * np.pi * used).mean()) * math.sqrt(2 * len(used))
+        if score > best[1]:
+            best = quality, score
+    return best
 
 
 @dataclass(frozen=True)
@@ -98,9 +149,11 @@ def patterns(around: Surround) -> tuple[Excess, Excess]:
     if whole.sum() < 200:
         return Excess(), Excess()
     bulk = sharp[whole]
-    bulk = bulk[np.abs(bulk) < 6 * np.median(np.abs(bulk)) + 1e-9]
+    bulk = bulk[np.abs(bulk) < 10 * np.median(np.abs(bulk)) + 1e-9]
     # Neighbours share a part: fewer pixels and rows than there are count.
-    fixed = Excess.of(float(bulk.var()) / 1.25, float(temporal[whole].mean()) / frames, len(bulk) / 1.8)
+    heavy = float((bulk**4).mean()) / max(float(bulk.var()) ** 2, 1e-9) - 1  # 2 of normal numbers
+    apart = len(bulk) / 1.8 * min(1.0, 2 / max(heavy, 1e-9))
+    fixed = Excess.of(float(bulk.var()) / 1.25, float(temporal[whole].mean()) / frames, apart)
     wide, left = calm.sum(1), 1 - 1 / frames
     good = ndimage.minimum_filter1d(wide, 3, mode="constant") >= 16
     if not good.any():

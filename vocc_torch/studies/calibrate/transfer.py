@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 from scipy import optimize
 from torch import Tensor
@@ -18,14 +19,17 @@ Array = NDArray[np.float64]
 
 BINS = 24
 """Levels of light at which residuals are compared."""
-CALM = 35.0
-"""A residual's square over its level's median, 4 standard deviations, beyond which it is no noise."""
+CALM = 200.0
+"""A residual's square over its level's median beyond which it is no noise; dark noise is skew."""
 WHOLE, LEAST = 0.25, 1e-3
 """Least median: whole numbers, most of them alike, have none. Least variance that is fitted."""
 PASSED = 1.5
 """Frames whose residuals' mean square exceeds so many times the median show something else, too."""
 STILL_PX = 0.1
 """A panel that moves less stands still: its pixels can be compared from frame to frame."""
+
+HERMITE, TURNS = 12, 12
+"""Points at which a pattern is averaged over, and turns in which its width is found."""
 
 
 @dataclass(frozen=True)
@@ -157,8 +161,18 @@ def transfer(fit: RecordingFit) -> Curve:
     return Curve(level.numpy(), raw.numpy(), Noise(*noise.tolist()), covariance, gains, hidden, still)
 
 
-def middle_slope(x: float, gamma: Tensor, noise: Noise) -> float:
-    """Derivative of the mean grey value of noisy light by the light."""
-    step = max(1e-3 * x, 1e-7)
-    ends = model.expected(torch.tensor([x - step, x + step]).double().clamp(min=1e-9), gamma, noise)[0]
-    return float((ends[1] - ends[0]) / (2 * step))
+def pattern(greys: float, x: float, gamma: Tensor, curve: Curve) -> float:
+    """Say by how much light differs, standard deviation, where mean grey values differ by ``greys``.
+
+    Near black the encoding is steep and clipped, so no slope tells it; what moves over the pixels has the
+    pattern in its noise.
+    """
+    whole = curve.noise.slope * x + curve.noise.floor
+    sigma, (t, w) = 0.1 * math.sqrt(whole), (torch.from_numpy(part) for part in hermegauss(HERMITE))
+    for _ in range(TURNS):
+        rest = max(whole - sigma**2 * (not curve.still), 0.1 * whole)
+        place = (x + sigma * t).clamp(min=-model.DARK_SIGMAS * math.sqrt(rest))
+        mean = model.expected(place, gamma, Noise(0.0, rest))[0]
+        mean = mean - (w * mean).sum() / w.sum()
+        sigma *= greys / math.sqrt(float((w * mean.square()).sum() / w.sum()))
+    return sigma
