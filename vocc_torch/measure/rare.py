@@ -29,12 +29,15 @@ from vocc_torch.measure.timing import threads
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import PanelShape
 
 Banks = Mapping[Locator, ReceiverBank]
 
 NOMINAL, PATTERNS = 16, 16
 """Frames of a block that are drawn as they are meant, and with patterns that locators may fail at."""
+EXPLORED = SCENE_FIELDS[:4]
+"""Values of a scene of which the pilot begins with all parts alike often, where it seeks failed locations."""
 LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
 """Blocks of each of the pilot's looks."""
 WEAKEST = 256
@@ -167,8 +170,18 @@ def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
-    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
-    components = [Component.nominal(NOMINAL, shape), patterns(shape, PATTERNS if locates else PATTERNS // 4)]
+    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns.
+
+    Where a locator works, patterns of one dark line at most are a kind of their own: at these it fails in
+    rare scenes alone, which the scenes of all failures would hide.
+    """
+    dark = patterns(shape, PATTERNS if locates else PATTERNS // 4)
+    components = [Component.nominal(NOMINAL, shape), dark]
+    if locates:
+        few = (dark.maps < 0.5).sum(axis=(1, 2)) <= max(shape.rows, shape.columns)
+        even = dict.fromkeys(EXPLORED, np.full(len(WIDTHS), 1 / len(WIDTHS)))
+        kinds = (dark.maps[few], dark.maps[~few])
+        components[1:] = [Component(PATTERNS // 2, one, np.full(len(one), 1 / len(one)), even) for one in kinds]
     rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
     for number, (own, near) in enumerate([(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]):
         template = np.full((side, side), 0.5)
@@ -233,14 +246,18 @@ def sides(shape: PanelShape) -> NDArray[np.int64]:
 
 def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape) -> list[Component]:
     """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
-    (nominal, dark), seen = scenes.components[:2], looks[-1]
-    components = [nominal, relearned(dark, joined(looks))]
+    nominal, *rest = scenes.components
+    kinds, seen, all_seen = rest[: 2 if rest[0].frames == PATTERNS // 2 else 1], looks[-1], joined(looks)
+    frame = np.flatnonzero(all_seen.failed.any(axis=0))
+    likely = [np.logaddexp.reduce(one.log_ratios(all_seen.bits[frame]), axis=1) for one in kinds]
+    which = np.argmax(likely, axis=0)
+    components = [nominal, *(relearned(one, all_seen, frame[which == n]) for n, one in enumerate(kinds))]
     of_each = zip(seen.margins, seen.failed, strict=True)
     weak = [one for margins, failed in of_each for one in weakest(margins, failed, seen)]
-    rest = BLOCK_FRAMES - sum(one.frames for one in components)
-    weak = sorted(weak, key=lambda one: -len(one[0]))[:rest]
+    left = BLOCK_FRAMES - sum(one.frames for one in components)
+    weak = sorted(weak, key=lambda one: -len(one[0]))[:left]
     for number, (leds, weights) in enumerate(weak):
-        frames = rest // len(weak) + (number < rest % len(weak))
+        frames = left // len(weak) + (number < left % len(weak))
         components.append(of_leds(shape, frames, leds, weights, seen))
     return components
 
@@ -295,9 +312,8 @@ def of_leds(
     return around_leds(shape, frames, template, float(beyond), share, tilts(seen, frame, weights))
 
 
-def relearned(component: Component, seen: PilotFrames) -> Component:
-    """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
-    frame = np.flatnonzero(seen.failed.any(axis=0))
+def relearned(component: Component, seen: PilotFrames, frame: NDArray[np.int64]) -> Component:
+    """Learn a kind's patterns, their shares and scenes from frames whose panel was not found where it is."""
     if len(frame) < 4:
         return component
     sides = turned(seen.bits[frame])

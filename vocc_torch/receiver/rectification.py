@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
@@ -242,19 +243,43 @@ def _sample(
         x: columns, in the working precision.
         y: rows.
     """
-    size: Any = (-1, 1, len(y), len(x))
     xp: Any = torch if isinstance(window.begin, Tensor) else np
-    whole, share = _places(xp, window, *((x, y) if xp is torch else (x.numpy(), y.numpy())))
     wide, tall = (int(max(each)) for each in zip(*sides, strict=True))
+    greys = [_cut(take, chosen, window.begin, sides).to(x.dtype) for take in takes]
+    if xp is np and window.moved.shape[1] == 2 and not window.moved[:, (0, 1), (1, 0)].any():
+        return [_read_upright(grey, window, x.numpy(), y.numpy()) for grey in greys]
+    size: Any = (-1, 1, len(y), len(x))
+    whole, share = _places(xp, window, *((x, y) if xp is torch else (x.numpy(), y.numpy())))
     # Up to 2^24 float32 holds whole numbers exactly.
     exact = whole if wide * tall <= 1 << 24 else _cast(whole, xp.float64)
     places = _cast(exact[:, 0] + exact[:, 1] * wide, xp.int64)
     index, share, read = _tensor(places, x.device).flatten(1), _tensor(share, x.device).flatten(2), []
-    for take in takes:
-        grey = _cut(take, chosen, window.begin, sides).to(x.dtype).flatten(1)
+    for grey in (one.flatten(1) for one in greys):
         near = [grey[:, by:].gather(1, index) for by in (0, 1, wide, wide + 1)]
         read.append(_blend(near, share).view(size))
     return read
+
+
+def _read_upright(grey: Tensor, window: _Window, x: NDArray[Any], y: NDArray[Any]) -> Tensor:
+    """Read windows (n,tall,wide) as :func:`_sample` does, of panels whose rows lie along the image's.
+
+    A column of samples is then a column of the image: pixels are mixed along the rows, and these once.
+    """
+    frames, tall, wide = grey.shape
+    index, share = [], []
+    for axis, cells in enumerate((x, y)):
+        first, last = (one[:, axis : axis + 1].astype(x.dtype) for one in window[1:3])
+        moved = window.moved[:, axis].astype(x.dtype)
+        at = (moved[:, axis : axis + 1] * cells + moved[:, 2:]).clip(first, last)
+        whole = np.floor(at)
+        share.append(torch.from_numpy(at - whole))
+        index.append(torch.from_numpy((whole - first).astype(np.int64)))
+    columns = index[0][:, None].expand(-1, tall, -1)
+    rows = (index[1] + torch.arange(0, frames * tall, tall)[:, None]).flatten()
+    across = torch.lerp(grey.gather(2, columns), grey[..., 1:].gather(2, columns), share[0][:, None])
+    lines = across.flatten(0, 1)
+    upper, lower = (lines.index_select(0, rows + by).view(frames, 1, len(y), len(x)) for by in (0, 1))
+    return torch.lerp(upper, lower, share[1][:, None, :, None])
 
 
 def _rectified_in_graph(
