@@ -176,14 +176,22 @@ class PaperLocator(LocatorLimits):
         Returns:
             The choice, with corners on the sensor.
         """
-        boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
-        place, choice = boxes[:, :2] + frames.origin_px.cpu().numpy(), None
+        grey, choice = frames.grey, None
+        if grey.device.type == "cpu" and grey.numel() <= _SMALL_MASK_PX and len(grey) == 1:
+            lit = grey[0].numpy() > threshold.item()
+            rows, columns = (lit.any((0, axis)).nonzero()[0] for axis in (2, 1))
+            if len(rows):
+                top, left = rows[:1], columns[:1]
+                mask = lit[:, top[0] : rows[-1] + 1, left[0] : columns[-1] + 1]
+                origin = frames.origin_px.numpy() + np.stack([left, top], 1)
+                if len((found := choose_single(mask, origin, shape, self))[0]):
+                    return found[1]
+        boxes = _foreground_boxes(grey, threshold)
+        place = boxes[:, :2] + frames.origin_px.cpu().numpy()
         for some, width, height in _passes(boxes):
             mask = _cut(grey, threshold, boxes, some, width, height)
             if grey.device.type == "cpu" and width * height <= _SMALL_MASK_PX:
                 made, part = choose_single(mask.numpy(), place[some], shape, self)
-                if len(made) == len(boxes) == 1:
-                    return part
                 choice = choice or Choice.none(len(boxes), grey.device)
                 choice.put(torch.from_numpy(some[made]), part)
                 mask, some = mask[np.delete(np.arange(len(some)), made)], np.delete(some, made)

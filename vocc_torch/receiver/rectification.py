@@ -119,6 +119,13 @@ def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]
 
 def _cell_size(xp: Any, corners: Any, shape: PanelShape) -> tuple[Any, Any]:
     """Do what :func:`cell_size_px` does, by NumPy or by torch."""
+    if xp is np and len(corners) == 1:
+        one = corners[0].tolist()
+        a, b, c, d = (
+            math.sqrt((x - to_x) * (x - to_x) + (y - to_y) * (y - to_y))
+            for (x, y), (to_x, to_y) in zip(one, one[1:] + one[:1], strict=True)
+        )
+        return np.array([(a + c) / 2 / shape.columns]), np.array([(b + d) / 2 / shape.rows])
     side = _sides(xp, corners)
     length = xp.sqrt((side * side).sum(2))
     both = (length[:, :2] + length[:, 2:]) / 2
