@@ -408,14 +408,10 @@ def choose_single(
         ([0], [50.0, 20.0])
     """
     closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[:, 0].numpy()
-    area_px, plain = closed.sum((1, 2)), np.zeros(len(mask), dtype=bool)
-    if len(mask) > 1:
-        first, last = _row_ends(closed)
-        # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
-        touching = (
-            (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
-        )
-        plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
+    (first, last), area_px = _row_ends(closed), closed.sum((1, 2))
+    # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
+    touching = (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
+    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
     several = [r for r in (~plain).nonzero()[0] if scipy.ndimage.label(closed[r], _TOUCHING)[1] != 1]
     area_px[several] = 0
     single = (area_px >= search.min_area_px).nonzero()[0]
