@@ -100,7 +100,7 @@ class UnderWay(dict[Future, Call]):
     def _hand_out_again(self, again: Callable[[Future], object], patience_s: float, overdue_s: float) -> None:
         """Hand out again what has been under way for too long; what comes back first is taken."""
         now = time.monotonic()
-        late = [one for one in self.items() if max(one[1].since, self._first) < now - patience_s]
+        late = [one for one in self.items() if max(one[1].since, self._first) <= now - patience_s]
         for future, call in late:
             if call.copies < MOST_TRIES and not call.point.stopped_by:
                 again(future)
