@@ -244,7 +244,7 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
 
 
 def test_one_silent_worker_is_not_waited_for_as_long_as_workers_begin(monkeypatch):
-    """Two begin for 40 s by a clock of the test's own; one then does its block, the other never says a word."""
+    """Two begin for 40 s, by a clock of the test; one then does its block, the other never says a word."""
     now, due, work = 0.0, {}, PointWork("p", Counter([1]), Budget(128))
 
     def submit(count, parts):

@@ -34,8 +34,9 @@ from vocc_torch.types import PanelShape
 
 Banks = Mapping[Locator, ReceiverBank]
 
-NOMINAL, PATTERNS = 16, 16
-"""Frames of a block that are drawn as they are meant, and with patterns that locators may fail at."""
+NOMINAL, PATTERNS, FEW_DARK = 16, 16, 8
+"""Frames of a block that are drawn as they are meant, with patterns that locators may fail at, and where one
+works with one dark line at most."""
 EXPLORED = SCENE_FIELDS[:4]
 """Values of a scene of which the pilot begins with all parts alike often, where it seeks failed locations."""
 LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
@@ -177,11 +178,13 @@ def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
     """
     dark = patterns(shape, PATTERNS if locates else PATTERNS // 4)
     components = [Component.nominal(NOMINAL, shape), dark]
-    if locates:
-        few = (dark.maps < 0.5).sum(axis=(1, 2)) <= max(shape.rows, shape.columns)
+    few = (dark.maps < 0.5).sum(axis=(1, 2)) <= max(shape.rows, shape.columns)
+    if locates and not few.all():
         even = dict.fromkeys(EXPLORED, np.full(len(WIDTHS), 1 / len(WIDTHS)))
-        kinds = (dark.maps[few], dark.maps[~few])
-        components[1:] = [Component(PATTERNS // 2, one, np.full(len(one), 1 / len(one)), even) for one in kinds]
+        components[1:] = [
+            Component(frames, dark.maps[own], np.full(own.sum(), 1 / own.sum()), even)
+            for frames, own in ((FEW_DARK, few), (PATTERNS, ~few))
+        ]
     rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
     for number, (own, near) in enumerate([(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]):
         template = np.full((side, side), 0.5)
@@ -247,7 +250,7 @@ def sides(shape: PanelShape) -> NDArray[np.int64]:
 def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape) -> list[Component]:
     """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
     nominal, *rest = scenes.components
-    kinds, seen, all_seen = rest[: 2 if rest[0].frames == PATTERNS // 2 else 1], looks[-1], joined(looks)
+    kinds, seen, all_seen = rest[: 2 if rest[0].frames == FEW_DARK else 1], looks[-1], joined(looks)
     frame = np.flatnonzero(all_seen.failed.any(axis=0))
     likely = [np.logaddexp.reduce(one.log_ratios(all_seen.bits[frame]), axis=1) for one in kinds]
     which = np.argmax(likely, axis=0)

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
@@ -219,7 +218,7 @@ def _upright_window(
 ) -> tuple[float, _Window] | None:
     """Do for one panel what :func:`rectify_takes` does before it reads, to the last bit, in plain numbers.
 
-    Of a frame alone that takes a tenth of the time. None where the panel's sides do not lie along the image's.
+    It takes a tenth of the time. None where the panel's sides do not lie along the image's.
     """
     first, across, third, down = corners
     if not (across == [third[0], first[1]] and down == [first[0], third[1]]):
