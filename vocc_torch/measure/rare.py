@@ -252,8 +252,7 @@ def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShap
     nominal, *rest = scenes.components
     kinds, seen, all_seen = rest[: 2 if rest[0].frames == FEW_DARK else 1], looks[-1], joined(looks)
     frame = np.flatnonzero(all_seen.failed.any(axis=0))
-    likely = [np.logaddexp.reduce(one.log_ratios(all_seen.bits[frame]), axis=1) for one in kinds]
-    which = np.argmax(likely, axis=0)
+    which = np.argmax([np.logaddexp.reduce(one.log_ratios(all_seen.bits[frame]), 1) for one in kinds], axis=0)
     components = [nominal, *(relearned(one, all_seen, frame[which == n]) for n, one in enumerate(kinds))]
     of_each = zip(seen.margins, seen.failed, strict=True)
     weak = [one for margins, failed in of_each for one in weakest(margins, failed, seen)]

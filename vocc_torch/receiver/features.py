@@ -177,9 +177,7 @@ def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
     """
     if kernel == "sobel":
         # Of more than a hundred frames torch's convolution takes five times as long for each.
-        if is_exporting() or patches.is_cuda or len(patches) <= _CONVOLVED_FRAMES:
-            return kornia.filters.spatial_gradient(patches, mode="sobel")[:, 0]
-        parts = torch.split(patches, _CONVOLVED_FRAMES)
+        parts = [patches] if is_exporting() or patches.is_cuda else torch.split(patches, _CONVOLVED_FRAMES)
         return torch.cat([kornia.filters.spatial_gradient(part, mode="sobel")[:, 0] for part in parts])
     if kernel != "central":
         raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")

@@ -179,12 +179,9 @@ class PaperLocator(LocatorLimits):
         grey, choice = frames.grey, None
         if grey.device.type == "cpu" and grey.numel() <= _SMALL_MASK_PX and len(grey) == 1:
             lit = grey[0].numpy() > threshold.item()
-            rows, columns = (lit.any((0, axis)).nonzero()[0] for axis in (2, 1))
-            if len(rows):
-                top, left = rows[:1], columns[:1]
-                mask = lit[:, top[0] : rows[-1] + 1, left[0] : columns[-1] + 1]
-                origin = frames.origin_px.numpy() + np.stack([left, top], 1)
-                if len((found := choose_single(mask, origin, shape, self))[0]):
+            for box in scipy.ndimage.find_objects(lit.astype(np.int8)):  # none, or one
+                origin = frames.origin_px.numpy() + np.array([[box[2].start, box[1].start]])
+                if len((found := choose_single(lit[box], origin, shape, self))[0]):
                     return found[1]
         boxes = _foreground_boxes(grey, threshold)
         place = boxes[:, :2] + frames.origin_px.cpu().numpy()

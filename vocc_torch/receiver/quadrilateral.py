@@ -290,10 +290,8 @@ def measure_blobs(
         back = order.argsort()
         return Measures(*(np.concatenate(both)[back] for both in zip(*halves, strict=True)))
     hull = convex_hull(first, last)
-    if blobs == 1 and (found := _measure_one(hull[0].tolist(), int(area_px[0]), place_px, shape, limits)):
-        return found
-    area, perimeter = hull_area_and_perimeter(hull)
-    least = minimum_area_rectangle(hull)
+    alone = _upright_alone(hull[0].tolist()) if blobs == 1 else None
+    area, perimeter, least = alone or (*hull_area_and_perimeter(hull), minimum_area_rectangle(hull))
     around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
     rectangle = least.width_px * least.height_px
     # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
@@ -305,39 +303,25 @@ def measure_blobs(
     return Measures(around.corners_px + place_px[:, None], within, score, pitch)
 
 
-def _measure_one(
-    hull: list[list[float]], area_px: int, place_px: Whole, shape: PanelShape, limits: LocatorLimits
-) -> Measures | None:
-    """Do what :func:`measure_blobs` does with one hull, to the last bit, in plain numbers.
+def _upright_alone(hull: list[list[float]]) -> tuple[Floats, Floats, Rectangles] | None:
+    """Give area, perimeter and least rectangle of one hull in plain numbers, to the last bit as by NumPy.
 
-    Of a blob alone that takes a quarter of the time. None where its least rectangle is not upright.
+    That takes a quarter of the time. None where the least rectangle is not upright.
     """
-    left, right = min(x for x, _ in hull), max(x for x, _ in hull)
-    top, low = min(y for _, y in hull), max(y for _, y in hull)
-    width, height = right - left + 1, low - top + 1
+    (left, top), (right, low) = (tuple(map(end, zip(*hull, strict=True))) for end in (min, max))
     twice, around, slopes = 0.0, 0, []
     for (x, y), (to_x, to_y) in itertools.pairwise([*hull, hull[0]]):
         across, down = to_x - x, to_y - y
         twice += x * to_y - y * to_x
         around += round(math.sqrt(across * across + down * down) / _LENGTH_UNIT)
-        if across and down:
-            slopes.append((across, down))
-    upright = (right - left) * (low - top)
+        slopes += [(across, down)] if across and down else []
     for across, down in slopes:
         along = [x * across + y * down for x, y in hull]
         beside = [y * across - x * down for x, y in hull]
         spans = (max(along) - min(along)) * (max(beside) - min(beside))
-        if upright > spans / (across * across + down * down) * (1 + _TIE):
+        if (right - left) * (low - top) > spans / (across * across + down * down) * (1 + _TIE):
             return None
-    rectangle = width * height
-    area, perimeter = twice / 2 + (right - left + low - top) + 1, around * _LENGTH_UNIT + 4
-    filled = min(min(area_px, area) / rectangle, 1.0)
-    compact = (4 * math.pi / (math.pi * shape.leds / (shape.rows + shape.columns) ** 2)) * area
-    compact = compact / (perimeter * perimeter)
-    compact = min(compact, 1 / compact)
-    sides = (width * shape.rows) / (height * shape.columns)
-    sides = min(sides, 1 / sides)
-    within = filled >= limits.min_rectangularity and compact >= limits.min_compactness
-    ends = np.array([[[left, top], [right + 1, top], [right + 1, low + 1], [left, low + 1]]])
-    values = np.array([[filled * compact * (sides * sides)], [math.sqrt(rectangle / shape.leds)]])
-    return Measures(ends + place_px[:, None], np.array([within]), *values)
+    values = [twice / 2 + (right - left + low - top) + 1, around * _LENGTH_UNIT + 4]
+    corners = [[[left, top], [right + 1, top], [right + 1, low + 1], [left, low + 1]]]
+    area, perimeter, width, height = np.array([[one] for one in (*values, right - left + 1, low - top + 1)])
+    return area, perimeter, Rectangles(np.array(corners), width, height)
