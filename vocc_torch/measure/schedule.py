@@ -89,11 +89,10 @@ class UnderWay(dict[Future, Call]):
                 together.enter_context(ledger.together())
             for future, call in sorted(calls, key=lambda one: _failed(one[0])):
                 call.point.record(call.parts, future.result())
-                now = time.monotonic()
-                self._longest_s = max(self._longest_s, now - call.begun)
+                self._longest_s = max(self._longest_s, self._beat - call.begun)
                 if self._first:
-                    self._took_s.append(now - max(call.begun, self._first))
-                self._first = self._first or now
+                    self._took_s.append(self._beat - max(call.begun, self._first))
+                self._first = self._first or self._beat
         if self._again:
             self._hand_out_again(self._again, patience_s, overdue_s)
 

@@ -136,8 +136,7 @@ def sensor_histogram(frames: Frames) -> Tensor:
     if outside < 0:
         raise VoccError(f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}")
     levels = [min(max(round(level), 0), _LEVELS - 1) for level in frames.surround.tolist()]
-    for own, level in zip(counts.numpy(), levels, strict=True):
-        own[level] += outside
+    counts.numpy()[range(len(levels)), levels] += outside
     return counts.to(frames.grey.device)
 
 
