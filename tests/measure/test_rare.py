@@ -248,17 +248,11 @@ def test_what_lies_outside_the_panel_is_neither_on_nor_off():
 def test_failed_locations_teach_patterns_and_no_leds():
     shape, bits = PanelShape(6, 6), np.random.default_rng(2).random((400, 6, 6)) < 0.5
     bits[::10, :2] = False
-    lone = (np.arange(400) % 10 == 5) & (np.arange(400) >= 350)  # one dark line, in the last scenes alone
-    bits[lone, :, 0] = False
-    failed = ((np.arange(400) % 10 == 0) | lone)[None]
+    failed = (np.arange(400) % 10 == 0)[None]
     margins = np.where(failed[0][:, None, None], -1.0, np.random.default_rng(3).random(bits.shape))
     seen = seen_of(bits, margins, np.ones(400), failed)
     guess = TiltedScenes.of(SceneModel(), rare.first_guess(shape, locates=True))
-    _, few, dark, *weak = rare.learned(guess, [seen], shape)
-    assert few.tilts["distance_m"][7:].sum() > 0.4
-    assert dark.tilts.keys() == set()
-    outer = [few.maps[:, 0], few.maps[:, -1], few.maps[..., 0], few.maps[..., -1]]
-    assert few.places[np.max([(one < 0.1).all(axis=1) for one in outer], axis=0)].sum() > 0.5
+    _, dark, *weak = rare.learned(guess, [seen], shape)
     best = dark.maps[np.argsort(dark.places)[-4:]]  # a panel looks the same from all four sides
     at_sides = [[bool((np.rot90(one, k)[:2] < 0.1).all()) for k in range(4)] for one in best]
     assert sorted(at_sides) == np.eye(4, dtype=bool)[::-1].tolist()

@@ -29,16 +29,12 @@ from vocc_torch.measure.timing import threads
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import PanelShape
 
 Banks = Mapping[Locator, ReceiverBank]
 
-NOMINAL, PATTERNS, FEW_DARK = 16, 16, 8
-"""Frames of a block that are drawn as they are meant, with patterns that locators may fail at, and where one
-works with one dark line at most."""
-EXPLORED = SCENE_FIELDS[:4]
-"""Values of a scene of which the pilot begins with all parts alike often, where it seeks failed locations."""
+NOMINAL, PATTERNS = 16, 16
+"""Frames of a block that are drawn as they are meant, and with patterns that locators may fail at."""
 LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
 """Blocks of each of the pilot's looks."""
 WEAKEST = 256
@@ -171,20 +167,8 @@ def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
-    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns.
-
-    Where a locator works, patterns of one dark line at most are a kind of their own: at these it fails in
-    rare scenes alone, which the scenes of all failures would hide.
-    """
-    dark = patterns(shape, PATTERNS if locates else PATTERNS // 4)
-    components = [Component.nominal(NOMINAL, shape), dark]
-    few = (dark.maps < 0.5).sum(axis=(1, 2)) <= max(shape.rows, shape.columns)
-    if locates and not few.all():
-        even = dict.fromkeys(EXPLORED, np.full(len(WIDTHS), 1 / len(WIDTHS)))
-        components[1:] = [
-            Component(frames, dark.maps[own], np.full(own.sum(), 1 / own.sum()), even)
-            for frames, own in ((FEW_DARK, few), (PATTERNS, ~few))
-        ]
+    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
+    components = [Component.nominal(NOMINAL, shape), patterns(shape, PATTERNS if locates else PATTERNS // 4)]
     rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
     for number, (own, near) in enumerate([(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]):
         template = np.full((side, side), 0.5)
@@ -249,17 +233,14 @@ def sides(shape: PanelShape) -> NDArray[np.int64]:
 
 def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape) -> list[Component]:
     """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
-    nominal, *rest = scenes.components
-    kinds, seen, all_seen = rest[: 2 if rest[0].frames == FEW_DARK else 1], looks[-1], joined(looks)
-    frame = np.flatnonzero(all_seen.failed.any(axis=0))
-    which = np.argmax([np.logaddexp.reduce(one.log_ratios(all_seen.bits[frame]), 1) for one in kinds], axis=0)
-    components = [nominal, *(relearned(one, all_seen, frame[which == n]) for n, one in enumerate(kinds))]
+    (nominal, dark), seen = scenes.components[:2], looks[-1]
+    components = [nominal, relearned(dark, joined(looks))]
     of_each = zip(seen.margins, seen.failed, strict=True)
     weak = [one for margins, failed in of_each for one in weakest(margins, failed, seen)]
-    left = BLOCK_FRAMES - sum(one.frames for one in components)
-    weak = sorted(weak, key=lambda one: -len(one[0]))[:left]
+    rest = BLOCK_FRAMES - sum(one.frames for one in components)
+    weak = sorted(weak, key=lambda one: -len(one[0]))[:rest]
     for number, (leds, weights) in enumerate(weak):
-        frames = left // len(weak) + (number < left % len(weak))
+        frames = rest // len(weak) + (number < rest % len(weak))
         components.append(of_leds(shape, frames, leds, weights, seen))
     return components
 
@@ -314,8 +295,9 @@ def of_leds(
     return around_leds(shape, frames, template, float(beyond), share, tilts(seen, frame, weights))
 
 
-def relearned(component: Component, seen: PilotFrames, frame: NDArray[np.int64]) -> Component:
-    """Learn a kind's patterns, their shares and scenes from frames whose panel was not found where it is."""
+def relearned(component: Component, seen: PilotFrames) -> Component:
+    """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
+    frame = np.flatnonzero(seen.failed.any(axis=0))
     if len(frame) < 4:
         return component
     sides = turned(seen.bits[frame])
