@@ -176,19 +176,14 @@ class PaperLocator(LocatorLimits):
         Returns:
             The choice, with corners on the sensor.
         """
-        grey, choice = frames.grey, None
-        if grey.device.type == "cpu" and grey.numel() <= _SMALL_MASK_PX and len(grey) == 1:
-            lit = grey[0].numpy() > threshold.item()
-            for box in scipy.ndimage.find_objects(lit.astype(np.int8)):  # none, or one
-                origin = frames.origin_px.numpy() + np.array([[box[2].start, box[1].start]])
-                if len((found := choose_single(lit[box], origin, shape, self))[0]):
-                    return found[1]
-        boxes = _foreground_boxes(grey, threshold)
-        place = boxes[:, :2] + frames.origin_px.cpu().numpy()
+        boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
+        place, choice = boxes[:, :2] + frames.origin_px.cpu().numpy(), None
         for some, width, height in _passes(boxes):
             mask = _cut(grey, threshold, boxes, some, width, height)
             if grey.device.type == "cpu" and width * height <= _SMALL_MASK_PX:
                 made, part = choose_single(mask.numpy(), place[some], shape, self)
+                if len(made) == len(boxes) == 1:
+                    return part
                 choice = choice or Choice.none(len(boxes), grey.device)
                 choice.put(torch.from_numpy(some[made]), part)
                 mask, some = mask[np.delete(np.arange(len(some)), made)], np.delete(some, made)
