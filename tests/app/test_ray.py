@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 ray = pytest.importorskip("ray")
 
 NODES = """
-import os, signal, sys, ray
+import os, signal, sys, time, ray
 from pathlib import Path
 from ray.cluster_utils import Cluster
 
@@ -30,8 +30,10 @@ for line in sys.stdin:
         cluster.remove_node(nodes.pop(), allow_graceful=False)
     elif line == "freeze\\n":
         raylet = nodes[-1].all_processes["raylet"][0].process.pid
-        children = Path(f"/proc/{raylet}/task/{raylet}/children").read_text().split()
-        frozen += [int(one) for one in children if "ray::called" in Path(f"/proc/{one}/cmdline").read_text()]
+        while not frozen:
+            time.sleep(0.02)
+            own = Path(f"/proc/{raylet}/task/{raylet}/children").read_text().split()
+            frozen += [int(one) for one in own if "ray::called" in Path(f"/proc/{one}/cmdline").read_text()]
         for one in frozen:
             os.kill(one, signal.SIGSTOP)
     else:
@@ -127,12 +129,13 @@ def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(app, 
         assert (tmp_path / "runs/one" / name).read_bytes() == (tmp_path / "runs/many" / name).read_bytes()
 
 
-def test_a_worker_that_falls_silent_does_not_hold_a_run_up(app, tmp_path):
+@pytest.mark.parametrize("after", [0, 40], ids=["before its first block", "later"])
+def test_a_worker_that_falls_silent_does_not_hold_a_run_up(after, app, tmp_path):
     """Ray knows nothing of it: its block comes from another node, minutes before it is overdue."""
     assert app(*AMBIENT, "workers=1", "name=one").status == 0
     with cluster(2) as (address, told):
         run = begun(tmp_path, address, *AMBIENT, "name=many")
-        while blocks(tmp_path, "many") < 40:
+        while blocks(tmp_path, "many") < after:
             assert run.poll() is None, run.communicate()
             time.sleep(0.1)
         told("freeze")

@@ -4,11 +4,13 @@ And the stop rule, on counts that are made up.
 """
 
 import itertools
+import math
 import random
 import tempfile
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -239,6 +241,31 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
             by_hand(work)[0] for work in works
         ]
         assert all(not done & set(work.count.asked) for done, work in zip(finished, fresh, strict=True))
+
+
+def test_one_silent_worker_is_not_waited_for_as_long_as_workers_begin(monkeypatch):
+    """Two begin for 40 s, by a clock of the test; one then does its block, the other never says a word."""
+    now, due, work = 0.0, {}, PointWork("p", Counter([1]), Budget(128))
+
+    def submit(count, parts):
+        due[future := Future()] = (math.inf if due else 40.0), count, parts
+        return future
+
+    def again(future):
+        due[future] = now + 1, *due[future][1:]
+
+    def wait(futures, timeout, return_when):
+        nonlocal now
+        now = min(now + timeout, *(due[one][0] for one in futures))
+        done = [one for one in futures if due[one][0] <= now]
+        for one in done:
+            one.set_result(due[one][1](due[one][2]))
+        return done, None
+
+    monkeypatch.setattr(schedule, "time", Mock(monotonic=lambda: now))
+    monkeypatch.setattr(schedule.futures, "wait", wait)
+    assert [one.counts["a", 0].frames for one in run_points([work], submit, window=4, again=again)] == [128]
+    assert now < 50
 
 
 def test_a_ledger_that_cannot_be_written_ends_the_run(ledger, monkeypatch):

@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.quadrilateral import (
     compactness,
     convex_hull,
     hull_area_and_perimeter,
+    measure_blobs,
     minimum_area_rectangle,
     proportion,
     upright_rectangle,
@@ -147,3 +149,16 @@ def test_proportion_is_symmetric_and_knows_the_panels_shape():
     shape = PanelShape(rows=4, columns=8)
     width, height = np.array([80.0, 160.0, 40.0, 40.0]), np.array([40.0, 40.0, 40.0, 80.0])
     assert proportion(width, height, shape).tolist() == pytest.approx([1.0, 0.5, 0.5, 0.25])
+
+
+@given(seed=st.integers(0, 2**32 - 1), shape=st.sampled_from([PanelShape(8, 8), PanelShape(3, 7)]))
+@settings(max_examples=60, deadline=None)
+def test_a_blob_measures_alone_as_it_does_beside_another(seed, shape):
+    """Whose arithmetic is another: to the last bit."""
+    first, last = rows_of(random_points(seed))
+    area, place = np.array([int((last - first + 1).clip(0).sum())]), np.array([[3, 700]])
+    alone = measure_blobs(first, last, area, place, shape, LocatorLimits())
+    both = measure_blobs(
+        *(np.repeat(one, 2, 0) for one in (first, last, area, place)), shape, LocatorLimits()
+    )
+    assert all(np.array_equal(one, two[:1]) for one, two in zip(alone, both, strict=True))

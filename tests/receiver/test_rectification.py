@@ -128,6 +128,22 @@ def test_a_crop_reads_exactly_like_the_full_frame(name, offset):
     assert torch.equal(centre_greys(crop, panels, SHAPE), centre_greys(whole, panels, SHAPE))
 
 
+@given(
+    place=st.tuples(*[st.integers(-300, 700)] * 2),
+    size=st.tuples(*[st.floats(1e-3, 400) | st.integers(1, 400)] * 2),
+    nudge=st.sampled_from([0.0, 1e-13, 1e-3, 0.3]),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_panel_reads_alone_as_it_does_among_turned_ones(place, size, nudge):
+    """Whose corners' arithmetic is another: to the last bit, wherever it lies and however large it is."""
+    (x, y), (wide, tall) = (one / 4 for one in place), size
+    upright = [(x, y), (x + wide, y + nudge), (x + wide, y + tall), (x, y + tall)]
+    frames = Frames.whole(picture(5).round().to(torch.uint8).expand(2, 1, -1, -1).contiguous())
+    together = rectify(frames, Panels.known(corners_of(upright, QUADRILATERALS["perspective"])), SHAPE, 4)
+    alone = rectify(frames[:1], Panels.known(corners_of(upright)), SHAPE, 4)
+    assert torch.equal(alone, together[:1])
+
+
 def test_a_panel_beyond_the_crop_reads_the_surround():
     full = torch.full((1, 1, 90, 120), 77, dtype=torch.uint8)
     full[..., 30:50, 40:60] = 200

@@ -25,7 +25,8 @@ OVERDUE, OVERDUE_S = 20, 600.0
 
 LATE, LATE_S = 3, 5.0
 """Where no other block is left, a call that takes this many times as long as most did, and so many seconds at
-least, is handed out once more: a run does not wait for one slow or silent node."""
+least, is handed out once more: a run does not wait for one slow or silent node. That counts from the first
+result on: before it workers begin, which takes longer than most blocks."""
 
 Future: TypeAlias = futures.Future[Counted]
 
@@ -62,7 +63,7 @@ class UnderWay(dict[Future, Call]):
     def __init__(self, submit: Submit, again: Callable[[Future], object] | None) -> None:
         super().__init__()
         self._submit, self._again, self._longest_s, self._beat = submit, again, 0.0, time.monotonic()
-        self._took_s = deque[float](maxlen=99)
+        self._took_s, self._first = deque[float](maxlen=99), 0.0
 
     def hand_out(self, point: PointWork, parts: list[Part]) -> None:
         """Hand out a call for some blocks of a point."""
@@ -76,8 +77,8 @@ class UnderWay(dict[Future, Call]):
             last: whether no block is left to hand out, so that late calls are what is waited for.
         """
         patience_s = overdue_s = max(OVERDUE_S, OVERDUE * self._longest_s)
-        if last and self._took_s:
-            patience_s = min(overdue_s, max(LATE_S, LATE * statistics.median(self._took_s)))
+        if last and self._first:
+            patience_s = min(overdue_s, max(LATE_S, LATE * statistics.median(self._took_s or [0.0])))
         if self._again:  # many at a time, for each time the disk is waited for
             time.sleep(max(0.0, self._beat + BEAT_S - time.monotonic()))
         done, _ = futures.wait(self, patience_s if self._again else None, return_when=futures.FIRST_COMPLETED)
@@ -88,15 +89,18 @@ class UnderWay(dict[Future, Call]):
                 together.enter_context(ledger.together())
             for future, call in sorted(calls, key=lambda one: _failed(one[0])):
                 call.point.record(call.parts, future.result())
-                self._took_s.append(time.monotonic() - call.begun)
-                self._longest_s = max(self._longest_s, self._took_s[-1])
+                self._longest_s = max(self._longest_s, self._beat - call.begun)
+                if self._first:
+                    self._took_s.append(self._beat - max(call.begun, self._first))
+                self._first = self._first or self._beat
         if self._again:
             self._hand_out_again(self._again, patience_s, overdue_s)
 
     def _hand_out_again(self, again: Callable[[Future], object], patience_s: float, overdue_s: float) -> None:
         """Hand out again what has been under way for too long; what comes back first is taken."""
         now = time.monotonic()
-        for future, call in [one for one in self.items() if one[1].since < now - patience_s]:
+        late = [one for one in self.items() if max(one[1].since, self._first) <= now - patience_s]
+        for future, call in late:
             if call.copies < MOST_TRIES and not call.point.stopped_by:
                 again(future)
                 self[future] = call._replace(since=now, copies=call.copies + 1)

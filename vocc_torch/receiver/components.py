@@ -50,7 +50,7 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     # precision, which holds 0 and 1, moves half the memory.
     few = mask.numel() <= _FEW_PX
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
-    with torch.inference_mode(), without_autocast(mask.device):
+    with without_autocast(mask.device):
         plane = torch.nn.functional.pad(mask.to(dtype), [0, 0, reach, reach])
         # A column's windows are read along the rows; for rows the plane lies on its side. What the strokes do
         # wrong at the outer edge of a margin is cut off with it.

@@ -60,19 +60,19 @@ def trimmed(frames: Frames) -> Frames:
         if not len(uneven):
             boxes.append((0, 0, 1, 1))
             continue
-        columns = uneven % across // (_BLOCK_PX // words.itemsize)
-        left, right = int(columns.min()), int(columns.max()) + 1
+        columns, step = uneven % across, _BLOCK_PX // words.itemsize
+        left, right = int(columns.min()) // step, int(columns.max()) // step + 1
         top, low = int(uneven[0]) // across // _BLOCK_PX, int(uneven[-1]) // across // _BLOCK_PX + 1
         # Blocks that the border cuts stay with the frame.
         if 2 * (right - left) * _BLOCK_PX > width or right > width // _BLOCK_PX or low > height // _BLOCK_PX:
             return frames
         boxes.append((left, top, right - left, low - top))
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
-    room = (width // _BLOCK_PX - wide, height // _BLOCK_PX - high)
-    origin = np.minimum([(left, top) for left, top, _, _ in boxes], room) * _BLOCK_PX
+    room_x, room_y = width // _BLOCK_PX - wide, height // _BLOCK_PX - high
+    origin = [(min(left, room_x) * _BLOCK_PX, min(top, room_y) * _BLOCK_PX) for left, top, _, _ in boxes]
     down, across = high * _BLOCK_PX, wide * _BLOCK_PX
     parts = np.empty((len(planes), 1, down, across), dtype=np.uint8)
-    for part, plane, (x, y) in zip(parts, planes, origin.tolist(), strict=True):
+    for part, plane, (x, y) in zip(parts, planes, origin, strict=True):
         part[0] = plane[y : y + down, x : x + across]
     cut, level = torch.from_numpy(parts), torch.from_numpy(planes[:, 0, 0].copy())
     return Frames(cut, torch.from_numpy(frames.origin_px.numpy() + origin), frames.sensor_px, level)
