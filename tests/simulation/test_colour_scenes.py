@@ -117,6 +117,31 @@ def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     assert torch.equal(raw.grey, one.grey)  # white LEDs before a mosaic: as without colour
 
 
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {"shot_noise": {}},
+        {"read_noise": {"electrons": 50}},
+        {"row_noise": {"electrons": 50}},
+        {"prnu": {"share": 0.05}},
+        {"dsnu": {"electrons": 50}},
+        {"hot_pixels": {"share": 0.05, "electrons_per_s": 1e6}},
+    ],
+    ids=lambda noise: next(iter(noise)),
+)
+def test_every_noise_is_another_in_each_channel(noise):
+    quiet = {"photoelectrons": {"quantum_efficiency": 0.6}, "gain": {}, "colour": {"white": 1.0}}
+    planes = shot(quiet | noise, framing="full", dtype=torch.float64).colour[0, :, :, :30]
+    rows = planes.mean(2) if "row_noise" in noise else planes.flatten(1)
+    assert np.abs(np.corrcoef(rows.numpy()) - np.eye(3)).max() < 0.3
+    assert float(rows.std(dim=1).min()) > 0
+
+
+def test_a_raw_mosaic_has_no_channel_to_read():
+    with pytest.raises(VoccError, match=r"scene.effects.colour.grey is 'red': it must be luma, or with"):
+        Simulator(effects=PAPER_EFFECTS | {"colour": {"grey": "red"}, "bayer": {}})
+
+
 def test_a_mosaic_takes_of_each_channel_what_its_filter_lets_through():
     planes = shot(RAW | {"colour": {"peak_nm": 630}}, framing="full", dtype=torch.float64).colour
     raw = shot(RAW | {"colour": {"peak_nm": 630}, "bayer": {}}, framing="full", dtype=torch.float64).grey[

@@ -86,6 +86,10 @@ class Simulator:
         self.dtype = dtype
         self._filling = next((effect for effect in self.effects if effect.fills_sensor), None)
         self._colour = next((effect for effect in self.effects if isinstance(effect, Colour)), None)
+        names = {effect.name for effect in self.effects}
+        if self._colour and self._colour.grey != "luma" and "bayer" in names and "demosaicing" not in names:
+            rule = "luma, or with scene.effects.demosaicing: a raw mosaic is one plane"
+            raise VoccError.of("scene.effects.colour.grey", repr(self._colour.grey), rule)
 
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""

@@ -78,7 +78,8 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     what daylight lights is grey in all three, but for what has a colour of its own: photographs of a
     ``backdrop``, the sky, and drawn things, whose colours are random. Without ``bayer`` each channel has a
     sensor of its own with noise of its own; with it one mosaic is read, and ``demosaicing`` makes three
-    channels of it. Effects of others after a mosaic, or after JPEG, get the three together, (B,3,H,W).
+    channels of it (a raw mosaic is one plane, and has no ``colour``). Effects of others after a mosaic, or
+    after JPEG, get the three together, (B,3,H,W).
 
     A frame and its preambles share the colour. Sampled: the colour is a constant to automatic
     differentiation, and the light keeps its gradient.
@@ -91,7 +92,7 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
         width_nm: full width of their spectrum at half its maximum, nm, 5 to 200.
         white: share of frames whose LEDs are white, 0 to 1.
         grey: what becomes the frames' grey, which receivers read: ``luma`` (Rec. 601), ``red``, ``green`` or
-            ``blue``.
+            ``blue``. Files in colour hold all three; who reads them names a channel anew.
 
     Raises:
         VoccError: a value outside its range, or another word for ``grey``.

@@ -490,7 +490,7 @@ class RowNoise(ElectronNoise):
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add to (B,1,H,W) electrons the offsets of the rows that each frame shows."""
         height, sensor_rows = value.shape[-2], context.camera.height_px
-        streams = context.generators(f"{self.name}")
+        streams = context.generators(f"{self.name}{context.sensor}")
         frames = zip(streams, context.first_px.tolist(), strict=True)
         rows = [g.standard_normal(sensor_rows, dtype=np.float32)[y : y + height] for g, (_, y) in frames]
         return value + self.electrons * torch.from_numpy(np.stack(rows)).view(-1, 1, height, 1).to(value)
