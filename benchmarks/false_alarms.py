@@ -20,6 +20,7 @@ import argparse
 import csv
 import math
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ import vocc_torch as vt
 from vocc_torch import PanelShape
 from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.measure.link import rendered
+from vocc_torch.measure.plan import World
 from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, read_table, write_table
 from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.learned import LearnedLocator, sighted
@@ -55,10 +57,16 @@ def scores(name: str) -> Callable[[Frames, PanelShape], torch.Tensor]:
     return lambda frame, shape: sighted(net, frame, shape)[1]
 
 
+@lru_cache
+def empty(scene: str) -> World:
+    """Load a scene without its panel."""
+    return vt.load_scene(scene, "+scene.effects.panel_absent={}")
+
+
 def drawn(batch: int) -> Frames:
     """Draw a batch of panel-free frames: eight of a scene, then eight of the other, and on."""
     scene, point = WORLDS[batch % 2]
-    world, at = vt.load_scene(scene, "+scene.effects.panel_absent={}"), batch // 2 * BATCH
+    world, at = empty(scene), batch // 2 * BATCH
     block, rows = BlockKey(0, point, at // BLOCK_FRAMES), range(at % BLOCK_FRAMES, BLOCK_FRAMES, BATCH)
     return next(rendered(world.simulator(), world.scene, [block], rows, False))[-1][0]
 
