@@ -3,9 +3,10 @@
     python benchmarks/streets.py --frames 40 --absent 60
 
 Scenes ``street_held_out`` and ``street_held_out_night``; a panel is located where each corner is within 0.25
-pitches of the truth, and sighted where that is so of the best sighting at any rate of false alarms. Writes
-docs/results/streets.csv anew for these locators, and prints what a frame takes, beside OpenCV's detector of
-ArUco markers on the same frames.
+pitches of the truth, and sighted where that is so of the best sighting at any rate of false alarms. Rows are
+by the pitch, by daylight, and of panels that can be read: whole in the frame, and every bit right at the true
+corners. Writes docs/results/streets.csv anew for these locators, and prints what a frame takes, beside
+OpenCV's detector of ArUco markers on the same frames.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from vocc_torch.types import Panels, StatedPanels
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results" / "streets.csv"
 SCENES = ("street_held_out", "street_held_out_night")
 PITCHES_PX = (2.0, 3.0, 4.0, 6.0, 12.0, 100.0)
+DULL_LX = 4000.0
 NEAR, MOST_FALSE_ALARMS = 0.25, 1e-3
 
 
@@ -66,6 +68,10 @@ def main() -> None:
                 for grey in batch.frames.grey[:, 0].numpy():
                     markers.detectMarkers(grey)
                 seconds["ArUco"] += time.process_time() - began
+                limits = torch.tensor(batch.frames.sensor_px[::-1])
+                readable = ((truth >= 0) & (truth <= limits)).flatten(1).all(1)
+                told = receiver.forward(batch.frames, Panels.known(truth))
+                readable &= (told.bits == batch.bits).flatten(1).all(1)
                 for name, locator in locators.items():
                     began = time.process_time()
                     panels: Panels = locator(batch.frames, world.panel.shape)
@@ -80,7 +86,10 @@ def main() -> None:
                     right = near & (read.bits == batch.bits).flatten(1).all(1)
                     for row in range(len(batch.frames)):
                         bins = [f"{limit:g}" for limit in PITCHES_PX if float(pitch[row]) < limit]
-                        for size in ("all", bins[0]) if kind == "panel" else ("absent",):
+                        bins[1:] = ["all", "dull" if batch.scene.ambient_lx[row] < DULL_LX else "bright"]
+                        if readable[row]:
+                            bins += ["readable"] + ["readable from 2"] * bool(pitch[row] >= PITCHES_PX[0])
+                        for size in bins if kind == "panel" else ("absent",):
                             key = (scene, name, size)
                             tally[(*key, "frames")] += 1
                             tally[(*key, "found")] += int(found[row])
