@@ -126,7 +126,8 @@ def scored(keys: list[Key], frames: range) -> Iterator[int]:
 
 def judged(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     """Say how good a table's row is, as ``HEAD`` has it."""
-    at, excess = row.score_at(STATED), found[found > row.floor].sub(row.floor).sort().values.numpy()
+    at, floor = row.score_at(STATED), row.floors[-1]
+    excess = found[found > floor].sub(floor).sort().values.numpy()
     above = int((found >= at).sum())
     counted, bent = clopper_pearson(above, len(found)), float(genpareto.fit(excess, floc=0)[0])
     # Of tails that end so abruptly likelihood has no such bounds.
@@ -134,7 +135,7 @@ def judged(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     below = np.clip(1 - np.exp(-excess / excess.mean()), 1e-12, 1 - 1e-12)
     odd = 2 * np.arange(len(excess)) + 1
     apart = -len(excess) - float((odd * (np.log(below) + np.log(1 - below[::-1]))).mean())
-    told = [at, float(found.max()), row.above, *row.interval(at), above, counted.low, counted.high]
+    told = [at, float(found.max()), row.above[-1], *row.interval(at), above, counted.low, counted.high]
     told += [bent, bent - spread, bent + spread, apart * (1 + 0.6 / len(excess))]
     return [row.locator, *map(str, (row.rows, row.columns, row.frames)), *(f"{one:.4g}" for one in told)]
 

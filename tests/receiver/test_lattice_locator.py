@@ -138,8 +138,22 @@ def test_false_alarms_of_an_exponential_tail_are_scipys():
     assert float(table.expected(torch.tensor([-9.0]))[0]) == 1
 
 
+def test_where_a_tail_grows_longer_far_out_rates_follow_it():
+    """One in 25 is of another kind, with a tail three times as long."""
+    generator = torch.Generator().manual_seed(6)
+    draw, kind = torch.rand(2, 40000, generator=generator, dtype=torch.float64)
+    table = FalseAlarms.of("mine", SHAPE, -draw.log() * torch.where(kind < 0.04, 3.0, 1.0))
+    for score in (3.0, 5.0, 7.0, 12.0):
+        rate = 0.96 * expon.sf(score) + 0.04 * expon.sf(score, scale=3)
+        low, high = table.interval(score)
+        assert low < rate < high
+        assert math.isclose(
+            table.score_at(float(table.expected(torch.tensor([score]))[0])), score, rel_tol=1e-6
+        )
+
+
 def test_a_table_is_read_as_written_and_serves_no_smaller_panel(tmp_path):
-    row = FalseAlarms("mine", 4, 8, 100, 15, 1.25, 0.5)
+    row = FalseAlarms("mine", 4, 8, 5000, (350, 100), (1.25, 2.5), 0.5)
     false_alarms.write_table(tmp_path / "table.csv", [row])
     assert false_alarms.read_table(tmp_path / "table.csv") == (row,)
     assert false_alarms.calibrated("mine", PanelShape(8, 8), tmp_path / "table.csv") == row

@@ -17,24 +17,25 @@ from vocc_torch.types import PanelShape
 TABLE = Path(__file__).parent / "false_alarms.csv"
 """What ``benchmarks/false_alarms.py`` wrote."""
 
-_TAIL, _LEAST_FRAMES = 0.07, 50
+_SHARES, _LEAST_ABOVE, _LEAST_FRAMES = (0.07, 0.02, 0.005), 40, 50
 
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Greatest scores of panel-free frames: how often they pass a floor, and how they fall off above it.
+    """Greatest scores of panel-free frames: how often they pass some floors, and how they fall off.
 
-    Above the floor the excess is taken for exponential, as it is far out for any sum of many small chances
-    (peaks over a threshold, Pickands 1975); so scores are to be logarithms of likelihoods, or like them.
+    Between floors the logarithm of the rate is a straight line. Above the last one the excess is taken for
+    exponential, as it is far out for any sum of many small chances (peaks over a threshold, Pickands 1975);
+    so scores are to be logarithms of likelihoods, or like them.
 
     Args:
         locator: its name.
         rows: of the panel that was looked for.
         columns: likewise.
         frames: panel-free frames.
-        above: those whose greatest score is above the floor.
-        floor: a score.
-        scale: mean excess above the floor.
+        above: for each floor, those whose greatest score is above it, falling.
+        floors: scores, rising.
+        scale: mean excess above the last floor.
 
     Example:
         >>> maxima = -torch.rand(1000, generator=torch.Generator().manual_seed(0)).log()
@@ -47,13 +48,13 @@ class FalseAlarms:
     rows: int
     columns: int
     frames: int
-    above: int
-    floor: float
+    above: tuple[int, ...]
+    floors: tuple[float, ...]
     scale: float
 
     @classmethod
     def of(cls, locator: str, shape: PanelShape, maxima: Tensor) -> Self:
-        """Fit the tail of the greatest scores (N,) of N panel-free frames.
+        """Fit the greatest scores (N,) of N panel-free frames.
 
         Raises:
             VoccError: fewer than 50 frames.
@@ -61,46 +62,60 @@ class FalseAlarms:
         if len(maxima) < _LEAST_FRAMES:
             raise VoccError.of("frames", len(maxima), f"at least {_LEAST_FRAMES} to calibrate on")
         ordered = maxima.double().sort(descending=True).values
-        above = max(10, round(_TAIL * len(ordered)))
-        floor = float(ordered[above])
-        scale = max(float((ordered[:above] - floor).mean()), 1e-6)
-        return cls(locator, shape.rows, shape.columns, len(ordered), above, floor, scale)
+        first, *more = (round(share * len(ordered)) for share in _SHARES)
+        above = (max(10, first), *(one for one in more if one >= _LEAST_ABOVE))
+        floors = tuple(float(ordered[one]) for one in above)
+        scale = max(float((ordered[: above[-1]] - floors[-1]).mean()), 1e-6)
+        return cls(locator, shape.rows, shape.columns, len(ordered), above, floors, scale)
 
     def expected(self, score: Tensor) -> Tensor:
-        """False alarms that a panel-free frame gives at these scores or better; below the floor 1."""
-        excess = (score.double() - self.floor) / self.scale
-        return torch.where(excess >= 0, self.above / self.frames * (-excess).exp(), 1.0)
+        """False alarms that a panel-free frame gives at these scores or better; below the first floor 1."""
+        at = score.detach().cpu().double().numpy()
+        log_rate = np.interp(at, self.floors, np.log(np.array(self.above) / self.frames))
+        log_rate -= np.maximum(at - self.floors[-1], 0.0) / self.scale
+        return torch.from_numpy(np.where(at >= self.floors[0], np.exp(log_rate), 1.0)).to(score.device)
 
     def interval(self, score: float) -> tuple[float, float]:
-        """Bounds of 95 % about what is expected at a score, from the frames that passed the floor."""
-        excess = max((score - self.floor) / self.scale, 0.0)
-        spread = np.exp(1.96 * np.sqrt((1 + excess**2) / self.above))
-        middle = float(self.expected(torch.tensor([score]))[0])
+        """Bounds of 95 % about what is expected at a score, from the frames that passed the last floor."""
+        middle = float(self.expected(torch.tensor([score], dtype=torch.float64))[0])
+        excess = max((score - self.floors[-1]) / self.scale, 0.0)
+        spread = np.exp(1.96 * np.sqrt((1 + excess**2) / self.above[-1]))
         return middle / spread, middle * spread
 
     def score_at(self, false_alarms: float) -> float:
-        """The score from which on no more false alarms a frame are expected."""
-        return self.floor + self.scale * max(0.0, float(np.log(self.above / self.frames / false_alarms)))
+        """The score from which on no more false alarms a frame are expected, or the first floor."""
+        rates = np.array(self.above) / self.frames
+        if false_alarms < rates[-1]:
+            return self.floors[-1] + self.scale * float(np.log(rates[-1] / false_alarms))
+        return float(np.interp(-np.log(false_alarms), -np.log(rates), self.floors))
 
 
 def write_table(path: Path, rows: Sequence[FalseAlarms]) -> None:
-    """Write a table, a row a locator and shape."""
+    """Write a table, a row a locator and shape; of several numbers a row has one text."""
     names = [one.name for one in fields(FalseAlarms)]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows(
-            [[f"{v:.6g}" if isinstance(v := getattr(row, n), float) else v for n in names] for row in rows]
-        )
+        writer.writerows([[_told(getattr(row, name)) for name in names] for row in rows])
+
+
+def _told(value: object) -> str:
+    """Word a cell."""
+    if isinstance(value, tuple):
+        return " ".join(map(_told, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 @lru_cache(maxsize=4)
 def read_table(path: Path = TABLE) -> tuple[FalseAlarms, ...]:
     """Read a table."""
-    kinds = [str, int, int, int, int, float, float]
     with path.open(newline="", encoding="utf-8") as file:
         _, *lines = csv.reader(file)
-    return tuple(FalseAlarms(*(kind(one) for kind, one in zip(kinds, line, strict=True))) for line in lines)
+    found = []
+    for locator, rows, columns, frames, above, floors, scale in lines:
+        counts, scores = tuple(map(int, above.split())), tuple(map(float, floors.split()))
+        found.append(FalseAlarms(locator, int(rows), int(columns), int(frames), counts, scores, float(scale)))
+    return tuple(found)
 
 
 def calibrated(locator: str, shape: PanelShape, path: Path = TABLE) -> FalseAlarms | None:
