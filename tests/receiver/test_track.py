@@ -88,6 +88,63 @@ def test_a_small_standing_panel_stays_where_it_is():
     assert errors.max() < 0.25
 
 
+def shaken(seed, changes=True):
+    """A panel of 3 px an LED at 70 m to 66 m, shaken by 2.5 px a frame, and its corners."""
+    draw, many = np.random.default_rng(seed), 24
+    distance, shake = np.linspace(70, 66, many), np.zeros((2, many))
+    for i in range(1, many):
+        shake[:, i] = 0.9 * shake[:, i - 1] + draw.normal(0, 2.5, 2)
+    place = {"distance_m": distance, **dict(zip(("offset_x_m", "offset_y_m"), shake, strict=True))}
+    for name in ("offset_x_m", "offset_y_m"):
+        place[name] = place[name] * distance / CAMERA.focal_length_px
+    given = Scene.of(many, ambient_lx=8000.0)
+    values = {name: getattr(given, name) for name in given.__dataclass_fields__}
+    scene = Scene(**values | {name: torch.from_numpy(one) for name, one in place.items()})
+    simulator = Simulator(CAMERA, effects={**PAPER_EFFECTS, **NOISE, "gain": {}}, framing="full")
+    keys = [FrameKey(BlockKey(seed, "shaken", 0), i) for i in range(many)]
+    bits = torch.from_numpy(draw.random((many, 8, 8)) < 0.5)
+    bits = bits if changes else bits[:1].expand(many, -1, -1)
+    corners = simulator.true_panels(scene).corners_px.numpy()
+    return simulator.render(scene, bits, keys=keys).grey[:, 0].numpy(), corners
+
+
+class Doubting(Told):
+    """A locator that sees the panel and is never sure of it."""
+
+    def sightings(self, frames, shape):
+        known = torch.from_numpy(self.corners[self.frame])[None]
+        return SimpleNamespace(corners_px=known, score=torch.ones(1), false_alarms=torch.ones(1))
+
+
+def test_where_corners_shake_by_most_of_a_cell_no_line_is_missed():
+    """The line around the panel stands still, and the LEDs change: that tells one line from the next."""
+    for seed in (0, 4):
+        grey, corners = shaken(seed)
+        locator = Told(corners)
+        errors = errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners)
+        assert (errors < 0.25).mean() > 0.95
+
+
+def test_a_doubtful_panel_is_seen_once_its_leds_change_and_a_picture_of_one_never():
+    grey, corners = shaken(1)
+    locator = Doubting(corners)
+    errors = errors_cells(Tracker(locator, SHAPE), locator, grey, corners)
+    assert np.isinf(errors[0])
+    assert (errors[6:] < 0.25).all()
+    still, corners = shaken(1, changes=False)
+    locator = Doubting(corners)
+    assert np.isinf(errors_cells(Tracker(locator, SHAPE), locator, still, corners)).all()
+
+
+def test_a_doubtful_panel_a_line_off_is_put_right_by_what_changes():
+    grey, corners = shaken(2)
+    along = (corners[:, 1] - corners[:, 0]) / SHAPE.columns
+    locator = Doubting(corners + along[:, None])
+    errors = errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners)
+    assert (errors[8:] < 0.5).all()
+    assert (errors[-6:] < 0.25).all()
+
+
 def test_full_searches_come_every_so_often(approach):
     grey, corners = approach
     locator = Told(corners)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -32,19 +33,35 @@ _LEAST_SHARE = 0.6
 _LEAST_TO_BEGIN = 0.5
 # A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
 _MOST_FALSE_ALARMS = 1e-3
+# Of less likely sightings so many are watched at a time. A frame tells by how many LEDs change whether they
+# are a panel's, half of which change, or clutter's, one in twenty, but no more than so much either way; from
+# so much on it is a panel, and clutter up to so little, all in logarithms of odds.
+_WATCHED, _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS, _STANDS, _LINE_MORE = (
+    3,
+    0.5,
+    0.05,
+    (-3.0, 10.0),
+    25.0,
+    -8.0,
+    1.1,
+)
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
-# Below this share of it neighbouring lattices are tried.
+# A panel that is known to stand still is there where this share of it is explained.
 _GOOD_SHARE = 0.95
-_NEIGHBOURS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+# Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
+# farther off; how far cells are believed, which are not independent; what changes around the LEDs at first, of
+# their light; and how much of a cell's light and variance is learned anew.
+_REACH, _POOR, _TRUST, _STILL, _KEPT = 3, -0.25, 0.3, 0.15, 0.1
 # The corners' signs in the fields 1, u, v and uv.
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
 # How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
-# slowly, and which a picture of few pixels shows badly.
-_GAIN, _SHAPE_GAIN = 0.5, 0.1
-# What fields 1, u, v and uv of a step cost, per square cell, in the picture's own variance; of a panel that
-# is followed, whose shape is known.
-_FREE, _KNOWN = (4.0, 16.0, 16.0, 400.0), (4.0, 400.0, 400.0, 1600.0)
+# slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
+_GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
+_SIZE_KEPT, _SHAPE_KEPT = 0.25, 0.1
+# What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance; of a
+# panel that is followed, whose shape is known.
+_FREE, _KNOWN = (4.0, 16.0, 16.0, 400.0, 16.0), (4.0, 400.0, 400.0, 1600.0, 1600.0)
 # Squared cells that a panel is off from where it was expected: at first, at least; and how much is learned
 # anew.
 _SPREAD, _LEAST_SPREAD, _LEARNED = 0.25, 0.02, 0.2
@@ -57,10 +74,11 @@ _LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_m
 
 
 @lru_cache(maxsize=32)
-def _grid(rows: int, columns: int) -> tuple[Plane, Plane, Plane]:
-    """Samples of a panel with a cell of margin: weights (4,P) of the corners, cells (N,) down and across."""
+def _grid(rows: int, columns: int, margin: int = 1) -> tuple[Plane, Plane, Plane]:
+    """Samples of a panel with cells of margin: weights (4,P) of the corners, cells (N,) down and across."""
     down, across = (
-        (np.arange((n + 2) * _SAMPLES, dtype=np.float32) + 0.5) / _SAMPLES - 1 for n in (rows, columns)
+        (np.arange((n + 2 * margin) * _SAMPLES, dtype=np.float32) + 0.5) / _SAMPLES - margin
+        for n in (rows, columns)
     )
     return _weights(across / columns, down / rows), down, across
 
@@ -109,13 +127,29 @@ def _two_levels(lit: Plane) -> Plane:
     return np.where(on, np.float32(high), np.float32(low))
 
 
+def _levels(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, reach: int = 0) -> Plane:
+    """Read the mean light of cells with a line of cells around, moved by quarters up to ``reach`` cells.
+
+    Returns:
+        (P,P,R+2,C+2) for P = 8 reach + 1 places down and along.
+    """
+    rows, columns = (n + 2 + 2 * reach for n in (shape.rows, shape.columns))
+    light = _read(grey, corners, _grid(shape.rows, shape.columns, 1 + reach)[0])
+    light = light.reshape(rows * _SAMPLES, columns * _SAMPLES)
+    for axis in (0, 1):
+        light = sliding_window_view(light, _SAMPLES, axis).mean(-1)
+    size = tuple(_SAMPLES * (n + 1) + 1 for n in (shape.rows, shape.columns))
+    return sliding_window_view(light, size)[..., ::_SAMPLES, ::_SAMPLES]
+
+
 def fit(
     grey: NDArray[np.uint8],
     corners: Corners,
     shape: PanelShape,
     blur: float,
     steps: int = _STEPS,
-    costs: tuple[float, float, float, float] = _FREE,
+    costs: tuple[float, ...] = _FREE,
+    dark: Plane | None = None,
 ) -> tuple[Corners, float, float]:
     """Move corners by a few Gauss-Newton steps to where a lattice of two levels explains a picture best.
 
@@ -127,7 +161,10 @@ def fit(
         shape: rows and columns.
         blur: a spot's standard deviation, cells.
         steps: how many.
-        costs: of moving by the fields 1, u, v and uv from these corners, per square cell, in variances.
+        costs: of moving by the fields 1, u, v and uv from these corners, per square cell, and of blur, in
+            variances.
+        dark: (R+2,C+2) light of the cells and of a line of cells around where no LED shines; the median of
+            that line by default.
 
     Returns:
         The corners, the spots' standard deviation, and the share of the picture's variation explained.
@@ -146,7 +183,10 @@ def fit(
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
         columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
         patch = _read(grey, corners, weights).reshape(size)
-        patch = patch - np.median(np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]]))
+        if dark is None:
+            patch = patch - np.median(np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]]))
+        else:
+            patch = patch - dark.repeat(_SAMPLES, 0).repeat(_SAMPLES, 1)
         lit = _two_levels(from_rows @ patch @ from_columns.T)
         half = rows @ lit
         rest = patch - half @ columns.T
@@ -157,7 +197,7 @@ def fit(
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
         jacobian = np.stack([f * one for one in (by_x, by_y) for f in fields] + [wider]).reshape(9, -1)
-        damping = np.array([*costs * 2, 16.0]) * max(float((rest**2).mean()), 1e-2)
+        damping = np.array([*costs[:4] * 2, costs[4]]) * max(float((rest**2).mean()), 1e-2)
         pull = jacobian @ rest.ravel() - damping * np.append(moved, 0.0)
         moves = np.linalg.solve(jacobian @ jacobian.T + np.diag(damping), pull)
         moves *= min(1.0, _MOST_CELLS / max(float(np.abs(moves).max()), 1e-9))
@@ -231,7 +271,7 @@ def shift(grey: NDArray[np.uint8], corners: Corners, before: NDArray[np.complex6
 
 @dataclass
 class Track:
-    """A panel that is followed.
+    """A panel that is followed, or what may be one and is watched until its LEDs change.
 
     Args:
         number: its own, from 0.
@@ -244,6 +284,10 @@ class Track:
         spread: squared cells by which it is off from where it is expected, along an axis.
         misses: frames since it was seen.
         doubts: full searches since one met it that found others.
+        flicker: log odds of a panel by how its LEDs change; infinity where the search was sure.
+        lights: (2,R+2,C+2), the cells' light and its variance, with a line of cells around.
+        on: (R+2,C+2) bool, cells that were bright when it was seen last.
+        changes: (R+2,C+2), how often they changed since it was begun.
     """
 
     number: int
@@ -256,42 +300,123 @@ class Track:
     spread: float = _SPREAD
     misses: int = 0
     doubts: int = 0
+    flicker: float = math.inf
+    lights: Plane = field(default_factory=lambda: np.zeros((2, 0, 0)))
+    on: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
+    changes: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is a panel: nothing else changes half of its lights from frame to frame."""
+        return self.flicker >= _FLICKERS
+
+    def watch(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
+        """Compare the LEDs with those of the frame before, and say whether it is surely a panel."""
+        levels = _levels(grey, self.corners, shape)[0, 0].copy()
+        inside = levels[1:-1, 1:-1]
+        low, high = float(inside.min()), float(inside.max())
+        on = levels > (low + high) / 2
+        if self.on.size:
+            apart = on != self.on
+            self.changes, changed = self.changes + apart, float(apart[1:-1, 1:-1].mean())
+            told = changed * math.log(_CHANGE / _STAYS) + (1 - changed) * math.log(
+                (1 - _CHANGE) / (1 - _STAYS)
+            )
+            self.flicker += min(max(shape.leds * told, _MOST_TOLD[0]), _MOST_TOLD[1])
+            off = levels - self.lights[0]
+            self.lights = self.lights + _KEPT * np.stack([off, off**2 - self.lights[1]])
+        else:  # LEDs may change by all their light, and what is around them by little
+            varied = np.full_like(levels, (_STILL * (high - low)) ** 2)
+            varied[1:-1, 1:-1], levels[1:-1, 1:-1] = ((high - low) / 2) ** 2, (low + high) / 2
+            self.lights, self.changes = np.stack([levels, varied]), np.zeros(on.shape, np.int64)
+        self.on = on
+        self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
+        return self.sure
+
+    def known(self, grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, reach: int = 0) -> Plane:
+        """How likely what is seen is, for what stands still and for LEDs that have changed before.
+
+        Returns:
+            (P,P) log likelihoods at places by quarters of cells up to ``reach`` cells down and along.
+        """
+        seen = _levels(grey, corners, shape, reach)
+        worth: Plane = -_TRUST / 2 * ((seen - self.lights[0]) ** 2 / self.lights[1]).sum((2, 3))
+        return worth
+
+    def starts(self, grey: NDArray[np.uint8], expected: Corners, shape: PanelShape) -> list[Corners]:
+        """Give where a panel may be: where it is expected, and where more is as it was."""
+        if not self.on.size:
+            return [expected, shift(grey, expected, self.seen)]
+        worth = self.known(grey, expected, shape, _REACH)
+        apart = (np.arange(len(worth)) / _SAMPLES - _REACH) ** 2 / 2 / (self.spread * (1 + self.misses))
+        places = {divmod(int(told.argmax()), len(worth)) for told in (worth - apart - apart[:, None], worth)}
+        cells = [(x / _SAMPLES - _REACH, y / _SAMPLES - _REACH) for y, x in sorted(places)]
+        found = [_by_cells(expected, x, y, shape) for x, y in cells if max(abs(x), abs(y)) > 1 / _SAMPLES]
+        if worth.max() < _POOR * self.on.size:
+            found.append(shift(grey, expected, self.seen))
+        return [expected, *found]
+
+    def place(self, shape: PanelShape) -> None:
+        """Move by a line of LEDs where most that changed is inside then."""
+        inside = sliding_window_view(self.changes, (shape.rows, shape.columns)).sum((2, 3))
+        y, x = divmod(int(inside.argmax()), 3)
+        if inside[y, x] > _LINE_MORE * inside[1, 1]:
+            self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
+            self.on = self.on[:0]
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
         expected = self.corners + self.motion * (1 + self.misses)
         before = math.sqrt(abs(_area(self.corners)) / shape.leds)
 
-        def likely(start: Corners, steps: int = _STEPS) -> tuple[float, Corners, float, float]:
+        def likely(start: Corners) -> tuple[float, Corners, float, float]:
             """Fit from a start: how likely that is, for what a lattice explains and how far off it lies."""
-            corners, blur, share = fit(grey, start, shape, self.blur, steps, _KNOWN)
-            apart = float(((corners - expected).mean(0) ** 2).sum()) / before**2
+            corners, blur, share = fit(grey, start, shape, self.blur, _STEPS, _KNOWN, dark)
+            place, size, bend = _parts(corners - expected, expected)
+            corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
             told = -shape.leds / 4 * math.log(max(1 - share, 1e-3))
+            if self.on.size:
+                told += float(self.known(grey, corners, shape)[0, 0])
+            apart = float(((corners - expected).mean(0) ** 2).sum()) / before**2
             return told - apart / 2 / (self.spread * (1 + self.misses)), corners, blur, share
 
-        there = shift(grey, expected, self.seen)
-        # Bits change, so that a shift may be off by a line of LEDs, and so may what is expected.
-        starts = [expected, there] if np.abs(there - expected).max() > before / 4 else [expected]
-        best = max((likely(start) for start in starts), key=lambda one: one[0])
-        if best[3] < _GOOD_SHARE * self.share:
-            sides = (best[1][1] - best[1][0]) / shape.columns, (best[1][3] - best[1][0]) / shape.rows
-            lines = [likely(best[1] + x * sides[0] + y * sides[1], 1) for x, y in _NEIGHBOURS]
-            best = max(best, likely(max(lines, key=lambda one: one[0])[1]), key=lambda one: one[0])
-        _, corners, blur, share = best
+        dark = None
+        if self.on.size:
+            dark = self.lights[0].copy()
+            dark[1:-1, 1:-1] -= np.sqrt(self.lights[1, 1:-1, 1:-1])
+        # Bits change, so that what is expected may be off by a line of LEDs.
+        starts = self.starts(grey, expected, shape)
+        _, corners, blur, share = max((likely(start) for start in starts), key=lambda one: one[0])
+        if dark is not None:  # which a frame without the panel has, too
+            share = fit(grey, corners, shape, blur, 0)[2]
         cell = math.sqrt(abs(_area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
         if not sane or share < _LEAST_SHARE * self.share:
             self.misses += 1
             return False
-        off = (corners - expected) / (1 + self.misses)
-        place = off.mean(0)
-        self.motion = self.motion + _GAIN * place + _SHAPE_GAIN * (off - place)
+        place, size, bend = (part / (1 + self.misses) for part in _parts(corners - expected, expected))
+        self.motion = self.motion + _GAIN * place + _SIZE_GAIN * size + _SHAPE_GAIN * bend
         self.spread += _LEARNED * (float((place**2).mean()) / before**2 - self.spread)
         self.spread = max(self.spread, _LEAST_SPREAD)
-        self.corners, self.blur, self.misses = corners, blur, 0
+        self.corners, self.misses = corners, 0
+        self.blur += _SIZE_GAIN * (blur - self.blur)
         self.share += _MEMORY * (share - self.share)
         self.seen += _MEMORY * (_spectrum(grey, corners) - self.seen)
         return True
+
+
+def _parts(off: Corners, corners: Corners) -> tuple[Corners, Corners, Corners]:
+    """Part how corners are off: by place, by size, and by turn and bend."""
+    place, arms = off.mean(0, keepdims=True), corners - corners.mean(0)
+    size = arms * ((off * arms).sum() / max(float((arms**2).sum()), 1e-9))
+    return place, size, off - place - size
+
+
+def _by_cells(corners: Corners, across: float, down: float, shape: PanelShape) -> Corners:
+    """Move corners along the panel's own lines."""
+    along, beside = (corners[1] - corners[0]) / shape.columns, (corners[3] - corners[0]) / shape.rows
+    moved: Corners = corners + across * along + down * beside
+    return moved
 
 
 def _area(corners: Corners) -> float:
@@ -305,7 +430,8 @@ class Tracker:
     """Follow panels from frame to frame of one recording.
 
     A full search begins, goes on while nothing is seen, and comes again every ``every`` frames: it finds new
-    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost.
+    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost. While
+    there is none, sightings that a search is not sure of are watched: panels once their LEDs change.
 
     Args:
         locator: does the full search; of one with ``sightings`` every panel is followed, else the best.
@@ -336,17 +462,27 @@ class Tracker:
     def __call__(self, plane: NDArray[np.uint8]) -> list[Track]:
         """Take the recording's next frame (H,W), and give the panels that are seen in it."""
         seen = [track for track in self.tracks if track.follow(plane, self.shape)]
-        self.tracks = [track for track in self.tracks if track.misses <= self.patience]
+        for track in seen:
+            watched = not track.sure
+            if track.watch(plane, self.shape) and watched:
+                track.place(self.shape)
+                self._admit(track)
+        seen = [track for track in seen if track.sure]
+        self.tracks = [
+            one
+            for one in self.tracks
+            if one.misses <= (self.patience if one.sure else 0) and one.flicker > _STANDS
+        ]
         self._since += 1
         # All the time while nothing is followed, and soon where something is missed.
-        missed = len(seen) < len(self.tracks)
+        missed = len(seen) < sum(track.sure for track in self.tracks)
         if not seen or self._since >= self.every or (missed and self._since >= 3):
             self._since, self.searches = 0, self.searches + 1
             met = [self._anchored(plane, *one) for one in self._found(plane)]
             for track in self.tracks:
                 track.doubts = 0 if not any(met) or any(track is one for one in met) else track.doubts + 1
             self.tracks = [track for track in self.tracks if track.doubts <= _MOST_DOUBTS]
-            seen = [one for one in self.tracks if any(one is other for other in (*seen, *met))]
+            seen = [one for one in self.tracks if one.sure and any(one is other for other in (*seen, *met))]
         return sorted(seen, key=lambda track: track.number)
 
     def panels(self, greys: Tensor) -> Panels:
@@ -360,22 +496,32 @@ class Tracker:
                 panels.corners_px[i] = torch.from_numpy(seen[0].corners)
         return panels
 
-    def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float]]:
-        """Search the whole frame."""
+    def _admit(self, track: Track) -> None:
+        """Take for a panel what was watched, or is begun."""
+        track.flicker, track.number = math.inf, self._number
+        self._number += 1
+
+    def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, bool]]:
+        """Search the whole frame: corners, score, and whether it is surely a panel, these first."""
         frames = Frames.whole(torch.from_numpy(plane))
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
         most = getattr(self.locator, "false_alarms", _MOST_FALSE_ALARMS)
         kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
-        for corners, score, good in zip(
-            found.corners_px.cpu().numpy(), found.score.tolist(), kept.tolist(), strict=True
-        ):
+        rows = zip(found.corners_px.cpu().numpy(), found.score.tolist(), kept.tolist(), strict=True)
+        for corners, score, good in sorted(rows, key=lambda row: not row[2]):
             cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
-            if good and cell >= 1:
-                yield corners, score
+            if (good or sightings) and cell >= 1:
+                yield corners, score, good
 
-    def _anchored(self, plane: NDArray[np.uint8], corners: Corners, score: float) -> Track | None:
-        """Correct the track that a full search met, or begin one, where a lattice explains what is there."""
+    def _anchored(self, plane: NDArray[np.uint8], corners: Corners, score: float, good: bool) -> Track | None:
+        """Correct the track that a search met, or begin one, where a lattice explains what is there.
+
+        What is not ``good`` corrects nothing, and is watched while there is no panel.
+        """
+        watched = [track for track in self.tracks if not track.sure]
+        if not good and (len(watched) < len(self.tracks) or len(watched) >= _WATCHED):
+            return None
         share, blur = max(fit(plane, corners, self.shape, blur)[:0:-1] for blur in _BLURS)
         middle, reach = corners.mean(0), math.sqrt(abs(_area(corners))) / 2
         if share < _LEAST_TO_BEGIN:
@@ -383,11 +529,16 @@ class Tracker:
         for track in self.tracks:
             there = track.corners + track.motion * track.misses
             if float(np.linalg.norm(there.mean(0) - middle)) < reach:
+                if not good:
+                    return None
                 track.corners, track.score, track.misses = corners, score, 0
+                track.on = track.on[:0]
                 break
         else:
-            track = Track(self._number, corners, score, blur, share, _spectrum(plane, corners, True))
-            self._number += 1
+            track = Track(-1, corners, score, blur, share, _spectrum(plane, corners, True), flicker=0.0)
             self.tracks.append(track)
+        if good and track.number < 0:
+            self._admit(track)
+        track.watch(plane, self.shape)
         track.blur, track.share = blur, share
         return track
