@@ -100,6 +100,8 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels = grey.reshape(frames, -1)
+    if frames == 1 and pixels.shape[1] <= _COUNTED_PX and grey.device.type == "cpu":
+        return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
     # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
     if pixels.shape[1] >= _COUNTED_PX or frames == 1:
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
@@ -135,8 +137,8 @@ def sensor_histogram(frames: Frames) -> Tensor:
     outside = frames.sensor_px[0] * frames.sensor_px[1] - height * width
     if outside < 0:
         raise VoccError(f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}")
-    levels = [min(max(round(level), 0), _LEVELS - 1) for level in frames.surround.tolist()]
-    counts.numpy()[range(len(levels)), levels] += outside
+    for count, level in zip(counts.numpy(), frames.surround.tolist(), strict=True):
+        count[min(max(round(level), 0), _LEVELS - 1)] += outside
     return counts.to(frames.grey.device)
 
 

@@ -203,10 +203,14 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
 
 def _upright(
     corners: Any, place: Any, sides: Any, shape: PanelShape, samples: int, most: int
-) -> tuple[list[float], _Window | None]:
+) -> tuple[int, Any, list[tuple[float, float, float]]] | None:
     """Do for one panel what :func:`rectify_takes` does before it reads, to the last bit, in plain numbers.
 
     It takes a tenth of the time. Nothing where the panel's sides do not lie along the image's.
+
+    Returns:
+        The pixels along an axis that a sample stands for; (1,2) where the window begins in the take; and for
+        both axes the last pixel that is read, the cells' pitch and the first cell's place, in the window.
     """
     (first, across, third, down), (place,) = corners[0].tolist(), place.tolist()
     size = [third[axis] - first[axis] for axis in (0, 1)]
@@ -215,19 +219,18 @@ def _upright(
     )
     within = all(-MOST_PX <= one <= MOST_PX for one in (*first, *third)) and min(size) > 0
     if not (upright and within and size[0] * size[1] > _FLAT_PX2 + _FLAT_SHARE * max(size) * max(size)):
-        return [], None
-    factor = float(min(max(round(max(size[0] / shape.columns, size[1] / shape.rows) / samples), 1), most))
-    fine, found = samples * factor, []
+        return None
+    factor = min(max(round(max(size[0] / shape.columns, size[1] / shape.rows) / samples), 1), most)
+    fine, begins, found = float(samples * factor), [], []
     for axis, leds in enumerate((shape.columns, shape.rows)):
         step, (extent, sensor) = size[axis] * (1 / leds), (side[axis] for side in sides)
         least, farthest = max(place[axis] - extent, 0.0), min(place[axis] + 2 * extent, float(sensor))
         ends = (0.5 / fine - 1, ((leds + 2) * fine - 0.5) / fine - 1)
         low, high = (min(max(step * end + first[axis], least), farthest) for end in ends)
         begin = math.floor(low - 0.5)
-        found.append((begin - place[axis], 0.0, math.ceil(high - begin), step, first[axis] - (begin + 0.5)))
-    begins, zeros, lasts, (x, y), (to_x, to_y) = np.array(found).T
-    moved = np.array([[[x, 0.0, to_x], [0.0, y, to_y]]])
-    return [factor], _Window(begins[None], zeros[None], lasts[None], moved)
+        begins.append(begin - place[axis])
+        found.append((math.ceil(high - begin), step, first[axis] - (begin + 0.5)))
+    return factor, np.array([begins]), found
 
 
 def _places(xp: Any, window: _Window, x: Any, y: Any) -> tuple[Any, Any]:
@@ -275,7 +278,11 @@ def _sample(
     wide, tall = (int(max(each)) for each in zip(*sides, strict=True))
     greys = [_cut(take, chosen, window.begin, sides).to(x.dtype) for take in takes]
     if xp is np and window.moved.shape[1] == 2 and not window.moved[:, (0, 1), (1, 0)].any():
-        return _read_upright(greys, window, x, y)
+        last, moved = (_cast(one, x.numpy().dtype)[..., None] for one in window[2:])
+        both = enumerate((x.numpy(), y.numpy()))
+        return _read_upright(
+            greys, [(moved[:, n, n] * at + moved[:, n, 2]).clip(0, last[:, n]) for n, at in both]
+        )
     size: Any = (-1, 1, len(y), len(x))
     whole, share = _places(xp, window, *((x, y) if xp is torch else (x.numpy(), y.numpy())))
     # Up to 2^24 float32 holds whole numbers exactly.
@@ -288,23 +295,23 @@ def _sample(
     return read
 
 
-def _read_upright(greys: list[Tensor], window: _Window, x: Tensor, y: Tensor) -> list[Tensor]:
-    """Do what :func:`_sample` does with panels whose sides lie along the image's.
+def _read_upright(greys: list[Tensor], places: list[Any]) -> list[Tensor]:
+    """Do what :func:`_sample` does at places (n,w) along and (n,h) down the windows of panels not turned.
 
     A column of samples is then a column of the image: pixels are mixed along the rows, and these once.
     """
-    across, down = (_places(np, window, *map(Tensor.numpy, one)) for one in ((x, y[:1]), (x[:1], y)))
-    index = [across[0][:, 0, 0].astype(np.int64), down[0][:, 1, :, 0].astype(np.int64)]
-    share = torch.from_numpy(across[1][:, 0]), torch.from_numpy(down[1][:, 1])
-    frames, tall, _ = greys[0].shape
+    wholes = [np.floor(at) for at in places]
+    index = [whole.astype(np.int64) for whole in wholes]
+    share = [torch.from_numpy(at - whole) for at, whole in zip(places, wholes, strict=True)]
+    (frames, tall, _), (wide, high) = greys[0].shape, (at.shape[1] for at in places)
     columns = torch.from_numpy(index[0])[:, None].expand(-1, tall, -1)
     lines = index[1] + np.arange(0, frames * tall, tall)[:, None]
     both, read = torch.from_numpy(np.concatenate([lines, lines + 1], axis=None)), []
     for grey in greys:
         near, near_by = (grey[..., by:].gather(2, columns) for by in (0, 1))
-        rows = torch.lerp(near, near_by, share[0]).view(-1, len(x)).index_select(0, both)
-        upper, lower = rows.view(2, frames, 1, len(y), len(x))
-        read.append(torch.lerp(upper, lower, share[1][:, None]))
+        rows = torch.lerp(near, near_by, share[0][:, None]).view(-1, wide).index_select(0, both)
+        upper, lower = rows.view(2, frames, 1, high, wide)
+        read.append(torch.lerp(upper, lower, share[1][:, None, :, None]))
     return read
 
 
@@ -439,25 +446,30 @@ def rectify_takes(
     most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples_per_led))
     sides = [grey.shape[:1:-1], takes[0].sensor_px[::-1]]
     plain = xp is np and len(corners) == 1 and device.type == "cpu"
-    each, window = _upright(corners, place, sides, shape, samples_per_led, most) if plain else ([], None)
-    if window is None:
-        homography, cell_px = _homography(xp, corners, shape), xp.maximum(*_cell_size(xp, corners, shape))
-        factors = (cell_px / samples_per_led).round().clip(1, most)
-        if is_exporting():
-            rest = homography, factors.long(), shape, samples_per_led, dtype
-            return [_rectified_in_graph(one, *rest) for one in takes]
-        fine, each = samples_per_led * factors[:, None], factors.tolist()
-        x_ends, y_ends = (
-            xp.concatenate([0.5 / fine, ((leds + 2) * fine - 0.5) / fine], 1)[:, None] - 1
-            for leds in (shape.columns, shape.rows)
-        )
-        extent, sensor = np.array(sides) if xp is np else place.new_tensor(sides)
-        # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild
-        # quadrilateral of a false panel needs no larger window.
-        least, farthest = (place - extent).clip(0), xp.minimum(place + 2 * extent, sensor)
-        with np.errstate(over="ignore", invalid="ignore"):
-            window = _window(xp, least, farthest, homography, x_ends, y_ends)
-        window = window._replace(begin=window.begin - place)
+    if plain and (alone := _upright(corners, place, sides, shape, samples_per_led, most)):
+        count, begin, lines = alone
+        axes = (one.numpy() for one in _grid(shape, samples_per_led * count, dtype, device))
+        cuts = [_cut(take, [0], begin, [[last + 2 for last, _, _ in lines]]).to(dtype) for take in takes]
+        places = [(px * x + to).clip(0, last)[None] for (last, px, to), x in zip(lines, axes, strict=True)]
+        reads = _read_upright(cuts, places)
+        return [nn.functional.avg_pool2d(one, count) for one in reads] if count > 1 else reads
+    homography, cell_px = _homography(xp, corners, shape), xp.maximum(*_cell_size(xp, corners, shape))
+    factors = (cell_px / samples_per_led).round().clip(1, most)
+    if is_exporting():
+        rest = homography, factors.long(), shape, samples_per_led, dtype
+        return [_rectified_in_graph(one, *rest) for one in takes]
+    fine, each = samples_per_led * factors[:, None], factors.tolist()
+    x_ends, y_ends = (
+        xp.concatenate([0.5 / fine, ((leds + 2) * fine - 0.5) / fine], 1)[:, None] - 1
+        for leds in (shape.columns, shape.rows)
+    )
+    extent, sensor = np.array(sides) if xp is np else place.new_tensor(sides)
+    # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild
+    # quadrilateral of a false panel needs no larger window.
+    least, farthest = (place - extent).clip(0), xp.minimum(place + 2 * extent, sensor)
+    with np.errstate(over="ignore", invalid="ignore"):
+        window = _window(xp, least, farthest, homography, x_ends, y_ends)
+    window = window._replace(begin=window.begin - place)
     reach = window.last - window.first
     if device.type != "cpu":
         window = _Window(*(_tensor(one, device) for one in window))
