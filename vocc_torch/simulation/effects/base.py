@@ -72,7 +72,7 @@ class Context:
     channel: int | None = None
     """Red, green or blue, 0 to 2, while one channel of a scene in ``colour`` is drawn."""
     leds: str = ""
-    """``.second`` or ``.third`` while LEDs of a further ``colour`` are drawn: it ends their streams' names."""
+    """``.second`` or ``.third`` while LEDs of a further ``colour`` are drawn; ends their streams' names."""
 
     @property
     def sensor(self) -> str:
