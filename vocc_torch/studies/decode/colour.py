@@ -183,8 +183,8 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
         colours: frames (H,W,3) uint8 of one size.
 
     Returns:
-        That plane, and three in which a quarter of white's light is Off and three quarters On; none where
-        there is no panel, or where two colours, or a colour and none, send the same bits.
+        That plane, and three with the light of each colour as the channel has it that sees it best; none
+        where there is no panel, or where two colours, or a colour and none, send the same bits.
     """
     judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
     best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
@@ -206,6 +206,8 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
         before, bits = bits, (rows - light[0]) @ own > 0.5
         if torch.equal(before, bits):
             break
-    offsets = (63.75 - 127.5 * light[0] @ own).tolist()
-    each = zip(CHANNELS[2:5], (127.5 * own).T.tolist(), offsets, strict=True)
+    strength, channel = light[1:].max(1)
+    own = own * strength
+    offsets = (light[0, channel] - light[0] @ own).tolist()
+    each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
     return best, tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)
