@@ -148,12 +148,14 @@ class Simulated(NamedTuple):
         bits: (B,R,C) bool, what was sent.
         corners_px: (B,4,2) float64 true corners on the sensor, clockwise from the top left.
         scene: the values of each scene.
+        further: the bits (B,R,C) of LEDs of further colours, ``second`` and ``third``, where there are.
     """
 
     frames: Frames
     bits: torch.Tensor
     corners_px: torch.Tensor
     scene: Scene
+    further: Mapping[str, torch.Tensor]
 
 
 def simulate(
@@ -183,7 +185,7 @@ def simulate(
     simulator, keys = world.simulator(), block_keys(seed, point, frames)
     for drawn, bits, names, takes in rendered(simulator, world.scene, keys, range(0, frames, batch), False):
         corners = simulator.true_panels(drawn, names, rendered=True).corners_px
-        yield Simulated(takes[0], bits, corners, drawn)
+        yield Simulated(takes[0], bits, corners, drawn, simulator.further_bits(drawn, names))
 
 
 @dataclass(frozen=True)

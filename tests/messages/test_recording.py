@@ -7,7 +7,7 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.recording import Shutter, record
+from vocc_torch.simulation.recording import Shutter, further_films, record
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
 
@@ -42,6 +42,22 @@ def test_an_exposure_that_catches_two_symbols_has_the_light_of_both_by_its_share
     mixed, before, after = grey(middle), grey(0.005), grey(0.015)
     assert torch.allclose(mixed, (1 - share) * before + share * after, rtol=1e-6)
     assert not torch.allclose(before, after, rtol=0.01)
+
+
+def test_leds_of_a_further_colour_play_a_film_of_their_own():
+    """Amid symbols and across their edges a frame's light is that of both films, each in its colour."""
+    camera, shutter = Camera(exposure_time_s=0.004, gamma=1.0), Shutter(130.0, 0.003, readout_s=0.02)
+
+    def light(film, **colour):
+        simulator = Simulator(camera, effects=LINEAR | {"colour": colour}, dtype=torch.float64)
+        parts = taken(shutter, simulator, film, batch=3)
+        return torch.cat([part.frames.colour for part in parts]), further_films(simulator, film, KEY)
+
+    both, more = light(FILM, peak_nm=630, second_nm=470)
+    assert 0.4 < float((more[".second"] ^ FILM).float().mean()) < 0.6
+    red, blue = light(FILM, peak_nm=630)[0], light(more[".second"], peak_nm=470)[0]
+    none = light(torch.zeros_like(FILM))[0]
+    torch.testing.assert_close(both, red + blue - none)
 
 
 def test_rows_below_the_edge_show_the_next_symbol():

@@ -25,6 +25,7 @@ from vocc_torch.receiver.locators import locator_from, locator_named, locator_se
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.reading import COLUMNS, decode
 
 SHAPE, ANY = PanelShape(8, 8), LatticeLocator(math.inf)
@@ -190,5 +191,10 @@ def test_two_panels_are_two_rows(two):
     assert all(len(one.row()) == len(COLUMNS) for one in read)
     left = sorted(float(one.corners_px[0, 0]) for one in read)
     assert left == pytest.approx([50, 200], abs=2)
+    twice = list(decode(receiver, iter([frame]), 2, lights=(Mix("red"), Mix("blue"))))
+    assert [(one.panel, one.frame.light) for one in twice] == [
+        (n, name) for n in (0, 1) for name in ("red", "blue")
+    ]
+    assert [one.text for one in twice] == [one.text for one in read for _ in range(2)]
     with pytest.raises(VoccError, match=r"decode\.most is 2"):
         list(decode(Receiver("flda_3", PaperLocator(), Reader(SHAPE), flda), iter([frame]), 2))

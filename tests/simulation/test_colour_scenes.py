@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 from scipy import integrate
 
+import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.receiver.recording import read_recording
@@ -95,6 +96,80 @@ def test_each_channel_is_a_grey_scene_whose_leds_shine_as_it_sees_them():
     for channel, share in enumerate(shares):
         scene = Scene.of(2, ambient_lx=8000.0, led_luminance_cd_m2=3000.0 * share)
         torch.testing.assert_close(seen.colour[:, channel], plain.render(scene, bits).grey[:, 0])
+
+
+THREE = {"peak_nm": 630, "second_nm": 525, "third_nm": 470, "third_share": 0.2}
+
+
+def test_light_of_several_colours_is_the_sum_of_the_light_of_each():
+    """Every pixel of every channel, in linear light, by scenes of one colour that send the same bits."""
+    keys = [FrameKey(BlockKey(0, "colour", 0), frame) for frame in range(2)]
+    dark = torch.zeros(2, 8, 8, dtype=torch.bool)
+    scene, first = Scene.of(2), torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
+
+    def light(colour, bits, share=1.0):
+        lit = Scene.of(2, led_luminance_cd_m2=3000.0 * share)
+        camera = Simulator(CAMERA, effects=RAW | {"colour": colour}, dtype=torch.float64)
+        return camera.render(lit, bits, keys=keys).colour ** CAMERA.gamma
+
+    camera = Simulator(CAMERA, effects=RAW | {"colour": THREE}, dtype=torch.float64)
+    more = camera.further_bits(scene, keys)
+    assert [*more] == ["second", "third"]
+    base, parts = light({}, dark), ((630, first, 1.0), (525, more["second"], 1.0), (470, more["third"], 0.2))
+    wanted = base + sum(light({"peak_nm": nm}, bits, share) - base for nm, bits, share in parts)
+    torch.testing.assert_close(light(THREE, first), wanted)
+
+
+def test_each_colour_sends_bits_of_its_own_alike_for_every_batch():
+    words = (
+        "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:[uniform,460,480]}",
+        "scene.distance_m=40",
+    )
+    more = (
+        "+scene.effects.rolling_shutter={readout_s:0.016,symbol_s:0.001}",
+        "+scene.effects.led_scatter={coefficient_of_variation:0.3}",
+    )
+    world = vt.load_scene("paper", *words, *more)
+    (whole,), parts = vt.simulate(world, 12), list(vt.simulate(world, 12, batch=5))
+    assert torch.equal(whole.frames.colour, torch.cat([one.frames.colour for one in parts]))
+    sent = [whole.bits, *whole.further.values()]
+    for name, bits in whole.further.items():
+        assert torch.equal(bits, torch.cat([one.further[name] for one in parts]))
+    shares = np.corrcoef(torch.stack(sent).flatten(1).numpy())  # of 768 bits each
+    assert np.abs(shares - np.eye(3)).max() < 0.15
+    assert all(0.4 < float(one.float().mean()) < 0.6 for one in sent)
+    assert not next(vt.simulate("paper", 1)).further
+
+
+def test_preambles_are_of_all_colours():
+    camera = Simulator(CAMERA, effects=PAPER_EFFECTS | {"colour": THREE})
+    for take in ("on", "off"):
+        keys = [FrameKey(BlockKey(0, "colour", 0), 3, take)]
+        for bits in camera.further_bits(Scene.of(), keys).values():
+            assert bool((bits == (take == "on")).all())
+
+
+@pytest.mark.parametrize("stuck", [{}, {"stuck_leds": {"off_share": 0.2}}])
+def test_further_colours_change_nothing_of_the_first(stuck):
+    """Of no light to speak of they leave every pixel; and a blind camera of theirs sees the first alone."""
+    plain = shot(PAPER_EFFECTS | stuck | {"colour": {"peak_nm": ["uniform", 470, 630]}})
+    more = {"peak_nm": ["uniform", 470, 630], "second_nm": 600, "second_share": 1e-9}
+    assert torch.equal(plain.colour, shot(PAPER_EFFECTS | stuck | {"colour": more}).colour)
+
+
+@pytest.mark.parametrize(
+    ("colour", "said"),
+    [
+        ({"second_nm": 399}, "second_nm is 399: it must be at least 400 and at most 700"),
+        ({"third_nm": ["uniform", 600, 701]}, "third_nm is 701"),
+        ({"second_nm": 525, "second_share": 0}, "second_share is 0: it must be above 0"),
+        ({"second_nm": 525, "third_share": 0.5}, "third_share is 0.5: it must be left out without third_nm"),
+        ({"fourth_nm": 590}, "fourth_nm is not a known parameter"),
+    ],
+)
+def test_colours_that_cannot_be_are_refused_by_name(colour, said):
+    with pytest.raises(VoccError, match=rf"scene\.effects\.colour\.{said}"):
+        Simulator(effects=PAPER_EFFECTS | {"colour": colour})
 
 
 @pytest.mark.parametrize("word", ["red", "green", "blue"])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects.colour import Colour
 from vocc_torch.simulation.effects.light import Playback, RollingShutter
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Frames, Panels, Scene
@@ -69,6 +70,23 @@ class Shutter:
         return kept
 
 
+def further_films(simulator: Simulator, film: torch.Tensor, key: BlockKey) -> dict[str, torch.Tensor]:
+    """Draw the films (N,R,C) bool that a recording's LEDs of further colours play beside the first's.
+
+    Args:
+        simulator: its effects name the colours, ``.second`` and ``.third``.
+        film: (N,R,C) bool, that of the first.
+        key: the recording's.
+
+    Example:
+        >>> further_films(Simulator(), torch.ones(2, 8, 8, dtype=torch.bool), BlockKey(0, "doc", 0))
+        {}
+    """
+    names = [f".{name}" for one in simulator.effects if isinstance(one, Colour) for name in one.further]
+    drawn = {name: key.generator(f"film{name}").integers(2, size=tuple(film.shape)) for name in names}
+    return {name: torch.from_numpy(bits).bool() for name, bits in drawn.items()}
+
+
 @dataclass(frozen=True)
 class Recorded:
     """Some frames of a recording, with their truth.
@@ -101,7 +119,8 @@ def record(
     """Take a recording of a film.
 
     What belongs to the scene, the panel's pose and its stuck LEDs, is the same in every frame; noise is of
-    each frame. A ``rolling_shutter`` among the simulator's effects gives way to the shutter's own.
+    each frame. LEDs of further colours play :func:`further_films`. A ``rolling_shutter`` among the
+    simulator's effects gives way to the shutter's own.
 
     Args:
         simulator: camera, panel and effects.
@@ -126,7 +145,8 @@ def record(
     taken = shutter.taken_s(len(film) * symbol_s, key.generator("shutter"))
     takes = [repr(time) for time in taken.tolist()]
     middles = dict(zip(takes, np.nan_to_num(taken).tolist(), strict=True))
-    playback = Playback(shutter.readout_s, symbol_s, film=film, middles_s=middles)
+    further = further_films(simulator, film, key)
+    playback = Playback(shutter.readout_s, symbol_s, film=film, middles_s=middles, further=further)
     effects = [one for one in simulator.effects if not isinstance(one, RollingShutter)]
     own = {"framing": simulator.framing, "device": simulator.device, "dtype": simulator.dtype}
     camera = Simulator(simulator.camera, simulator.panel, [*effects, playback], **own)  # type: ignore[arg-type]

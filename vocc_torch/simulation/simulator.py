@@ -1,6 +1,6 @@
 """The simulator: bits and scenes in, camera frames out, with the named effects and no others."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Literal, get_args
@@ -104,6 +104,18 @@ class Simulator:
             return panels
         corners, each = panels.corners_px * there.view(-1, 1, 1), there.double()
         return Panels(corners, there, panels.score * each, panels.candidates * there)
+
+    def further_bits(self, scene: Scene, keys: Sequence[FrameKey]) -> dict[str, torch.Tensor]:
+        """Bits (B,R,C) bool of LEDs of further colours, ``second`` and ``third``, by keys as for render.
+
+        Example:
+            >>> from vocc_torch.rng import BlockKey
+            >>> simulator = Simulator(effects=PAPER_EFFECTS | {"colour": {"second_nm": 525}})
+            >>> bits = simulator.further_bits(Scene.of(), [FrameKey(BlockKey(0, "doc", 0), 0)])
+            >>> {name: tuple(one.shape) for name, one in bits.items()}
+            {'second': (1, 8, 8)}
+        """
+        return {own.leds[1:]: bits for own, bits in self._further(self._context(scene, keys))}
 
     def contrast(self, scene: Scene) -> torch.Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -253,15 +265,31 @@ class Simulator:
     def paint(self, batch: framing.Batch) -> torch.Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
-        symbols = batch.bits.unsqueeze(1)
         for effect in self.effects:
             if isinstance(effect, light.RollingShutter):
-                symbols = effect(batch.bits, context)
                 shares = effect.row_shares(context, batch.size[0])
+        leds = self._lights(batch.bits, context)
+        for own, bits in self._further(context):
+            leds = leds + self._lights(bits, own)
+        return painter.paint(leds, shares, context, batch.size, self.dtype)
+
+    def _lights(self, bits: torch.Tensor, context: Context) -> torch.Tensor:
+        """Light of LEDs of one colour in each of K symbols, (B,K,R,C) cd/m2, by the (B,R,C) sent."""
+        symbols = bits.unsqueeze(1)
+        for effect in self.effects:
+            if isinstance(effect, light.RollingShutter):
+                symbols = effect(bits, context)
         leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
             leds = torch.stack([effect.applied(one, context) for one in leds.unbind(1)], dim=1)
-        return painter.paint(leds, shares, context, batch.size, self.dtype)
+        return leds
+
+    def _further(self, context: Context) -> Iterator[tuple[Context, torch.Tensor]]:
+        """Give the context and the bits (B,R,C) of LEDs of each further colour."""
+        if self._colour is not None:
+            for name in self._colour.further:
+                own = replace(context, leds=f".{name}")
+                yield own, self._colour.sent(own)
 
     def _run(self, seen: Seen, effects: Sequence[Effect], context: Context, *, to_end: bool = False) -> Seen:
         """Apply effects in order, with the camera's own steps before each, or on to the grey values."""

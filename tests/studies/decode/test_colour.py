@@ -1,5 +1,6 @@
 """``decode.channel=auto``: the plane that parts On from Off is found, and luma stays where none is better."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
-from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.receiver.recording import RecordedFrame, read_recording
 from vocc_torch.receiver.rectification import rectify_takes
 from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed
 from vocc_torch.studies.decode.reading import decode
@@ -126,21 +127,41 @@ def three_colours(leak, frames=2, gamma=2.2):
 LEAK = np.array([[1.0, 0.35, 0.05], [0.4, 1.0, 0.3], [0.1, 0.45, 1.0]])
 
 
-def test_three_colours_that_leak_are_read_each_by_itself(receiver):
+@pytest.mark.parametrize("follow", ["false", "true"])
+def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
     """Without a wrong bit, where single channels have many; the mixes undo the leak."""
     colours, bits = three_colours(LEAK)
-    frames, told = in_each_colour(receiver, recorded(colours))
-    read = list(decode(receiver, frames))
+    frames, told, lights = in_each_colour(receiver, recorded(colours))
+    read = list(decode(receiver, frames, follow=follow, lights=lights))
     assert [one.row()[-1] for one in read] == ["red", "green", "blue"] * 2
     assert np.array_equal(np.stack([one.bits for one in read]).reshape(2, 3, 8, 8), bits)
     assert told.startswith("decode.channel=unmix: red (")
-    own = np.array([one.weights for one in unmixed(receiver, list(colours))])
+    own = np.array([one.weights for one in unmixed(receiver, list(colours))[1]])
     ratio = LEAK @ own.T  # of each colour's light in each plane
     assert np.abs(ratio / ratio.diagonal() - np.eye(3)).max() < 0.1
     mixed = [
         next(decode(receiver, iter([replace(one, grey=one.colour[..., 1])]))) for one in recorded(colours)
     ]
     assert np.mean([(one.bits != bit[1]).mean() for one, bit in zip(mixed, bits, strict=True)]) > 0.02
+
+
+def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(app, receiver, tmp_path):
+    """Each row of the table of bits against the truth of the light that it names; luma has many wrong."""
+    scene = ("scene.distance_m=20", "scene.ambient_lx=4000", "scene.offset_x_m=0", "scene.offset_y_m=0")
+    colour = "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:470,third_share:0.2}"
+    assert (
+        app("task=export", "name=x", "export.frames=4", "export.shard_frames=64", *scene, colour).status == 0
+    )
+    with (tmp_path / "runs/x/truth.csv").open(newline="") as file:
+        truth = list(csv.DictReader(file))
+    names, folder = ("bits", "bits_second", "bits_third"), tmp_path / "runs/x/frames/train/0000000"
+    sent = [row[name] for row in truth for name in names]
+    by_luma = decode(receiver, read_recording(folder, "luma"))
+    assert all(one.text != row["bits"] for one, row in zip(by_luma, truth, strict=True))
+    frames, _, lights = in_each_colour(receiver, read_recording(folder, "luma"))
+    read = list(decode(receiver, frames, lights=lights))
+    assert [one.text for one in read] == sent
+    assert [one.frame.light for one in read] == ["red", "green", "blue"] * 4
 
 
 def test_one_colour_is_not_unmixed(receiver):

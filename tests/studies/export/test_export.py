@@ -37,6 +37,7 @@ KINDS = {
         "export.frames=5",
     ),
     "filled": (*SMALL, *CENTRED, "framing=filled", "export.frames=5"),
+    "three colours": ("+scene.effects.colour={second_nm:525,third_nm:470}", "export.frames=66"),
     "coloured": ("+scene.effects.colour={peak_nm:[uniform,470,630]}", "export.frames=5"),
 }
 
@@ -82,6 +83,7 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
             keys = [FrameKey(key, frame) for frame in range(most)]
             seen = simulator.render(scene, bits, nearest_m=model.nearest_m, keys=keys, panel_only=crop)
             corners = simulator.true_panels(scene, keys).corners_px - seen.origin_px[:, None]
+            further = simulator.further_bits(scene, keys)
             for frame in range(most):
                 row, image = next(rows), images[frames]
                 picture = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED)
@@ -108,6 +110,11 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
                 assert np.array_equal(keypoints[:, :2], corners_of(row))
                 assert (keypoints[:, 2] == 2).all()
                 assert annotation["bits"] == row["bits"]
+                for name in ("second", "third"):
+                    sent = further[name][frame].flatten().int().tolist() if further else []
+                    assert (
+                        row[f"bits_{name}"] == "".join(map(str, sent)) == annotation.get(f"bits_{name}", "")
+                    )
                 frames += 1
     assert next(rows, None) is None
     assert len(images) == frames

@@ -14,6 +14,8 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
 
 CHANNELS = ("red", "green", "blue")
+FURTHER = ("second", "third")
+"""Colours that a panel may send in beside its first, as the parameters of ``colour`` begin."""
 
 SENSITIVITIES_NM = ((600.0, 35.0), (540.0, 35.0), (460.0, 30.0))
 """Peak and standard deviation of what each channel sees, as most colour cameras' in broad strokes."""
@@ -71,7 +73,7 @@ def channel_shares(peak_nm: float, width_nm: float) -> tuple[float, float, float
 
 @dataclass(frozen=True, slots=True)
 class Colour(Effect, on=Quantity.LED_LUMINANCE):
-    """LEDs of one colour, and a camera of three channels, white balanced to daylight.
+    """LEDs of one colour, or of three at once, before a camera of three channels, balanced to daylight.
 
     Frames then have ``colour``, (B,3,H,W), beside their grey, which is its luma or a channel. A channel sees
     an LED's light as its sensitivity weighs the LED's spectrum, over daylight's of the same luminance. So
@@ -80,6 +82,10 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     sensor of its own with noise of its own; with it one mosaic is read, and ``demosaicing`` makes three
     channels of it (a raw mosaic is one plane, and has no ``colour``). Effects of others after a mosaic, or
     after JPEG, get the three together, (B,3,H,W).
+
+    A panel may send in three colours at once: each place then has a second and a third LED, with bits, faults
+    and scatter of their own. A frame's bits, which receivers are measured by, stay those of the first, and
+    :meth:`~vocc_torch.simulation.Simulator.further_bits` gives the others. Preambles are of all colours.
 
     A frame and its preambles share the colour. Sampled: the colour is a constant to automatic
     differentiation, and the light keeps its gradient.
@@ -90,12 +96,16 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     Args:
         peak_nm: of the LEDs' light, a number or a distribution, 400 to 700; 630 is red, 525 green, 470 blue.
         width_nm: full width of their spectrum at half its maximum, nm, 5 to 200.
-        white: share of frames whose LEDs are white, 0 to 1.
+        white: share of frames whose (first) LEDs are white, 0 to 1.
         grey: what becomes the frames' grey, which receivers read: ``luma`` (Rec. 601), ``red``, ``green`` or
             ``blue``. Files in colour hold all three; who reads them names a channel anew.
+        second_nm: of the light of a second LED at each place, a number or a distribution, 400 to 700.
+        third_nm: likewise, of a third.
+        second_share: luminance of the second LEDs over that of the first, above 0 and at most 100.
+        third_share: likewise, of the third.
 
     Raises:
-        VoccError: a value outside its range, or another word for ``grey``.
+        VoccError: a value outside its range, another word for ``grey``, or a share of no LEDs.
 
     Example:
         >>> Colour(peak_nm=590).width_nm
@@ -106,6 +116,10 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     width_nm: float = within(5, 200, default=20.0)
     white: float = within(0, 1, default=0.0)
     grey: str = "luma"
+    second_nm: Distribution | float | None = within(400, 700, default=None)
+    third_nm: Distribution | float | None = within(400, 700, default=None)
+    second_share: float = within(0, 100, default=1.0, above=True)
+    third_share: float = within(0, 100, default=1.0, above=True)
     sampled = True
 
     def __post_init__(self) -> None:
@@ -114,6 +128,24 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
         if self.grey not in ("luma", *CHANNELS):
             rule = f"one of luma, {', '.join(CHANNELS)}"
             raise VoccError.of(f"scene.effects.{self.name}.grey", repr(self.grey), rule)
+        for one in FURTHER:
+            if getattr(self, f"{one}_nm") is None and getattr(self, f"{one}_share") != 1:
+                raise self.refusal(f"{one}_share", f"left out without {one}_nm")
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """The further colours, ``second`` and ``third``, that a panel sends in."""
+        return tuple(one for one in FURTHER if getattr(self, f"{one}_nm") is not None)
+
+    def sent(self, context: Context) -> Tensor:
+        """Draw bits of the context's further LEDs, (B,R,C) bool; a preamble has them all On or all Off."""
+        shape, stream = context.panel.shape, f"{self.name}.bits{context.leds}"
+        drawn = [one.integers(2, size=(shape.rows, shape.columns)) for one in context.generators(stream)]
+        bits = torch.from_numpy(np.stack(drawn)).bool()
+        for i, key in enumerate(context.keys):
+            if key.take in ("on", "off"):
+                bits[i] = key.take == "on"
+        return bits.to(context.scene.distance_m.device)
 
     def grey_of(self, seen: Tensor) -> Tensor:
         """What (B,3,H,W) becomes for receivers, (B,1,H,W)."""
@@ -123,9 +155,10 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
 
     def shares(self, context: Context) -> Tensor:
         """What the context's channel sees of each frame's LEDs, (B,); without one, what luma does."""
-        seen = []
-        for generator in context.generators(self.name, of_scene=True):
-            peak, white = self.drawn("peak_nm", generator), generator.random() < self.white
+        seen, leds = [], context.leds[1:]
+        for generator in context.generators(self.name + context.leds, of_scene=True):
+            peak = self.drawn(f"{leds or 'peak'}_nm", generator)
+            white = generator.random() < self.white and not leds
             each = (1.0, 1.0, 1.0) if white else channel_shares(peak, self.width_nm)
             luma = sum(weight * share for weight, share in zip(LUMA, each, strict=True))
             seen.append(luma if context.channel is None else each[context.channel])
@@ -133,7 +166,8 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Weigh (B,R,C) LED luminance."""
-        return value * self.shares(context).to(value).view(-1, 1, 1)
+        own = getattr(self, f"{context.leds[1:]}_share") if context.leds else 1.0
+        return value * (own * self.shares(context)).to(value).view(-1, 1, 1)
 
 
 def of_leds(light_cd_m2: Tensor, context: Context) -> Tensor:

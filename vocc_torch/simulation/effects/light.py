@@ -135,7 +135,8 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
     def _shown_s(self, context: Context) -> tuple[Sequence[float], Sequence[Any]]:
         """Draw for how long each frame's truth has shown, s, and give the streams of its neighbours."""
         generators = context.generators(self.name)
-        return [generator.random() * self.symbol_s for generator in generators], generators
+        shown_s = [generator.random() * self.symbol_s for generator in generators]
+        return shown_s, context.generators(self.name + context.leds) if context.leds else generators
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +150,7 @@ class Playback(RollingShutter):
         film: (N,R,C) bool, the symbols in order.
         middles_s: the moment, s from the film's begin, in which the middle of each frame's exposure of the
             panel's centre lies, by what the frame's key calls its take.
+        further: films (N,R,C) of LEDs of further colours, by what a context calls them.
 
     Example:
         >>> film = torch.ones(2, 1, 1, dtype=torch.bool)
@@ -158,22 +160,24 @@ class Playback(RollingShutter):
 
     film: torch.Tensor = field(kw_only=True)
     middles_s: Mapping[str, float] = field(kw_only=True)
+    further: Mapping[str, torch.Tensor] = field(kw_only=True, default_factory=dict)
 
     def symbol_at(self, take: str) -> int:
         """Give the number of the symbol that shows in the middle of a take; it may be beyond the film."""
         return math.floor(self.middles_s[take] / self.symbol_s)
 
-    def symbols(self, numbers: torch.Tensor) -> torch.Tensor:
+    def symbols(self, numbers: torch.Tensor, leds: str = "") -> torch.Tensor:
         """Give symbols by number, of any shape, (...,R,C) bool; dark where there is none."""
         there = (numbers >= 0) & (numbers < len(self.film))
-        return self.film[numbers.clamp(0, len(self.film) - 1)] & there[..., None, None]
+        film = self.further.get(leds, self.film)
+        return film[numbers.clamp(0, len(film) - 1)] & there[..., None, None]
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Put each frame's (B,R,C) bits amid their neighbours in the film, (B,K,R,C)."""
         edges_s, _, truths = self._timing(context)
         around = edges_s.shape[1] // 2 - 1
         numbers = torch.tensor(truths)[:, None] + torch.arange(-around, around + 1)
-        return self.symbols(numbers).to(value.device)
+        return self.symbols(numbers, context.leds).to(value.device)
 
     def _shown_s(self, context: Context) -> tuple[Sequence[float], Sequence[Any]]:
         """Say for how long each frame's truth has shown, s, and its number."""
@@ -222,7 +226,8 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Overrule (B,R,C) LED luminance where an LED is stuck."""
-        draws = [g.random(tuple(value.shape[1:])) for g in context.generators(self.name, of_scene=True)]
+        streams = context.generators(self.name + context.leds, of_scene=True)
+        draws = [generator.random(tuple(value.shape[1:])) for generator in streams]
         # One draw decides both, from its two ends, so that neither share moves the other's LEDs.
         draw = torch.from_numpy(np.stack(draws)).to(value.device)
         full = context.scene.led_luminance_cd_m2.to(value).view(-1, 1, 1)
@@ -261,7 +266,7 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Multiply (B,R,C) LED luminance by each LED's factor."""
         sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
-        generators = context.generators(self.name, of_scene=True)
+        generators = context.generators(self.name + context.leds, of_scene=True)
         draws = np.stack([generator.standard_normal(tuple(value.shape[1:])) for generator in generators])
         return value * torch.from_numpy(np.exp(sigma * draws - sigma**2 / 2)).to(value)
 

@@ -47,8 +47,6 @@ class DecodeConfig:
             raise VoccError.of("decode.follow", repr(self.follow), "true, false or auto")
         if self.scale > 1 and not self.annotate:
             raise VoccError.of("decode.scale", self.scale, "1 where decode.annotate is false")
-        if self.channel == "unmix" and (self.follow != "false" or self.most > 1):
-            raise VoccError.of("decode.channel", "unmix", "another where panels are followed or several")
         if not 1 <= self.most <= MOST_PANELS:
             raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")
         if self.most > 1 and self.follow != "false":

@@ -171,39 +171,43 @@ def fisher_mix(
     return tuple((direction * gain).tolist()), 63.75 - low * gain
 
 
-def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[Mix, ...]:
+def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[Mix, tuple[Mix, ...]]:
     """Find what part of each channel's light is of which colour of LEDs, where three send bits of their own.
 
-    The panel is located in the brightest channel. Light of a cell is that of its Off LEDs, and of each that
-    is On: bits are split channel by channel first, the colours' light follows by least squares, bits anew
-    from what each colour then has, and so on until none changes.
+    The panel is located in the plane of :data:`FIXED` that shows it best. Light of a cell is that of its Off
+    LEDs, and of each that is On: bits are split channel by channel first, the colours' light follows by least
+    squares, bits anew from what each colour then has, and so on until none changes.
 
     Args:
         receiver: locates.
         colours: frames (H,W,3) uint8 of one size.
 
     Returns:
-        Three planes, in which a quarter of white's light is Off and three quarters On; none where there is no
-        panel, or where two colours, or a colour and none, send the same bits.
+        That plane, and three with the light of each colour as the channel has it that sees it best; none
+        where there is no panel, or where two colours, or a colour and none, send the same bits.
     """
-    panels = _judged(receiver, [to_grey(one, "max") for one in colours]).panels
+    judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
+    best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
+    panels = judged[best].panels
     planes = torch.from_numpy(_LIGHT[np.stack(colours)]).permute(3, 0, 1, 2).to(receiver.device)
     takes = [Frames.whole(plane.contiguous()) for plane in planes]
     patches = rectify_takes(takes, panels, receiver.shape, 8)
     cells = torch.stack([cell_means(one, receiver.shape).double() for one in patches], dim=-1)[panels.found]
     rows = cells[:, 1:-1, 1:-1].reshape(-1, 3)
     if not len(rows):
-        return ()
+        return best, ()
     bits = rows > (rows.amin(0) + rows.amax(0)) / 2
     for _ in range(_ROUNDS):
         told = torch.cat([torch.ones_like(rows[:, :1]), bits.double()], 1)
         if float(torch.linalg.svdvals(told)[-1]) < _LEAST_APART * len(rows) ** 0.5:
-            return ()
+            return best, ()
         light = torch.linalg.lstsq(told, rows, driver="gelsd").solution
         own = torch.linalg.pinv(light[1:])
         before, bits = bits, (rows - light[0]) @ own > 0.5
         if torch.equal(before, bits):
             break
-    offsets = (63.75 - 127.5 * light[0] @ own).tolist()
-    each = zip(CHANNELS[2:5], (127.5 * own).T.tolist(), offsets, strict=True)
-    return tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)
+    strength, channel = light[1:].max(1)
+    own = own * strength
+    offsets = (light[0, channel] - light[0] @ own).tolist()
+    each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
+    return best, tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)

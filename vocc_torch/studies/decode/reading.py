@@ -1,7 +1,7 @@
 """Frames of a recording to what was read from each."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, islice
 
@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.calibration import APPEARANCE, outside
-from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.receiver.track import Tracker
+from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
-from vocc_torch.types import Frames
+from vocc_torch.types import Frames, StatedPanels
 
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
@@ -91,7 +92,11 @@ class Reading:
 
 
 def decode(
-    receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1, follow: str = "false"
+    receiver: Receiver,
+    recording: Iterator[RecordedFrame],
+    most: int = 1,
+    follow: str = "false",
+    lights: Sequence[Mix] = (),
 ) -> Iterator[Reading]:
     """Decode a recording frame by frame, in batches of equal size.
 
@@ -100,6 +105,7 @@ def decode(
         recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
         most: panels that are read in a frame, at most.
         follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
+        lights: planes of the colours to read at each panel, where several are sent at once.
 
     Raises:
         VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
@@ -119,18 +125,31 @@ def decode(
                 whose, read = receiver.decode_several(images.grey, most)
             else:
                 read = receiver.decode(images)
-            sure = read.scores.abs()
-            least = sure.amin(dim=(1, 2))
-            corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
-            looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
-            expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
-            one_level = parted(read.scores, read.bits) < LEAST_PARTED
-            given = read.found, least, read.panel_score, read.candidates, is_doubtful(read), expected
-            columns = (one.tolist() for one in (*given, one_level, read.false_alarms))
+            frames = [batch[place] for place in whose]
+            each = [] if lights else [_readings(receiver, frames, read)]
+            panels = read.corners_px, read.found, read.panel_score, read.candidates, read.false_alarms
+            for mix in lights:
+                planes = torch.from_numpy(np.stack([mix(frame.colour) for frame in frames]))
+                with torch.inference_mode():
+                    own = receiver(planes.to(receiver.device), StatedPanels(*panels))
+                each.append(_readings(receiver, [replace(one, light=mix.name) for one in frames], own))
             number, before = 0, None
-            for i, (place, found, *judged) in enumerate(zip(whose, *columns, strict=True)):
-                frame, number = batch[place], number + 1 if place == before else 0
+            for place, several in zip(whose, zip(*each, strict=True), strict=True):
+                number = number + 1 if place == before else 0
                 before = place
-                names = [name for name, far in beyond.items() if far[i] and found]
-                unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
-                yield replace(Reading(frame, found, corners[i], bits[i], unlike, *judged), panel=number)
+                yield from (replace(one, panel=number) for one in several)
+
+
+def _readings(receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded) -> Iterator[Reading]:
+    """Say what was read at the panel of each frame, and how surely."""
+    least = read.scores.abs().amin(dim=(1, 2))
+    corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
+    looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
+    expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
+    one_level = parted(read.scores, read.bits) < LEAST_PARTED
+    given = read.found, least, read.panel_score, read.candidates, is_doubtful(read), expected
+    columns = (one.tolist() for one in (*given, one_level, read.false_alarms))
+    for i, (frame, found, *judged) in enumerate(zip(frames, *columns, strict=True)):
+        names = [name for name, far in beyond.items() if far[i] and found]
+        unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
+        yield Reading(frame, found, corners[i], bits[i], unlike, *judged)

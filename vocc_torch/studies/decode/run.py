@@ -23,7 +23,7 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.colour import SEEN_FRAMES, channel_of, unmixed
+from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode
 
 
@@ -149,13 +149,16 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     model = None if settings.model is None else Path(settings.model)
     receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
     recording = chain(first, recording)
+    lights: tuple[Mix, ...] = ()
     if config.channel in ("auto", "unmix"):
-        choose = in_best_channel if config.channel == "auto" else in_each_colour
-        recording, told = choose(receiver, recording)
+        if config.channel == "auto":
+            recording, told = in_best_channel(receiver, recording)
+        else:
+            recording, told, lights = in_each_colour(receiver, recording)
         console.print(told, soft_wrap=True, markup=False, highlight=False)
     read, album = Summary(), Album(folder, config.scale)
     try:
-        for reading in decode(receiver, recording, config.most, config.follow):
+        for reading in decode(receiver, recording, config.most, config.follow, lights):
             read.add(reading)
             if reading.found and config.annotate and reading.frame.time_s is None:
                 album.add(reading)
@@ -196,19 +199,20 @@ def in_best_channel(
 
 def in_each_colour(
     receiver: Receiver, recording: Iterator[RecordedFrame]
-) -> tuple[Iterator[RecordedFrame], str]:
-    """Give each frame of a recording three times, with the light of each colour of LEDs as its grey plane.
+) -> tuple[Iterator[RecordedFrame], str, tuple[Mix, ...]]:
+    """Give a recording the plane that its panel is best located in, and the planes of each colour of LEDs.
 
     Raises:
         VoccError: the first frames show no panel on which three colours send different bits.
     """
     shown, every = first_colours(recording)
-    mixes = unmixed(receiver, shown)
+    best, mixes = unmixed(receiver, shown)
     if not mixes:
         none = f"the first {len(shown)} frames show no panel on which three colours differ"
         raise VoccError.of("decode.channel", "unmix", f"auto, or one channel: {none}")
-    frames = (replace(one, grey=mix(one.colour), light=mix.name) for one in every for mix in mixes)
-    return frames, f"decode.channel=unmix: {'; '.join(map(str, mixes))}, of linear light"
+    frames = (replace(one, grey=best(one.colour)) for one in every)
+    told = f"decode.channel=unmix: {'; '.join(map(str, mixes))}, of linear light; located in {best.name}"
+    return frames, told, mixes
 
 
 def first_colours(

@@ -130,7 +130,9 @@ class Shards:
         with atomic_folder(plan.folder / place) as made:
             for scene, bits, names, (seen,) in rendered(simulator, self.model, keys, batches, False, crop):
                 panels = simulator.true_panels(scene, names, rendered=True)
-                told = truth.rows_of(scene, bits, names, seen, panels)
+                further = simulator.further_bits(scene, names).items()
+                sent = {"bits": bits} | {f"bits_{name}": one for name, one in further}
+                told = truth.rows_of(scene, sent, names, seen, panels)
                 for shown, row in zip(seen.pixels, told, strict=True):
                     name = f"{first + len(rows) - 1:07d}.png"
                     Image.fromarray(shown).save(made / name)

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,28 +13,30 @@ from vocc_torch.files import atomic_file
 from vocc_torch.hardware import PanelShape
 from vocc_torch.rng import FrameKey
 from vocc_torch.show.folder import Cells, write_rows
+from vocc_torch.simulation.effects import colour
 from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import Frames, Panels, Scene
 
 NAME = "truth.csv"
 KEYPOINTS = ("top_left", "top_right", "bottom_right", "bottom_left")
 CORNERS = tuple(f"{axis}_{corner}" for corner in KEYPOINTS for axis in "xy")
-WORDS = ("file", "point", "bits")
+FURTHER = tuple(f"bits_{name}" for name in colour.FURTHER)
+WORDS = ("file", "point", "bits", *FURTHER)
 COLUMNS = (
     *("file", "seed", "point", "block", "frame", "width_px", "height_px", "origin_x_px", "origin_y_px"),
-    *("surround_grey", *CORNERS, "bits", *SCENE_FIELDS),
+    *("surround_grey", *CORNERS, "bits", *SCENE_FIELDS, *FURTHER),
 )
 """Columns of ``truth.csv``."""
 
 
 def rows_of(
-    scene: Scene, bits: Tensor, names: Sequence[FrameKey], seen: Frames, panels: Panels
+    scene: Scene, bits: Mapping[str, Tensor], names: Sequence[FrameKey], seen: Frames, panels: Panels
 ) -> Iterator[Cells]:
     """Give the cells after ``file`` of each frame of a batch.
 
     Args:
         scene: B scenes.
-        bits: (B,R,C) bool.
+        bits: (B,R,C) bool, by column.
         names: the frames' keys.
         seen: the frames.
         panels: the true corners.
@@ -43,11 +45,15 @@ def rows_of(
     heads = ((one.block.seed, one.block.point, one.block.block, one.frame, width, height) for one in names)
     corners = (panels.corners_px - seen.origin_px[:, None]).flatten(1).tolist()
     surround = [None] * len(scene) if seen.surround is None else seen.surround.tolist()
-    sent = ("".join("01"[bit] for bit in one) for one in bits.flatten(1).tolist())
+    texts = {
+        name: ["".join("01"[bit] for bit in one) for one in sent.flatten(1).tolist()]
+        for name, sent in bits.items()
+    }
+    sent, *further = (texts.get(name, [""] * len(scene)) for name in ("bits", *FURTHER))
     values = zip(*(getattr(scene, name).tolist() for name in SCENE_FIELDS), strict=True)
-    every = zip(heads, seen.origin_px.tolist(), surround, corners, sent, values, strict=True)
-    for head, origin, rest, at, text, scenes in every:
-        yield (*head, *origin, rest, *at, text, *scenes)
+    every = zip(heads, seen.origin_px.tolist(), surround, corners, sent, values, *further, strict=True)
+    for head, origin, rest, at, text, scenes, *more in every:
+        yield (*head, *origin, rest, *at, text, *scenes, *more)
 
 
 def read_truth(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
@@ -98,7 +104,7 @@ def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
 def image_of(number: int, row: dict[str, Any]) -> dict[str, Any]:
     """Describe a picture: what COCO asks for, and everything of the row that is not the panel's."""
     known = {"id": number, "file_name": row["file"], "width": row["width_px"], "height": row["height_px"]}
-    own = {"file", "width_px", "height_px", "bits", *CORNERS}
+    own = {"file", "width_px", "height_px", "bits", *FURTHER, *CORNERS}
     return known | {name: value for name, value in row.items() if name not in own}
 
 
@@ -120,4 +126,5 @@ def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
         "keypoints": keypoints.flatten().tolist(),
         "num_keypoints": int(seen.sum()),
         "bits": row["bits"],
+        **{name: row[name] for name in FURTHER if row.get(name)},
     }

@@ -19,7 +19,7 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show.terminal import Console
 from vocc_torch.show.video import write_video
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.recording import Shutter, record
+from vocc_torch.simulation.recording import Shutter, further_films, record
 from vocc_torch.studies.message import FRAMES, PLAN, RecordConfig
 
 CORNERS = [f"{axis}_{corner}" for corner in ("tl", "tr", "br", "bl") for axis in "xy"]
@@ -97,6 +97,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
         write_video(folder / "recording.mp4", pictures(), config.fps, config.quality)
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
+    for name, sent in further_films(simulator, torch.from_numpy(film), key).items():
+        np.save(folder / f"frames{name}.npy", sent.numpy())
     run_folder.write_config(settings, folder)
     console = Console()
     ratio = config.fps * symbol_s
