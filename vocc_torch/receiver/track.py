@@ -50,7 +50,7 @@ _MOST_DOUBTS = 2
 # A panel that is known to stand still is there where this share of it is explained.
 _GOOD_SHARE = 0.95
 # Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
-# farther off; how far cells are believed, which are not independent; what changes around the LEDs at first, of
+# farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
 # their light; and how much of a cell's light and variance is learned anew.
 _REACH, _POOR, _TRUST, _STILL, _KEPT = 3, -0.25, 0.3, 0.15, 0.1
 # The corners' signs in the fields 1, u, v and uv.
