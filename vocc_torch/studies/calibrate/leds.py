@@ -10,7 +10,6 @@ from torch import Tensor
 
 from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.simulation import raster
-from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.fit import RecordingFit, settled
 from vocc_torch.studies.calibrate.model import LEVELS, OF_FRAME, PLACED, TURNED, Windows
@@ -95,7 +94,7 @@ def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
         x = one.light()
         mean, variance = one.predicted()
         # Of the chord, not the tangent: from Off to On the encoding is no straight line.
-        grey, seen_x = model.encoded(x, one.of_all[0]), (one.grey / MIDDLE_GREY) ** one.of_all[0]
+        grey, seen_x = model.encoded(x, one.of_all[0]), model.linear(one.grey, one.of_all[0])
         chord, tangent = (one.grey - grey) / (seen_x - x), grey / (one.of_all[0] * x)
         steep = torch.where((one.grey - grey).abs() < STRAIGHT, tangent, chord)
         steep = torch.where(torch.minimum(grey, one.grey) < model.WHITE - 0.5, steep, 0.0)
@@ -105,8 +104,7 @@ def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
         canvas = torch.zeros(leds, *one.windows.size_px).double()
         raster.add_patches(canvas, patches, torch.arange(leds), left, top)
         spots = model.through_camera(one.windows, canvas, one.of_all) * steep
-        level = {name: (one.value(name) / MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
-        spots = (spots * (level["on"] - level["off"])).flatten(1)
+        spots = (spots * (one.level("on") - one.level("off"))).flatten(1)
         weights = (one.trust / variance).flatten()
         matrix = (spots * weights) @ spots.T
         matrix = matrix + torch.eye(leds).double() * (1e-6 * matrix.diagonal().mean() + 1e-12)

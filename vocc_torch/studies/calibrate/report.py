@@ -11,14 +11,14 @@ import torch
 from vocc_torch.files import write_atomically
 from vocc_torch.show import canvas, page
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.study import CalibratedScene
+from vocc_torch.studies.calibrate.scene import Findings
 from vocc_torch.studies.calibrate.transfer import Curve
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end, or of theirs where they are the wider."""
 
 
-def write_page(study: CalibratedScene, source: str, command: str, folder: Path) -> None:
+def write_page(study: Findings, source: str, command: str, folder: Path) -> None:
     """Write ``page.md``, ``page.html`` and their pictures.
 
     Args:
@@ -51,7 +51,7 @@ def shown(given: float | Sequence[object]) -> str:
     return f"{given:.5g}"
 
 
-def write_frames(study: CalibratedScene, path: Path) -> None:
+def write_frames(study: Findings, path: Path) -> None:
     """Draw frames as measured, as expected, and what is left of them."""
     fit = study.fit
     mean, variance = fit.predicted()
@@ -75,7 +75,7 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
     canvas.save_figure(figure, path)
 
 
-def write_transfer(study: CalibratedScene, curve: Curve, path: Path) -> None:
+def write_transfer(study: Findings, curve: Curve, path: Path) -> None:
     """Draw the photon transfer curve."""
     figure, (axes,) = canvas.new_grid(1, 1, (5.0, 3.2), (0, 0), (0.8, 0.3, 0.3, 0.7))
     light = np.geomspace(curve.light.min(), curve.light.max(), 100)
