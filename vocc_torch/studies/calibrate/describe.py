@@ -152,10 +152,10 @@ def how_bright(curve: Curve | None, found: Findings) -> float:
         out = math.hypot(*(2 * float(fit.value(one).median()) - side for one, side in sides.items()))
         out /= math.hypot(*sides.values())
         shade = out * found.fall.deviation / (1 - out * found.fall.corner_loss) / float(fit.of_all[0])
-        grey = replace(grey, deviation=math.hypot(grey.deviation, shade * grey.middle))
+        grey = grey._replace(deviation=math.hypot(grey.deviation, shade * grey.middle))
     if found.is_coded:  # blocks that are alike have their means rounded alike
         step = float(surround.quantisation_table(found.coded[0])[0, 0]) / 8
-        grey = replace(grey, deviation=math.hypot(grey.deviation, step / math.sqrt(12)))
+        grey = grey._replace(deviation=math.hypot(grey.deviation, step / math.sqrt(12)))
     found.values.append(grey)
     ratio, own_error, common = found.derived(
         lambda own, all_: model.linear(own["off"], all_[:, 0]) / model.linear(own["background"], all_[:, 0])

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -27,8 +28,7 @@ SURE_SIGMAS = 3.0
 """Standard deviations from which motion, distortion and the rows' times are there."""
 
 
-@dataclass(frozen=True)
-class Value:
+class Value(NamedTuple):
     """A value of the scene, as the recording tells it.
 
     Args:
@@ -63,8 +63,7 @@ class Value:
         return self.middle - SURE * self.deviation, self.middle + SURE * self.deviation
 
 
-@dataclass(frozen=True)
-class Named:
+class Named(NamedTuple):
     """An effect that was tried, and whether the recording asks for it.
 
     Args:
@@ -181,7 +180,7 @@ class Findings(Calibrated):
         """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
         if value.key in WORDS["by_gamma"] and self.loose:
             note = "; ".join(part for part in (value.note, "no interval: gamma is not told") if part)
-            value = replace(value, deviation=math.nan, note=note)
+            value = value._replace(deviation=math.nan, note=note)
         self.values.append(value)
 
     def say(self, word: str, **given: object) -> None:

@@ -180,7 +180,7 @@ def finer(found: Findings, camera: Camera, times: int) -> None:
     for at, one in enumerate(found.values):
         if one.key in BY_PIXEL:
             scale = float(times) ** BY_PIXEL[one.key]
-            found.values[at] = replace(one, given=one.middle * scale, deviation=one.deviation * scale)
+            found.values[at] = one._replace(given=one.middle * scale, deviation=one.deviation * scale)
     found.camera = replace(camera, gamma=found.camera.gamma)
 
 

@@ -1,8 +1,7 @@
 """How noise grows with light: the photon transfer curve of what a fit leaves."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -32,8 +31,7 @@ HERMITE, TURNS = 12, 12
 """Points at which a pattern is averaged over, and turns in which its width is found."""
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """A photon transfer curve: variances of residuals by level of light, and what explains them.
 
     Args:
@@ -135,9 +133,15 @@ def transfer(fit: RecordingFit) -> Curve:
     first = np.log(np.maximum([unit / float(level[most]), unit], 1e-15))
 
     def best(at: list[int], lower: float) -> tuple[Array, float]:
-        how: dict[str, Any] = {"method": "Nelder-Mead", "options": {"xatol": 1e-5, "fatol": 1e-6}}
-        found = optimize.minimize(lambda logs: loss(part(at, logs)), first[at] - lower, **how)
-        return part(at, found.x), float(found.fun)
+        best, least, *_ = optimize.fmin(
+            lambda logs: loss(part(at, logs)),
+            first[at] - lower,
+            xtol=1e-5,
+            ftol=1e-6,
+            full_output=True,
+            disp=False,
+        )
+        return part(at, best), float(least)
 
     fits = best([0], 0.0), best([1], 0.0), best([0, 1], 0.7)
     (_, slope), (_, floor), (wanted, both) = fits
