@@ -42,7 +42,7 @@ from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
 from vocc_torch.studies.calibrate.pace import pace
 from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
-from vocc_torch.studies.calibrate.scene import Calibrated, Findings, Named, Value, of_size, spread
+from vocc_torch.studies.calibrate.scene import Findings, Named, Value, of_size, spread
 from vocc_torch.studies.calibrate.study import calibrate, demand_contrast, fitting
 from vocc_torch.studies.calibrate.surround import compression
 from vocc_torch.studies.calibrate.transfer import Curve, pattern, transfer
@@ -316,7 +316,7 @@ def test_what_shows_nothing_is_refused(frames, said, tmp_path):
     np.save(tmp_path / "x.npy", frames)
     locator = locator_named("refined", PaperLocator())
     with pytest.raises(VoccError, match=said):
-        read_footage(tmp_path / "x.npy", "luma", locator, PanelShape(8, 8), 16)
+        read_footage(tmp_path / "x.npy", CalibrateConfig(frames=16), locator, PanelShape(8, 8))
 
 
 class Jumping:
@@ -333,8 +333,8 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
     for count in (5, 1):
         np.save(tmp_path / f"{count}.npy", np.zeros((count, 64, 64), np.uint8))
     with pytest.raises(VoccError, match="jumps by panels between all frames"):
-        read_footage(tmp_path / "5.npy", "luma", Jumping(), PanelShape(8, 8), 16)
-    one = read_footage(tmp_path / "1.npy", "luma", Jumping(), PanelShape(8, 8), 16)
+        read_footage(tmp_path / "5.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8))
+    one = read_footage(tmp_path / "1.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8))
     assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
     few = Footage(np.zeros((4, 8, 8)), np.arange(4), torch.zeros(4, 4, 2), 9, 9, [], np.full(4, np.nan))
     assert ["found in 4 of 9 frames" in said for said in few.doubts()] == [True]
@@ -356,13 +356,12 @@ def test_leds_that_are_all_alike_are_refused():
     known, scene = whole(CAMERA, SMALL, 3), Scene.of(3, **AT, **LIGHT)
     own, grey = values_of(scene, CAMERA, SMALL), torch.zeros(3, *CAMERA.sensor_px)
     bits = torch.arange(12).repeat(3, 1) % 2
-    footage = Footage(grey.numpy(), np.arange(3), torch.zeros(3, 4, 2), 3, 3, [], np.full(3, np.nan))
     for lit, on in ((torch.ones(3, 12), 200.0), (bits, 0.0)):
         values = own.clone()
         values[:, OF_FRAME.index("on")] = values[:, OF_FRAME.index("off")] + on
         with pytest.raises(VoccError, match="all LEDs look alike in all 3 frames"):
-            demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()), footage)
-    demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()), footage)
+            demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()))
+    demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()))
 
 
 def test_frames_that_are_fitted_worse_are_told_from_noisy_ones():
@@ -402,8 +401,7 @@ def test_white_leds_are_warned_of_and_others_are_not():
         fit = settled(RecordingFit(known, grey, own, of_all, lit), BASE, steps=0)
         around = surround.Surround(grey.numpy(), np.s_[:, :], np.zeros(CAMERA.sensor_px, bool))
         footage = Footage(grey.numpy(), np.arange(1), torch.zeros(1, 4, 2), 1, 1, [], np.full(1, np.nan))
-        parts = {"config": CalibrateConfig(), "fit": fit, "around": around, "fall": surround.Falloff()}
-        found = Findings(camera=CAMERA, panel=SMALL, footage=footage, **parts)
+        found = Findings(CAMERA, SMALL, CalibrateConfig(), footage, fit, around, surround.Falloff())
         describe(Scatter(0.0, math.nan, 0.0, lit[0]), torch.zeros(1), found)
         assert ["On LEDs are white" in one for one in found.doubts] == [True] * warned
 
@@ -533,7 +531,7 @@ def test_yaml_says_what_each_value_explains():
         Value("effects.blooming.sigma_px", 1.5, 0.01),
     )
     named = [Named("blooming", True, "x", 2.0, 1.0, "light spreads"), Named("jpeg", False, "x", 0.0, 1.0)]
-    scene = Calibrated(camera=Camera(), panel=LedPanel(), values=list(values), effects=named)
+    scene = Findings(Camera(), LedPanel(), *[None] * 5, values=list(values), effects=named)
     text = scene.text("mine", "film.mp4")
     read = yaml.safe_load(text)
     assert read["effects"] == {"blooming": {"sigma_px": 1.5}}

@@ -73,15 +73,13 @@ def describe(scatter: Scatter, apart: Tensor, found: Findings) -> None:
     gamma = float(fit.of_all[0])
     coded = found.tried("jpeg", found.coded[1], CODED)
     found.loose = coded or found.bound is not None
-    if coded:
-        found.say("coded")
+    found.say("coded", when=coded)
     if found.bound is not None:
         found.say("bound", gamma=found.bound, own=gamma)
     else:
         found.camera = replace(found.camera, gamma=round(gamma, 5))
         found.tell("camera.gamma", gamma, fit.deviation("gamma"))
-        if SURE * fit.deviation("gamma") > WIDE_GAMMA:
-            found.say("hardly")
+        found.say("hardly", when=SURE * fit.deviation("gamma") > WIDE_GAMMA)
     where(apart, found)
     if coded:
         found.tell("effects.jpeg.quality", found.coded[0], 1.0)
@@ -101,8 +99,7 @@ def describe(scatter: Scatter, apart: Tensor, found: Findings) -> None:
     beside(found)
     found.effects += [Named(one, True, "always: 8-bit pictures") for one in ("saturation", "quantization")]
     found.tell("effects.quantization.bits", 8)
-    if fit.scale > 2:
-        found.say("residuals", times=math.sqrt(fit.scale))
+    found.say("residuals", when=fit.scale > 2, times=math.sqrt(fit.scale))
     found.effects = [one for one in found.effects if "." not in one.effect]
 
 
@@ -137,8 +134,7 @@ def where(apart: Tensor, found: Findings) -> None:
     for name in ("yaw", "pitch", "roll"):
         key = f"effects.pose.{name}_deg"
         found.over(key, lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
-    if float(apart.median()) < 9:
-        found.say("signs")
+    found.say("signs", when=float(apart.median()) < 9)
 
 
 def how_bright(curve: Curve | None, found: Findings) -> float:
@@ -187,8 +183,7 @@ def how_bright(curve: Curve | None, found: Findings) -> float:
 
     found.over("led_luminance_cd_m2", own_light, 0.0)
     found.say("air")
-    if float(fit.value("on").median()) >= model.WHITE:
-        found.say("white")
+    found.say("white", when=float(fit.value("on").median()) >= model.WHITE)
     if veiled:
         slope = 1 / (shares - middle) + 1 / (middle - 1)
         found.tell("effects.veiling_glare.luminance_cd_m2", over * lux, over * lux * error * slope)
@@ -256,14 +251,12 @@ def by_gamma(fit: RecordingFit, curve: Curve, fixed: Excess) -> Array:
 def how_noisy(curve: Curve, found: Findings, efficiency: float) -> None:
     """Describe the sensor's noise, in electrons, which shot noise counts."""
     if not found.tried("shot_noise", curve.gains[0]):
-        if curve.gains[1] > 0:
-            found.say("unit")
+        found.say("unit", when=curve.gains[1] > 0)
         return
     read = found.tried("read_noise", curve.gains[1])
     found.effects += [Named(one, True, "needed by the noise") for one in ("photoelectrons", "gain")]
     found.tell("effects.photoelectrons.quantum_efficiency", min(1.0, efficiency))
-    if efficiency > 1:
-        found.say("photons", efficiency=efficiency)
+    found.say("photons", when=efficiency > 1, efficiency=efficiency)
     fit, (fixed, row) = found.fit, surround.patterns(found.around)
     counted, shaky, slope_error = electrons(fit, curve, fixed), by_gamma(fit, curve, fixed), curve.slope_error
     share = float(counted[2] / counted[0])
@@ -302,5 +295,4 @@ def beside(found: Findings) -> None:
     found.tell("effects.lamps.count", max(1, round(count)))
     found.tell("effects.lamps.luminance_cd_m2", light)
     found.tell("effects.lamps.diameter_m", min(10.0, across))
-    if grey >= 254:
-        found.say("lamps")
+    found.say("lamps", when=grey >= 254)

@@ -197,7 +197,7 @@ def settled(
         if not new < misfit:
             break
         fit, damping = other, max(damping / 10, 1e-10)
-    made = replace(fit, free=turns.names, misfit=misfit, scale=scale)
+    made = replace(fit, free=tuple(free), misfit=misfit, scale=scale)
     return made.sure(blocks, slopes * (weights * residual))
 
 
@@ -221,7 +221,7 @@ def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> Recording
         residual = fit.grey - model.written(fit.predicted()[0], sigma)
         blocks = normal(slopes, residual, weights, len(turns.own))
         fit = turns.moved(fit, *arrow_step(*blocks, FIRST_DAMPING))
-    return replace(fit, free=turns.names).sure(blocks, slopes * (weights * residual))
+    return replace(fit, free=tuple(free)).sure(blocks, slopes * (weights * residual))
 
 
 @dataclass(frozen=True)
@@ -243,11 +243,6 @@ class Turns:
         """Sort names: each frame's first."""
         own, shared = (tuple(n for n in free if (n in OF_FRAME) == is_own) for is_own in (True, False))
         return cls(own, shared, model.directions((*own, *shared)))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All of them."""
-        return (*self.own, *self.shared)
 
     def moved(self, fit: RecordingFit, own: Tensor, shared: Tensor) -> RecordingFit:
         """Take a step, and hold values where they mean something."""

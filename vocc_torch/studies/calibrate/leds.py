@@ -49,10 +49,7 @@ def start(
     frames, near = torch.arange(len(grey))[:, None], (-1, 0, 1)
     centres = torch.stack([grey[frames, y + i, x + j] for i in near for j in near]).mean(0)
     lit = two_levels(centres) if bits is None else bits.flatten(1)
-    on, off = (
-        (centres * one).sum(1) / one.sum(1).clamp(min=1) if bool(one.any()) else centres.amax(1)
-        for one in (lit, ~lit)
-    )
+    on, off = ((centres * one).sum(1) / one.sum(1).clamp(min=1) for one in (lit, ~lit))
     behind = torch.cat([grey[:, :2].flatten(1), grey[:, -2:].flatten(1)], 1).median(1).values
     on = torch.where(lit.any(1), on, centres.amax(1) + 20)
     off = torch.where((~lit).any(1), off, behind)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -64,12 +63,13 @@ def write_frames(study: Findings, path: Path) -> None:
     figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))
     for row, frame in enumerate(frames):
         number = int(study.footage.numbers[frame])
-        heads = f"frame {number}: measured", "expected", f"difference, to {far:.3g} standard deviations"
-        for column, (head, plane) in enumerate(zip(heads, (fit.grey, mean, off), strict=True)):
-            one = axes[3 * row + column]
-            ends = (-far, far) if column == 2 else (0, model.WHITE)
-            look: dict[str, Any] = {"cmap": "RdBu_r" if column == 2 else "gray", "interpolation": "nearest"}
-            one.imshow(plane[frame].numpy(), vmin=ends[0], vmax=ends[1], **look)
+        panes = (
+            (f"frame {number}: measured", fit.grey, 0.0, model.WHITE, "gray"),
+            ("expected", mean, 0.0, model.WHITE, "gray"),
+            (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
+        )
+        for one, (head, plane, low, high, colours) in zip(axes[3 * row :], panes, strict=False):
+            one.imshow(plane[frame].numpy(), cmap=colours, vmin=low, vmax=high, interpolation="nearest")
             one.set_title(head, fontsize=9)
             one.set_axis_off()
     canvas.save_figure(figure, path)

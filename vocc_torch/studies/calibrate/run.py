@@ -38,7 +38,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     if locator is None:
         raise VoccError.of("receiver.locator", "truth", "one that looks for the panel, for task=calibrate")
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
-    footage = read_footage(source, config.channel, locator, panel.shape, config.frames, config.fps)
+    footage = read_footage(source, config, locator, panel.shape)
     camera, taken = of_size(plan.world.camera, *footage.greys.shape[1:])
     if taken:
         warnings.warn(taken, stacklevel=2)

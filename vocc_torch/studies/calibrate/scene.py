@@ -83,13 +83,23 @@ class Named(NamedTuple):
     explains: str = ""
 
 
-@dataclass(kw_only=True)
-class Calibrated:
-    """A scene from a recording.
+@dataclass
+class Findings:
+    """A scene from a recording, while it is found and when it is, with all that its page shows.
 
     Args:
         camera: whose picture it is.
         panel: whose LEDs they are.
+        config: what the recording cannot tell.
+        footage: the frames.
+        fit: the last fit.
+        around: the picture around the panel.
+        fall: how light falls off there.
+        coded: the likeliest JPEG quality, and how sure it is.
+        curve: the photon transfer curve; None for too few frames.
+        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
+        bound: where gamma ran to, if that is no camera's.
+        pace: the times of symbols and rows.
         values: of the scene and its effects, each with what it explains.
         effects: all that were tried.
         unknown: what the recording does not tell, in sentences.
@@ -98,47 +108,28 @@ class Calibrated:
 
     camera: Camera
     panel: LedPanel
-    values: list[Value] = field(default_factory=list)
-    effects: list[Named] = field(default_factory=list)
-    unknown: list[str] = field(default_factory=list)
-    doubts: list[str] = field(default_factory=list)
-
-    def of(self, effect: str) -> list[Value]:
-        """Give an effect's values."""
-        return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
-
-    def text(self, name: str, source: str) -> str:
-        """Write the scene as YAML, each value beside what it explains and how sure it is."""
-        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
-
-
-@dataclass(kw_only=True)
-class Findings(Calibrated):
-    """A scene while it is found, with all that its page shows.
-
-    Args:
-        config: what the recording cannot tell.
-        footage: the frames.
-        fit: the last fit.
-        around: the picture around the panel.
-        fall: how light falls off there.
-        curve: the photon transfer curve; None for too few frames.
-        coded: the likeliest JPEG quality, and how sure it is.
-        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
-        bound: where gamma ran to, if that is no camera's.
-        pace: the times of symbols and rows.
-    """
-
     config: CalibrateConfig
     footage: Footage
     fit: RecordingFit
     around: Surround
     fall: Falloff
-    curve: Curve | None = None
     coded: tuple[int, float] = (0, 0.0)
+    curve: Curve | None = None
     loose: bool = False
     bound: float | None = None
     pace: Pace | None = None
+    values: list[Value] = field(default_factory=list)
+    effects: list[Named] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    def text(self, name: str, source: str) -> str:
+        """Write the scene as YAML, each value beside what it explains and how sure it is."""
+        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
+
+    def of(self, effect: str) -> list[Value]:
+        """Give an effect's values."""
+        return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
 
     def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
         """Note an effect, and say whether the recording asks for it."""
@@ -168,9 +159,9 @@ class Findings(Calibrated):
         made, own, common = self.fit.derived(of)
         return made, own, math.hypot(common, float(own.median()) * self.is_coded)
 
-    def tell(self, key: str, given: float, deviation: float = math.nan, note: str = "") -> None:
+    def tell(self, key: str, given: float, deviation: float = math.nan) -> None:
         """Note a value."""
-        self.note(Value(key, given, deviation, note or WORDS["values"].get(key, "")))
+        self.note(Value(key, given, deviation, WORDS["values"].get(key, "")))
 
     def over(self, key: str, of: Derive, least: float = -math.inf) -> None:
         """Note a value of every frame."""
@@ -183,10 +174,13 @@ class Findings(Calibrated):
             value = value._replace(deviation=math.nan, note=note)
         self.values.append(value)
 
-    def say(self, word: str, **given: object) -> None:
-        """Note a sentence of ``sentences.yaml``: what is not told, or not explained."""
-        place = self.doubts if word in WORDS["doubts"] else self.unknown
-        place.append((WORDS["doubts"] | WORDS["sentences"])[word].format(**given))
+    def say(self, word: str, when: bool = True, **given: object) -> None:
+        """Note a sentence of ``sentences.yaml``, where it is so: what is not told, or not explained."""
+        if when:
+            doubt = WORDS["doubts"].get(word)
+            (self.doubts if doubt else self.unknown).append(
+                (doubt or WORDS["sentences"][word]).format(**given)
+            )
 
     def asked(self, effect: str) -> bool:
         """Say whether the recording asks for an effect."""

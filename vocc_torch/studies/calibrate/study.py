@@ -47,8 +47,7 @@ def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> tuple[Windo
     cell = (high - low).amax(1, keepdim=True) / max(panel.shape.rows, panel.shape.columns)
     extent = (high - low + 2 * (1.2 * cell + 8)).amax(0)
     sensor = torch.tensor([camera.width_px, camera.height_px])
-    size = ((extent / GRID_PX).ceil() * GRID_PX + GRID_PX).long()
-    size = torch.minimum(size, sensor)
+    size = torch.minimum(((extent / GRID_PX).ceil() * GRID_PX + GRID_PX).long(), sensor)
     first = ((low + high) / 2 - size / 2).round().long() // GRID_PX * GRID_PX
     first = torch.minimum(first.clamp(min=0), sensor - size).clamp(min=0) // GRID_PX * GRID_PX
     size = torch.minimum(size, sensor - first.amax(0))
@@ -88,17 +87,8 @@ def calibrate(
     fall = falloff(around, camera.focal_length_px, camera.gamma)
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
-    demand_contrast(begun, footage)
-    found = Findings(
-        camera=camera,
-        panel=panel,
-        config=config,
-        footage=footage,
-        fit=begun,
-        around=around,
-        fall=fall,
-        coded=coded,
-    )
+    demand_contrast(begun)
+    found = Findings(camera, panel, config, footage, begun, around, fall, coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     found.pace = paced or in_time(fit, footage.times_s)
@@ -216,14 +206,12 @@ def shaded(known: Windows, camera: Camera, fall: Falloff) -> Windows:
     return replace(known, gain=known.cut(whole))
 
 
-def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
+def demand_contrast(fit: RecordingFit) -> None:
     """Refuse frames in which no LED differs from another."""
-    on, off = fit.value("on"), fit.value("off")
-    seen = float((on - off).median())
-    constant = bool((fit.bits == fit.bits[:1]).all()) and bool((fit.bits[0] == fit.bits[0, 0]).all())
-    if constant or seen < LEAST_CONTRAST:
+    seen = float((fit.value("on") - fit.value("off")).median())
+    if bool((fit.bits == fit.bits[0, 0]).all()) or seen < LEAST_CONTRAST:
         rule = "show symbols with LEDs On and LEDs Off"
-        raise VoccError(f"input: all LEDs look alike in all {len(footage)} frames: {rule}")
+        raise VoccError(f"input: all LEDs look alike in all {len(fit.grey)} frames: {rule}")
 
 
 def sensor_and_lens(fit: RecordingFit, free: tuple[str, ...], found: Findings) -> RecordingFit:

@@ -1,20 +1,18 @@
 """How noise grows with light: the photon transfer curve of what a fit leaves."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.polynomial.hermite_e import hermegauss
-from numpy.typing import NDArray
 from scipy import optimize
 from torch import Tensor
 
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.fit import RecordingFit
 from vocc_torch.studies.calibrate.model import Noise
-
-Array = NDArray[np.float64]
+from vocc_torch.studies.calibrate.surround import Array
 
 BINS = 24
 """Levels of light at which residuals are compared."""
@@ -133,15 +131,9 @@ def transfer(fit: RecordingFit) -> Curve:
     first = np.log(np.maximum([unit / float(level[most]), unit], 1e-15))
 
     def best(at: list[int], lower: float) -> tuple[Array, float]:
-        best, least, *_ = optimize.fmin(
-            lambda logs: loss(part(at, logs)),
-            first[at] - lower,
-            xtol=1e-5,
-            ftol=1e-6,
-            full_output=True,
-            disp=False,
-        )
-        return part(at, best), float(least)
+        how: dict[str, Any] = {"method": "Nelder-Mead", "options": {"xatol": 1e-5, "fatol": 1e-6}}
+        found = optimize.minimize(lambda logs: loss(part(at, logs)), first[at] - lower, **how)
+        return part(at, found.x), float(found.fun)
 
     fits = best([0], 0.0), best([1], 0.0), best([0, 1], 0.7)
     (_, slope), (_, floor), (wanted, both) = fits
