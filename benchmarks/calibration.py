@@ -49,8 +49,8 @@ from vocc_torch.studies.calibrate.fit import Turns, arrow_step, normal
 from vocc_torch.studies.calibrate.model import Noise, expected
 from vocc_torch.studies.calibrate.reading import Footage, agreeing
 from vocc_torch.studies.calibrate.report import write_page
-from vocc_torch.studies.calibrate.scene import of_size
-from vocc_torch.studies.calibrate.study import CalibratedScene, calibrate
+from vocc_torch.studies.calibrate.scene import Findings, of_size
+from vocc_torch.studies.calibrate.study import calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
@@ -153,12 +153,12 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
     return footage, bits[rows], scene[rows]
 
 
-def compared(study: CalibratedScene, world: World, scene: Scene) -> list[Row]:
+def compared(study: Findings, world: World, scene: Scene) -> list[Row]:
     """Give the values whose truth is known: key, truth, estimate, and the ends of the 95 % interval.
 
     Without photons only ratios of light are told, so light is compared over the ambient's.
     """
-    told = {one.key: one for one in study.scene.values}
+    told = {one.key: one for one in study.values}
     effects, ambient = world.effects, told["ambient_lx"].middle
     lux, light = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
     air = effects.get("attenuation", {}).get("visibility_m", np.inf)
@@ -195,17 +195,17 @@ def compared(study: CalibratedScene, world: World, scene: Scene) -> list[Row]:
 
 
 def judged(
-    study: CalibratedScene, world: World, scene: Scene, bits: torch.Tensor, keys: list[FrameKey]
+    study: Findings, world: World, scene: Scene, bits: torch.Tensor, keys: list[FrameKey]
 ) -> list[Row]:
     """Say of each effect that was there or tried: was it there, named, said not to be told, and its trace."""
     true = {ALIKE.get(effect, effect): effect for effect in world.effects}
-    asked = {one.effect: one.asked for one in study.scene.effects}
-    coded, rows = any(one.startswith(CODED) for one in study.scene.unknown), []
+    asked = {one.effect: one.asked for one in study.effects}
+    coded, rows = any(one.startswith(CODED) for one in study.unknown), []
     for effect in dict.fromkeys((*true, *asked)):
         there, named, untold, held = effect in true, asked.get(effect, False), False, math.nan
         if there and not named:
             word = CODED if coded and effect in (*NOISES, "photoelectrons", "gain") else UNTOLD.get(effect)
-            untold = word is not None and any(word in one for one in study.scene.unknown)
+            untold = word is not None and any(word in one for one in study.unknown)
             if effect in TRACED and not (coded and untold):
                 held = trace(true[effect], study, world, scene, bits, keys)
         rows.append([effect, *map(int, (there, named, untold)), "" if math.isnan(held) else held])
@@ -214,7 +214,7 @@ def judged(
 
 def trace(
     effect: str,
-    study: CalibratedScene,
+    study: Findings,
     world: World,
     scene: Scene,
     bits: torch.Tensor,
@@ -260,7 +260,7 @@ def trace(
         for plane in (mean - bare, 1 / bare_variance)
     )
     turns = Turns.of(fit.free)
-    blocks = normal(fit.slopes(fit.of_frame, fit.of_all, turns)[1], change, weight, len(turns.own))
+    blocks = normal(fit.slopes(turns)[1], change, weight, len(turns.own))
     own, shared = arrow_step(*blocks, 0.0)
     taken_up = float((own * blocks[3]).sum() + (shared * blocks[4]).sum())
     photons = 1 - 1 / 12 / bare_variance  # more photon noise takes up what other noise adds
@@ -281,7 +281,7 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
     wrong = int((study.fit.bits != bits.flatten(1)).sum())
     path = SCENES_MADE / f"{name}_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(study.scene.text(path.stem, "a recording"))
+    path.write_text(study.text(path.stem, "a recording"))
     rows = compared(study, world, scene)
     keys = [FrameKey(BlockKey(seed, "recording", 0), int(number)) for number in footage.numbers]
     effects = judged(study, world, scene, bits, keys)
@@ -334,7 +334,7 @@ def receivers(name: str, seed: int) -> list[Row]:
     print(f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong", flush=True)
     path = SCENES_MADE / f"{name}_far_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(study.scene.text(path.stem, "a recording"))
+    path.write_text(study.text(path.stem, "a recording"))
     worlds = {"paper": load_scene("paper"), "calibrated": load_scene(path), "true": true}
     made = {one: vt.train(world, locator="truth", frames=TRAINED_ON) for one, world in worlds.items()}
     link = Link(true.simulator(), None, Reader(true.panel.shape))
@@ -368,10 +368,10 @@ def pictures() -> None:
         wrong = int((study.fit.bits.numpy() != bits.reshape(1, -1)).sum())
         folder = SCENES_MADE / Path(name).stem
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "scene.yaml").write_text(study.scene.text(folder.name, name))
+        (folder / "scene.yaml").write_text(study.text(folder.name, name))
         write_page(study, name, "vocc-torch task=train", folder)
         print(f"{name}: {time.process_time() - began:.0f} s, {wrong} of {bits.size} bits wrong", flush=True)
-        print("\n".join(f"  {line}" for line in (*study.scene.doubts, f"{folder}/page.html")), flush=True)
+        print("\n".join(f"  {line}" for line in (*study.doubts, f"{folder}/page.html")), flush=True)
 
 
 def read(path: Path) -> list[dict[str, str]]:

@@ -86,7 +86,7 @@ def test_installed_wheel_runs_from_anywhere(wheel, command, tmp_path):
     """A tiny run, from the installed files alone and not from the repository."""
     site, away = tmp_path / "site", tmp_path / "away"
     away.mkdir()
-    pip(f"install --no-deps --no-index --quiet --target {site} {wheel}")
+    pip(f"install --no-deps --no-index --no-compile --quiet --target {site} {wheel}")
     code = "from vocc_torch import conf\nfrom vocc_torch.app import cli\nprint(conf.__file__, cli.run())"
     tiny = ("task=train", "budget.training_frames=8", "name=x")
     ran = command(*tiny, cwd=away, code=code, environment={"PYTHONPATH": str(site)})

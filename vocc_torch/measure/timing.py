@@ -9,7 +9,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -105,11 +107,17 @@ def threads(count: int) -> Iterator[None]:
     before = torch.get_num_threads()
     with ExitStack() as stack:
         # It comes with scikit-learn, whose threads are not torch's.
-        if count and (pools := sys.modules.get("threadpoolctl")):
-            stack.enter_context(pools.threadpool_limits(count))
+        if count and "threadpoolctl" in sys.modules:
+            stack.enter_context(_pools(len(sys.modules)).limit(limits=count))
         stack.callback(torch.set_num_threads, before)
         torch.set_num_threads(count or before)
         yield
+
+
+@lru_cache(maxsize=1)
+def _pools(modules: int) -> Any:
+    """Find libraries with threads of their own, anew where modules have come: it takes milliseconds."""
+    return sys.modules["threadpoolctl"].ThreadpoolController()
 
 
 def settle_memory() -> None:

@@ -18,7 +18,7 @@ from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.studies.calibrate import CalibrateConfig, model, surround
-from vocc_torch.studies.calibrate.describe import Findings, describe
+from vocc_torch.studies.calibrate.describe import describe
 from vocc_torch.studies.calibrate.fit import (
     RecordingFit,
     arrow_step,
@@ -42,7 +42,7 @@ from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
 from vocc_torch.studies.calibrate.pace import pace
 from vocc_torch.studies.calibrate.reading import Footage, agreeing, read_footage, thinned
 from vocc_torch.studies.calibrate.run import known_bits, next_command
-from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value, of_size, spread
+from vocc_torch.studies.calibrate.scene import Findings, Named, Value, of_size, spread
 from vocc_torch.studies.calibrate.study import calibrate, demand_contrast, fitting
 from vocc_torch.studies.calibrate.surround import compression
 from vocc_torch.studies.calibrate.transfer import Curve, pattern, transfer
@@ -183,7 +183,7 @@ def study(recording):
 def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
     _, scene, bits, _ = recording
     assert torch.equal(study.fit.bits, bits.flatten(1))
-    found = {one.key: one for one in study.scene.values}
+    found = {one.key: one for one in study.values}
     truth = {"effects.blooming.sigma_px": 1.3, "ambient_lx": 2000.0, "background_grey": 100.0}
     truth |= {"effects.read_noise.electrons": 40.0, "led_luminance_cd_m2": 3000.0}
     for key, value in truth.items():
@@ -199,13 +199,13 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
 
 @pytest.mark.slow
 def test_effects_that_were_there_are_named_and_no_others(study):
-    named = {one.effect for one in study.scene.effects if one.asked}
+    named = {one.effect for one in study.effects if one.asked}
     assert named == set(EFFECTS)
 
 
 @pytest.mark.slow
 def test_the_scene_can_be_simulated_and_trained_for(study, tmp_path):
-    text = study.scene.text("mine", "x.npy")
+    text = study.text("mine", "x.npy")
     settings = yaml.safe_load(text)
     assert settings["effects"]["quantization"] == {"bits": 8}
     path = tmp_path / "mine.yaml"
@@ -316,7 +316,7 @@ def test_what_shows_nothing_is_refused(frames, said, tmp_path):
     np.save(tmp_path / "x.npy", frames)
     locator = locator_named("refined", PaperLocator())
     with pytest.raises(VoccError, match=said):
-        read_footage(tmp_path / "x.npy", "luma", locator, PanelShape(8, 8), 16)
+        read_footage(tmp_path / "x.npy", CalibrateConfig(frames=16), locator, PanelShape(8, 8))
 
 
 class Jumping:
@@ -333,8 +333,8 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
     for count in (5, 1):
         np.save(tmp_path / f"{count}.npy", np.zeros((count, 64, 64), np.uint8))
     with pytest.raises(VoccError, match="jumps by panels between all frames"):
-        read_footage(tmp_path / "5.npy", "luma", Jumping(), PanelShape(8, 8), 16)
-    one = read_footage(tmp_path / "1.npy", "luma", Jumping(), PanelShape(8, 8), 16)
+        read_footage(tmp_path / "5.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8))
+    one = read_footage(tmp_path / "1.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8))
     assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
     few = Footage(np.zeros((4, 8, 8)), np.arange(4), torch.zeros(4, 4, 2), 9, 9, [], np.full(4, np.nan))
     assert ["found in 4 of 9 frames" in said for said in few.doubts()] == [True]
@@ -356,13 +356,12 @@ def test_leds_that_are_all_alike_are_refused():
     known, scene = whole(CAMERA, SMALL, 3), Scene.of(3, **AT, **LIGHT)
     own, grey = values_of(scene, CAMERA, SMALL), torch.zeros(3, *CAMERA.sensor_px)
     bits = torch.arange(12).repeat(3, 1) % 2
-    footage = Footage(grey.numpy(), np.arange(3), torch.zeros(3, 4, 2), 3, 3, [], np.full(3, np.nan))
     for lit, on in ((torch.ones(3, 12), 200.0), (bits, 0.0)):
         values = own.clone()
         values[:, OF_FRAME.index("on")] = values[:, OF_FRAME.index("off")] + on
         with pytest.raises(VoccError, match="all LEDs look alike in all 3 frames"):
-            demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()), footage)
-    demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()), footage)
+            demand_contrast(RecordingFit(known, grey, values, torch.ones(4), lit.double()))
+    demand_contrast(RecordingFit(known, grey, own, torch.ones(4), bits.double()))
 
 
 def test_frames_that_are_fitted_worse_are_told_from_noisy_ones():
@@ -389,7 +388,7 @@ def test_a_frame_whose_corners_are_wrong_is_left_out(recording):
     study = calibrate(replace(footage, corners_px=corners), CAMERA, panel, CalibrateConfig(frames=6))
     assert study.footage.numbers.tolist() == [0, 1, 3, 4, 5]
     assert torch.equal(study.fit.bits, bits.flatten(1)[study.footage.numbers])
-    assert "1 of the frames" in study.scene.unknown[-1]
+    assert "1 of the frames" in study.unknown[-1]
 
 
 def test_white_leds_are_warned_of_and_others_are_not():
@@ -401,9 +400,9 @@ def test_white_leds_are_warned_of_and_others_are_not():
         grey = model.encoded(model.light(known, own, of_all, lit), of_all[0])
         fit = settled(RecordingFit(known, grey, own, of_all, lit), BASE, steps=0)
         around = surround.Surround(grey.numpy(), np.s_[:, :], np.zeros(CAMERA.sensor_px, bool))
-        parts = {"config": CalibrateConfig(), "around": around, "fall": surround.Falloff()}
-        found = Findings(camera=CAMERA, panel=SMALL, **parts)
-        describe(fit, None, Scatter(0.0, math.nan, 0.0, lit[0]), torch.zeros(1), found)
+        footage = Footage(grey.numpy(), np.arange(1), torch.zeros(1, 4, 2), 1, 1, [], np.full(1, np.nan))
+        found = Findings(CAMERA, SMALL, CalibrateConfig(), footage, fit, around, surround.Falloff())
+        describe(Scatter(0.0, math.nan, 0.0, lit[0]), torch.zeros(1), found)
         assert ["On LEDs are white" in one for one in found.doubts] == [True] * warned
 
 
@@ -532,7 +531,7 @@ def test_yaml_says_what_each_value_explains():
         Value("effects.blooming.sigma_px", 1.5, 0.01),
     )
     named = [Named("blooming", True, "x", 2.0, 1.0, "light spreads"), Named("jpeg", False, "x", 0.0, 1.0)]
-    scene = Calibrated(camera=Camera(), panel=LedPanel(), values=list(values), effects=named)
+    scene = Findings(Camera(), LedPanel(), *[None] * 5, values=list(values), effects=named)
     text = scene.text("mine", "film.mp4")
     read = yaml.safe_load(text)
     assert read["effects"] == {"blooming": {"sigma_px": 1.5}}

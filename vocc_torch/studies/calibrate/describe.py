@@ -1,174 +1,91 @@
 """What was fitted in the simulator's words, how sure it is, and what the recording does not tell."""
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from importlib import resources
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import torch
-import yaml
 from torch import Tensor
 
+from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import MIDDLE_GREY
-from vocc_torch.studies.calibrate import CalibrateConfig
-from vocc_torch.studies.calibrate import scene as scenes
+from vocc_torch.studies.calibrate import model, surround
 from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
 from vocc_torch.studies.calibrate.leds import Scatter
-from vocc_torch.studies.calibrate.model import WHITE
-from vocc_torch.studies.calibrate.pace import Pace
-from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
-from vocc_torch.studies.calibrate.surround import (
-    Array,
-    Excess,
-    Falloff,
-    Surround,
-    lamps,
-    patterns,
-    quantisation_table,
-)
+from vocc_torch.studies.calibrate.scene import CODED, SURE_SIGMAS, Findings, Named, Value
+from vocc_torch.studies.calibrate.surround import Array, Excess
 from vocc_torch.studies.calibrate.transfer import Curve, pattern, transfer
 
 LIKELIHOOD = 10.8
 """Twice the log-likelihood ratio that one value reaches by chance once in a thousand times (chi-squared)."""
-CODED = 12.0
-"""Standard deviations from which coefficients lie on multiples of their steps."""
-CODED_GAIN = 30.0
-"""Gain that an effect needs in coded pictures."""
 BLIND_BLUR_PX = 0.15
 """A narrower blur is none."""
-WORDS = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
-DOUBTS = ("white", "bound", "residuals", "photons")
-"""Sentences of what the model does not explain; the others say what the recording does not tell."""
-BY_GAMMA = {"camera.gamma", "led_luminance_cd_m2", "ambient_lx", "effects.blooming.sigma_px"}
-BY_GAMMA |= {"effects.veiling_glare.luminance_cd_m2", "effects.vignetting.corner_loss"}
-"""Values that have no interval where gamma is not told."""
-SURE_SIGMAS = 3.0
-"""Standard deviations from which motion, distortion and the rows' times are there."""
 WIDE_GAMMA = 0.3
 """Half of gamma's 95 % interval from which on the page says that it is hardly told."""
 RESPONSE = 0.05
 """Sensors whose pixels differ by a larger share of the background's light differ in their offsets."""
+UNKNOWN_LX = 8000.0
+"""Illuminance where nothing tells it: an overcast day. Only ratios of light matter then."""
 
 
-@dataclass(kw_only=True)
-class Findings(Calibrated):
-    """A scene while it is found.
+def veil(fit: RecordingFit, panel: LedPanel) -> float:
+    """Give the luminance of a veil that makes Off LEDs and background as alike as they are, at 1 lx.
+
+    Both reflect the same daylight: where their ratio is nearer to 1 than that of their reflectances, a veil
+    lies over both.
+    """
+    ratio = float(fit.level("off").median() / fit.level("background").median())
+    share = panel.background_reflectance
+    return max(0.0, (panel.led_reflectance - ratio * share) / (ratio - 1) / math.pi) if ratio > 1 else 0.0
+
+
+def illuminance(electrons: float, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
+    """Say which illuminance gives a pixel of the background so many electrons, lx.
 
     Args:
-        config: what the recording cannot tell.
-        around: the picture around the panel.
-        fall: how light falls off there.
-        coded: the likeliest JPEG quality, and how sure it is.
-        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
-        bound: where gamma ran to, if that is no camera's.
-        pace: the times of symbols and rows.
+        electrons: that the photon transfer curve counts.
+        camera: whose picture it is.
+        seen_cd_m2: luminance that the background has at 1 lx, with any veil.
+        efficiency: the quantum efficiency.
     """
-
-    config: CalibrateConfig
-    around: Surround
-    fall: Falloff
-    coded: tuple[int, float] = (0, 0.0)
-    loose: bool = False
-    bound: float | None = None
-    pace: Pace | None = None
-
-    def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
-        """Note an effect, and say whether the recording asks for it."""
-        criterion, explains = WORDS["effects"][effect]
-        self.effects.append(Named(effect, gain > needed, criterion, gain, needed, explains))
-        return gain > needed
-
-    def judge(
-        self, effect: str, simple: RecordingFit, rich: RecordingFit, sigmas: float = math.inf
-    ) -> RecordingFit:
-        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise.
-
-        A new value of so few standard deviations that it may be none gains nothing.
-        """
-        gain = (simple.misfit - rich.misfit) / rich.scale * (sigmas > SURE_SIGMAS)
-        gain -= (rich.values - simple.values) * math.log(rich.pixels)
-        # What coding leaves hangs together over its blocks.
-        return rich if self.tried(effect, gain, CODED_GAIN * self.is_coded) else simple
-
-    @property
-    def is_coded(self) -> bool:
-        """Whether pictures are coded."""
-        return self.coded[1] > CODED
-
-    def derived(
-        self, fit: RecordingFit, of: Callable[[Mapping[str, Tensor], Tensor], Tensor]
-    ) -> scenes.Derived:
-        """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
-        made, own, common = fit.derived(of)
-        return made, own, math.hypot(common, float(own.median()) * self.is_coded)
-
-    def tell(self, key: str, given: float, deviation: float = math.nan, note: str = "") -> None:
-        """Note a value."""
-        self.note(Value(key, given, deviation, note or WORDS["values"].get(key, "")))
-
-    def over(self, key: str, derived: scenes.Derived, least: float = -math.inf) -> None:
-        """Note a value of every frame."""
-        self.note(scenes.spread(key, derived, WORDS["values"][key], least))
-
-    def note(self, value: Value) -> None:
-        """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
-        if value.key in BY_GAMMA and self.loose:
-            note = "; ".join(part for part in (value.note, "no interval: gamma is not told") if part)
-            value = replace(value, deviation=math.nan, note=note)
-        self.values.append(value)
-
-    def say(self, word: str, **given: object) -> None:
-        """Note a sentence of ``sentences.yaml``: what is not told, or not explained."""
-        (self.doubts if word in DOUBTS else self.unknown).append(WORDS["sentences"][word].format(**given))
-
-    def asked(self, effect: str) -> bool:
-        """Say whether the recording asks for an effect."""
-        return any(one.effect == effect and one.asked for one in self.effects)
+    exposure = 10 * seen_cd_m2 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
+    return electrons / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
 
 
 def behind(fit: RecordingFit) -> float:
     """Give the background's light."""
-    return float(scenes.linear(fit, "background").median())
+    return float(fit.level("background").median())
 
 
-def level(name: str, own: Mapping[str, Tensor], of_all: Tensor) -> Tensor:
-    """Give a level as light, (B,)."""
-    return (own[name] / MIDDLE_GREY) ** of_all[:, 0]
-
-
-def describe(
-    fit: RecordingFit, curve: Curve | None, scatter: Scatter, apart: Tensor, found: Findings
-) -> None:
+def describe(scatter: Scatter, apart: Tensor, found: Findings) -> None:
     """Make a scene of a fit.
 
     Args:
-        fit: the last.
-        curve: the photon transfer curve, or None for too few frames.
         scatter: of the LEDs.
         apart: (B,) by how much frames tell a pose from its mirror image.
-        found: so far.
+        found: so far, with the last fit.
     """
+    fit, curve = found.fit, found.curve
     in_time(found)
     found.say("colours")
-    gamma, quality = float(fit.of_all[0]), found.coded[0]
+    gamma = float(fit.of_all[0])
     coded = found.tried("jpeg", found.coded[1], CODED)
     found.loose = coded or found.bound is not None
-    if coded:
-        found.say("coded")
+    found.say("coded", when=coded)
     if found.bound is not None:
         found.say("bound", gamma=found.bound, own=gamma)
     else:
         found.camera = replace(found.camera, gamma=round(gamma, 5))
         found.tell("camera.gamma", gamma, fit.deviation("gamma"))
-        if SURE * fit.deviation("gamma") > WIDE_GAMMA:
-            found.say("hardly")
-    where(fit, apart, found)
+        found.say("hardly", when=SURE * fit.deviation("gamma") > WIDE_GAMMA)
+    where(apart, found)
     if coded:
-        found.tell("effects.jpeg.quality", quality, 1.0)
+        found.tell("effects.jpeg.quality", found.coded[0], 1.0)
     counts = curve is not None and curve.noise.slope > 0 and not coded
-    efficiency = how_bright(fit, curve if counts else None, found)
-    through_the_lens(fit, found)
+    efficiency = how_bright(curve if counts else None, found)
+    through_the_lens(found)
     if coded:
         found.say("scatter")
     elif found.tried("led_scatter", scatter.gain, LIKELIHOOD):
@@ -178,12 +95,11 @@ def describe(
         why = "coding takes it away" if coded else "rounding hides it, or fewer than 4 frames show none"
         found.say("noise", why=why)
     else:
-        how_noisy(fit, curve, found, efficiency)
-    beside(fit, found)
+        how_noisy(curve, found, efficiency)
+    beside(found)
     found.effects += [Named(one, True, "always: 8-bit pictures") for one in ("saturation", "quantization")]
     found.tell("effects.quantization.bits", 8)
-    if fit.scale > 2:
-        found.say("residuals", times=math.sqrt(fit.scale))
+    found.say("residuals", when=fit.scale > 2, times=math.sqrt(fit.scale))
     found.effects = [one for one in found.effects if "." not in one.effect]
 
 
@@ -201,53 +117,55 @@ def in_time(found: Findings) -> None:
         found.say("rolling", symbol=told.symbol_s, error=SURE * told.symbol_error_s)
 
 
-def where(fit: RecordingFit, apart: Tensor, found: Findings) -> None:
+def where(apart: Tensor, found: Findings) -> None:
     """Describe place and pose."""
-    whole = found.camera.focal_length_px * found.panel.pitch_m
-    found.over("distance_m", found.derived(fit, lambda own, _: whole * torch.exp(-own["log_pitch_px"])))
-    for name, side in (("x", found.camera.width_px), ("y", found.camera.height_px)):
+    camera, pitch_m = found.camera, found.panel.pitch_m
+    whole = camera.focal_length_px * pitch_m
+    found.over("distance_m", lambda own, _: whole * torch.exp(-own["log_pitch_px"]))
+    for name, side in (("x", camera.width_px), ("y", camera.height_px)):
 
         def offset(own: Mapping[str, Tensor], _: Tensor, name: str = name, side: int = side) -> Tensor:
-            return (own[f"{name}_px"] - side / 2) * found.panel.pitch_m * torch.exp(-own["log_pitch_px"])
+            return (own[f"{name}_px"] - side / 2) * pitch_m * torch.exp(-own["log_pitch_px"])
 
-        found.over(f"offset_{name}_m", found.derived(fit, offset))
+        found.over(f"offset_{name}_m", offset)
     found.say("ratio")
     if not found.asked("pose"):
         return
     for name in ("yaw", "pitch", "roll"):
-        degrees = found.derived(fit, lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
-        found.over(f"effects.pose.{name}_deg", degrees)
-    if float(apart.median()) < 9:
-        found.say("signs")
+        key = f"effects.pose.{name}_deg"
+        found.over(key, lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
+    found.say("signs", when=float(apart.median()) < 9)
 
 
-def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float:
+def how_bright(curve: Curve | None, found: Findings) -> float:
     """Describe the light, and give the quantum efficiency that fits to it."""
-    camera, panel, ambient_lx = found.camera, found.panel, found.config.ambient_lx
-    efficiency = found.config.quantum_efficiency
-    found.over("background_grey", found.derived(fit, lambda own, _: own["background"]), 1.0)
+    fit, camera, panel = found.fit, found.camera, found.panel
+    ambient_lx, efficiency = found.config.ambient_lx, found.config.quantum_efficiency
+    found.over("background_grey", lambda own, _: own["background"], 1.0)
     grey = found.values.pop()
     if found.fall.natural_gain > 0 and found.fall.barrel_gain > 0:  # the level is that of the sensor's middle
         sides = {"x_px": camera.width_px, "y_px": camera.height_px}
         out = math.hypot(*(2 * float(fit.value(one).median()) - side for one, side in sides.items()))
         out /= math.hypot(*sides.values())
         shade = out * found.fall.deviation / (1 - out * found.fall.corner_loss) / float(fit.of_all[0])
-        grey = replace(grey, deviation=math.hypot(grey.deviation, shade * grey.middle))
+        grey = grey._replace(deviation=math.hypot(grey.deviation, shade * grey.middle))
     if found.is_coded:  # blocks that are alike have their means rounded alike
-        step = float(quantisation_table(found.coded[0])[0, 0]) / 8
-        grey = replace(grey, deviation=math.hypot(grey.deviation, step / math.sqrt(12)))
+        step = float(surround.quantisation_table(found.coded[0])[0, 0]) / 8
+        grey = grey._replace(deviation=math.hypot(grey.deviation, step / math.sqrt(12)))
     found.values.append(grey)
-    ratio = found.derived(fit, lambda own, all_: level("off", own, all_) / level("background", own, all_))
-    middle = float(ratio[0].median())
-    error = math.hypot(float(ratio[1].median()) / math.sqrt(len(ratio[0])), ratio[2])
+    ratio, own_error, common = found.derived(
+        lambda own, all_: model.linear(own["off"], all_[:, 0]) / model.linear(own["background"], all_[:, 0])
+    )
+    middle = float(ratio.median())
+    error = math.hypot(float(own_error.median()) / math.sqrt(len(ratio)), common)
     shares = panel.led_reflectance / panel.background_reflectance
     off = ((shares - middle) / max(error, 1e-9)) ** 2 if 1 < middle < shares and not found.loose else 0.0
     veiled = found.tried("veiling_glare", off, LIKELIHOOD)
-    over = scenes.veil(fit, panel) if veiled else 0.0
+    over = veil(fit, panel) if veiled else 0.0
     seen = panel.background_reflectance / math.pi + over  # luminance of the background at 1 lx
-    lux, lux_error, note = ambient_lx or scenes.UNKNOWN_LX, math.nan, "as configured" if ambient_lx else ""
+    lux, lux_error, note = ambient_lx or UNKNOWN_LX, math.nan, "as configured" if ambient_lx else ""
     if curve is not None:
-        counted = scenes.illuminance(electrons(fit, curve, Excess())[0], camera, seen, efficiency)
+        counted = illuminance(electrons(fit, curve, Excess())[0], camera, seen, efficiency)
         if ambient_lx is None:
             shaky = 2 * grey.deviation / grey.middle, by_gamma(fit, curve, Excess())[0]
             lux_error = counted * math.hypot(curve.slope_error, *shaky)
@@ -257,16 +175,15 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
             efficiency *= counted / ambient_lx
     elif ambient_lx is None:
         found.say("illuminance", lux=lux)
-    found.tell("ambient_lx", lux, lux_error, note)
+    found.note(Value("ambient_lx", lux, lux_error, note))
 
     def own_light(own: Mapping[str, Tensor], all_: Tensor) -> Tensor:
-        on, off, ground = (level(name, own, all_) for name in ("on", "off", "background"))
+        on, off, ground = (model.linear(own[name], all_[:, 0]) for name in ("on", "off", "background"))
         return (on - off) / ground * (seen * lux)
 
-    found.over("led_luminance_cd_m2", found.derived(fit, own_light), 0.0)
+    found.over("led_luminance_cd_m2", own_light, 0.0)
     found.say("air")
-    if float(fit.value("on").median()) >= WHITE:
-        found.say("white")
+    found.say("white", when=float(fit.value("on").median()) >= model.WHITE)
     if veiled:
         slope = 1 / (shares - middle) + 1 / (middle - 1)
         found.tell("effects.veiling_glare.luminance_cd_m2", over * lux, over * lux * error * slope)
@@ -276,15 +193,15 @@ def how_bright(fit: RecordingFit, curve: Curve | None, found: Findings) -> float
         found.panel = replace(panel, led_reflectance=round(own, 4))
         found.say("reflectance")
     if found.asked("panel.board_reflectance"):
-        share = float((scenes.linear(fit, "board") / scenes.linear(fit, "background")).median())
+        share = float((fit.level("board") / fit.level("background")).median())
         board = min(max(share * panel.background_reflectance, 0.0), 1.0)
         found.panel = replace(found.panel, board_reflectance=round(board, 4))
     return efficiency
 
 
-def through_the_lens(fit: RecordingFit, found: Findings) -> None:
+def through_the_lens(found: Findings) -> None:
     """Describe blur, motion, distortion and vignetting."""
-    camera, fall = found.camera, found.fall
+    fit, fall = found.fit, found.fall
     moments, moved = fit.of_all[1:3], found.asked("motion_blur")
     long = int(moments.argmax())
     blur, narrow = math.sqrt(float(moments.min())), ("blur_yy", "blur_xx")[long] if moved else "blur"
@@ -295,10 +212,9 @@ def through_the_lens(fit: RecordingFit, found: Findings) -> None:
     if moved:
         length = math.sqrt(12 * float(moments.max() - moments.min()))
         away = found.panel.pitch_m * torch.exp(-fit.value("log_pitch_px")).median()
-        speed = length * float(away) / camera.exposure_time_s
+        speed = length * float(away) / found.camera.exposure_time_s
         error = 6 * math.hypot(fit.deviation("blur_xx"), fit.deviation("blur_yy")) / length**2 * speed
-        key = f"effects.motion_blur.velocity_{'xy'[long]}_m_s"
-        found.tell(key, min(200.0, speed), error)
+        found.tell(f"effects.motion_blur.velocity_{'xy'[long]}_m_s", min(200.0, speed), error)
     if found.asked("lens_distortion"):
         found.tell("effects.lens_distortion.k1", float(fit.value("k1")), fit.deviation("k1"))
     else:
@@ -332,18 +248,16 @@ def by_gamma(fit: RecordingFit, curve: Curve, fixed: Excess) -> Array:
     return shares
 
 
-def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: float) -> None:
+def how_noisy(curve: Curve, found: Findings, efficiency: float) -> None:
     """Describe the sensor's noise, in electrons, which shot noise counts."""
     if not found.tried("shot_noise", curve.gains[0]):
-        if curve.gains[1] > 0:
-            found.say("unit")
+        found.say("unit", when=curve.gains[1] > 0)
         return
     read = found.tried("read_noise", curve.gains[1])
     found.effects += [Named(one, True, "needed by the noise") for one in ("photoelectrons", "gain")]
     found.tell("effects.photoelectrons.quantum_efficiency", min(1.0, efficiency))
-    if efficiency > 1:
-        found.say("photons", efficiency=efficiency)
-    (fixed, row), x = patterns(found.around), behind(fit)
+    found.say("photons", when=efficiency > 1, efficiency=efficiency)
+    fit, (fixed, row) = found.fit, surround.patterns(found.around)
     counted, shaky, slope_error = electrons(fit, curve, fixed), by_gamma(fit, curve, fixed), curve.slope_error
     share = float(counted[2] / counted[0])
     kind, other = ("prnu", "dsnu") if share < RESPONSE else ("dsnu", "prnu")
@@ -355,25 +269,25 @@ def how_noisy(fit: RecordingFit, curve: Curve, found: Findings, efficiency: floa
     else:
         found.say("read", electrons=math.sqrt(curve.hidden) / curve.noise.slope)
     if found.tried(kind, fixed.gain, LIKELIHOOD):
-        relative, name = fixed.deviation / fixed.value, "share"
+        name, given, relative = "share", share, fixed.deviation / fixed.value
         if kind == "dsnu":
-            relative, name = math.hypot(relative, slope_error, shaky[2]), "electrons"
-        given = share if kind == "prnu" else float(counted[2])
+            name, given = "electrons", float(counted[2])
+            relative = math.hypot(relative, slope_error, shaky[2])
         found.tell(f"effects.{kind}.{name}", given, given * relative)
         found.say("pattern", kind=kind, share=share)
     found.effects.append(Named(other, False, f"not told from {kind}", 0.0, LIKELIHOOD))
     if found.tried("row_noise", row.gain, LIKELIHOOD):
-        amount = pattern(row.value, x, fit.of_all[0], curve) / curve.noise.slope
+        amount = pattern(row.value, behind(fit), fit.of_all[0], curve) / curve.noise.slope
         relative = math.hypot(row.deviation / row.value, slope_error)
         found.tell("effects.row_noise.electrons", amount, amount * relative)
 
 
-def beside(fit: RecordingFit, found: Findings) -> None:
+def beside(found: Findings) -> None:
     """Describe lamps beside the panel."""
-    count, wide, grey = lamps(found.around)
+    count, wide, grey = surround.lamps(found.around)
     if not found.tried("lamps", count, 0.5):
         return
-    panel, gamma = found.panel, float(fit.of_all[0])
+    fit, panel, gamma = found.fit, found.panel, float(found.fit.of_all[0])
     across = wide * panel.pitch_m / float(torch.exp(fit.value("log_pitch_px")).median())
     lux = next(one for one in found.values if one.key == "ambient_lx").middle
     light = (grey / MIDDLE_GREY) ** gamma / behind(fit)
@@ -381,5 +295,4 @@ def beside(fit: RecordingFit, found: Findings) -> None:
     found.tell("effects.lamps.count", max(1, round(count)))
     found.tell("effects.lamps.luminance_cd_m2", light)
     found.tell("effects.lamps.diameter_m", min(10.0, across))
-    if grey >= 254:
-        found.say("lamps")
+    found.say("lamps", when=grey >= 254)

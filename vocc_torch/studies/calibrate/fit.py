@@ -35,7 +35,10 @@ RANGES |= dict.fromkeys(("yaw", "pitch"), (-1.3, 1.3)) | dict.fromkeys(LEVELS, (
 """Where values mean something."""
 STRIDE = 1.0
 """Share of a level and a grey value by which it changes at most in a step."""
-ANY = (-math.inf, math.inf)
+Derive = Callable[[Mapping[str, Tensor], Tensor], Tensor]
+"""Makes (B,) of what frames have by name, (B,) each, and of what all share, (B,4)."""
+Derived = tuple[Tensor, Tensor, float]
+"""A value of every frame (B,), its own standard deviation (B,), and what that adds which all share."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +100,8 @@ class RecordingFit:
         at = [one for one in self.free if one not in OF_FRAME].index(name)
         return math.sqrt(max(0.0, float(self.shared[:, at, at].max())))
 
-    def derived(self, of: Callable[[Mapping[str, Tensor], Tensor], Tensor]) -> tuple[Tensor, Tensor, float]:
+    def derived(self, of: Derive) -> Derived:
         """Derive a value of every frame from the fitted ones, and how sure it is.
-
-        Args:
-            of: makes (B,) of what frames have by name, (B,) each, and of what all share, (B,4).
 
         Returns:
             the values (B,), their standard deviations (B,) were that known which all share, and the standard
@@ -129,6 +129,10 @@ class RecordingFit:
         own = name in OF_FRAME
         return self.of_frame[:, OF_FRAME.index(name)] if own else self.of_all[OF_ALL.index(name)]
 
+    def level(self, name: str) -> Tensor:
+        """A level of each frame as light, (B,)."""
+        return model.linear(self.value(name), self.of_all[0])
+
     def bent(self, step: float) -> "RecordingFit":
         """Move gamma, and with it what each frame has of its own."""
         turns = Turns.of(self.free)
@@ -150,13 +154,9 @@ class RecordingFit:
         """Mean and variance of the grey values, (B,H,W) each."""
         return model.expected(self.light(), self.of_all[0], self.noise)
 
-    def rendered(self, of_frame: Tensor, of_all: Tensor) -> Tensor:
-        """Give the mean of the grey values for other values, (B,H,W)."""
-        return replace(self, of_frame=of_frame, of_all=of_all).predicted()[0]
-
-    def slopes(self, of_frame: Tensor, of_all: Tensor, turns: "Turns") -> tuple[Tensor, Tensor]:
+    def slopes(self, turns: "Turns") -> tuple[Tensor, Tensor]:
         """Give that mean, and its derivatives (D,B,H,W)."""
-        return model.slopes(self.windows, of_frame, of_all, self.lit, self.noise, turns.along)
+        return model.slopes(self.windows, self.of_frame, self.of_all, self.lit, self.noise, turns.along)
 
 
 def settled(
@@ -172,13 +172,10 @@ def settled(
         steps: most steps.
         robust: whether far residuals count less.
     """
-    turns = Turns.of(free)
+    turns, variance, damping = Turns.of(free), fit.predicted()[1], FIRST_DAMPING
     own = len(turns.own)
-    variance = fit.predicted()[1]
-    damping, current = FIRST_DAMPING, (fit.of_frame, fit.of_all)
-
     for step in range(steps + 1):
-        mean, slopes = fit.slopes(*current, turns)
+        mean, slopes = fit.slopes(turns)
         residual = fit.grey - mean
         weights = fit.trust / variance * (calmed(residual, variance) if robust else 1.0)
         misfit = float((weights * residual.square()).sum())
@@ -187,24 +184,21 @@ def settled(
         blocks = normal(slopes, residual, weights, own)
         if step == steps:
             break
-        moved, held = True, turns.held(*current, blocks)
+        held = turns.held(fit, blocks)
         while True:
-            own_step, all_step = arrow_step(*held, damping)
-            promised = float((own_step * held[3]).sum() + (all_step * held[4]).sum())
-            if promised < SETTLED * scale:
-                moved = False
+            taken, new = arrow_step(*held, damping), math.inf
+            if float((taken[0] * held[3]).sum() + (taken[1] * held[4]).sum()) < SETTLED * scale:
                 break
-            of_frame, of_all = turns.moved(*current, own_step, all_step)
-            new = float((weights * (fit.grey - fit.rendered(of_frame, of_all)).square()).sum())
+            other = turns.moved(fit, *taken)
+            new = float((weights * (fit.grey - other.predicted()[0]).square()).sum())
             if new <= misfit or damping > LOOSE:
-                moved = new < misfit
                 break
             damping *= 8
-        if not moved:
+        if not new < misfit:
             break
-        current, damping = (of_frame, of_all), max(damping / 10, 1e-10)
-    made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names, misfit=misfit)
-    return replace(made, scale=scale).sure(blocks, slopes * (weights * residual))
+        fit, damping = other, max(damping / 10, 1e-10)
+    made = replace(fit, free=tuple(free), misfit=misfit, scale=scale)
+    return made.sure(blocks, slopes * (weights * residual))
 
 
 def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> RecordingFit:
@@ -220,16 +214,14 @@ def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> Recording
         free: names of the values to fit.
         sigma: standard deviation of the noise, in grey values.
     """
-    turns, current = Turns.of(free), (fit.of_frame, fit.of_all)
-    mean, variance = fit.predicted()
+    turns, (mean, variance) = Turns.of(free), fit.predicted()
     weights = fit.trust / variance * calmed(fit.grey - mean, variance)
-    slopes = fit.slopes(*current, turns)[1]
+    slopes = fit.slopes(turns)[1]
     for _ in range(CORRECTIONS):
-        residual = fit.grey - model.written(fit.rendered(*current), sigma)
+        residual = fit.grey - model.written(fit.predicted()[0], sigma)
         blocks = normal(slopes, residual, weights, len(turns.own))
-        current = turns.moved(*current, *arrow_step(*blocks, FIRST_DAMPING))
-    made = replace(fit, of_frame=current[0], of_all=current[1], free=turns.names)
-    return made.sure(blocks, slopes * (weights * residual))
+        fit = turns.moved(fit, *arrow_step(*blocks, FIRST_DAMPING))
+    return replace(fit, free=tuple(free)).sure(blocks, slopes * (weights * residual))
 
 
 @dataclass(frozen=True)
@@ -252,34 +244,27 @@ class Turns:
         own, shared = (tuple(n for n in free if (n in OF_FRAME) == is_own) for is_own in (True, False))
         return cls(own, shared, model.directions((*own, *shared)))
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All of them."""
-        return (*self.own, *self.shared)
-
-    def moved(self, of_frame: Tensor, of_all: Tensor, own: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
+    def moved(self, fit: RecordingFit, own: Tensor, shared: Tensor) -> RecordingFit:
         """Take a step, and hold values where they mean something."""
         (frame, all_), count = self.along, len(self.own)
-        made = of_frame + own @ frame[:count], of_all + shared @ all_[count:]
-        levels = [OF_FRAME.index(name) for name in LEVELS]  # near black a level has next to no slope
-        most = STRIDE * (1 + of_frame[:, levels])
-        made[0][:, levels] = made[0][:, levels].clamp(of_frame[:, levels] - most, of_frame[:, levels] + most)
-        for values, names in zip(made, (OF_FRAME, OF_ALL), strict=True):
-            for at, name in enumerate(names):
-                if name in RANGES:
-                    values[..., at].clamp_(*RANGES[name])
+        of_frame, of_all = fit.of_frame + own @ frame[:count], fit.of_all + shared @ all_[count:]
+        made = replace(fit, of_frame=of_frame, of_all=of_all)
+        levels = slice(OF_FRAME.index(LEVELS[0]), None)  # near black a level has next to no slope
+        old, new = fit.of_frame[:, levels], made.of_frame[:, levels]
+        new.clamp_(old - STRIDE * (1 + old), old + STRIDE * (1 + old))
+        for name, ends in RANGES.items():
+            made.value(name).clamp_(*ends)
         return made
 
-    def held(self, of_frame: Tensor, of_all: Tensor, blocks: "Blocks") -> "Blocks":
+    def held(self, fit: RecordingFit, blocks: "Blocks") -> "Blocks":
         """Take values out of the normal equations that are at the end of their range and would leave it."""
         own, mixed, shared, *right = blocks
-        free, one = [torch.ones_like(part) for part in right], torch.tensor(1.0)
-        all_ = dict(zip(OF_ALL, of_all, strict=True))
-        for part, (names, values) in enumerate(((self.own, model.columns(of_frame)), (self.shared, all_))):
+        a, b = free = [torch.ones_like(part) for part in right]
+        for names, part, pulls in zip((self.own, self.shared), free, right, strict=True):
             for at, name in enumerate(names):
-                (low, high), value, pull = RANGES.get(name, ANY), values.get(name, one), right[part][..., at]
-                free[part][..., at] = ~(((value <= low) & (pull < 0)) | ((value >= high) & (pull > 0)))
-        a, b = free
+                if name in RANGES:
+                    (low, high), value, pull = RANGES[name], fit.value(name), pulls[..., at]
+                    part[..., at] = ~(((value <= low) & (pull < 0)) | ((value >= high) & (pull > 0)))
         own = own * a.unsqueeze(-1) * a.unsqueeze(-2) + torch.diag_embed(1 - a)
         shared = shared * b.unsqueeze(-1) * b + torch.diag(1 - b)
         return own, mixed * a.unsqueeze(-1) * b, shared, right[0] * a, right[1] * b
@@ -360,9 +345,5 @@ def covariances(
     wide = frames / freedom * (float(stats.t.ppf(0.975, freedom)) / SURE) ** 2
     by_frame = of_all.sum(2)
     meats = (of_all @ of_all.mT).sum(0), wide * by_frame.mT @ by_frame
-    by_scatter = [whole @ meat @ whole for meat in meats]
-    return (
-        torch.stack([whole * scale, *by_scatter]),
-        torch.stack([inverse * scale, inverse @ (of_own @ of_own.mT) @ inverse]),
-        lead,
-    )
+    common = torch.stack([whole * scale, *(whole @ meat @ whole for meat in meats)])
+    return common, torch.stack([inverse * scale, inverse @ (of_own @ of_own.mT) @ inverse]), lead

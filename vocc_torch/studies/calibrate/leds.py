@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from scipy import optimize
 from torch import Tensor
 
-from vocc_torch.receiver.rectification import cell_homography
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.simulation import raster
-from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.fit import RecordingFit, settled
 from vocc_torch.studies.calibrate.model import LEVELS, OF_FRAME, PLACED, TURNED, Windows
@@ -38,25 +38,18 @@ def start(
         gamma: the camera's.
     """
     shape, at = windows.shape, model.grid(windows.shape)
-    homography = cell_homography(corners_px, shape)
     middle = torch.tensor([shape.columns / 2, shape.rows / 2]).double()
-    cells = torch.cat([torch.cat([at + middle, middle[None]]), torch.ones(len(at) + 1, 1).double()], 1)
-    mapped = cells @ homography.mT
-    points = mapped[..., :2] / mapped[..., 2:]
+    points = map_points(corners_px, torch.cat([at + middle, middle[None]])[None], shape)
     side = corners_px.roll(-1, 1) - corners_px
     right, down = side[:, 0] - side[:, 2], side[:, 1] - side[:, 3]
     pitch = (right.norm(dim=1) / shape.columns + down.norm(dim=1) / shape.rows) / 4
     roll = torch.atan2(right[:, 1], right[:, 0])
     inside = (points[:, :-1] - windows.origin_px.double()[:, None]).floor().long()
     x, y = (inside[..., i].clamp(1, windows.size_px[1 - i] - 2) for i in (0, 1))
-    frames = torch.arange(len(grey))[:, None]
-    near = [grey[frames, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    centres = torch.stack(near).mean(0)
+    frames, near = torch.arange(len(grey))[:, None], (-1, 0, 1)
+    centres = torch.stack([grey[frames, y + i, x + j] for i in near for j in near]).mean(0)
     lit = two_levels(centres) if bits is None else bits.flatten(1)
-    on, off = (
-        (centres * one).sum(1) / one.sum(1).clamp(min=1) if bool(one.any()) else centres.amax(1)
-        for one in (lit, ~lit)
-    )
+    on, off = ((centres * one).sum(1) / one.sum(1).clamp(min=1) for one in (lit, ~lit))
     behind = torch.cat([grey[:, :2].flatten(1), grey[:, -2:].flatten(1)], 1).median(1).values
     on = torch.where(lit.any(1), on, centres.amax(1) + 20)
     off = torch.where((~lit).any(1), off, behind)
@@ -67,7 +60,7 @@ def start(
     few, tried = begun.taken(slice(0, BEGUN_WITH)), []
     for share in (0.12, 0.25, 0.45, 0.7):
         moment = float(pitch.median() * share) ** 2
-        blurred = replace(few, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
+        blurred = replace(few, of_all=of_all.index_fill(0, torch.tensor([1, 2]), moment))
         tried.append(settled(blurred, (*LEVELS[:3], "blur"), steps=2, robust=False))
     best = min(tried, key=lambda one: one.misfit)
     return settled(replace(begun, of_all=best.of_all), LEVELS[:3], steps=3, robust=False)
@@ -89,27 +82,25 @@ def amplitudes(fit: RecordingFit) -> tuple[Tensor, Tensor]:
     Returns:
         (B,R*C) light over that of On, and its standard deviation.
     """
-    values, errors = [], []
+    values, errors, leds = [], [], fit.lit.shape[1]
     for frame in range(len(fit.grey)):
         one = fit.taken(slice(frame, frame + 1))
         x = one.light()
         mean, variance = one.predicted()
         # Of the chord, not the tangent: from Off to On the encoding is no straight line.
-        grey, seen_x = model.encoded(x, one.of_all[0]), (one.grey / MIDDLE_GREY) ** one.of_all[0]
+        grey, seen_x = model.encoded(x, one.of_all[0]), model.linear(one.grey, one.of_all[0])
         chord, tangent = (one.grey - grey) / (seen_x - x), grey / (one.of_all[0] * x)
         steep = torch.where((one.grey - grey).abs() < STRAIGHT, tangent, chord)
         steep = torch.where(torch.minimum(grey, one.grey) < model.WHITE - 0.5, steep, 0.0)
         at = model.seen(one.windows, one.of_frame, one.of_all, model.grid(one.windows.shape))
         patches, left, top = model.stamped(one.windows, *at)
-        leds = fit.lit.shape[1]
         canvas = torch.zeros(leds, *one.windows.size_px).double()
         raster.add_patches(canvas, patches, torch.arange(leds), left, top)
         spots = model.through_camera(one.windows, canvas, one.of_all) * steep
-        level = {name: (one.value(name) / MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
-        spots = (spots * (level["on"] - level["off"])).flatten(1)
+        spots = (spots * (one.level("on") - one.level("off"))).flatten(1)
         weights = (one.trust / variance).flatten()
         matrix = (spots * weights) @ spots.T
-        matrix = matrix + torch.eye(leds).double() * (1e-6 * matrix.diagonal().mean() + 1e-12)
+        matrix.diagonal().add_(1e-6 * matrix.diagonal().mean() + 1e-12)
         inverse = torch.linalg.inv(matrix)
         step = inverse @ (spots @ (weights * (one.grey - mean).flatten()))
         values.append(fit.lit[frame] + step)
@@ -174,8 +165,7 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Tens
     return settled(replace(fit, of_frame=torch.where(better, other.of_frame, fit.of_frame)), free), apart
 
 
-@dataclass(frozen=True)
-class Scatter:
+class Scatter(NamedTuple):
     """How the LEDs' light differs.
 
     Args:

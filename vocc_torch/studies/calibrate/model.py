@@ -86,6 +86,12 @@ class Windows:
         gain = None if self.gain is None else self.gain[rows]
         return replace(self, origin_px=self.origin_px[rows], gain=gain)
 
+    def cut(self, planes: Tensor) -> Tensor:
+        """Cut each frame's window out of a plane of the sensor (B,H,W)."""
+        (height, width), places = self.size_px, self.origin_px.tolist()
+        parts = [plane[y : y + height, x : x + width] for plane, (x, y) in zip(planes, places, strict=True)]
+        return torch.stack(parts)
+
 
 def columns(values: Tensor) -> dict[str, Tensor]:
     """Name the columns of frames' values (B,10)."""
@@ -136,9 +142,8 @@ def seen(windows: Windows, of_frame: Tensor, of_all: Tensor, at: Tensor) -> tupl
 
 def grid(shape: PanelShape) -> Tensor:
     """Give the LEDs' centres, (R*C,2) in pitches from the panel's, in raster order."""
-    sides = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in (shape.rows, shape.columns))
-    down, across = torch.meshgrid(*sides, indexing="ij")
-    return torch.stack([across, down], -1).view(-1, 2)
+    sides = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in (shape.columns, shape.rows))
+    return torch.stack(torch.meshgrid(*sides, indexing="xy"), -1).view(-1, 2)
 
 
 def stamped(windows: Windows, centre: Tensor, spread: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -162,21 +167,19 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
         (B,H,W) light, at least 0.
     """
     own, gamma = columns(of_frame), of_all[0]
-    level = {name: (own[name].clamp(min=1e-3) / MIDDLE_GREY) ** gamma for name in LEVELS}
+    level = {name: linear(own[name].clamp(min=1e-3), gamma) for name in LEVELS}
     behind = level["board"] if windows.has_board else level["background"]
     frames = len(of_frame)
     canvas = level["background"].view(-1, 1, 1) * of_frame.new_ones(frames, *windows.size_px)
     if windows.has_board:
-        corners = of_frame.new_tensor(CLOCKWISE) * of_frame.new_tensor(
-            [windows.shape.columns / 2, windows.shape.rows / 2]
-        )
+        half = [windows.shape.columns / 2, windows.shape.rows / 2]
+        corners = of_frame.new_tensor(CLOCKWISE) * of_frame.new_tensor(half)
         corners_px = seen(windows, of_frame, of_all, corners)[0] - windows.origin_px.to(of_frame)[:, None]
         cover = raster.polygon_cover(corners_px, *windows.size_px)
         canvas = canvas + cover * (behind - level["background"]).view(-1, 1, 1)
     patches, left, top = stamped(windows, *seen(windows, of_frame, of_all, grid(windows.shape)))
     shown = (level["off"] - behind).unsqueeze(-1) + lit * (level["on"] - level["off"]).unsqueeze(-1)
     which = torch.arange(frames).repeat_interleave(lit.shape[1])
-    canvas = canvas.contiguous()
     raster.add_patches(canvas, patches * shown.reshape(-1, 1, 1), which, left, top)
     return through_camera(windows, canvas, of_all)
 
@@ -184,9 +187,7 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
 def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
     """Blur and dim (B,H,W) light as the lens does."""
     blurred = spread_out(canvas, of_all[1:3])
-    if windows.gain is not None:
-        blurred = blurred * windows.gain
-    return blurred.clamp(min=LEAST_LIGHT)
+    return (blurred if windows.gain is None else blurred * windows.gain).clamp(min=LEAST_LIGHT)
 
 
 def spread_out(canvas: Tensor, moments: Tensor) -> Tensor:
@@ -203,6 +204,11 @@ def mixing(moment: Tensor, side: int, reach: int) -> Tensor:
     apart = torch.arange(side + 2 * reach).unsqueeze(-1) - torch.arange(side) - reach
     weights = torch.where(apart.abs() <= reach, torch.exp(-apart.square() / (2 * moment)), 0.0)
     return weights / weights.sum(0)
+
+
+def linear(grey: Tensor, gamma: Tensor) -> Tensor:
+    """Give the light that is encoded as grey values which no white clips."""
+    return (grey / MIDDLE_GREY) ** gamma
 
 
 def encoded(x: Tensor, gamma: Tensor) -> Tensor:

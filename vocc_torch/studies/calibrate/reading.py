@@ -15,7 +15,8 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.studies.calibrate import CalibrateConfig
+from vocc_torch.types import Frames, PanelShape
 
 BATCH = 8
 """Frames located at a time."""
@@ -107,29 +108,21 @@ def agreeing(corners_px: Tensor) -> Tensor:
     return torch.from_numpy(label == np.bincount(label).argmax())
 
 
-def read_footage(
-    source: Path,
-    channel: str,
-    locator: PanelLocator,
-    shape: PanelShape,
-    most: int,
-    fps: float | None = None,
-) -> Footage:
+def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, shape: PanelShape) -> Footage:
     """Read a recording and find the panel.
 
     Args:
         source: a picture, a folder of pictures, a video or an array.
-        channel: how colour becomes grey.
+        config: how colour becomes grey, frames a second, and how many to keep, at most twice as many.
         locator: what finds the panel.
         shape: rows and columns.
-        most: frames to keep, at most twice as many.
-        fps: frames a second; None takes a video's own times.
 
     Raises:
         VoccError: nothing to read, no panel, or a picture that is white throughout.
     """
     failures: list[str] = []
-    kept, read = thinned(readable(read_recording(source, channel, grey_only=True), failures), most)
+    frames = readable(read_recording(source, config.channel, grey_only=True), failures)
+    kept, read = thinned(frames, config.frames)
     if not kept:
         raise VoccError(failures[0])
     greys = np.stack([frame.grey for frame in kept])
@@ -137,22 +130,19 @@ def read_footage(
     if white > 0.9:
         rule = "expose less, so that the panel is seen"
         raise VoccError(f"input {source} is white in {white:.0%} of its pixels: {rule}")
-    corners, found = [], []
-    for first in range(0, len(greys), BATCH):
-        part: Panels = locator(Frames.whole(torch.from_numpy(greys[first : first + BATCH])), shape)
-        corners.append(part.corners_px.double().cpu())
-        found.append(part.found.cpu())
-    seen = torch.cat(found)
+    batches = torch.split(torch.from_numpy(greys), BATCH)
+    located = [locator(Frames.whole(batch), shape) for batch in batches]
+    corners = torch.cat([part.corners_px.double().cpu() for part in located])
+    seen = torch.cat([part.found.cpu() for part in located])
     if not bool(seen.any()):
         hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
         raise VoccError(f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}")
     rows = seen.nonzero()[:, 0]
-    rows = rows[agreeing(torch.cat(corners)[rows])]
+    rows = rows[agreeing(corners[rows])]
     if len(rows) == 1 and len(kept) > 1:
         rule = "record slower, shorten the exposure, or give another receiver.locator"
         raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
     numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
-    times = np.array([frame.time_s for frame in kept], dtype=np.float64) if fps is None else numbers / fps
-    every = Footage(greys, numbers, torch.cat(corners), read, len(kept), failures, times)
-    return every.taken(rows.numpy())
+    times = numbers / config.fps if config.fps else np.array([one.time_s for one in kept], dtype=np.float64)
+    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(rows.numpy())

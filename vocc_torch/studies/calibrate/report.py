@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -11,14 +10,14 @@ import torch
 from vocc_torch.files import write_atomically
 from vocc_torch.show import canvas, page
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.study import CalibratedScene
+from vocc_torch.studies.calibrate.scene import Findings
 from vocc_torch.studies.calibrate.transfer import Curve
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end, or of theirs where they are the wider."""
 
 
-def write_page(study: CalibratedScene, source: str, command: str, folder: Path) -> None:
+def write_page(study: Findings, source: str, command: str, folder: Path) -> None:
     """Write ``page.md``, ``page.html`` and their pictures.
 
     Args:
@@ -51,7 +50,7 @@ def shown(given: float | Sequence[object]) -> str:
     return f"{given:.5g}"
 
 
-def write_frames(study: CalibratedScene, path: Path) -> None:
+def write_frames(study: Findings, path: Path) -> None:
     """Draw frames as measured, as expected, and what is left of them."""
     fit = study.fit
     mean, variance = fit.predicted()
@@ -64,18 +63,19 @@ def write_frames(study: CalibratedScene, path: Path) -> None:
     figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))
     for row, frame in enumerate(frames):
         number = int(study.footage.numbers[frame])
-        heads = f"frame {number}: measured", "expected", f"difference, to {far:.3g} standard deviations"
-        for column, (head, plane) in enumerate(zip(heads, (fit.grey, mean, off), strict=True)):
-            one = axes[3 * row + column]
-            ends = (-far, far) if column == 2 else (0, model.WHITE)
-            look: dict[str, Any] = {"cmap": "RdBu_r" if column == 2 else "gray", "interpolation": "nearest"}
-            one.imshow(plane[frame].numpy(), vmin=ends[0], vmax=ends[1], **look)
+        panes = (
+            (f"frame {number}: measured", fit.grey, 0.0, model.WHITE, "gray"),
+            ("expected", mean, 0.0, model.WHITE, "gray"),
+            (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
+        )
+        for one, (head, plane, low, high, colours) in zip(axes[3 * row :], panes, strict=False):
+            one.imshow(plane[frame].numpy(), cmap=colours, vmin=low, vmax=high, interpolation="nearest")
             one.set_title(head, fontsize=9)
             one.set_axis_off()
     canvas.save_figure(figure, path)
 
 
-def write_transfer(study: CalibratedScene, curve: Curve, path: Path) -> None:
+def write_transfer(study: Findings, curve: Curve, path: Path) -> None:
     """Draw the photon transfer curve."""
     figure, (axes,) = canvas.new_grid(1, 1, (5.0, 3.2), (0, 0), (0.8, 0.3, 0.3, 0.7))
     light = np.geomspace(curve.light.min(), curve.light.max(), 100)

@@ -16,9 +16,9 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.calibrate import CalibrateConfig
-from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate.reading import read_footage
 from vocc_torch.studies.calibrate.report import write_page
+from vocc_torch.studies.calibrate.scene import of_size
 from vocc_torch.studies.calibrate.study import calibrate
 
 
@@ -38,8 +38,8 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     if locator is None:
         raise VoccError.of("receiver.locator", "truth", "one that looks for the panel, for task=calibrate")
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
-    footage = read_footage(source, config.channel, locator, panel.shape, config.frames, config.fps)
-    camera, taken = scenes.of_size(plan.world.camera, *footage.greys.shape[1:])
+    footage = read_footage(source, config, locator, panel.shape)
+    camera, taken = of_size(plan.world.camera, *footage.greys.shape[1:])
     if taken:
         warnings.warn(taken, stacklevel=2)
     for doubt in footage.doubts():
@@ -47,14 +47,14 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     study = calibrate(footage, camera, panel, config, bits)
     path = folder / "scene" / f"{settings.name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, study.scene.text(path.stem, source.name).encode())
+    write_atomically(path, study.text(path.stem, source.name).encode())
     run_folder.write_config(settings, folder)
-    for doubt in study.scene.doubts:
+    for doubt in study.doubts:
         warnings.warn(doubt, stacklevel=2)
-    command = next_command(settings.name, study.scene.panel)
+    command = next_command(settings.name, study.panel)
     write_page(study, source.name, command, folder)
-    named = [one.effect for one in study.scene.effects if one.asked]
-    unknown = [f"not told: {one}" for one in study.scene.unknown]
+    named = [one.effect for one in study.effects if one.asked]
+    unknown = [f"not told: {one}" for one in study.unknown]
     for text in (*unknown, f"effects: {', '.join(named)}", f"train: {command}"):
         console.print(text, soft_wrap=True, markup=False, highlight=False)
     places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]

@@ -1,28 +1,34 @@
-"""A scene as it is written: values and effects, how sure they are, and the light that they stand for."""
+"""A scene as it is written: values and effects, how sure they are, and what the recording does not tell."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
 import yaml
 from scipy import stats
-from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.show.page import render
-from vocc_torch.simulation.effects.sensor import Photoelectrons
-from vocc_torch.simulation.photometry import MIDDLE_GREY
-from vocc_torch.studies.calibrate.fit import SURE, RecordingFit
+from vocc_torch.studies.calibrate import CalibrateConfig
+from vocc_torch.studies.calibrate.fit import SURE, Derive, Derived, RecordingFit
+from vocc_torch.studies.calibrate.pace import Pace
+from vocc_torch.studies.calibrate.reading import Footage
+from vocc_torch.studies.calibrate.surround import Falloff, Surround
+from vocc_torch.studies.calibrate.transfer import Curve
 
-Derived = tuple[Tensor, Tensor, float]
-"""A value of every frame (B,), its own standard deviation (B,), and what that adds which all share."""
-UNKNOWN_LX = 8000.0
-"""Illuminance where nothing tells it: an overcast day. Only ratios of light matter then."""
+WORDS = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
+CODED = 12.0
+"""Standard deviations from which coefficients lie on multiples of their steps."""
+CODED_GAIN = 30.0
+"""Gain that an effect needs in coded pictures."""
+SURE_SIGMAS = 3.0
+"""Standard deviations from which motion, distortion and the rows' times are there."""
 
 
-@dataclass(frozen=True)
-class Value:
+class Value(NamedTuple):
     """A value of the scene, as the recording tells it.
 
     Args:
@@ -57,8 +63,7 @@ class Value:
         return self.middle - SURE * self.deviation, self.middle + SURE * self.deviation
 
 
-@dataclass(frozen=True)
-class Named:
+class Named(NamedTuple):
     """An effect that was tried, and whether the recording asks for it.
 
     Args:
@@ -78,13 +83,23 @@ class Named:
     explains: str = ""
 
 
-@dataclass(kw_only=True)
-class Calibrated:
-    """A scene from a recording.
+@dataclass
+class Findings:
+    """A scene from a recording, while it is found and when it is, with all that its page shows.
 
     Args:
         camera: whose picture it is.
         panel: whose LEDs they are.
+        config: what the recording cannot tell.
+        footage: the frames.
+        fit: the last fit.
+        around: the picture around the panel.
+        fall: how light falls off there.
+        coded: the likeliest JPEG quality, and how sure it is.
+        curve: the photon transfer curve; None for too few frames.
+        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
+        bound: where gamma ran to, if that is no camera's.
+        pace: the times of symbols and rows.
         values: of the scene and its effects, each with what it explains.
         effects: all that were tried.
         unknown: what the recording does not tell, in sentences.
@@ -93,18 +108,83 @@ class Calibrated:
 
     camera: Camera
     panel: LedPanel
+    config: CalibrateConfig
+    footage: Footage
+    fit: RecordingFit
+    around: Surround
+    fall: Falloff
+    coded: tuple[int, float] = (0, 0.0)
+    curve: Curve | None = None
+    loose: bool = False
+    bound: float | None = None
+    pace: Pace | None = None
     values: list[Value] = field(default_factory=list)
     effects: list[Named] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
+    def text(self, name: str, source: str) -> str:
+        """Write the scene as YAML, each value beside what it explains and how sure it is."""
+        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
+
     def of(self, effect: str) -> list[Value]:
         """Give an effect's values."""
         return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
 
-    def text(self, name: str, source: str) -> str:
-        """Write the scene as YAML, each value beside what it explains and how sure it is."""
-        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
+    def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
+        """Note an effect, and say whether the recording asks for it."""
+        criterion, explains = WORDS["effects"][effect]
+        self.effects.append(Named(effect, gain > needed, criterion, gain, needed, explains))
+        return gain > needed
+
+    def judge(
+        self, effect: str, simple: RecordingFit, rich: RecordingFit, sigmas: float = math.inf
+    ) -> RecordingFit:
+        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise.
+
+        A new value of so few standard deviations that it may be none gains nothing.
+        """
+        gain = (simple.misfit - rich.misfit) / rich.scale * (sigmas > SURE_SIGMAS)
+        gain -= (rich.values - simple.values) * math.log(rich.pixels)
+        # What coding leaves hangs together over its blocks.
+        return rich if self.tried(effect, gain, CODED_GAIN * self.is_coded) else simple
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether pictures are coded."""
+        return self.coded[1] > CODED
+
+    def derived(self, of: Derive) -> Derived:
+        """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
+        made, own, common = self.fit.derived(of)
+        return made, own, math.hypot(common, float(own.median()) * self.is_coded)
+
+    def tell(self, key: str, given: float, deviation: float = math.nan) -> None:
+        """Note a value."""
+        self.note(Value(key, given, deviation, WORDS["values"].get(key, "")))
+
+    def over(self, key: str, of: Derive, least: float = -math.inf) -> None:
+        """Note a value of every frame."""
+        self.note(spread(key, self.derived(of), WORDS["values"][key], least))
+
+    def note(self, value: Value) -> None:
+        """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
+        if value.key in WORDS["by_gamma"] and self.loose:
+            note = "; ".join(part for part in (value.note, "no interval: gamma is not told") if part)
+            value = value._replace(deviation=math.nan, note=note)
+        self.values.append(value)
+
+    def say(self, word: str, when: bool = True, **given: object) -> None:
+        """Note a sentence of ``sentences.yaml``, where it is so: what is not told, or not explained."""
+        if when:
+            doubt = WORDS["doubts"].get(word)
+            (self.doubts if doubt else self.unknown).append(
+                (doubt or WORDS["sentences"][word]).format(**given)
+            )
+
+    def asked(self, effect: str) -> bool:
+        """Say whether the recording asks for an effect."""
+        return any(one.effect == effect and one.asked for one in self.effects)
 
 
 def inline(value: object) -> str:
@@ -124,7 +204,7 @@ def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> V
 
     Args:
         key: of the value.
-        derived: as :meth:`vocc_torch.studies.calibrate.fit.RecordingFit.derived` gives it.
+        derived: the value of every frame, and how sure it is.
         note: what it is.
         least: the lowest value allowed.
     """
@@ -139,35 +219,6 @@ def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> V
     ends = ["uniform", max(mean - half, least), max(mean + half, least)]
     alone = float(each.std() / math.sqrt(count) * stats.t.ppf(0.975, count - 1)) / SURE
     return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
-
-
-def linear(fit: RecordingFit, name: str) -> Tensor:
-    """Give a fitted level as light, (B,)."""
-    return (fit.value(name) / MIDDLE_GREY) ** fit.of_all[0]
-
-
-def veil(fit: RecordingFit, panel: LedPanel) -> float:
-    """Give the luminance of a veil that makes Off LEDs and background as alike as they are, at 1 lx.
-
-    Both reflect the same daylight: where their ratio is nearer to 1 than that of their reflectances, a veil
-    lies over both.
-    """
-    ratio = float(linear(fit, "off").median() / linear(fit, "background").median())
-    share = panel.background_reflectance
-    return max(0.0, (panel.led_reflectance - ratio * share) / (ratio - 1) / math.pi) if ratio > 1 else 0.0
-
-
-def illuminance(electrons: float, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
-    """Say which illuminance gives a pixel of the background so many electrons, lx.
-
-    Args:
-        electrons: that the photon transfer curve counts.
-        camera: whose picture it is.
-        seen_cd_m2: luminance that the background has at 1 lx, with any veil.
-        efficiency: the quantum efficiency.
-    """
-    exposure = 10 * seen_cd_m2 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
-    return electrons / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
 
 
 def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:

@@ -1,7 +1,7 @@
 """From frames to a scene: fits one after the other, each effect only where the recording asks for it."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -12,15 +12,15 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import CalibrateConfig, model
-from vocc_torch.studies.calibrate.describe import LIKELIHOOD, WORDS, Findings, describe
+from vocc_torch.studies.calibrate.describe import LIKELIHOOD, describe
 from vocc_torch.studies.calibrate.fit import RANGES, UNDITHERED, RecordingFit, corrected, settled, trusted
 from vocc_torch.studies.calibrate.leds import BASE, POSED, amplitudes, decided, mirrored, scatter, start
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.pace import Pace, pace
 from vocc_torch.studies.calibrate.reading import Footage
-from vocc_torch.studies.calibrate.scene import Calibrated
-from vocc_torch.studies.calibrate.surround import Falloff, Surround, compression, falloff, natural
-from vocc_torch.studies.calibrate.transfer import Curve, transfer
+from vocc_torch.studies.calibrate.scene import WORDS, Findings
+from vocc_torch.studies.calibrate.surround import Falloff, Surround, compression, falloff, natural, tiled
+from vocc_torch.studies.calibrate.transfer import transfer
 
 GRID_PX = 8
 """Windows begin on multiples of it, as JPEG's blocks do."""
@@ -37,23 +37,6 @@ BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
 
-@dataclass(frozen=True)
-class CalibratedScene:
-    """A calibration with all that its page shows.
-
-    Args:
-        scene: what came of it.
-        fit: the last fit.
-        curve: the photon transfer curve; None for too few frames.
-        footage: the frames.
-    """
-
-    scene: Calibrated
-    fit: RecordingFit
-    curve: Curve | None
-    footage: Footage
-
-
 def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> tuple[Windows, Tensor]:
     """Cut a window about the panel from each frame, all of one size, on a grid of 8 px.
 
@@ -64,18 +47,14 @@ def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> tuple[Windo
     cell = (high - low).amax(1, keepdim=True) / max(panel.shape.rows, panel.shape.columns)
     extent = (high - low + 2 * (1.2 * cell + 8)).amax(0)
     sensor = torch.tensor([camera.width_px, camera.height_px])
-    size = ((extent / GRID_PX).ceil() * GRID_PX + GRID_PX).long()
-    size = torch.minimum(size, sensor)
+    size = torch.minimum(((extent / GRID_PX).ceil() * GRID_PX + GRID_PX).long(), sensor)
     first = ((low + high) / 2 - size / 2).round().long() // GRID_PX * GRID_PX
     first = torch.minimum(first.clamp(min=0), sensor - size).clamp(min=0) // GRID_PX * GRID_PX
     size = torch.minimum(size, sensor - first.amax(0))
     width, height = size.tolist()
-    cut = [
-        torch.from_numpy(frame[y : y + height, x : x + width].astype(np.float64))
-        for frame, (x, y) in zip(footage.greys, first.tolist(), strict=True)
-    ]
     radius, focal = panel.led_diameter_m / panel.pitch_m / 2, camera.focal_length_px
-    return Windows(panel.shape, radius, focal, camera.sensor_px, first, (height, width)), torch.stack(cut)
+    windows = Windows(panel.shape, radius, focal, camera.sensor_px, first, (height, width))
+    return windows, windows.cut(torch.from_numpy(footage.greys)).double()
 
 
 def calibrate(
@@ -85,7 +64,7 @@ def calibrate(
     config: CalibrateConfig,
     bits: NDArray[np.bool_] | None = None,
     paced: Pace | None = None,
-) -> CalibratedScene:
+) -> Findings:
     """Fit a scene to a recording.
 
     Args:
@@ -108,8 +87,8 @@ def calibrate(
     fall = falloff(around, camera.focal_length_px, camera.gamma)
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
-    demand_contrast(begun, footage)
-    found = Findings(camera=camera, panel=panel, config=config, around=around, fall=fall, coded=coded)
+    demand_contrast(begun)
+    found = Findings(camera, panel, config, footage, begun, around, fall, coded)
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     found.pace = paced or in_time(fit, footage.times_s)
@@ -121,7 +100,7 @@ def calibrate(
         kept &= ~torch.from_numpy(found.pace.mixed)
     if not bool(kept.all()):
         study = calibrate(chosen.taken(kept.numpy()), whole, panel, config, bits, found.pace)
-        study.scene.unknown.append(WORDS["sentences"]["odd"].format(count=int((~kept).sum())))
+        study.unknown.append(WORDS["sentences"]["odd"].format(count=int((~kept).sum())))
         return study
     if min(abs(float(fit.of_all[0]) - end) for end in RANGES["gamma"]) < 1e-6:  # the levels are the camera's
         found.bound, free = float(fit.of_all[0]), tuple(name for name in free if name != "gamma")
@@ -130,24 +109,22 @@ def calibrate(
     if fall.natural_gain > 0:  # it was told with the camera's gamma
         found.fall = falloff(around, camera.focal_length_px, float(fit.of_all[0]))
         fit = settled(replace(fit, windows=shaded(known, camera, found.fall)), free)
-    curve = None
     for _ in range(0 if quiet or len(grey) < LEAST_FRAMES else 2):
-        curve = transfer(fit)
-        fit = settled(trusted(replace(fit, noise=curve.noise)), free, steps=8)
+        found.curve = transfer(fit)
+        fit = settled(trusted(replace(fit, noise=found.curve.noise)), free, steps=8)
     fit = sensor_and_lens(fit, free, found)
     free = fit.free
     fit, own, error = decided(fit, free, 4 if bits is None else 0)
     differ = scatter(own, error, fit.bits)
     if differ.gain > LIKELIHOOD:
         fit = settled(replace(fit, lit=fit.bits * differ.factors), free, steps=8)
-    if curve is not None:
-        curve = transfer(fit)
-        fit = settled(replace(fit, noise=curve.noise), free, steps=4)
-    if quiet and not found.is_coded:
-        fit = corrected(fit, free, math.sqrt(around.noise()))
-    describe(fit, curve, differ, apart, found)
+    if found.curve is not None:
+        found.curve = transfer(fit)
+        fit = settled(replace(fit, noise=found.curve.noise), free, steps=4)
+    found.fit = corrected(fit, free, math.sqrt(around.noise())) if quiet and not found.is_coded else fit
+    describe(differ, apart, found)
     finer(found, whole, times)
-    return CalibratedScene(found, fit, curve, footage)
+    return found
 
 
 def in_time(fit: RecordingFit, times_s: NDArray[np.float64]) -> Pace | None:
@@ -184,19 +161,17 @@ def binned(footage: Footage, times: int) -> Footage:
     """Average so many by so many pixels into one."""
     if times == 1:
         return footage
-    frames, height, width = footage.greys.shape
-    rows, columns = height // times, width // times
-    cut = footage.greys[:, : rows * times, : columns * times].reshape(frames, rows, times, columns, times)
-    return replace(footage, greys=cut.mean((2, 4)), corners_px=footage.corners_px / times)
+    greys = tiled(footage.greys, times).mean((-2, -1))
+    return replace(footage, greys=greys, corners_px=footage.corners_px / times)
 
 
-def finer(scene: Calibrated, camera: Camera, times: int) -> None:
+def finer(found: Findings, camera: Camera, times: int) -> None:
     """Say of single pixels what was found of many in one."""
-    for at, one in enumerate(scene.values):
+    for at, one in enumerate(found.values):
         if one.key in BY_PIXEL:
             scale = float(times) ** BY_PIXEL[one.key]
-            scene.values[at] = replace(one, given=one.middle * scale, deviation=one.deviation * scale)
-    scene.camera = replace(camera, gamma=scene.camera.gamma)
+            found.values[at] = one._replace(given=one.middle * scale, deviation=one.deviation * scale)
+    found.camera = replace(camera, gamma=found.camera.gamma)
 
 
 def placed(begun: RecordingFit, found: Findings) -> tuple[RecordingFit, tuple[str, ...], Tensor]:
@@ -227,19 +202,16 @@ def shaded(known: Windows, camera: Camera, fall: Falloff) -> Windows:
     shade, out = natural(camera.height_px, camera.width_px, camera.focal_length_px)
     if fall.barrel_gain > 0 and fall.corner_loss > 0:
         shade = shade * (1 - fall.corner_loss * out)
-    height, width = known.size_px
-    parts = [shade[y : y + height, x : x + width] for x, y in known.origin_px.tolist()]
-    return replace(known, gain=torch.from_numpy(np.stack(parts)))
+    whole = torch.from_numpy(shade).expand(len(known.origin_px), -1, -1)
+    return replace(known, gain=known.cut(whole))
 
 
-def demand_contrast(fit: RecordingFit, footage: Footage) -> None:
+def demand_contrast(fit: RecordingFit) -> None:
     """Refuse frames in which no LED differs from another."""
-    on, off = fit.value("on"), fit.value("off")
-    seen = float((on - off).median())
-    constant = bool((fit.bits == fit.bits[:1]).all()) and bool((fit.bits[0] == fit.bits[0, 0]).all())
-    if constant or seen < LEAST_CONTRAST:
+    seen = float((fit.value("on") - fit.value("off")).median())
+    if bool((fit.bits == fit.bits[0, 0]).all()) or seen < LEAST_CONTRAST:
         rule = "show symbols with LEDs On and LEDs Off"
-        raise VoccError(f"input: all LEDs look alike in all {len(footage)} frames: {rule}")
+        raise VoccError(f"input: all LEDs look alike in all {len(fit.grey)} frames: {rule}")
 
 
 def sensor_and_lens(fit: RecordingFit, free: tuple[str, ...], found: Findings) -> RecordingFit:

@@ -2,7 +2,6 @@
 
 import io
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,19 +57,15 @@ def compression(greys: NDArray[Any]) -> tuple[int, float]:
     best = 0, 0.0
     for quality in range(30, 97):
         table = quantisation_table(quality)
-        coarse = np.broadcast_to(table >= 4, coefficients.shape)
         steps = coefficients / table
-        used = steps[coarse & (np.abs(steps) > 0.5)]
-        if len(used) < 100:
-            continue
-        score = float(np.cos(2 * np.pi * used).mean()) * math.sqrt(2 * len(used))
-        if score > best[1]:
-            best = quality, score
+        used = steps[(table >= 4) & (np.abs(steps) > 0.5)]
+        if len(used) >= 100:
+            score = float(np.cos(2 * np.pi * used).mean()) * math.sqrt(2 * len(used))
+            best = max(best, (quality, score), key=lambda one: one[1])
     return best
 
 
-@dataclass(frozen=True)
-class Surround:
+class Surround(NamedTuple):
     """The picture around the panel, in all kept frames.
 
     Args:
@@ -141,7 +136,7 @@ def patterns(around: Surround) -> tuple[Excess, Excess]:
     if frames < 4 or outside.sum() < 400:
         return Excess(), Excess()
     rest = around.greys[:, *around.box].astype(np.float64)
-    rest = rest - np.median(rest[:, outside], axis=1)[:, None, None]
+    rest -= np.median(rest[:, outside], axis=1)[:, None, None]
     mean, temporal = rest.mean(0), rest.var(0, ddof=1)
     calm = outside & (temporal < 16 * np.median(temporal[outside]) + 1)
     sharp = ndimage.convolve(mean, np.array([[0, -0.25, 0], [-0.25, 1, -0.25], [0, -0.25, 0]]))
@@ -165,8 +160,7 @@ def patterns(around: Surround) -> tuple[Excess, Excess]:
     return fixed, Excess.of(float((steps**2).mean()) / 1.5 / left, float(noise.mean()) / 1.5, count)
 
 
-@dataclass(frozen=True)
-class Falloff:
+class Falloff(NamedTuple):
     """How light falls off from the middle of the sensor.
 
     Args:
@@ -217,32 +211,28 @@ def falloff(around: Surround, focal_px: float, gamma: float) -> Falloff:
         misfit = float(((y - design @ solution) ** 2).sum()) + rounding
         return misfit, solution, np.linalg.pinv(design.T @ design) * misfit / max(count - len(parts), 1)
 
-    flat, cosine, barrel = explained(np.ones(count)), explained(shade), explained(shade, shade * out)
-    cost = math.log(count)
-    barrel_gain = count * math.log(cosine[0] / barrel[0]) - cost
-    best = min(cosine[0], barrel[0]) if barrel_gain > 0 else cosine[0]
-    natural_gain = count * math.log(flat[0] / best) - cost
-    loss = -barrel[1][1] / barrel[1][0]
-    turn = np.array([loss, 1.0]) / barrel[1][0]
-    deviation = math.sqrt(max(0.0, float(turn @ barrel[2] @ turn)))
-    return Falloff(natural_gain, barrel_gain, float(loss), deviation)
+    flat, cosine = explained(np.ones(count))[0], explained(shade)[0]
+    barrel, (level, lost), covariance = explained(shade, shade * out)
+    barrel_gain = count * math.log(cosine / barrel) - math.log(count)
+    best = min(cosine, barrel) if barrel_gain > 0 else cosine
+    turn = np.array([-lost / level, 1.0]) / level
+    deviation = math.sqrt(max(0.0, float(turn @ covariance @ turn)))
+    natural_gain = count * math.log(flat / best) - math.log(count)
+    return Falloff(natural_gain, barrel_gain, float(-lost / level), deviation)
 
 
 def lamps(around: Surround) -> tuple[float, float, float]:
     """Count round bright things beyond the panel: how many a frame, their median diameter (px) and grey."""
-    counts, wide, greys = [], [], []
-    for frame in around.greys[:: max(1, len(around.greys) // 8)]:
+    frames, wide, greys = around.greys[:: max(1, len(around.greys) // 8)], [], []
+    for frame in frames:
         middle = float(np.median(frame[around.outside])) if around.outside.any() else 255.0
         marked, _ = ndimage.label((frame > middle + 0.6 * (255 - middle)) & around.outside)
-        found = 0
         for number, place in enumerate(ndimage.find_objects(marked), 1):
             height, width = (part.stop - part.start for part in place)
             mask = marked[place] == number
             if min(height, width) >= 3 and 0.6 < height / width < 1.7 and mask.mean() > 0.6:
-                found += 1
                 wide.append(math.sqrt(4 * mask.sum() / math.pi))
                 greys.append(float(np.median(frame[place][mask])))
-        counts.append(found)
     if not wide:
         return 0.0, 0.0, 0.0
-    return float(np.mean(counts)), float(np.median(wide)), float(np.median(greys))
+    return len(wide) / len(frames), float(np.median(wide)), float(np.median(greys))

@@ -1,21 +1,18 @@
 """How noise grows with light: the photon transfer curve of what a fit leaves."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.polynomial.hermite_e import hermegauss
-from numpy.typing import NDArray
 from scipy import optimize
 from torch import Tensor
 
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.fit import RecordingFit
 from vocc_torch.studies.calibrate.model import Noise
-
-Array = NDArray[np.float64]
+from vocc_torch.studies.calibrate.surround import Array
 
 BINS = 24
 """Levels of light at which residuals are compared."""
@@ -32,8 +29,7 @@ HERMITE, TURNS = 12, 12
 """Points at which a pattern is averaged over, and turns in which its width is found."""
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """A photon transfer curve: variances of residuals by level of light, and what explains them.
 
     Args:
