@@ -219,10 +219,11 @@ def sensor_and_lens(fit: RecordingFit, free: tuple[str, ...], found: Findings) -
     moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy")
     rich = settled(fit, moving, steps=3)
     error = math.hypot(rich.deviation("blur_xx"), rich.deviation("blur_yy"))
-    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy"))) / error
-    fit = found.judge("motion_blur", fit, rich, apart)
+    apart = abs(float(rich.value("blur_xx") - rich.value("blur_yy")))
+    fit = found.judge("motion_blur", fit, rich, apart / error if error else 0.0)
     rich = settled(fit, (*fit.free, "k1"), steps=6)
-    fit = found.judge("lens_distortion", fit, rich, abs(float(rich.value("k1"))) / rich.deviation("k1"))
+    error = rich.deviation("k1")  # 0 where the frames tell nothing of it
+    fit = found.judge("lens_distortion", fit, rich, abs(float(rich.value("k1"))) / error if error else 0.0)
     board = torch.tensor([OF_FRAME.index("board")])
     own = fit.of_frame.index_copy(1, board, fit.value("background").unsqueeze(1))
     boards = replace(fit, windows=replace(fit.windows, has_board=True), of_frame=own)
