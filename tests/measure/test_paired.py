@@ -1,6 +1,7 @@
 """Paired comparison: exact counts, and intervals of the difference that cover it."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest, ttest_1samp
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 
 BITS = 64
@@ -57,6 +59,22 @@ def test_swapping_is_the_other_receivers_view(apart, more):
 def test_impossible_counts_are_refused_by_name(numbers, named):
     with pytest.raises(VoccError, match=rf"^paired.*{named}"):
         PairedCounts(*numbers)
+
+
+def test_each_side_is_refused_where_counts_of_it_are():
+    """Every set of small numbers: the side's quick check lets through what ``Counts`` does, and no more."""
+    ranges = range(-1, 4), range(-1, 5), range(-1, 7), range(-1, 17), range(-1, 4)
+    for frames, bits, *side in product(*ranges):
+        for numbers in ((*side, 0, 0, 0), (0, 0, 0, *side)):
+            assert refused(PairedCounts, frames, bits, *numbers) == refused(Counts, frames, bits, *side)
+
+
+def refused(kind, *numbers):
+    try:
+        kind(*numbers)
+    except VoccError:
+        return True
+    return False
 
 
 # Coverage. Each case draws (studies, frames) differences in bits and has the mean it was made for.
