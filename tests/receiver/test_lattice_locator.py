@@ -193,8 +193,8 @@ def test_two_panels_are_two_rows(two):
     assert left == pytest.approx([50, 200], abs=2)
     twice = list(decode(receiver, iter([frame]), 2, lights=(Mix("red"), Mix("blue"))))
     assert [(one.panel, one.frame.light) for one in twice] == [
-        (n, name) for n in (0, 1) for name in ("red", "blue")
+        (panel, light) for light in ("red", "blue") for panel in (0, 1)
     ]
-    assert [one.text for one in twice] == [one.text for one in read for _ in range(2)]
+    assert [one.text for one in twice] == [one.text for one in read] * 2
     with pytest.raises(VoccError, match=r"decode\.most is 2"):
         list(decode(Receiver("flda_3", PaperLocator(), Reader(SHAPE), flda), iter([frame]), 2))

@@ -269,7 +269,7 @@ def shift(grey: NDArray[np.uint8], corners: Corners, before: NDArray[np.complex6
     return moved
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """A panel that is followed, or what may be one and is watched until its LEDs change.
 
@@ -317,12 +317,15 @@ class Track:
         low, high = float(inside.min()), float(inside.max())
         on = levels > (low + high) / 2
         if self.on.size:
-            apart = on != self.on
-            self.changes, changed = self.changes + apart, float(apart[1:-1, 1:-1].mean())
+            self.changes = self.changes + (on != self.on)
+            # The least of all shifts by a line: where the corners slip, what stands still changes as well.
+            before = sliding_window_view(self.on, inside.shape)
+            changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
             told = changed * math.log(_CHANGE / _STAYS) + (1 - changed) * math.log(
                 (1 - _CHANGE) / (1 - _STAYS)
             )
             self.flicker += min(max(shape.leds * told, _MOST_TOLD[0]), _MOST_TOLD[1])
+            self.flicker = max(self.flicker, _STANDS)
             off = levels - self.lights[0]
             self.lights = self.lights + _KEPT * np.stack([off, off**2 - self.lights[1]])
         else:  # LEDs may change by all their light, and what is around them by little
@@ -391,7 +394,8 @@ class Track:
             share = fit(grey, corners, shape, blur, 0)[2]
         cell = math.sqrt(abs(_area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
-        if not sane or share < _LEAST_SHARE * self.share:
+        inside = sane and bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
+        if not inside or share < _LEAST_SHARE * max(self.share, _LEAST_TO_BEGIN):
             self.misses += 1
             return False
         place, size, bend = (part / (1 + self.misses) for part in _parts(corners - expected, expected))
@@ -410,6 +414,16 @@ def _parts(off: Corners, corners: Corners) -> tuple[Corners, Corners, Corners]:
     place, arms = off.mean(0, keepdims=True), corners - corners.mean(0)
     size = arms * ((off * arms).sum() / max(float((arms**2).sum()), 1e-9))
     return place, size, off - place - size
+
+
+def _apart(tracks: list[Track]) -> list[Track]:
+    """Leave of tracks that lie on one panel the one of the lowest number."""
+    kept: list[Track] = []
+    for track in sorted(tracks, key=lambda one: one.number):
+        middle, reach = track.corners.mean(0), math.sqrt(abs(_area(track.corners))) / 2
+        if all(np.linalg.norm(one.corners.mean(0) - middle) >= reach for one in kept):
+            kept.append(track)
+    return kept
 
 
 def _by_cells(corners: Corners, across: float, down: float, shape: PanelShape) -> Corners:
@@ -467,11 +481,12 @@ class Tracker:
             if track.watch(plane, self.shape) and watched:
                 track.place(self.shape)
                 self._admit(track)
-        seen = [track for track in seen if track.sure]
+        seen = _apart([track for track in seen if track.sure])
+        # What is watched stays while it is followed and there is no panel; panels while not missed for long.
         self.tracks = [
             one
             for one in self.tracks
-            if one.misses <= (self.patience if one.sure else 0) and one.flicker > _STANDS
+            if one in seen or (0 < one.misses <= self.patience if one.sure else not (seen or one.misses))
         ]
         self._since += 1
         # All the time while nothing is followed, and soon where something is missed.
@@ -480,9 +495,9 @@ class Tracker:
             self._since, self.searches = 0, self.searches + 1
             met = [self._anchored(plane, *one) for one in self._found(plane)]
             for track in self.tracks:
-                track.doubts = 0 if not any(met) or any(track is one for one in met) else track.doubts + 1
+                track.doubts = 0 if not any(met) or track in met else track.doubts + 1
             self.tracks = [track for track in self.tracks if track.doubts <= _MOST_DOUBTS]
-            seen = [one for one in self.tracks if one.sure and any(one is other for other in (*seen, *met))]
+            seen = [one for one in self.tracks if one.sure and (one in seen or one in met)]
         return sorted(seen, key=lambda track: track.number)
 
     def panels(self, greys: Tensor) -> Panels:
@@ -519,8 +534,8 @@ class Tracker:
 
         What is not ``good`` corrects nothing, and is watched while there is no panel.
         """
-        watched = [track for track in self.tracks if not track.sure]
-        if not good and (len(watched) < len(self.tracks) or len(watched) >= _WATCHED):
+        watched = sum(track.flicker > _STANDS for track in self.tracks)
+        if not good and any(track.sure for track in self.tracks):
             return None
         share, blur = max(fit(plane, corners, self.shape, blur)[:0:-1] for blur in _BLURS)
         middle, reach = corners.mean(0), math.sqrt(abs(_area(corners))) / 2
@@ -530,11 +545,13 @@ class Tracker:
             there = track.corners + track.motion * track.misses
             if float(np.linalg.norm(there.mean(0) - middle)) < reach:
                 if not good:
-                    return None
+                    return track
                 track.corners, track.score, track.misses = corners, score, 0
                 track.on = track.on[:0]
                 break
         else:
+            if not good and watched >= _WATCHED:
+                return None
             track = Track(-1, corners, score, blur, share, _spectrum(plane, corners, True), flicker=0.0)
             self.tracks.append(track)
         if good and track.number < 0:

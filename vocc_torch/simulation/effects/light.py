@@ -169,7 +169,7 @@ class Playback(RollingShutter):
     def symbols(self, numbers: torch.Tensor, leds: str = "") -> torch.Tensor:
         """Give symbols by number, of any shape, (...,R,C) bool; dark where there is none."""
         there = (numbers >= 0) & (numbers < len(self.film))
-        film = self.further.get(leds, self.film)
+        film = self.further[leds] if leds else self.film
         return film[numbers.clamp(0, len(film) - 1)] & there[..., None, None]
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:

@@ -133,11 +133,10 @@ def decode(
                 with torch.inference_mode():
                     own = receiver(planes.to(receiver.device), StatedPanels(*panels))
                 each.append(_readings(receiver, [replace(one, light=mix.name) for one in frames], own))
-            number, before = 0, None
-            for place, several in zip(whose, zip(*each, strict=True), strict=True):
-                number = number + 1 if place == before else 0
-                before = place
-                yield from (replace(one, panel=number) for one in several)
+            rows = zip(whose, zip(*each, strict=True), strict=True)
+            for _, panels_of in groupby(rows, key=lambda row: row[0]):
+                for light in zip(*(several for _, several in panels_of), strict=True):
+                    yield from (replace(one, panel=number) for number, one in enumerate(light))
 
 
 def _readings(receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded) -> Iterator[Reading]:
