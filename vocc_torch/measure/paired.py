@@ -60,7 +60,7 @@ class PairedCounts(Tally):
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
         frames, bits, *sides = self.numbers
-        # At a quarter of the time of what tells of them: a block of frames may have a thousand of these.
+        # In less than half the time of what tells of them: a block of frames may have a thousand of these.
         whole = all(type(one) is int for one in self.numbers)
         possible = whole and _possible(frames, bits, *sides[:3]) and _possible(frames, bits, *sides[3:])
         if possible and self.discordant <= frames:

@@ -36,15 +36,10 @@ _MOST_FALSE_ALARMS = 1e-3
 # Of less likely sightings so many are watched at a time. A frame tells by how many LEDs change whether they
 # are a panel's, half of which change, or clutter's, one in twenty, but no more than so much either way; from
 # so much on it is a panel, and clutter up to so little, all in logarithms of odds.
-_WATCHED, _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS, _STANDS, _LINE_MORE = (
-    3,
-    0.5,
-    0.05,
-    (-3.0, 10.0),
-    25.0,
-    -8.0,
-    1.1,
-)
+_WATCHED, _CHANGE, _STAYS, _MOST_TOLD = 3, 0.5, 0.05, (-3.0, 10.0)
+_FLICKERS, _STANDS = 25.0, -8.0
+# How much more must have changed inside a panel that is moved by a line than where it is.
+_LINE_MORE = 1.1
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
 # A panel that is known to stand still is there where this share of it is explained.
