@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from coverage import markdown
+from interval_coverage import markdown
 from coverage_tables import Held
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray

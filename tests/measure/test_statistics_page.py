@@ -17,7 +17,7 @@ def benchmark():
     """The benchmark's module; its name is also that of a well-known package."""
     folder = str(ROOT / "benchmarks")
     sys.path.insert(0, folder)
-    spec = importlib.util.spec_from_file_location("coverage_benchmark", ROOT / "benchmarks" / "coverage.py")
+    spec = importlib.util.spec_from_file_location("coverage_benchmark", ROOT / "benchmarks" / "interval_coverage.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     yield module
@@ -39,7 +39,7 @@ def tables(page, benchmark):
 
 def test_the_page_has_every_table_as_the_command_writes_it(benchmark):
     page = PAGE.read_text()
-    assert "python benchmarks/coverage.py" in page
+    assert "python benchmarks/interval_coverage.py" in page
     written = tables(page, benchmark)
     assert len(written) == len(benchmark.TABLES)
     for (simulate, _), on_page in zip(benchmark.TABLES, written, strict=True):

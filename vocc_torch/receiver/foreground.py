@@ -18,9 +18,9 @@ _LEVELS = 256
 # In smaller frames looking for what is uneven costs more than it saves; so does counting one by one.
 _LARGE_FRAME_PX, _COUNTED_PX = 1 << 16, 1 << 12
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
-_MOST_EXACT_PX, _TIE_SHARE = 1 << 28, 1e-12
+MOST_EXACT_PX, TIE_SHARE = 1 << 28, 1e-12
 
-_BLOCK_PX = 8
+BLOCK_PX = 8
 # Blocks along the side of a tile, whose median is taken for background.
 _TILE_BLOCKS = 15
 _SIGMAS, _SIGMA_PER_MAD, _LEAST_DN = 8.0, 1.4826, 0.75
@@ -55,22 +55,22 @@ def trimmed(frames: Frames) -> Frames:
         if (plane[0] != plane[0, 0]).any():
             return frames
         # The eight bytes that a block has of a row are compared at once, where they lie in words.
-        words = plane.view(np.uint64) if width % _BLOCK_PX == 0 and plane.strides[1] == 1 else plane
+        words = plane.view(np.uint64) if width % BLOCK_PX == 0 and plane.strides[1] == 1 else plane
         uneven, across = (words.ravel() != words[0, 0]).nonzero()[0], words.shape[1]
         if not len(uneven):
             boxes.append((0, 0, 1, 1))
             continue
-        columns, step = uneven % across, _BLOCK_PX // words.itemsize
+        columns, step = uneven % across, BLOCK_PX // words.itemsize
         left, right = int(columns.min()) // step, int(columns.max()) // step + 1
-        top, low = int(uneven[0]) // across // _BLOCK_PX, int(uneven[-1]) // across // _BLOCK_PX + 1
+        top, low = int(uneven[0]) // across // BLOCK_PX, int(uneven[-1]) // across // BLOCK_PX + 1
         # Blocks that the border cuts stay with the frame.
-        if 2 * (right - left) * _BLOCK_PX > width or right > width // _BLOCK_PX or low > height // _BLOCK_PX:
+        if 2 * (right - left) * BLOCK_PX > width or right > width // BLOCK_PX or low > height // BLOCK_PX:
             return frames
         boxes.append((left, top, right - left, low - top))
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
-    room_x, room_y = width // _BLOCK_PX - wide, height // _BLOCK_PX - high
-    origin = [(min(left, room_x) * _BLOCK_PX, min(top, room_y) * _BLOCK_PX) for left, top, _, _ in boxes]
-    down, across = high * _BLOCK_PX, wide * _BLOCK_PX
+    room_x, room_y = width // BLOCK_PX - wide, height // BLOCK_PX - high
+    origin = [(min(left, room_x) * BLOCK_PX, min(top, room_y) * BLOCK_PX) for left, top, _, _ in boxes]
+    down, across = high * BLOCK_PX, wide * BLOCK_PX
     parts = np.empty((len(planes), 1, down, across), dtype=np.uint8)
     for part, plane, (x, y) in zip(parts, planes, origin, strict=True):
         part[0] = plane[y : y + down, x : x + across]
@@ -172,7 +172,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     between = np.where(
         parts, apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0), -1.0
     )
-    best = parts & ((between >= between.max(1, keepdims=True) * (1 - _TIE_SHARE)) | (total > _MOST_EXACT_PX))
+    best = parts & ((between >= between.max(1, keepdims=True) * (1 - TIE_SHARE)) | (total > MOST_EXACT_PX))
     threshold = best.argmax(1)
     for row in (best.sum(1) != 1).nonzero()[0].tolist():
         if not parts[row].any():  # one grey value has all pixels, or nothing has any
@@ -213,15 +213,15 @@ def block_means(grey: Tensor) -> Tensor:
         [[[7.0, 7.0], [7.0, 7.0]]]
     """
     height, width = grey.shape[-2:]
-    high, wide = -(-height // _BLOCK_PX), -(-width // _BLOCK_PX)
-    if height % _BLOCK_PX or width % _BLOCK_PX:
-        rows = torch.arange(high * _BLOCK_PX, device=grey.device).clamp(max=height - 1)
-        columns = torch.arange(wide * _BLOCK_PX, device=grey.device).clamp(max=width - 1)
+    high, wide = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
+    if height % BLOCK_PX or width % BLOCK_PX:
+        rows = torch.arange(high * BLOCK_PX, device=grey.device).clamp(max=height - 1)
+        columns = torch.arange(wide * BLOCK_PX, device=grey.device).clamp(max=width - 1)
         grey = grey[..., rows[:, None], columns]
     # Sums of eight bytes fit 16 bits: a third of the time that floats take.
-    sums = grey.reshape(-1, high, _BLOCK_PX, wide * _BLOCK_PX).sum(2, dtype=torch.int16)
-    sums = sums.view(-1, high, wide, _BLOCK_PX).sum(3, dtype=torch.int32)
-    return sums.to(torch.float32) / _BLOCK_PX**2
+    sums = grey.reshape(-1, high, BLOCK_PX, wide * BLOCK_PX).sum(2, dtype=torch.int16)
+    sums = sums.view(-1, high, wide, BLOCK_PX).sum(3, dtype=torch.int32)
+    return sums.to(torch.float32) / BLOCK_PX**2
 
 
 def local_background(means: Tensor) -> Tensor:
@@ -266,9 +266,9 @@ def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
     means = block_means(crop.grey)
     if crop.surround is not None:
         level, inside, size = crop.surround.to(torch.float32)[:, None, None], means, means.shape[1:]
-        high, wide = (-(-side // _BLOCK_PX) for side in grey.shape[-2:])
+        high, wide = (-(-side // BLOCK_PX) for side in grey.shape[-2:])
         means = level.repeat(1, high, wide)
-        for one, part, (x, y) in zip(means, inside, (crop.origin_px // _BLOCK_PX).tolist(), strict=True):
+        for one, part, (x, y) in zip(means, inside, (crop.origin_px // BLOCK_PX).tolist(), strict=True):
             one[y : y + size[0], x : x + size[1]] = part
         # Too little differs to move any median.
         tall, broad = (_tiles(blocks, grey.device).shape[1] for blocks in (high, wide))
@@ -309,9 +309,9 @@ def bright_regions(grey: Tensor) -> Regions:
     for values, how in ((runs.start, "amin"), (runs.row, "amin"), (runs.end, "amax"), (runs.row, "amax")):
         zeros = values.new_zeros(labels)
         boxes.append(zeros.scatter_reduce(0, components.label, values, how, include_self=False)[chosen])
-    first, last = torch.stack(boxes[:2], 1) * _BLOCK_PX, (torch.stack(boxes[2:], 1) + 1) * _BLOCK_PX
+    first, last = torch.stack(boxes[:2], 1) * BLOCK_PX, (torch.stack(boxes[2:], 1) + 1) * BLOCK_PX
     side = (last - first).amax(1)
-    side = (side + side // 2 + 4 * _BLOCK_PX + 31) // 32 * 32
+    side = (side + side // 2 + 4 * BLOCK_PX + 31) // 32 * 32
     left, top = ((first + last - side[:, None]) // 2).unbind(1)
     return Regions(components.frame[chosen], left, top, side)
 

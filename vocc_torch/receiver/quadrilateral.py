@@ -22,9 +22,9 @@ Points = NDArray[np.complex128]
 Whole = NDArray[np.int64]
 
 # Lengths are added as integers of this fraction of a pixel: an exact sum has no order.
-_LENGTH_UNIT = 2.0**-32
+LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
-_TIE = 1e-9
+TIE = 1e-9
 # Most pairs of vertices, at one for each row, in one step, to bound the memory.
 _STEP_PAIRS = 1 << 21
 # A column beyond all others.
@@ -116,7 +116,7 @@ def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
     twice = (hull[..., 0] * following[..., 1] - hull[..., 1] * following[..., 0]).sum(1)
     extent = hull.max(1) - hull.min(1)
     length = np.sqrt(np.square(following - hull).sum(2))
-    around = np.rint(length / _LENGTH_UNIT).astype(np.int64).sum(1) * _LENGTH_UNIT
+    around = np.rint(length / LENGTH_UNIT).astype(np.int64).sum(1) * LENGTH_UNIT
     return twice / 2 + extent.sum(1) + 1, around + 4
 
 
@@ -175,8 +175,8 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
     square, spans = x * x + y * y, (high - low).prod(2)
     area = np.where(square > 0, spans / np.maximum(square, 1.0), np.inf)
     turn = y / np.maximum(x, 1.0)
-    preference = np.where(turn < 0, _TIE - turn, turn)
-    preference[area > area.min(1, keepdims=True) * (1 + _TIE)] = np.inf
+    preference = np.where(turn < 0, TIE - turn, turn)
+    preference[area > area.min(1, keepdims=True) * (1 + TIE)] = np.inf
     chosen = np.arange(len(hull)), preference.argmin(1)
     return _around(edge[chosen], low[chosen], high[chosen], expand_px)
 
@@ -290,9 +290,34 @@ def measure_blobs(
         back = order.argsort()
         return Measures(*(np.concatenate(both)[back] for both in zip(*halves, strict=True)))
     hull = convex_hull(first, last)
-    alone = _upright_alone(hull[0].tolist()) if blobs == 1 else None
+    alone = _measured_alone(hull[0].tolist()) if blobs == 1 else None
     area, perimeter, least = alone or (*hull_area_and_perimeter(hull), minimum_area_rectangle(hull))
     around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
+    return measures_of(area, perimeter, area_px, least, around, place_px, shape, limits)
+
+
+def measures_of(
+    area: Floats,
+    perimeter: Floats,
+    area_px: Whole,
+    least: Rectangles,
+    around: Rectangles,
+    place_px: Whole,
+    shape: PanelShape,
+    limits: LocatorLimits,
+) -> Measures:
+    """Compare hulls' areas and perimeters (M,), and the least rectangles around them, with the panel.
+
+    Args:
+        area: see :func:`hull_area_and_perimeter`.
+        perimeter: likewise.
+        area_px: see :func:`measure_blobs`.
+        least: the minimum-area rectangles.
+        around: those to give.
+        place_px: see :func:`measure_blobs`.
+        shape: the panel looked for.
+        limits: what a panel is.
+    """
     rectangle = least.width_px * least.height_px
     # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
     filled = np.minimum(np.minimum(area_px, area) / rectangle, 1.0)
@@ -303,7 +328,7 @@ def measure_blobs(
     return Measures(around.corners_px + place_px[:, None], within, score, pitch)
 
 
-def _upright_alone(hull: list[list[float]]) -> tuple[Floats, Floats, Rectangles] | None:
+def _measured_alone(hull: list[list[float]]) -> tuple[Floats, Floats, Rectangles] | None:
     """Give area, perimeter and least rectangle of one hull in plain numbers, to the last bit as by NumPy.
 
     That takes a quarter of the time. None where the least rectangle is not upright.
@@ -313,15 +338,21 @@ def _upright_alone(hull: list[list[float]]) -> tuple[Floats, Floats, Rectangles]
     for (x, y), (to_x, to_y) in itertools.pairwise([*hull, hull[0]]):
         across, down = to_x - x, to_y - y
         twice += x * to_y - y * to_x
-        around += round(math.sqrt(across * across + down * down) / _LENGTH_UNIT)
+        around += round(math.sqrt(across * across + down * down) / LENGTH_UNIT)
         slopes += [(across, down)] if across and down else []
     for across, down in slopes:
         along = [x * across + y * down for x, y in hull]
         beside = [y * across - x * down for x, y in hull]
         spans = (max(along) - min(along)) * (max(beside) - min(beside))
-        if (right - left) * (low - top) > spans / (across * across + down * down) * (1 + _TIE):
+        if (right - left) * (low - top) > spans / (across * across + down * down) * (1 + TIE):
             return None
-    values = [twice / 2 + (right - left + low - top) + 1, around * _LENGTH_UNIT + 4]
-    corners = [[[left, top], [right + 1, top], [right + 1, low + 1], [left, low + 1]]]
-    area, perimeter, width, height = np.array([[one] for one in (*values, right - left + 1, low - top + 1)])
-    return area, perimeter, Rectangles(np.array(corners), width, height)
+    values = [twice / 2 + (right - left + low - top) + 1, around * LENGTH_UNIT + 4]
+    area, perimeter = np.array([[one] for one in values])
+    return area, perimeter, upright_alone(left, top, right, low)
+
+
+def upright_alone(left: float, top: float, right: float, low: float) -> Rectangles:
+    """Give the upright rectangle around pixels from ``left`` to ``right`` and from ``top`` to ``low``."""
+    right, low = right + 1.0, low + 1.0
+    corners = np.array([[[left, top], [right, top], [right, low], [left, low]]])
+    return Rectangles(corners, np.array([right - left]), np.array([low - top]))

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.compiled import read_alone
 from vocc_torch.receiver.features import checked_greys
 from vocc_torch.types import Frames, Panels, PanelShape, holds, is_exporting
 
@@ -449,9 +450,11 @@ def rectify_takes(
     if plain and (alone := _upright(corners, place, sides, shape, samples_per_led, most)):
         count, begin, lines = alone
         axes = (one.numpy() for one in _grid(shape, samples_per_led * count, dtype, device))
-        cuts = [_cut(take, [0], begin, [[last + 2 for last, _, _ in lines]]).to(dtype) for take in takes]
-        places = [(px * x + to).clip(0, last)[None] for (last, px, to), x in zip(lines, axes, strict=True)]
-        reads = _read_upright(cuts, places)
+        places = [(px * x + to).clip(0, last) for (last, px, to), x in zip(lines, axes, strict=True)]
+        reads = [one for take in takes if (one := read_alone(take, begin, *places)) is not None]
+        if len(reads) < len(takes):
+            cuts = [_cut(take, [0], begin, [[last + 2 for last, _, _ in lines]]).to(dtype) for take in takes]
+            reads = _read_upright(cuts, [place[None] for place in places])
         return [nn.functional.avg_pool2d(one, count) for one in reads] if count > 1 else reads
     homography, cell_px = _homography(xp, corners, shape), xp.maximum(*_cell_size(xp, corners, shape))
     factors = (cell_px / samples_per_led).round().clip(1, most)

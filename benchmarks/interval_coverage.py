@@ -2,7 +2,7 @@
 
 Writes the tables of ``docs/statistics.md`` into the page, between its markers, in order:
 
-    python benchmarks/coverage.py
+    python benchmarks/interval_coverage.py
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from coverage_tables import Table, averages, no_errors, one_receiver, rare_kinds
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 
-BEGIN, END = "<!-- generated: python benchmarks/coverage.py -->", "<!-- end -->"
+BEGIN, END = "<!-- generated: python benchmarks/interval_coverage.py -->", "<!-- end -->"
 
 Simulate: TypeAlias = Callable[[np.random.Generator, int], Table]
 
