@@ -7,7 +7,8 @@ import torch
 
 import vocc_torch as vt
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.track import Tracker, fit, settled
+from vocc_torch.receiver.frame_fit import fit, settled
+from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

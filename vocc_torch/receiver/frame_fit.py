@@ -1,0 +1,214 @@
+"""Where a panel is in one frame, from near by: a lattice of two levels fitted by a few steps, in NumPy."""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from vocc_torch.receiver import lattice_model
+from vocc_torch.types import PanelShape
+
+Plane = NDArray[np.floating[Any]]
+Corners = NDArray[np.float64]
+
+SAMPLES = 4
+"""Samples along a cell's side."""
+
+STEPS = 3
+"""Steps of the fit to a panel that is followed."""
+
+LEAST_TO_BEGIN = 0.5
+"""A panel that a full search claims is begun with where a lattice explains this share; noise stays below."""
+
+BLURS = (0.2, 0.4)
+"""A spot's standard deviations that are tried, cells."""
+
+# Steps from where a search found the panel, and most cells of one step and of all.
+_STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF = 8, 0.35, 0.5
+# A panel that is known to stand still is there where this share of it is explained.
+_GOOD_SHARE = 0.95
+# The corners' signs in the fields 1, u, v and uv.
+_SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
+# What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance.
+_FREE = (4.0, 16.0, 16.0, 400.0, 16.0)
+# Light of a grey value, of which 255 is white: spots of light add, grey values do not.
+_LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(
+    np.float32
+)
+
+
+@lru_cache(maxsize=32)
+def _grid(rows: int, columns: int, margin: int = 1) -> tuple[Plane, Plane, Plane]:
+    """Samples of a panel with cells of margin: weights (4,P) of the corners, cells (N,) down and across."""
+    down, across = (
+        (np.arange((n + 2 * margin) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES - margin
+        for n in (rows, columns)
+    )
+    return weights_of(across / columns, down / rows), down, across
+
+
+def weights_of(u: Plane, v: Plane) -> Plane:
+    """Weights (4,P) of corners, clockwise from the top left, at u (w,) by v (h,), 0 to 1 inside."""
+    u, v = u[None, :], v[:, None]
+    parts = [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v]
+    return np.stack([part.ravel() for part in parts])
+
+
+def _spots(leds: int, blur: float) -> tuple[Plane, Plane, Plane, Plane]:
+    """Profiles (N,n) of spots along an axis, their slopes by place and by blur, and their inverse (n,N)."""
+    place = (np.arange((leds + 2) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES - 1
+    apart = (place[:, None] - np.arange(leds, dtype=np.float32) - 0.5) / np.float32(blur)
+    value = np.exp(-(apart**2) / 2)
+    slope = value * apart / np.float32(blur)
+    inverse = np.linalg.solve(value.T @ value + np.float32(2e-2) * np.eye(leds, dtype=np.float32), value.T)
+    return value, slope, slope * apart, inverse
+
+
+def read(grey: NDArray[np.uint8], corners: Corners, weights: Plane) -> Plane:
+    """Read (H,W) bilinearly where weights (4,P) of corners (4,2) say; borders go on."""
+    x, y = (corners.T @ weights) - 0.5
+    x, y = x.clip(0, grey.shape[1] - 1.001), y.clip(0, grey.shape[0] - 1.001)
+    left, top = x.astype(np.int64), y.astype(np.int64)
+    x, y = x - left, y - top
+    flat, first = grey.reshape(-1), top * grey.shape[1] + left
+    below = first + grey.shape[1]
+    flat = _LIGHT[flat[np.stack([first, first + 1, below, below + 1])]]
+    upper = flat[0] * (1 - x) + flat[1] * x
+    lower = flat[2] * (1 - x) + flat[3] * x
+    read: Plane = (upper * (1 - y) + lower * y).astype(np.float32)
+    return read
+
+
+def _two_levels(lit: Plane) -> Plane:
+    """Replace the spots' amplitudes by the means of the dark and of the bright ones."""
+    limit = (float(lit.min()) + float(lit.max())) / 2
+    for _ in range(3):
+        on = lit > limit
+        if on.all() or not on.any():
+            return lit
+        low, high = float(lit[~on].mean()), float(lit[on].mean())
+        limit = (low + high) / 2
+    return np.where(on, np.float32(high), np.float32(low))
+
+
+def cell_levels(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, reach: int = 0) -> Plane:
+    """Read the mean light of cells with a line of cells around, moved by quarters up to ``reach`` cells.
+
+    Returns:
+        (P,P,R+2,C+2) for P = 8 reach + 1 places down and along.
+    """
+    rows, columns = (n + 2 + 2 * reach for n in (shape.rows, shape.columns))
+    light = read(grey, corners, _grid(shape.rows, shape.columns, 1 + reach)[0])
+    light = light.reshape(rows * SAMPLES, columns * SAMPLES)
+    for axis in (0, 1):
+        light = sliding_window_view(light, SAMPLES, axis).mean(-1)
+    size = tuple(SAMPLES * (n + 1) + 1 for n in (shape.rows, shape.columns))
+    return sliding_window_view(light, size)[..., ::SAMPLES, ::SAMPLES]
+
+
+def fit(
+    grey: NDArray[np.uint8],
+    corners: Corners,
+    shape: PanelShape,
+    blur: float,
+    steps: int = STEPS,
+    costs: tuple[float, ...] = _FREE,
+    dark: Plane | None = None,
+) -> tuple[Corners, float, float]:
+    """Move corners by a few Gauss-Newton steps to where a lattice of two levels explains a picture best.
+
+    One frame at a time: NumPy's calls cost a few microseconds, so that all of it takes about a millisecond.
+
+    Args:
+        grey: (H,W) grey values.
+        corners: (4,2) px, within a third of a cell of the truth.
+        shape: rows and columns.
+        blur: a spot's standard deviation, cells.
+        steps: how many.
+        costs: of moving by the fields 1, u, v and uv from these corners, per square cell, and of blur, in
+            variances.
+        dark: (R+2,C+2) light of the cells and of a line of cells around where no LED shines; the median of
+            that line by default.
+
+    Returns:
+        The corners, the spots' standard deviation, and the share of the picture's variation explained.
+    """
+    weights, down, across = _grid(shape.rows, shape.columns)
+    size = len(down), len(across)
+    u, v = 2 * across / shape.columns - 1, 2 * down / shape.rows - 1
+    fields: list[Plane] = [
+        np.ones(size, np.float32),
+        np.broadcast_to(u, size),
+        np.broadcast_to(v[:, None], size),
+        np.outer(v, u),
+    ]
+    share, moved = 0.0, np.zeros(8)
+    for step in range(steps + 1):
+        rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
+        columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
+        patch = read(grey, corners, weights).reshape(size)
+        if dark is None:
+            patch = patch - np.median(np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]]))
+        else:
+            patch = patch - dark.repeat(SAMPLES, 0).repeat(SAMPLES, 1)
+        lit = _two_levels(from_rows @ patch @ from_columns.T)
+        half = rows @ lit
+        rest = patch - half @ columns.T
+        all_of_it = float((patch**2).sum())
+        share = 1 - float((rest**2).sum()) / all_of_it if all_of_it > 1e-6 else 0.0
+        if step == steps:
+            break
+        by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
+        wider = half @ column_blur.T + row_blur @ lit @ columns.T
+        jacobian = np.stack([f * one for one in (by_x, by_y) for f in fields] + [wider]).reshape(9, -1)
+        damping = np.array([*costs[:4] * 2, costs[4]]) * max(float((rest**2).mean()), 1e-2)
+        pull = jacobian @ rest.ravel() - damping * np.append(moved, 0.0)
+        moves = np.linalg.solve(jacobian @ jacobian.T + np.diag(damping), pull)
+        moves *= min(1.0, _MOST_CELLS / max(float(np.abs(moves).max()), 1e-9))
+        moved = moved + moves[:8]
+        cells, blur = _SIGNS @ moves[:8].reshape(2, 4).T, min(max(blur + float(moves[8]), 0.12), 0.7)
+        # From cells to px along the panel's own sides.
+        along = (corners[1] - corners[0] + corners[2] - corners[3]) / (2 * shape.columns)
+        beside = (corners[3] - corners[0] + corners[2] - corners[1]) / (2 * shape.rows)
+        corners = corners + cells[:, :1] * along + cells[:, 1:] * beside
+    return corners, blur, share
+
+
+def settled(
+    grey: NDArray[np.uint8],
+    corners: Corners,
+    shape: PanelShape,
+    known: tuple[float, float] | None = None,
+) -> tuple[Corners, float, float] | None:
+    """Fit a lattice to a panel that is near some corners, or say that it is not there.
+
+    Args:
+        grey: (H,W) grey values.
+        corners: (4,2) px, within half a cell of the truth.
+        shape: rows and columns.
+        known: of a panel that was seen there, its spots' standard deviation, cells, and the share of the
+            picture's variation that a lattice explained.
+
+    Returns:
+        Its corners (4,2), and the two numbers for the next time; None where a lattice explains too little,
+        or lies elsewhere.
+    """
+    if known is None:
+        moved, blur, share = max(
+            (fit(grey, corners, shape, one, _STEPS_AT_FIRST) for one in BLURS), key=lambda one: one[2]
+        )
+        least = LEAST_TO_BEGIN
+    else:
+        moved, blur, share = fit(grey, corners, shape, known[0])
+        least = max(LEAST_TO_BEGIN, _GOOD_SHARE * known[1])
+    off = float(np.abs(moved - corners).max()) / math.sqrt(abs(area(corners)) / shape.leds)
+    return (moved, blur, share) if share >= least and off < _MOST_OFF else None
+
+
+def area(corners: Corners) -> float:
+    """Area of a quadrilateral, px^2."""
+    x, y = corners.T
+    return float(((x[2] - x[0]) * (y[3] - y[1]) - (x[3] - x[1]) * (y[2] - y[0])) / 2)
