@@ -20,7 +20,7 @@ SAMPLES = 4
 STEPS = 3
 """Steps of the fit to a panel that is followed."""
 
-LEAST_TO_BEGIN = 0.5
+LEAST_TO_BEGIN = 0.35
 """A panel that a full search claims is begun with where a lattice explains this share; noise stays below."""
 
 BLURS = (0.2, 0.4)
@@ -34,6 +34,8 @@ _GOOD_SHARE = 0.95
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
 # What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance.
 _FREE = (4.0, 16.0, 16.0, 400.0, 16.0)
+# Samples to either side of which the mean is taken away.
+_AROUND = 6
 # Light of a grey value, of which 255 is white: spots of light add, grey values do not.
 _LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(
     np.float32
@@ -63,8 +65,20 @@ def _spots(leds: int, blur: float) -> tuple[Plane, Plane, Plane, Plane]:
     apart = (place[:, None] - np.arange(leds, dtype=np.float32) - 0.5) / np.float32(blur)
     value = np.exp(-(apart**2) / 2)
     slope = value * apart / np.float32(blur)
+    flat = _flattener(len(place))
+    value, slope, wider = flat @ value, flat @ slope, flat @ (slope * apart)
     inverse = np.linalg.solve(value.T @ value + np.float32(2e-2) * np.eye(leds, dtype=np.float32), value.T)
-    return value, slope, slope * apart, inverse
+    return value, slope, wider, inverse
+
+
+@lru_cache(maxsize=32)
+def _flattener(size: int) -> Plane:
+    """Matrix (N,N) that takes from samples the mean of what is around, so that no straight edge is left."""
+    place = np.arange(size)
+    matrix = np.eye(size, dtype=np.float32)
+    for off in range(-_AROUND, _AROUND + 1):
+        np.add.at(matrix, (place, (place + off).clip(0, size - 1)), np.float32(-1 / (2 * _AROUND + 1)))
+    return matrix
 
 
 def read(grey: NDArray[np.uint8], corners: Corners, weights: Plane) -> Plane:
@@ -150,17 +164,15 @@ def fit(
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
         columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
         patch = read(grey, corners, weights).reshape(size)
-        if dark is None:
-            patch = patch - np.median(np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]]))
-        else:
-            patch = patch - dark.repeat(SAMPLES, 0).repeat(SAMPLES, 1)
-        lit = _two_levels(from_rows @ patch @ from_columns.T)
+        patch = _flattener(size[0]) @ patch @ _flattener(size[1]).T
+        lit = from_rows @ patch @ from_columns.T
+        if step == steps:
+            rest = patch - rows @ _two_levels(lit) @ columns.T
+            all_of_it = float((patch**2).sum())
+            share = 1 - float((rest**2).sum()) / all_of_it if all_of_it > 1e-6 else 0.0
+            break
         half = rows @ lit
         rest = patch - half @ columns.T
-        all_of_it = float((patch**2).sum())
-        share = 1 - float((rest**2).sum()) / all_of_it if all_of_it > 1e-6 else 0.0
-        if step == steps:
-            break
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
         jacobian = np.stack([f * one for one in (by_x, by_y) for f in fields] + [wider]).reshape(9, -1)

@@ -33,6 +33,7 @@ _LEAST_SHARE = 0.6
 _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
 # How much more must have changed inside a panel that is moved by a line than where it is.
 _LINE_MORE = 1.1
+_EITHER, _UNLIKELY = 0.8, 25.0
 # Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
 # farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
 # their light; and how much of a cell's light and variance is learned anew.
@@ -153,7 +154,10 @@ class Track:
             (P,P) log likelihoods at places by quarters of cells up to ``reach`` cells down and along.
         """
         seen = cell_levels(grey, corners, shape, reach)
-        worth: Plane = -_TRUST / 2 * ((seen - self.lights[0]) ** 2 / self.lights[1]).sum((2, 3))
+        off = (seen - self.lights[0]) ** 2 / self.lights[1]
+        leds = (..., slice(1, -1), slice(1, -1))
+        off[leds] = ((np.sqrt(off[leds]) - 1) / _EITHER) ** 2
+        worth: Plane = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
         return worth
 
     def starts(self, grey: NDArray[np.uint8], expected: Corners, shape: PanelShape) -> list[Corners]:
