@@ -160,18 +160,16 @@ class Track:
         worth: Plane = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
         return worth
 
-    def starts(self, grey: NDArray[np.uint8], expected: Corners, shape: PanelShape) -> list[Corners]:
-        """Give where a panel may be: where it is expected, and where more is as it was."""
+    def start(self, grey: NDArray[np.uint8], expected: Corners, shape: PanelShape) -> Corners:
+        """Give where a panel likely is: near where it is expected, and where most is as it was."""
         if not self.on.size:
-            return [expected, shift(grey, expected, self.seen)]
+            return shift(grey, expected, self.seen)
         worth = self.known(grey, expected, shape, _REACH)
-        apart = (np.arange(len(worth)) / SAMPLES - _REACH) ** 2 / 2 / (self.spread * (1 + self.misses))
-        places = {divmod(int(told.argmax()), len(worth)) for told in (worth - apart - apart[:, None], worth)}
-        cells = [(x / SAMPLES - _REACH, y / SAMPLES - _REACH) for y, x in sorted(places)]
-        found = [_by_cells(expected, x, y, shape) for x, y in cells if max(abs(x), abs(y)) > 1 / SAMPLES]
         if worth.max() < _POOR * self.on.size:
-            found.append(shift(grey, expected, self.seen))
-        return [expected, *found]
+            return shift(grey, expected, self.seen)
+        apart = (np.arange(len(worth)) / SAMPLES - _REACH) ** 2 / 2 / (self.spread * (1 + self.misses))
+        y, x = divmod(int((worth - apart - apart[:, None]).argmax()), len(worth))
+        return _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
 
     def place(self, shape: PanelShape) -> None:
         """Move by a line of LEDs where most that changed is inside then."""
@@ -186,26 +184,10 @@ class Track:
         expected = self.corners + self.motion * (1 + self.misses)
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
 
-        def likely(start: Corners) -> tuple[float, Corners, float, float]:
-            """Fit from a start: how likely that is, for what a lattice explains and how far off it lies."""
-            corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN, dark)
-            place, size, bend = _parts(corners - expected, expected)
-            corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
-            told = -shape.leds / 4 * math.log(max(1 - share, 1e-3))
-            if self.on.size:
-                told += float(self.known(grey, corners, shape)[0, 0])
-            apart = float(((corners - expected).mean(0) ** 2).sum()) / before**2
-            return told - apart / 2 / (self.spread * (1 + self.misses)), corners, blur, share
-
-        dark = None
-        if self.on.size:
-            dark = self.lights[0].copy()
-            dark[1:-1, 1:-1] -= np.sqrt(self.lights[1, 1:-1, 1:-1])
-        # Bits change, so that what is expected may be off by a line of LEDs.
-        starts = self.starts(grey, expected, shape)
-        _, corners, blur, share = max((likely(start) for start in starts), key=lambda one: one[0])
-        if dark is not None:  # which a frame without the panel has, too
-            share = fit(grey, corners, shape, blur, 0)[2]
+        start = self.start(grey, expected, shape)
+        corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN)
+        place, size, bend = _parts(corners - expected, expected)
+        corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
         cell = math.sqrt(abs(area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
         inside = sane and bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
