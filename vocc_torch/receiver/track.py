@@ -16,8 +16,6 @@ from vocc_torch.receiver.frame_fit import (
     area,
     cell_levels,
     fit,
-    read,
-    weights_of,
 )
 from vocc_torch.types import PanelShape
 
@@ -32,7 +30,7 @@ _LEAST_SHARE = 0.6
 # twenty, but no more than so much either way; from so much on it is a panel, all in logarithms of odds.
 _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
 # How much more must have changed inside a panel that is moved by a line than where it is.
-_LINE_MORE = 1.1
+_LINE_MORE, _CHANGES_KEPT = 1.1, 0.85
 _EITHER, _UNLIKELY = 0.8, 25.0
 # Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
 # farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
@@ -41,43 +39,15 @@ _REACH, _POOR, _TRUST, _STILL, _KEPT = 3, -0.25, 0.3, 0.15, 0.1
 # How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
 # slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
 _GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
-_SIZE_KEPT, _SHAPE_KEPT = 0.25, 0.1
+_SIZE_KEPT, _SHAPE_KEPT = 0.5, 0.2
 # What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance, of a
 # panel that is followed, whose shape is known.
 _KNOWN = (4.0, 400.0, 400.0, 1600.0, 1600.0)
 # Squared cells that a panel is off from where it was expected: at first, at least; and how much is learned
 # anew.
-_SPREAD, _LEAST_SPREAD, _LEARNED = 0.25, 0.02, 0.2
+_SPREAD, _LEAST_SPREAD, _MOST_SPREAD, _LEARNED = 0.25, 0.02, 1.0, 0.2
 # How much of a window is remembered anew: over many frames bits become a grey mean; all else stays.
 _MEMORY = 0.1
-
-
-_U = ((np.arange(_WINDOW, dtype=np.float32) + 0.5) / _WINDOW - 0.5) * _PANELS + 0.5
-_WIDE = weights_of(_U, _U)
-_INSIDE = (slice(_WINDOW // 4, -_WINDOW // 4), slice(_WINDOW // 4, -_WINDOW // 4))
-_TAPER = np.outer(np.hanning(_WINDOW), np.hanning(_WINDOW)).astype(np.float32)
-
-
-def spectrum(grey: NDArray[np.uint8], corners: Corners, plain: bool = False) -> NDArray[np.complex64]:
-    """Fourier transform of a window twice the panel's size; ``plain`` with the panel's mean inside."""
-    patch = read(grey, corners, _WIDE).reshape(_WINDOW, _WINDOW)
-    if plain:
-        patch[_INSIDE] = patch[_INSIDE].mean()
-    patch = (patch - patch.mean()) * _TAPER
-    return np.fft.rfft2(patch).astype(np.complex64)
-
-
-def shift(grey: NDArray[np.uint8], corners: Corners, before: NDArray[np.complex64]) -> Corners:
-    """Move corners by how far the window's content lies from what is remembered of it, ``before``.
-
-    The bits change; the lattice, the board, its edges and the vehicle around it stay.
-    """
-    both = np.fft.irfft2(spectrum(grey, corners) * before.conj(), s=(_WINDOW, _WINDOW))
-    y, x = divmod(int(both.argmax()), _WINDOW)
-    cells = np.array([(n + _WINDOW // 2) % _WINDOW - _WINDOW // 2 for n in (x, y)]) * (_PANELS / _WINDOW)
-    along, beside = corners[1] - corners[0], corners[3] - corners[0]
-    moved: Corners = corners + cells[0] * along + cells[1] * beside
-    return moved
 
 
 @dataclass(eq=False)
@@ -90,7 +60,6 @@ class Track:
         score: of the full search that found it.
         blur: its spots' standard deviation, cells.
         share: what a lattice explained there.
-        seen: the window's spectrum when it was seen last.
         motion: (4,2) px a frame.
         spread: squared cells by which it is off from where it is expected, along an axis.
         misses: frames since it was seen.
@@ -106,7 +75,6 @@ class Track:
     score: float
     blur: float
     share: float
-    seen: NDArray[np.complex64]
     motion: Corners = field(default_factory=lambda: np.zeros((4, 2)))
     spread: float = _SPREAD
     misses: int = 0
@@ -114,7 +82,7 @@ class Track:
     flicker: float = math.inf
     lights: Plane = field(default_factory=lambda: np.zeros((2, 0, 0)))
     on: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
-    changes: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    changes: Plane = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def sure(self) -> bool:
@@ -128,7 +96,7 @@ class Track:
         low, high = float(inside.min()), float(inside.max())
         on = levels > (low + high) / 2
         if self.on.size:
-            self.changes = self.changes + (on != self.on)
+            self.changes = _CHANGES_KEPT * self.changes + (on != self.on)
             # The least of all shifts by a line: where the corners slip, what stands still changes as well.
             before = sliding_window_view(self.on, inside.shape)
             changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
@@ -142,7 +110,7 @@ class Track:
         else:  # LEDs may change by all their light, and what is around them by little
             varied = np.full_like(levels, (_STILL * (high - low)) ** 2)
             varied[1:-1, 1:-1], levels[1:-1, 1:-1] = ((high - low) / 2) ** 2, (low + high) / 2
-            self.lights, self.changes = np.stack([levels, varied]), np.zeros(on.shape, np.int64)
+            self.lights, self.changes = np.stack([levels, varied]), np.zeros(on.shape)
         self.on = on
         self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
         return self.sure
@@ -162,11 +130,7 @@ class Track:
 
     def start(self, grey: NDArray[np.uint8], expected: Corners, shape: PanelShape) -> Corners:
         """Give where a panel likely is: near where it is expected, and where most is as it was."""
-        if not self.on.size:
-            return shift(grey, expected, self.seen)
         worth = self.known(grey, expected, shape, _REACH)
-        if worth.max() < _POOR * self.on.size:
-            return shift(grey, expected, self.seen)
         apart = (np.arange(len(worth)) / SAMPLES - _REACH) ** 2 / 2 / (self.spread * (1 + self.misses))
         y, x = divmod(int((worth - apart - apart[:, None]).argmax()), len(worth))
         return _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
@@ -177,7 +141,9 @@ class Track:
         y, x = divmod(int(inside.argmax()), 3)
         if inside[y, x] > _LINE_MORE * inside[1, 1]:
             self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
-            self.on = self.on[:0]
+            self.on, self.changes, self.lights = (
+                np.roll(one, (1 - y, 1 - x), (-2, -1)) for one in (self.on, self.changes, self.lights)
+            )
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
@@ -197,11 +163,10 @@ class Track:
         place, size, bend = (part / (1 + self.misses) for part in _parts(corners - expected, expected))
         self.motion = self.motion + _GAIN * place + _SIZE_GAIN * size + _SHAPE_GAIN * bend
         self.spread += _LEARNED * (float((place**2).mean()) / before**2 - self.spread)
-        self.spread = max(self.spread, _LEAST_SPREAD)
+        self.spread = min(max(self.spread, _LEAST_SPREAD), _MOST_SPREAD)
         self.corners, self.misses = corners, 0
         self.blur += _SIZE_GAIN * (blur - self.blur)
         self.share += _MEMORY * (share - self.share)
-        self.seen += _MEMORY * (spectrum(grey, corners) - self.seen)
         return True
 
 

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.frame_fit import BLURS, LEAST_TO_BEGIN, Corners, area, fit
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.rectification import cell_size_px
-from vocc_torch.receiver.track import STANDS, Track, spectrum
+from vocc_torch.receiver.track import STANDS, Track
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
@@ -22,6 +22,8 @@ _MOST_FALSE_ALARMS = 1e-3
 _WATCHED = 3
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
+# Cells up to which what a search and a fit say of the corners is the same.
+_CLOSE = 0.5
 
 
 @dataclass
@@ -63,9 +65,10 @@ class Tracker:
         seen = [track for track in self.tracks if track.follow(plane, self.shape)]
         for track in seen:
             watched = not track.sure
-            if track.watch(plane, self.shape) and watched:
+            if track.watch(plane, self.shape):
                 track.place(self.shape)
-                self._admit(track)
+                if watched:
+                    self._admit(track)
         seen = _apart([track for track in seen if track.sure])
         # What is watched stays while it is followed and there is no panel; panels while not missed for long.
         self.tracks = [
@@ -122,22 +125,26 @@ class Tracker:
         watched = sum(track.flicker > STANDS for track in self.tracks)
         if not good and any(track.sure for track in self.tracks):
             return None
-        share, blur = max(fit(plane, corners, self.shape, blur)[:0:-1] for blur in BLURS)
+        fits = (fit(plane, corners, self.shape, blur) for blur in BLURS)
+        fitted, blur, share = max(fits, key=lambda one: one[2])
+        cell = math.sqrt(abs(area(corners)) / self.shape.leds)
+        if np.abs(fitted - corners).max() < _CLOSE * cell:
+            corners = fitted
         middle, reach = corners.mean(0), math.sqrt(abs(area(corners))) / 2
         if share < LEAST_TO_BEGIN:
             return None
         for track in self.tracks:
             there = track.corners + track.motion * track.misses
             if float(np.linalg.norm(there.mean(0) - middle)) < reach:
-                if not good:
+                track.score = score if good else track.score
+                if not good or (not track.misses and np.abs(track.corners - corners).max() < _CLOSE * cell):
                     return track
-                track.corners, track.score, track.misses = corners, score, 0
-                track.on = track.on[:0]
+                track.corners, track.misses, track.on = corners, 0, track.on[:0]
                 break
         else:
             if not good and watched >= _WATCHED:
                 return None
-            track = Track(-1, corners, score, blur, share, spectrum(plane, corners, True), flicker=0.0)
+            track = Track(-1, corners, score, blur, share, flicker=0.0)
             self.tracks.append(track)
         if good and track.number < 0:
             self._admit(track)
@@ -149,7 +156,7 @@ class Tracker:
 def _apart(tracks: list[Track]) -> list[Track]:
     """Leave of tracks that lie on one panel the one of the lowest number."""
     kept: list[Track] = []
-    for track in sorted(tracks, key=lambda one: one.number):
+    for track in sorted(tracks, key=lambda one: (one.doubts, one.number)):
         middle, reach = track.corners.mean(0), math.sqrt(abs(area(track.corners))) / 2
         if all(np.linalg.norm(one.corners.mean(0) - middle) >= reach for one in kept):
             kept.append(track)
