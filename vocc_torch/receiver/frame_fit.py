@@ -20,7 +20,7 @@ SAMPLES = 4
 STEPS = 3
 """Steps of the fit to a panel that is followed."""
 
-LEAST_TO_BEGIN = 0.35
+LEAST_TO_BEGIN = 0.5
 """A panel that a full search claims is begun with where a lattice explains this share; noise stays below."""
 
 BLURS = (0.2, 0.4)
