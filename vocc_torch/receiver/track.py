@@ -89,9 +89,9 @@ class Track:
         """Whether it is a panel: nothing else changes half of its lights from frame to frame."""
         return self.flicker >= _FLICKERS
 
-    def watch(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
-        """Compare the LEDs with those of the frame before, and say whether it is surely a panel."""
-        levels = cell_levels(grey, self.corners, shape)[0, 0].copy()
+    def watch(self, levels: Plane) -> None:
+        """Compare the LEDs' light (R+2,C+2) with that of the frame before, and remember it."""
+        levels = levels.copy()
         inside = levels[1:-1, 1:-1]
         low, high = float(inside.min()), float(inside.max())
         on = levels > (low + high) / 2
@@ -103,7 +103,7 @@ class Track:
             told = changed * math.log(_CHANGE / _STAYS) + (1 - changed) * math.log(
                 (1 - _CHANGE) / (1 - _STAYS)
             )
-            self.flicker += min(max(shape.leds * told, _MOST_TOLD[0]), _MOST_TOLD[1])
+            self.flicker += min(max(inside.size * told, _MOST_TOLD[0]), _MOST_TOLD[1])
             self.flicker = max(self.flicker, STANDS)
             off = levels - self.lights[0]
             self.lights = self.lights + _KEPT * np.stack([off, off**2 - self.lights[1]])
@@ -113,27 +113,21 @@ class Track:
             self.lights, self.changes = np.stack([levels, varied]), np.zeros(on.shape)
         self.on = on
         self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
-        return self.sure
 
-    def known(self, grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, reach: int = 0) -> Plane:
-        """How likely what is seen is, for what stands still and for LEDs that have changed before.
+    def likeliest(self, levels: Plane, apart: Corners) -> tuple[int, int]:
+        """Give the place down and along where what is seen is likeliest, from levels (P,P,R+2,C+2).
 
-        Returns:
-            (P,P) log likelihoods at places by quarters of cells up to ``reach`` cells down and along.
+        What stands still is as it was, and LEDs are bright or dark. ``apart`` (2,) is how far the middle place
+        is from where the panel is expected, cells.
         """
-        seen = cell_levels(grey, corners, shape, reach)
-        off = (seen - self.lights[0]) ** 2 / self.lights[1]
-        leds = (..., slice(1, -1), slice(1, -1))
-        off[leds] = ((np.sqrt(off[leds]) - 1) / _EITHER) ** 2
-        worth: Plane = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
-        return worth
-
-    def start(self, grey: NDArray[np.uint8], expected: Corners, shape: PanelShape) -> Corners:
-        """Give where a panel likely is: near where it is expected, and where most is as it was."""
-        worth = self.known(grey, expected, shape, _REACH)
-        apart = (np.arange(len(worth)) / SAMPLES - _REACH) ** 2 / 2 / (self.spread * (1 + self.misses))
-        y, x = divmod(int((worth - apart - apart[:, None]).argmax()), len(worth))
-        return _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
+        off = (levels - self.lights[0]) ** 2 / self.lights[1]
+        leds = off[..., 1:-1, 1:-1]
+        leds[:] = ((np.sqrt(leds) - 1) / _EITHER) ** 2
+        worth = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
+        step = 1 if len(worth) == 3 else 1 / SAMPLES
+        places = (np.arange(len(worth)) - len(worth) // 2) * step
+        across, down = ((places + one) ** 2 / 2 / (self.spread * (1 + self.misses)) for one in apart)
+        return divmod(int((worth - down[:, None] - across).argmax()), len(worth))
 
     def place(self, shape: PanelShape) -> None:
         """Move by a line of LEDs where most that changed is inside then."""
@@ -150,10 +144,15 @@ class Track:
         expected = self.corners + self.motion * (1 + self.misses)
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
 
-        start = self.start(grey, expected, shape)
+        levels = cell_levels(grey, expected, shape, _REACH)
+        y, x = self.likeliest(levels, np.zeros(2))
+        start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
         corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN)
         place, size, bend = _parts(corners - expected, expected)
         corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
+        levels = cell_levels(grey, corners, shape, 1)[::SAMPLES, ::SAMPLES]
+        y, x = self.likeliest(levels, (corners - expected).mean(0) / before)
+        corners = _by_cells(corners, x - 1, y - 1, shape)
         cell = math.sqrt(abs(area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
         inside = sane and bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
@@ -167,6 +166,7 @@ class Track:
         self.corners, self.misses = corners, 0
         self.blur += _SIZE_GAIN * (blur - self.blur)
         self.share += _MEMORY * (share - self.share)
+        self.watch(levels[y, x])
         return True
 
 
