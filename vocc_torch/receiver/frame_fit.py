@@ -36,6 +36,8 @@ _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]]
 _FREE = (4.0, 16.0, 16.0, 400.0, 16.0)
 # Samples to either side of which the mean is taken away.
 _AROUND = 6
+# A spot of light is told from what is around it with this blur, cells, from this share of the brightest on.
+_BLUR, _SPOT = 0.35, 0.1
 # Light of a grey value, of which 255 is white: spots of light add, grey values do not.
 _LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(
     np.float32
@@ -59,6 +61,7 @@ def weights_of(u: Plane, v: Plane) -> Plane:
     return np.stack([part.ravel() for part in parts])
 
 
+@lru_cache(maxsize=256)
 def _spots(leds: int, blur: float) -> tuple[Plane, Plane, Plane, Plane]:
     """Profiles (N,n) of spots along an axis, their slopes by place and by blur, and their inverse (n,N)."""
     place = (np.arange((leds + 2) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES - 1
@@ -108,19 +111,32 @@ def _two_levels(lit: Plane) -> Plane:
     return np.where(on, np.float32(high), np.float32(low))
 
 
-def cell_levels(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, reach: int = 0) -> Plane:
-    """Read the mean light of cells with a line of cells around, moved by quarters up to ``reach`` cells.
+def read_cells(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, margin: int) -> Plane:
+    """Read the light of a panel with ``margin`` cells around: ((R+2M)*SAMPLES,(C+2M)*SAMPLES)."""
+    weights, down, across = _grid(shape.rows, shape.columns, margin)
+    return read(grey, corners, weights).reshape(len(down), len(across))
+
+
+def cell_levels(light: Plane, shape: PanelShape) -> Plane:
+    """Give the mean light of cells with a line of cells around, wherever they fit into what was read.
 
     Returns:
-        (P,P,R+2,C+2) for P = 8 reach + 1 places down and along.
+        (P,P,R+2,C+2) at places by quarters of cells, P = 8 (M - 1) + 1 for a margin of M cells.
     """
-    rows, columns = (n + 2 + 2 * reach for n in (shape.rows, shape.columns))
-    light = read(grey, corners, _grid(shape.rows, shape.columns, 1 + reach)[0])
-    light = light.reshape(rows * SAMPLES, columns * SAMPLES)
     for axis in (0, 1):
         light = sliding_window_view(light, SAMPLES, axis).mean(-1)
     size = tuple(SAMPLES * (n + 1) + 1 for n in (shape.rows, shape.columns))
     return sliding_window_view(light, size)[..., ::SAMPLES, ::SAMPLES]
+
+
+def spot_energy(light: Plane) -> Plane:
+    """Say of how many cells (N,M) less a line around, which were read, how much a spot stands out of each."""
+    rows, columns = (n // SAMPLES - 2 for n in light.shape)
+    flat = _flattener(light.shape[0]) @ light @ _flattener(light.shape[1]).T
+    lit = _spots(rows, _BLUR)[3] @ flat @ _spots(columns, _BLUR)[3].T
+    inside = lit[1:-1, 1:-1]
+    energy: Plane = np.log1p((lit / max(_SPOT * float(np.ptp(inside)), 1e-3)) ** 2)
+    return energy
 
 
 def fit(
@@ -161,6 +177,7 @@ def fit(
     ]
     share, moved = 0.0, np.zeros(8)
     for step in range(steps + 1):
+        blur = round(blur * 128) / 128
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
         columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
         patch = read(grey, corners, weights).reshape(size)

@@ -16,6 +16,8 @@ from vocc_torch.receiver.frame_fit import (
     area,
     cell_levels,
     fit,
+    read_cells,
+    spot_energy,
 )
 from vocc_torch.types import PanelShape
 
@@ -29,8 +31,8 @@ _LEAST_SHARE = 0.6
 # A frame tells by how many LEDs change whether they are a panel's, half of which change, or clutter's, one in
 # twenty, but no more than so much either way; from so much on it is a panel, all in logarithms of odds.
 _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
-# How much more must have changed inside a panel that is moved by a line than where it is.
-_LINE_MORE, _CHANGES_KEPT = 1.1, 0.85
+# How much more must stand out inside a panel that is moved by a line, and how much of that is learned anew.
+_LINE_MORE, _ENERGY_KEPT = 3.0, 0.2
 _EITHER, _UNLIKELY = 0.8, 25.0
 # Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
 # farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
@@ -67,7 +69,7 @@ class Track:
         flicker: log odds of a panel by how its LEDs change; infinity where the search was sure.
         lights: (2,R+2,C+2), the cells' light and its variance, with a line of cells around.
         on: (R+2,C+2) bool, cells that were bright when it was seen last.
-        changes: (R+2,C+2), how often they changed since it was begun.
+        energy: (R+2,C+2), how much a spot stood out of each cell, over some frames.
     """
 
     number: int
@@ -82,21 +84,21 @@ class Track:
     flicker: float = math.inf
     lights: Plane = field(default_factory=lambda: np.zeros((2, 0, 0)))
     on: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
-    changes: Plane = field(default_factory=lambda: np.zeros((0, 0)))
+    energy: Plane = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def sure(self) -> bool:
         """Whether it is a panel: nothing else changes half of its lights from frame to frame."""
         return self.flicker >= _FLICKERS
 
-    def watch(self, levels: Plane) -> None:
-        """Compare the LEDs' light (R+2,C+2) with that of the frame before, and remember it."""
+    def watch(self, levels: Plane, energy: Plane) -> None:
+        """Compare the LEDs' light (R+2,C+2) with that of the frame before, and remember both."""
         levels = levels.copy()
         inside = levels[1:-1, 1:-1]
         low, high = float(inside.min()), float(inside.max())
         on = levels > (low + high) / 2
         if self.on.size:
-            self.changes = _CHANGES_KEPT * self.changes + (on != self.on)
+            self.energy = self.energy + _ENERGY_KEPT * (energy - self.energy)
             # The least of all shifts by a line: where the corners slip, what stands still changes as well.
             before = sliding_window_view(self.on, inside.shape)
             changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
@@ -110,33 +112,32 @@ class Track:
         else:  # LEDs may change by all their light, and what is around them by little
             varied = np.full_like(levels, (_STILL * (high - low)) ** 2)
             varied[1:-1, 1:-1], levels[1:-1, 1:-1] = ((high - low) / 2) ** 2, (low + high) / 2
-            self.lights, self.changes = np.stack([levels, varied]), np.zeros(on.shape)
+            self.lights, self.energy = np.stack([levels, varied]), energy
         self.on = on
         self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
 
-    def likeliest(self, levels: Plane, apart: Corners) -> tuple[int, int]:
-        """Give the place down and along where what is seen is likeliest, from levels (P,P,R+2,C+2).
+    def likely(self, levels: Plane, apart: Corners, step: float) -> Plane:
+        """How likely what is seen (P,P,R+2,C+2) is at places by a ``step`` of cells: (P,P), logarithms.
 
-        What stands still is as it was, and LEDs are bright or dark. ``apart`` (2,) is how far the middle place
-        is from where the panel is expected, cells.
+        What stands still is as it was, and LEDs are bright or dark. ``apart`` (2,) is how far the middle
+        place is from where the panel is expected, cells.
         """
         off = (levels - self.lights[0]) ** 2 / self.lights[1]
         leds = off[..., 1:-1, 1:-1]
         leds[:] = ((np.sqrt(leds) - 1) / _EITHER) ** 2
-        worth = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
-        step = 1 if len(worth) == 3 else 1 / SAMPLES
+        worth: Plane = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
         places = (np.arange(len(worth)) - len(worth) // 2) * step
         across, down = ((places + one) ** 2 / 2 / (self.spread * (1 + self.misses)) for one in apart)
-        return divmod(int((worth - down[:, None] - across).argmax()), len(worth))
+        return worth - down[:, None] - across
 
     def place(self, shape: PanelShape) -> None:
-        """Move by a line of LEDs where most that changed is inside then."""
-        inside = sliding_window_view(self.changes, (shape.rows, shape.columns)).sum((2, 3))
+        """Move by a line of LEDs where spots have stood out."""
+        inside = sliding_window_view(self.energy, (shape.rows, shape.columns)).sum((2, 3))
         y, x = divmod(int(inside.argmax()), 3)
-        if inside[y, x] > _LINE_MORE * inside[1, 1]:
+        if inside[y, x] > inside[1, 1] + _LINE_MORE:
             self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
-            self.on, self.changes, self.lights = (
-                np.roll(one, (1 - y, 1 - x), (-2, -1)) for one in (self.on, self.changes, self.lights)
+            self.on, self.energy, self.lights = (
+                np.roll(one, (1 - y, 1 - x), (-2, -1)) for one in (self.on, self.energy, self.lights)
             )
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
@@ -144,14 +145,17 @@ class Track:
         expected = self.corners + self.motion * (1 + self.misses)
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
 
-        levels = cell_levels(grey, expected, shape, _REACH)
-        y, x = self.likeliest(levels, np.zeros(2))
+        levels = cell_levels(read_cells(grey, expected, shape, 1 + _REACH), shape)
+        y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), len(levels))
         start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
         corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN)
         place, size, bend = _parts(corners - expected, expected)
         corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
-        levels = cell_levels(grey, corners, shape, 1)[::SAMPLES, ::SAMPLES]
-        y, x = self.likeliest(levels, (corners - expected).mean(0) / before)
+        light = read_cells(grey, corners, shape, 2)
+        levels, energy = cell_levels(light, shape)[::SAMPLES, ::SAMPLES], spot_energy(light)
+        inside = sliding_window_view(energy, (shape.rows, shape.columns)).sum((2, 3))
+        worth = self.likely(levels, (corners - expected).mean(0) / before, 1.0) + inside
+        y, x = divmod(int(worth.argmax()), 3)
         corners = _by_cells(corners, x - 1, y - 1, shape)
         cell = math.sqrt(abs(area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
@@ -166,7 +170,8 @@ class Track:
         self.corners, self.misses = corners, 0
         self.blur += _SIZE_GAIN * (blur - self.blur)
         self.share += _MEMORY * (share - self.share)
-        self.watch(levels[y, x])
+        self.watch(levels[y, x], np.roll(energy, (1 - y, 1 - x), (0, 1)))
+        self.place(shape)
         return True
 
 

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.receiver.frame_fit import BLURS, LEAST_TO_BEGIN, Corners, area, cell_levels, fit
+from vocc_torch.receiver.frame_fit import (
+    BLURS,
+    LEAST_TO_BEGIN,
+    SAMPLES,
+    Corners,
+    area,
+    cell_levels,
+    fit,
+    read_cells,
+    spot_energy,
+)
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.track import STANDS, Track
@@ -66,10 +76,8 @@ class Tracker:
         """Take the recording's next frame (H,W), and give the panels that are seen in it."""
         seen = [track for track in self.tracks if track.follow(plane, self.shape)]
         for track in seen:
-            if track.sure:
-                track.place(self.shape)
-                if track.number < 0:
-                    self._admit(track)
+            if track.sure and track.number < 0:
+                self._admit(track)
         seen = _apart([track for track in seen if track.sure])
         # What is watched stays while it is followed and there is no panel; panels while not missed for long.
         self.tracks = [
@@ -149,7 +157,8 @@ class Tracker:
             self.tracks.append(track)
         if good and track.number < 0:
             self._admit(track)
-        track.watch(cell_levels(plane, track.corners, self.shape)[0, 0])
+        light = read_cells(plane, track.corners, self.shape, 2)
+        track.watch(cell_levels(light, self.shape)[SAMPLES, SAMPLES], spot_energy(light))
         track.blur, track.share = blur, share
         return track
 
