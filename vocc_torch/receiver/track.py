@@ -37,7 +37,7 @@ _EITHER, _UNLIKELY = 0.8, 25.0
 # Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
 # farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
 # their light; and how much of a cell's light and variance is learned anew.
-_REACH, _POOR, _TRUST, _STILL, _KEPT = 3, -0.25, 0.3, 0.15, 0.1
+_REACH, _TRUST, _STILL, _KEPT = 3, 0.15, 0.15, 0.1
 # How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
 # slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
 _GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
