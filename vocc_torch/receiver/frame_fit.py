@@ -20,7 +20,7 @@ SAMPLES = 4
 STEPS = 3
 """Steps of the fit to a panel that is followed."""
 
-LEAST_TO_BEGIN = 0.5
+LEAST_TO_BEGIN = 0.35
 """A panel that a full search claims is begun with where a lattice explains this share; noise stays below."""
 
 BLURS = (0.2, 0.4)
@@ -186,7 +186,10 @@ def fit(
         if step == steps:
             rest = patch - rows @ _two_levels(lit) @ columns.T
             all_of_it = float((patch**2).sum())
-            share = 1 - float((rest**2).sum()) / all_of_it if all_of_it > 1e-6 else 0.0
+            pixels = min(rest.size, abs(area(corners)) * rest.size / SAMPLES**2 / shape.leds)
+            free = max(1 - shape.leds / pixels, 0.0)  # of noise as many amplitudes explain a share by chance
+            if all_of_it > 1e-6 and free > 0:
+                share = 1 - float((rest**2).sum()) / all_of_it / free
             break
         half = rows @ lit
         rest = patch - half @ columns.T

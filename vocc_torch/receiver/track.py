@@ -8,7 +8,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vocc_torch.receiver.frame_fit import (
-    LEAST_TO_BEGIN,
     SAMPLES,
     STEPS,
     Corners,
@@ -26,8 +25,8 @@ STANDS = -8.0
 
 # The window that is compared with the last frame's: its samples, and its side in panels.
 _WINDOW, _PANELS = 64, 2.0
-# A panel is followed where a lattice explains this share of what it did when it was found.
-_LEAST_SHARE = 0.6
+# A panel is followed where a lattice explains this share of what it did before, and of the picture.
+_LEAST_SHARE, _LEAST = 0.6, 0.3
 # A frame tells by how many LEDs change whether they are a panel's, half of which change, or clutter's, one in
 # twenty, but no more than so much either way; from so much on it is a panel, all in logarithms of odds.
 _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
@@ -160,7 +159,7 @@ class Track:
         cell = math.sqrt(abs(area(corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
         inside = sane and bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
-        if not inside or share < _LEAST_SHARE * max(self.share, LEAST_TO_BEGIN):
+        if not inside or share < max(_LEAST_SHARE * self.share, _LEAST):
             self.misses += 1
             return False
         place, size, bend = (part / (1 + self.misses) for part in _parts(corners - expected, expected))

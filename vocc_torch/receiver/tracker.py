@@ -28,8 +28,6 @@ from vocc_torch.types import Frames, Panels, PanelShape
 
 # A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
 _MOST_FALSE_ALARMS = 1e-3
-# It is begun with where a lattice explains this share.
-_LEAST_OF_SURE = 0.35
 # Of less likely sightings so many are watched at a time.
 _WATCHED = 3
 # A panel that so many full searches pass over for others is none.
@@ -140,7 +138,7 @@ class Tracker:
         if np.abs(fitted - corners).max() < _CLOSE * cell:
             corners = fitted
         middle, reach = corners.mean(0), math.sqrt(abs(area(corners))) / 2
-        if share < (_LEAST_OF_SURE if good else LEAST_TO_BEGIN):
+        if share < LEAST_TO_BEGIN:
             return None
         for track in self.tracks:
             there = track.corners + track.motion * track.misses
