@@ -195,7 +195,10 @@ def fit(
         rest = patch - half @ columns.T
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
-        jacobian = np.stack([f * one for one in (by_x, by_y) for f in fields] + [wider]).reshape(9, -1)
+        jacobian = np.stack([f * one for one in (by_x, by_y) for f in fields] + [wider])
+        # Less what other amplitudes would explain as well: moves and amplitudes are fitted together.
+        jacobian -= rows @ (from_rows @ jacobian @ from_columns.T) @ columns.T
+        jacobian = jacobian.reshape(9, -1)
         damping = np.array([*costs[:4] * 2, costs[4]]) * max(float((rest**2).mean()), 1e-2)
         pull = jacobian @ rest.ravel() - damping * np.append(moved, 0.0)
         moves = np.linalg.solve(jacobian @ jacobian.T + np.diag(damping), pull)
