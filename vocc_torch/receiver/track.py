@@ -32,6 +32,8 @@ _LEAST_SHARE, _LEAST = 0.6, 0.3
 _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
 # How much more must stand out inside a panel that is moved by a line, and how much of that is learned anew.
 _LINE_MORE, _ENERGY_KEPT = 3.0, 0.2
+# Where less stands out of a cell, on the average, no panel is left.
+_LEAST_ENERGY = 1.2
 _EITHER, _UNLIKELY = 0.8, 25.0
 # Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
 # farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
@@ -90,14 +92,13 @@ class Track:
         """Whether it is a panel: nothing else changes half of its lights from frame to frame."""
         return self.flicker >= _FLICKERS
 
-    def watch(self, levels: Plane, energy: Plane) -> None:
-        """Compare the LEDs' light (R+2,C+2) with that of the frame before, and remember both."""
+    def watch(self, levels: Plane) -> None:
+        """Compare the LEDs' light (R+2,C+2) with that of the frame before, and remember it."""
         levels = levels.copy()
         inside = levels[1:-1, 1:-1]
         low, high = float(inside.min()), float(inside.max())
         on = levels > (low + high) / 2
         if self.on.size:
-            self.energy = self.energy + _ENERGY_KEPT * (energy - self.energy)
             # The least of all shifts by a line: where the corners slip, what stands still changes as well.
             before = sliding_window_view(self.on, inside.shape)
             changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
@@ -111,7 +112,7 @@ class Track:
         else:  # LEDs may change by all their light, and what is around them by little
             varied = np.full_like(levels, (_STILL * (high - low)) ** 2)
             varied[1:-1, 1:-1], levels[1:-1, 1:-1] = ((high - low) / 2) ** 2, (low + high) / 2
-            self.lights, self.energy = np.stack([levels, varied]), energy
+            self.lights = np.stack([levels, varied])
         self.on = on
         self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
 
@@ -126,52 +127,58 @@ class Track:
         leds[:] = ((np.sqrt(leds) - 1) / _EITHER) ** 2
         worth: Plane = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
         places = (np.arange(len(worth)) - len(worth) // 2) * step
-        across, down = ((places + one) ** 2 / 2 / (self.spread * (1 + self.misses)) for one in apart)
+        across, down = ((places + one) ** 2 / 2 / (self.spread * self.misses) for one in apart)
         return worth - down[:, None] - across
 
     def place(self, shape: PanelShape) -> None:
         """Move by a line of LEDs where spots have stood out."""
-        inside = sliding_window_view(self.energy, (shape.rows, shape.columns)).sum((2, 3))
+        inside = _inside(self.energy, shape)
         y, x = divmod(int(inside.argmax()), 3)
         if inside[y, x] > inside[1, 1] + _LINE_MORE:
             self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
-            self.on, self.energy, self.lights = (
-                np.roll(one, (1 - y, 1 - x), (-2, -1)) for one in (self.on, self.energy, self.lights)
-            )
+            for name in ("on", "energy", "lights"):
+                setattr(self, name, np.roll(getattr(self, name), (1 - y, 1 - x), (-2, -1)))
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
-        expected = self.corners + self.motion * (1 + self.misses)
+        self.misses += 1
+        expected = self.corners + self.motion * self.misses
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
-
         levels = cell_levels(read_cells(grey, expected, shape, 1 + _REACH), shape)
         y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), len(levels))
         start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
         corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN)
         place, size, bend = _parts(corners - expected, expected)
         corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
+        within = bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
+        grown = math.sqrt(abs(area(corners)) / shape.leds) / before
+        if not within or not 0.8 < grown < 1.25 or share < max(_LEAST_SHARE * self.share, _LEAST):
+            return False
+        # A lattice looks the same from line to line; what stands out of it does not.
         light = read_cells(grey, corners, shape, 2)
         levels, energy = cell_levels(light, shape)[::SAMPLES, ::SAMPLES], spot_energy(light)
-        inside = sliding_window_view(energy, (shape.rows, shape.columns)).sum((2, 3))
-        worth = self.likely(levels, (corners - expected).mean(0) / before, 1.0) + inside
+        worth = self.likely(levels, (corners - expected).mean(0) / before, 1.0) + _inside(energy, shape)
         y, x = divmod(int(worth.argmax()), 3)
         corners = _by_cells(corners, x - 1, y - 1, shape)
-        cell = math.sqrt(abs(area(corners)) / shape.leds)
-        sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
-        inside = sane and bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
-        if not inside or share < max(_LEAST_SHARE * self.share, _LEAST):
-            self.misses += 1
+        self.energy = self.energy + _ENERGY_KEPT * (np.roll(energy, (1 - y, 1 - x), (0, 1)) - self.energy)
+        if self.energy[1:-1, 1:-1].mean() < _LEAST_ENERGY:
             return False
-        place, size, bend = (part / (1 + self.misses) for part in _parts(corners - expected, expected))
+        place, size, bend = (part / self.misses for part in _parts(corners - expected, expected))
         self.motion = self.motion + _GAIN * place + _SIZE_GAIN * size + _SHAPE_GAIN * bend
         self.spread += _LEARNED * (float((place**2).mean()) / before**2 - self.spread)
         self.spread = min(max(self.spread, _LEAST_SPREAD), _MOST_SPREAD)
         self.corners, self.misses = corners, 0
         self.blur += _SIZE_GAIN * (blur - self.blur)
         self.share += _MEMORY * (share - self.share)
-        self.watch(levels[y, x], np.roll(energy, (1 - y, 1 - x), (0, 1)))
+        self.watch(levels[y, x])
         self.place(shape)
         return True
+
+
+def _inside(energy: Plane, shape: PanelShape) -> Plane:
+    """Sum what stands out (R+2,C+2) in a panel that is moved by up to a line: (3,3)."""
+    inside: Plane = sliding_window_view(energy, (shape.rows, shape.columns)).sum((2, 3))
+    return inside
 
 
 def _parts(off: Corners, corners: Corners) -> tuple[Corners, Corners, Corners]:
