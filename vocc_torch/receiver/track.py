@@ -117,18 +117,25 @@ class Track:
         self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
 
     def likely(self, levels: Plane, apart: Corners, step: float) -> Plane:
-        """How likely what is seen (P,P,R+2,C+2) is at places by a ``step`` of cells: (P,P), logarithms.
+        """How likely what is seen (R+2,C+2,P,P) is at places by a ``step`` of cells: (P,P), logarithms.
 
         What stands still is as it was, and LEDs are bright or dark. ``apart`` (2,) is how far the middle
         place is from where the panel is expected, cells.
         """
-        off = (levels - self.lights[0]) ** 2 / self.lights[1]
-        leds = off[..., 1:-1, 1:-1]
-        leds[:] = ((np.sqrt(leds) - 1) / _EITHER) ** 2
-        worth: Plane = -_TRUST / 2 * off.clip(0, _UNLIKELY).sum((2, 3))
+        light, variance = self.lights[..., None, None]
+        off = np.subtract(levels, light, order="C")
+        off /= np.sqrt(variance)
+        leds = off[1:-1, 1:-1]
+        np.abs(leds, out=leds)
+        leds -= 1
+        leds /= _EITHER
+        off *= off
+        np.minimum(off, _UNLIKELY, out=off)
+        worth: Plane = -_TRUST / 2 * off.sum((0, 1))
         places = (np.arange(len(worth)) - len(worth) // 2) * step
         across, down = ((places + one) ** 2 / 2 / (self.spread * self.misses) for one in apart)
-        return worth - down[:, None] - across
+        worth -= down[:, None] + across
+        return worth
 
     def place(self, shape: PanelShape) -> None:
         """Move by a line of LEDs where spots have stood out."""
@@ -145,7 +152,7 @@ class Track:
         expected = self.corners + self.motion * self.misses
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
         levels = cell_levels(read_cells(grey, expected, shape, 1 + _REACH), shape)
-        y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), len(levels))
+        y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), levels.shape[-1])
         start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
         corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN)
         place, size, bend = _parts(corners - expected, expected)
@@ -156,7 +163,7 @@ class Track:
             return False
         # A lattice looks the same from line to line; what stands out of it does not.
         light = read_cells(grey, corners, shape, 2)
-        levels, energy = cell_levels(light, shape)[::SAMPLES, ::SAMPLES], spot_energy(light)
+        levels, energy = cell_levels(light, shape)[..., ::SAMPLES, ::SAMPLES], spot_energy(light)
         worth = self.likely(levels, (corners - expected).mean(0) / before, 1.0) + _inside(energy, shape)
         y, x = divmod(int(worth.argmax()), 3)
         corners = _by_cells(corners, x - 1, y - 1, shape)
@@ -170,7 +177,7 @@ class Track:
         self.corners, self.misses = corners, 0
         self.blur += _SIZE_GAIN * (blur - self.blur)
         self.share += _MEMORY * (share - self.share)
-        self.watch(levels[y, x])
+        self.watch(levels[..., y, x])
         self.place(shape)
         return True
 

@@ -156,7 +156,7 @@ class Tracker:
         if good and track.number < 0:
             self._admit(track)
         light = read_cells(plane, track.corners, self.shape, 2)
-        track.watch(cell_levels(light, self.shape)[SAMPLES, SAMPLES])
+        track.watch(cell_levels(light, self.shape)[..., SAMPLES, SAMPLES])
         track.energy = spot_energy(light)
         track.blur, track.share = blur, share
         return track
