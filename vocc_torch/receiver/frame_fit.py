@@ -17,17 +17,14 @@ Corners = NDArray[np.float64]
 SAMPLES = 4
 """Samples along a cell's side."""
 
-STEPS = 3
-"""Steps of the fit to a panel that is followed."""
-
 LEAST_TO_BEGIN = 0.35
 """A panel that a full search claims is begun with where a lattice explains this share; noise stays below."""
 
 BLURS = (0.2, 0.4)
 """A spot's standard deviations that are tried, cells."""
 
-# Steps from where a search found the panel, and most cells of one step and of all.
-_STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF = 8, 0.35, 0.5
+# Steps of the fit, and from where a search found the panel; most cells of one step and of all.
+_STEPS, _STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF = 3, 8, 0.35, 0.5
 # A panel that is known to stand still is there where this share of it is explained.
 _GOOD_SHARE = 0.95
 # The corners' signs in the fields 1, u, v and uv.
@@ -154,7 +151,7 @@ def fit(
     corners: Corners,
     shape: PanelShape,
     blur: float,
-    steps: int = STEPS,
+    steps: int = _STEPS,
     costs: tuple[float, ...] = _FREE,
     dark: Plane | None = None,
 ) -> tuple[Corners, float, float]:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from vocc_torch.receiver.frame_fit import (
     SAMPLES,
-    STEPS,
     Corners,
     Plane,
     area,
@@ -23,8 +22,6 @@ from vocc_torch.types import PanelShape
 STANDS = -8.0
 """Logarithm of the odds of a panel up to which it is clutter."""
 
-# The window that is compared with the last frame's: its samples, and its side in panels.
-_WINDOW, _PANELS = 64, 2.0
 # A panel is followed where a lattice explains this share of what it did before, and of the picture.
 _LEAST_SHARE, _LEAST = 0.6, 0.3
 # A frame tells by how many LEDs change whether they are a panel's, half of which change, or clutter's, one in
@@ -34,22 +31,23 @@ _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
 _LINE_MORE, _ENERGY_KEPT = 3.0, 0.2
 # Where less stands out of a cell, on the average, no panel is left.
 _LEAST_ENERGY = 1.2
+# How far an LED's light lies from bright or dark, of half the way between them; and the least likely cell, in
+# squared deviations.
 _EITHER, _UNLIKELY = 0.8, 25.0
-# Cells by which a panel is looked for to the sides; log likelihood of a cell below which it is looked for
-# farther off; how far cells are believed, which are not independent; what changes around LEDs at first, of
-# their light; and how much of a cell's light and variance is learned anew.
+# Cells by which a panel is looked for to the sides; how far cells are believed, which are not independent; what
+# changes around LEDs at first, of their light; and how much of a cell's light and variance is learned anew.
 _REACH, _TRUST, _STILL, _KEPT = 3, 0.15, 0.15, 0.1
 # How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
 # slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
 _GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
 _SIZE_KEPT, _SHAPE_KEPT = 0.5, 0.2
-# What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance, of a
+# Steps of the fit, and what fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance, of a
 # panel that is followed, whose shape is known.
-_KNOWN = (4.0, 400.0, 400.0, 1600.0, 1600.0)
-# Squared cells that a panel is off from where it was expected: at first, at least; and how much is learned
-# anew.
+_STEPS, _KNOWN = 2, (4.0, 400.0, 400.0, 1600.0, 1600.0)
+# Squared cells that a panel is off from where it was expected: at first, at least, at most; and how much is
+# learned anew.
 _SPREAD, _LEAST_SPREAD, _MOST_SPREAD, _LEARNED = 0.25, 0.02, 1.0, 0.2
-# How much of a window is remembered anew: over many frames bits become a grey mean; all else stays.
+# How much of what a lattice explains is learned anew.
 _MEMORY = 0.1
 
 
@@ -154,7 +152,7 @@ class Track:
         levels = cell_levels(read_cells(grey, expected, shape, 1 + _REACH), shape)
         y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), levels.shape[-1])
         start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
-        corners, blur, share = fit(grey, start, shape, self.blur, STEPS, _KNOWN)
+        corners, blur, share = fit(grey, start, shape, self.blur, _STEPS, _KNOWN)
         place, size, bend = _parts(corners - expected, expected)
         corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
         within = bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
