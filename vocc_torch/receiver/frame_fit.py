@@ -1,4 +1,4 @@
-"""Where a panel is in one frame, from near by: a lattice of two levels fitted by a few steps, in NumPy."""
+"""Where a panel is in one frame, from near by: a lattice of spots fitted by a few steps, in NumPy."""
 
 import math
 from functools import lru_cache
@@ -89,20 +89,6 @@ def _flattener(size: int) -> Plane:
     return matrix
 
 
-def read(grey: NDArray[np.uint8], corners: Corners, weights: Plane) -> Plane:
-    """Read (H,W) bilinearly where weights (4,P) of corners (4,2) say; borders go on."""
-    x, y = (corners.T @ weights) - 0.5
-    x, y = x.clip(0, grey.shape[1] - 1.001), y.clip(0, grey.shape[0] - 1.001)
-    left, top = x.astype(np.int32), y.astype(np.int32)
-    x, y = (x - left).astype(np.float32), (y - top).astype(np.float32)
-    flat, first = grey.reshape(-1), top * grey.shape[1] + left
-    below = first + grey.shape[1]
-    one, two, three, four = (_LIGHT[flat[place]] for place in (first, first + 1, below, below + 1))
-    upper, lower = one + (two - one) * x, three + (four - three) * x
-    read: Plane = upper + (lower - upper) * y
-    return read
-
-
 def _two_levels(lit: Plane) -> Plane:
     """Replace the spots' amplitudes by the means of the dark and of the bright ones."""
     limit = (float(lit.min()) + float(lit.max())) / 2
@@ -115,10 +101,22 @@ def _two_levels(lit: Plane) -> Plane:
     return np.where(on, np.float32(high), np.float32(low))
 
 
-def read_cells(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, margin: int) -> Plane:
-    """Read the light of a panel with ``margin`` cells around: ((R+2M)*SAMPLES,(C+2M)*SAMPLES)."""
+def read_cells(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, margin: int = 1) -> Plane:
+    """Read bilinearly the light of a panel with ``margin`` cells around: ((R+2M)*SAMPLES,(C+2M)*SAMPLES).
+
+    Beyond the picture its borders go on.
+    """
     weights, down, across = _grid(shape.rows, shape.columns, margin)
-    return read(grey, corners, weights).reshape(len(down), len(across))
+    x, y = (corners.T @ weights) - 0.5
+    x, y = x.clip(0, grey.shape[1] - 1.001), y.clip(0, grey.shape[0] - 1.001)
+    left, top = x.astype(np.int32), y.astype(np.int32)
+    x, y = (x - left).astype(np.float32), (y - top).astype(np.float32)
+    flat, first = grey.reshape(-1), top * grey.shape[1] + left
+    below = first + grey.shape[1]
+    one, two, three, four = (_LIGHT[flat[place]] for place in (first, first + 1, below, below + 1))
+    upper, lower = one + (two - one) * x, three + (four - three) * x
+    light: Plane = upper + (lower - upper) * y
+    return light.reshape(len(down), len(across))
 
 
 def cell_levels(light: Plane, shape: PanelShape) -> Plane:
@@ -137,7 +135,7 @@ def cell_levels(light: Plane, shape: PanelShape) -> Plane:
 
 
 def spot_energy(light: Plane) -> Plane:
-    """Say of how many cells (N,M) less a line around, which were read, how much a spot stands out of each."""
+    """Say how much a spot stands out of each cell that was read, less a line of them around."""
     rows, columns = (n // SAMPLES - 2 for n in light.shape)
     flat = _flattener(light.shape[0]) @ light @ _flattener(light.shape[1]).T
     lit = _spots(rows, _BLUR)[3] @ flat @ _spots(columns, _BLUR)[3].T
@@ -153,11 +151,13 @@ def fit(
     blur: float,
     steps: int = _STEPS,
     costs: tuple[float, ...] = _FREE,
-    dark: Plane | None = None,
 ) -> tuple[Corners, float, float]:
-    """Move corners by a few Gauss-Newton steps to where a lattice of two levels explains a picture best.
+    """Move corners by a few Gauss-Newton steps to where a lattice of spots explains a picture best.
 
-    One frame at a time: NumPy's calls cost a few microseconds, so that all of it takes about a millisecond.
+    Of both, what lies around along either axis is taken away: before a straight edge, as that of sky and road
+    behind a panel without a board, the lattice's size would drift. Spots may be of any brightness while
+    corners move, and are of two levels in the share. One frame at a time: NumPy's calls cost a few
+    microseconds, so that all of it takes half a millisecond.
 
     Args:
         grey: (H,W) grey values.
@@ -167,30 +167,27 @@ def fit(
         steps: how many.
         costs: of moving by the fields 1, u, v and uv from these corners, per square cell, and of blur, in
             variances.
-        dark: (R+2,C+2) light of the cells and of a line of cells around where no LED shines; the median of
-            that line by default.
 
     Returns:
-        The corners, the spots' standard deviation, and the share of the picture's variation explained.
+        The corners, the spots' standard deviation, and the share of the variation that two levels explain,
+        less what they explain of noise.
     """
-    weights, down, across = _grid(shape.rows, shape.columns)
-    size = len(down), len(across)
-    fields, jacobian = _fields(shape.rows, shape.columns), np.empty((9, *size), np.float32)
+    fields = _fields(shape.rows, shape.columns)
+    jacobian = np.empty((9, *fields[0].shape), np.float32)
     share, moved = 0.0, np.zeros(8)
     for step in range(steps + 1):
         blur = round(blur * 128) / 128
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
         columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
-        patch = read(grey, corners, weights).reshape(size)
-        patch = _flattener(size[0]) @ patch @ _flattener(size[1]).T
+        patch = _flattener(len(rows)) @ read_cells(grey, corners, shape) @ _flattener(len(columns)).T
         lit = from_rows @ patch @ from_columns.T
         if step == steps:
             rest = patch - rows @ _two_levels(lit) @ columns.T
             all_of_it = float((patch**2).sum())
-            pixels = min(rest.size, abs(area(corners)) * rest.size / SAMPLES**2 / shape.leds)
-            free = max(1 - shape.leds / pixels, 0.0)  # of noise as many amplitudes explain a share by chance
-            if all_of_it > 1e-6 and free > 0:
-                share = 1 - float((rest**2).sum()) / all_of_it / free
+            # Of noise so many amplitudes explain a share by chance.
+            pixels = rest.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds)
+            if all_of_it > 1e-6 and pixels > shape.leds:
+                share = 1 - float((rest**2).sum()) / all_of_it / (1 - shape.leds / pixels)
             break
         half = rows @ lit
         rest = patch - half @ columns.T

@@ -34,15 +34,15 @@ _LEAST_ENERGY = 1.2
 # How far an LED's light lies from bright or dark, of half the way between them; and the least likely cell, in
 # squared deviations.
 _EITHER, _UNLIKELY = 0.8, 25.0
-# Cells by which a panel is looked for to the sides; how far cells are believed, which are not independent; what
-# changes around LEDs at first, of their light; and how much of a cell's light and variance is learned anew.
+# Cells by which a panel is looked for to the sides; how far cells are believed, which are not independent;
+# what changes around LEDs at first, of their light; how much of a cell's light and variance is learned anew.
 _REACH, _TRUST, _STILL, _KEPT = 3, 0.15, 0.15, 0.1
 # How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
 # slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
 _GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
 _SIZE_KEPT, _SHAPE_KEPT = 0.5, 0.2
-# Steps of the fit, and what fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance, of a
-# panel that is followed, whose shape is known.
+# Steps of the fit, and what fields 1, u, v and uv of a step, and blur, cost of a panel whose shape is known,
+# per square cell, in the picture's own variance.
 _STEPS, _KNOWN = 2, (4.0, 400.0, 400.0, 1600.0, 1600.0)
 # Squared cells that a panel is off from where it was expected: at first, at least, at most; and how much is
 # learned anew.
