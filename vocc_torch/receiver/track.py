@@ -23,7 +23,7 @@ STANDS = -8.0
 """Logarithm of the odds of a panel up to which it is clutter."""
 
 # A panel is followed where a lattice explains this share of what it did before, and of the picture.
-_LEAST_SHARE, _LEAST = 0.6, 0.3
+_LEAST_SHARE, _LEAST, _WORSE = 0.6, 0.3, 0.12
 # A frame tells by how many LEDs change whether they are a panel's, half of which change, or clutter's, one in
 # twenty, but no more than so much either way; from so much on it is a panel, all in logarithms of odds.
 _CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
@@ -153,6 +153,11 @@ class Track:
         y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), levels.shape[-1])
         start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
         corners, blur, share = fit(grey, start, shape, self.blur, _STEPS, _KNOWN)
+        if share < self.share - _WORSE:  # half a cell off a lattice fits as well, though badly
+            halves = (_by_cells(start, x / 2, y / 2, shape) for y, x in ((0, 1), (1, 0), (1, 1)))
+            others = (fit(grey, half, shape, self.blur, _STEPS, _KNOWN) for half in halves)
+            other = max(others, key=lambda one: one[2])
+            corners, blur, share = other if other[2] > share + _WORSE else (corners, blur, share)
         place, size, bend = _parts(corners - expected, expected)
         corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
         within = bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
