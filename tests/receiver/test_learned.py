@@ -12,7 +12,7 @@ from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, distinct, evide
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
-from vocc_torch.receiver.track import Tracker
+from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

@@ -7,7 +7,8 @@ import torch
 
 import vocc_torch as vt
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.track import Tracker, fit, settled
+from vocc_torch.receiver.frame_fit import fit, settled
+from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -46,6 +47,8 @@ class Told:
 
     def __call__(self, frames, shape):
         self.asked += 1
+        if self.corners is None:
+            return Panels.known(torch.zeros(0, 4, 2))
         panels = Panels.known(torch.from_numpy(self.corners[self.frame])[None])
         panels.found[:] = not HIDDEN.start <= self.frame < HIDDEN.stop
         return panels
@@ -106,6 +109,53 @@ def shaken(seed, changes=True):
     bits = bits if changes else bits[:1].expand(many, -1, -1)
     corners = simulator.true_panels(scene).corners_px.numpy()
     return simulator.render(scene, bits, keys=keys).grey[:, 0].numpy(), corners
+
+
+def before_an_edge(grey, corners):
+    """Light of a sky above and of a road below is added, as through a panel without a board."""
+    sky = np.where(np.arange(grey.shape[1]) < corners[..., 1].mean(), 110.0, 8.0)[:, None]
+    light = 255 * (grey / 255) ** 2.2 + sky
+    return (255 * (light.clip(0, 255) / 255) ** (1 / 2.2)).round().astype(np.uint8)
+
+
+def test_size_does_not_drift_before_an_edge():
+    """By fits that explain the edge by the lattice it is 17 % too large."""
+    for seed in (0, 2):
+        grey, corners = shaken(seed)
+        grey, sides = before_an_edge(grey, corners), np.sqrt(area(corners))
+        for plane, known, side in zip(grey, corners, sides, strict=True):
+            assert abs(np.sqrt(area(fit(plane, known, SHAPE, 0.35)[0])) / side - 1) < 0.01
+        locator = Told(corners)
+        errors = errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners)
+        assert (errors < 0.25).mean() > 0.9
+
+
+def area(corners):
+    """Area of quadrilaterals (...,4,2) by the shoelace formula."""
+    x, y = corners[..., 0], corners[..., 1]
+    return abs((x * np.roll(y, -1, -1) - y * np.roll(x, -1, -1)).sum(-1)) / 2
+
+
+def test_a_panel_that_gives_way_to_lamps_is_soon_no_longer_claimed(approach):
+    """Three lamps may be LEDs of a panel that is dark else, but not frame after frame."""
+    grey, corners = approach
+    y, x = np.mgrid[: grey.shape[1], : grey.shape[2]]
+    lamps = (corners[11, [0, 1, 3]] * 2 + corners[11].mean(0)) / 3
+    still = 20 + sum(200 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 4) for a, b in lamps)
+    still = still.clip(0, 255).round().astype(np.uint8)
+    locator, claimed = Told(corners), []
+    tracker = Tracker(locator, SHAPE, every=100)
+    for locator.frame in range(36):
+        locator.corners = corners if locator.frame < 12 else None
+        claimed.append(bool(tracker(grey[locator.frame] if locator.frame < 12 else still)))
+    assert all(claimed[:12])
+    assert not any(claimed[24:])
+
+
+def test_a_panel_whose_leds_stand_still_is_followed_on():
+    grey, corners = shaken(1, changes=False)
+    locator = Told(corners)
+    assert (errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners) < 0.25).mean() > 0.95
 
 
 class Doubting(Told):

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.recording import RecordedFrame
-from vocc_torch.receiver.track import Tracker
+from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames, StatedPanels

@@ -1,0 +1,172 @@
+"""Following panels in a recording: the last frame says where to look, a full search comes now and then."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.receiver.frame_fit import (
+    BLURS,
+    LEAST_TO_BEGIN,
+    SAMPLES,
+    Corners,
+    area,
+    cell_levels,
+    fit,
+    read_cells,
+    spot_energy,
+)
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.track import STANDS, Track
+from vocc_torch.types import Frames, Panels, PanelShape
+
+# A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
+_MOST_FALSE_ALARMS = 1e-3
+# Of less likely sightings so many are watched at a time.
+_WATCHED = 3
+# A panel that so many full searches pass over for others is none.
+_MOST_DOUBTS = 2
+# Cells up to which what a search and a fit say of the corners is the same.
+_CLOSE = 0.5
+
+
+@dataclass
+class Tracker:
+    """Follow panels from frame to frame of one recording.
+
+    A full search begins, goes on while nothing is seen, and comes again every ``every`` frames: it finds new
+    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost. While
+    there is none, sightings that a search is not sure of are watched: panels once their LEDs change.
+
+    Args:
+        locator: does the full search; of one with ``sightings`` every panel is followed, else the best.
+        shape: rows and columns.
+        every: frames between full searches, at least 1.
+        patience: frames that a panel may be out of sight.
+
+    Raises:
+        VoccError: a number below 1.
+    """
+
+    locator: PanelLocator
+    shape: PanelShape
+    every: int = 30
+    patience: int = 8
+    tracks: list[Track] = field(default_factory=list)
+    searches: int = 0
+    _number: int = 0
+    _since: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        demand_kind("shape", self.shape, PanelShape)
+        for name in ("every", "patience"):
+            if type(value := getattr(self, name)) is not int or value < 1:
+                raise VoccError.of(f"follow.{name}", value, "a whole number of at least 1")
+
+    def __call__(self, plane: NDArray[np.uint8]) -> list[Track]:
+        """Take the recording's next frame (H,W), and give the panels that are seen in it."""
+        seen = [track for track in self.tracks if track.follow(plane, self.shape)]
+        for track in seen:
+            if track.sure and track.number < 0:
+                self._admit(track)
+        seen = _apart([track for track in seen if track.sure])
+        # What is watched stays while it is followed and there is no panel; panels while not missed for long.
+        self.tracks = [
+            one
+            for one in self.tracks
+            if one in seen or (0 < one.misses <= self.patience if one.sure else not (seen or one.misses))
+        ]
+        self._since += 1
+        # All the time while nothing is followed, and soon where something is missed.
+        missed = len(seen) < sum(track.sure for track in self.tracks)
+        if not seen or self._since >= self.every or (missed and self._since >= 3):
+            self._since, self.searches = 0, self.searches + 1
+            met = [self._anchored(plane, *one) for one in self._found(plane)]
+            for track in self.tracks:
+                track.doubts = 0 if not any(met) or track in met else track.doubts + 1
+            self.tracks = [track for track in self.tracks if track.doubts <= _MOST_DOUBTS]
+            seen = [one for one in self.tracks if one.sure and (one in seen or one in met)]
+        return sorted(seen, key=lambda track: track.number)
+
+    def panels(self, greys: Tensor) -> Panels:
+        """Take the next frames (B,H,W) uint8 in order, and give the panel followed longest in each."""
+        panels = Panels.known(torch.zeros(len(greys), 4, 2))
+        for i, plane in enumerate(greys.cpu().numpy()):
+            seen = self(plane)
+            panels.found[i], panels.candidates[i] = bool(seen), len(seen)
+            panels.score[i] = seen[0].score if seen else 0.0
+            if seen:
+                panels.corners_px[i] = torch.from_numpy(seen[0].corners)
+        return panels
+
+    def _admit(self, track: Track) -> None:
+        """Take for a panel what was watched, or is begun."""
+        track.flicker, track.number = math.inf, self._number
+        self._number += 1
+
+    def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, bool]]:
+        """Search the whole frame: corners, score, and whether it is surely a panel, these first."""
+        frames = Frames.whole(torch.from_numpy(plane))
+        sightings = getattr(self.locator, "sightings", None)
+        found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
+        most = getattr(self.locator, "false_alarms", _MOST_FALSE_ALARMS)
+        kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
+        rows = zip(found.corners_px.cpu().numpy(), found.score.tolist(), kept.tolist(), strict=True)
+        for corners, score, good in sorted(rows, key=lambda row: not row[2]):
+            cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
+            if (good or sightings) and cell >= 1:
+                yield corners, score, good
+
+    def _anchored(self, plane: NDArray[np.uint8], corners: Corners, score: float, good: bool) -> Track | None:
+        """Correct the track that a search met, or begin one, where a lattice explains what is there.
+
+        What is not ``good`` corrects nothing, and is watched while there is no panel.
+        """
+        watched = sum(track.flicker > STANDS for track in self.tracks)
+        if not good and any(track.sure for track in self.tracks):
+            return None
+        fits = (fit(plane, corners, self.shape, blur) for blur in BLURS)
+        fitted, blur, share = max(fits, key=lambda one: one[2])
+        cell = math.sqrt(abs(area(corners)) / self.shape.leds)
+        if np.abs(fitted - corners).max() < _CLOSE * cell:
+            corners = fitted
+        middle, reach = corners.mean(0), math.sqrt(abs(area(corners))) / 2
+        if share < LEAST_TO_BEGIN:
+            return None
+        for track in self.tracks:
+            there = track.corners + track.motion * track.misses
+            if float(np.linalg.norm(there.mean(0) - middle)) < reach:
+                track.score = score if good else track.score
+                if not good or (not track.misses and np.abs(track.corners - corners).max() < _CLOSE * cell):
+                    return track
+                track.corners, track.misses, track.on = corners, 0, track.on[:0]
+                break
+        else:
+            if not good and watched >= _WATCHED:
+                return None
+            track = Track(-1, corners, score, blur, share, flicker=0.0)
+            self.tracks.append(track)
+        if good and track.number < 0:
+            self._admit(track)
+        light = read_cells(plane, track.corners, self.shape, 2)
+        track.watch(cell_levels(light, self.shape)[..., SAMPLES, SAMPLES])
+        track.energy = spot_energy(light)
+        track.blur, track.share = blur, share
+        return track
+
+
+def _apart(tracks: list[Track]) -> list[Track]:
+    """Leave of tracks that lie on one panel the one of the lowest number."""
+    kept: list[Track] = []
+    for track in sorted(tracks, key=lambda one: (one.doubts, one.number)):
+        middle, reach = track.corners.mean(0), math.sqrt(abs(area(track.corners))) / 2
+        if all(np.linalg.norm(one.corners.mean(0) - middle) >= reach for one in kept):
+            kept.append(track)
+    return kept
