@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from interval_coverage import markdown
 from coverage_tables import Held
+from interval_coverage import markdown
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 

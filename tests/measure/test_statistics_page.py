@@ -17,7 +17,9 @@ def benchmark():
     """The benchmark's module; its name is also that of a well-known package."""
     folder = str(ROOT / "benchmarks")
     sys.path.insert(0, folder)
-    spec = importlib.util.spec_from_file_location("coverage_benchmark", ROOT / "benchmarks" / "interval_coverage.py")
+    spec = importlib.util.spec_from_file_location(
+        "coverage_benchmark", ROOT / "benchmarks" / "interval_coverage.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     yield module

@@ -25,8 +25,8 @@ BLURS = (0.2, 0.4)
 
 # Steps of the fit, and from where a search found the panel; most cells of one step and of all.
 _STEPS, _STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF = 3, 8, 0.35, 0.5
-# A panel that is known to stand still is there where this share of it is explained.
-_GOOD_SHARE = 0.95
+# A panel that stands still is there where two levels explain this share, and this share of what they did.
+_LEAST_SETTLED, _GOOD_SHARE = 0.5, 0.95
 # The corners' signs in the fields 1, u, v and uv.
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
 # What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance.
@@ -67,14 +67,16 @@ def _weights(u: Plane, v: Plane) -> Plane:
 
 
 @lru_cache(maxsize=256)
-def _spots(leds: int, blur: float) -> tuple[Plane, Plane, Plane, Plane]:
+def _spots(leds: int, blur: float, level: bool = True) -> tuple[Plane, Plane, Plane, Plane]:
     """Profiles (N,n) of spots along an axis, their slopes by place and by blur, and their inverse (n,N)."""
     place = (np.arange((leds + 2) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES - 1
     apart = (place[:, None] - np.arange(leds, dtype=np.float32) - 0.5) / np.float32(blur)
     value = np.exp(-(apart**2) / 2)
     slope = value * apart / np.float32(blur)
-    flat = _flattener(len(place))
-    value, slope, wider = flat @ value, flat @ slope, flat @ (slope * apart)
+    wider = slope * apart
+    if level:
+        flat = _flattener(len(place))
+        value, slope, wider = flat @ value, flat @ slope, flat @ wider
     inverse = np.linalg.solve(value.T @ value + np.float32(2e-2) * np.eye(leds, dtype=np.float32), value.T)
     return value, slope, wider, inverse
 
@@ -151,6 +153,7 @@ def fit(
     blur: float,
     steps: int = _STEPS,
     costs: tuple[float, ...] = _FREE,
+    level: bool = True,
 ) -> tuple[Corners, float, float]:
     """Move corners by a few Gauss-Newton steps to where a lattice of spots explains a picture best.
 
@@ -158,6 +161,9 @@ def fit(
     behind a panel without a board, the lattice's size would drift. Spots may be of any brightness while
     corners move, and are of two levels in the share. One frame at a time: NumPy's calls cost a few
     microseconds, so that all of it takes half a millisecond.
+
+    In the dark and in noise less is better: with ``level`` false only the median of the line of cells around
+    is taken away, and spots are of two levels all the time.
 
     Args:
         grey: (H,W) grey values.
@@ -167,25 +173,31 @@ def fit(
         steps: how many.
         costs: of moving by the fields 1, u, v and uv from these corners, per square cell, and of blur, in
             variances.
+        level: see above.
 
     Returns:
         The corners, the spots' standard deviation, and the share of the variation that two levels explain,
-        less what they explain of noise.
+        with ``level`` less what they explain of noise.
     """
     fields = _fields(shape.rows, shape.columns)
     jacobian = np.empty((9, *fields[0].shape), np.float32)
     share, moved = 0.0, np.zeros(8)
     for step in range(steps + 1):
         blur = round(blur * 128) / 128
-        rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
-        columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
-        patch = _flattener(len(rows)) @ read_cells(grey, corners, shape) @ _flattener(len(columns)).T
+        rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur, level)
+        columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur, level)
+        patch = read_cells(grey, corners, shape)
+        if level:
+            patch = _flattener(len(rows)) @ patch @ _flattener(len(columns)).T
+        else:
+            patch = patch - np.median(np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]]))
         lit = from_rows @ patch @ from_columns.T
+        lit = lit if level else _two_levels(lit)
         if step == steps:
             rest = patch - rows @ _two_levels(lit) @ columns.T
             all_of_it = float((patch**2).sum())
             # Of noise so many amplitudes explain a share by chance.
-            pixels = rest.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds)
+            pixels = rest.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds) if level else math.inf
             if all_of_it > 1e-6 and pixels > shape.leds:
                 share = 1 - float((rest**2).sum()) / all_of_it / (1 - shape.leds / pixels)
             break
@@ -194,8 +206,8 @@ def fit(
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
         jacobian[:4], jacobian[4:8], jacobian[8] = fields * by_x, fields * by_y, wider
-        # Less what other amplitudes would explain as well: moves and amplitudes are fitted together.
-        jacobian -= rows @ (from_rows @ jacobian @ from_columns.T) @ columns.T
+        if level:  # less what other amplitudes would explain: moves and amplitudes are fitted together
+            jacobian -= rows @ (from_rows @ jacobian @ from_columns.T) @ columns.T
         slopes = jacobian.reshape(9, -1)
         damping = np.array([*costs[:4] * 2, costs[4]]) * max(float((rest**2).mean()), 1e-2)
         pull = slopes @ rest.ravel() - damping * np.append(moved, 0.0)
@@ -231,12 +243,13 @@ def settled(
     """
     if known is None:
         moved, blur, share = max(
-            (fit(grey, corners, shape, one, _STEPS_AT_FIRST) for one in BLURS), key=lambda one: one[2]
+            (fit(grey, corners, shape, one, _STEPS_AT_FIRST, level=False) for one in BLURS),
+            key=lambda one: one[2],
         )
-        least = LEAST_TO_BEGIN
+        least = _LEAST_SETTLED
     else:
-        moved, blur, share = fit(grey, corners, shape, known[0])
-        least = max(LEAST_TO_BEGIN, _GOOD_SHARE * known[1])
+        moved, blur, share = fit(grey, corners, shape, known[0], level=False)
+        least = max(_LEAST_SETTLED, _GOOD_SHARE * known[1])
     off = float(np.abs(moved - corners).max()) / math.sqrt(abs(area(corners)) / shape.leds)
     return (moved, blur, share) if share >= least and off < _MOST_OFF else None
 
