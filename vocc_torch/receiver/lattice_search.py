@@ -7,6 +7,7 @@ into one another. It is searched on a pyramid of halved pictures, on each for pi
 the same along both axes: the spectrum of the bits themselves may be stronger along one.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -35,6 +36,8 @@ _GRAIN, _GRAIN_STEP = 0.1, 13
 _MID_PITCH_PX = 4.0
 # Samples of a window about which its light is levelled.
 _LOCAL = 7
+# A turn by an eighth.
+_EIGHTH = ((math.sqrt(0.5), -math.sqrt(0.5)), (math.sqrt(0.5), math.sqrt(0.5)))
 
 
 class Pyramid(NamedTuple):
@@ -232,10 +235,14 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     bend most, by the spectrum that has most power there.
     """
     level, step, centre = proposals(pyramid, shape)
+    # Windows of the pixels' lines, and turned by an eighth.
+    turned = torch.arange(2 * len(level), device=level.device) >= len(level)
+    level, step, centre = level.repeat(2), step.repeat(2), centre.repeat(2, 1)
+    turn = torch.where(turned[:, None, None], centre.new_tensor(_EIGHTH), torch.eye(2, device=centre.device))
     side, taper, banks = _banks((shape.columns, shape.rows), pyramid.levels[0].device)
     place = torch.arange(side, device=centre.device) + 0.5 - side / 2
-    x = centre[:, :1] + (place.repeat(side) * step[:, None])
-    y = centre[:, 1:] + (place.repeat_interleave(side) * step[:, None])
+    at = torch.stack([place.repeat(side), place.repeat_interleave(side)])
+    x, y = (centre[..., None] + turn @ at * step[:, None, None]).unbind(1)
     windows = pyramid.read(level, x, y).view(-1, side, side)
     plain = windows - _boxes(windows, (_LOCAL, _LOCAL), torch.add) / _LOCAL**2
     spectra = []
@@ -267,10 +274,14 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(torch.float32)
     middle = (basis @ torch.stack(offset, 1)[ordered, :, None])[..., 0]
     rows = rows[ordered]
-    size = step[rows, None]
+    size, turn = step[rows, None], turn[rows]
+    basis = turn @ basis
+    # Of a lattice turned by more than an eighth the lines down are the rows.
+    steep = basis[:, 1, 0] > basis[:, 0, 0]
+    basis = torch.where(steep[:, None, None], torch.stack([-basis[..., 1], basis[..., 0]], 2), basis)
     return Hypotheses(
         level[rows],
-        centre[rows] + middle * size,
+        centre[rows] + (turn @ middle[..., None])[..., 0] * size,
         basis * size[..., None],
         torch.minimum(*strength)[ordered],
     )

@@ -25,7 +25,7 @@ SHIPPED = "learned_locator.json"
 
 _KIND = "learned_locator"
 # Cells that lattices are shifted by, and placings that are kept.
-_REACH, _KEPT = 3, 6
+_REACH, _FAR, _KEPT = 3, 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
@@ -161,8 +161,9 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     if frame.surround is not None:  # else a crop's grain is taken from the panel
         grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
         frame = Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
-    scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
-    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, _REACH)
+    scales = Pyramid.of(frame.grey, 3 * min(shape.rows, shape.columns) // 2)
+    reach = max(_REACH, shape.rows // _FAR), max(_REACH, shape.columns // _FAR)
+    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, reach)
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
@@ -213,21 +214,30 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
 
 
 def placings(
-    net: PanelNet, scales: Pyramid, quads: Tensor, shape: PanelShape, reach: int, *, moved: bool = False
+    net: PanelNet,
+    scales: Pyramid,
+    quads: Tensor,
+    shape: PanelShape,
+    reach: int | tuple[int, int],
+    *,
+    moved: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Shift quadrilaterals (n,4,2) px by up to ``reach`` cells to the likeliest place, and give its logit.
+
+    ``reach`` may be one down and one right.
 
     ``moved`` moves the corners to where the network sees them, too.
     """
     if not len(quads):
         return quads, quads.new_zeros(0)
     cells = Cells.at(scales, quads, shape)
-    patches = read_cells(scales, cells, shape, SAMPLES, reach + CONTEXT)
+    down, right = (reach, reach) if isinstance(reach, int) else reach
+    patches = read_cells(scales, cells, shape, SAMPLES, (down + CONTEXT, right + CONTEXT))
     pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt()
     judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape).flatten(2)
     logit, place = judged[:, 0].max(1)
-    wide = 2 * reach + 1
-    shift = torch.stack([place % wide, place // wide], 1)[:, None] - float(reach)
+    wide = 2 * right + 1
+    shift = torch.stack([place % wide - right, place // wide - down], 1)[:, None].to(quads)
     if moved:
         moves = judged[torch.arange(len(place), device=place.device), 1:, place].view(-1, 4, 2)
         shift = shift + moves.clamp(-_MOST_MOVE, _MOST_MOVE)
