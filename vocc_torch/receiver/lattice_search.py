@@ -21,8 +21,11 @@ from vocc_torch.types import Batched, PanelShape
 PITCHES_PX = (2.9, 7.0)
 """Pitches that are searched on one level of the pyramid, px."""
 
-# A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
-_SHEAR, _MOST_CELLS = 0.36, 16
+MOST_CELLS = 16
+"""LEDs along a side that a window shows."""
+
+# A shear or turn of the lattice's lines up to this, as a tangent.
+_SHEAR = 0.36
 # How far the pitches along both axes differ, as a logarithm; pairs of them that are kept of a window; what
 # power counts that is no peak; and lattices that are kept of a frame.
 _MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
@@ -182,7 +185,7 @@ class _Bank(NamedTuple):
 @torch.inference_mode(False)
 def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tuple[_Bank, ...]]:
     """Side of a window, its taper, and for each axis the waves along it and across it."""
-    cells = [min(one, _MOST_CELLS) for one in leds]
+    cells = [min(one, MOST_CELLS) for one in leds]
     side = 2 * round(max(cells) * _MID_PITCH_PX * 0.75) + 2
     place = torch.arange(side, dtype=torch.float64) + 0.5 - side / 2
     tapers = [torch.exp(-((place / (one * 4.5 * 0.35)) ** 2) / 2) for one in cells]

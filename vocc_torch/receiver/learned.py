@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
-from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
+from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
@@ -208,9 +208,18 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     guess = lattice_hypotheses(scales, shape)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
-    cell = lattice_model.corner_cells(shape).to(centre)
-    cell = cell - cell.new_tensor([shape.columns // 2, shape.rows // 2]) - 0.5
-    return (centre[:, None] + cell @ basis.mT).double()
+    # As many cells as a window shows.
+    core = PanelShape(min(shape.rows, MOST_CELLS), min(shape.columns, MOST_CELLS))
+    middle = centre.new_tensor([core.columns // 2, core.rows // 2])
+    cell = lattice_model.corner_cells(core).to(centre) - middle - 0.5
+    quads = (centre[:, None] + cell @ basis.mT).double()
+    if core == shape or not len(quads):
+        return quads
+    cells = best_places(scales, Cells.at(scales, quads, core), core, 0)
+    fit = fit_cells(scales, cells, core, _CELL_STEPS, most_random=0.0)
+    more = fit.level.new_tensor([(shape.columns - core.columns) // 2, (shape.rows - core.rows) // 2])
+    quads = map_points(fit.corners_px, lattice_model.corner_cells(shape).to(quads) - more, core)
+    return quads * 2.0 ** fit.level.double()[:, None, None]
 
 
 def placings(
