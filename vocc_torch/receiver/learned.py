@@ -27,7 +27,7 @@ _KIND = "learned_locator"
 # Cells that lattices are shifted by, and placings that are kept.
 _REACH, _FAR, _KEPT = 3, 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
-_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
+_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 2.0, 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
