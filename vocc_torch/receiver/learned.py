@@ -37,8 +37,10 @@ _AROUND_PX = 24
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
 # Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
 # regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; below which
-# less random says no more; and the shares of the picture from which on, and up to which, spots say more.
+# less random says no more; the shares of the picture from which on, and up to which, spots say more; and LEDs
+# of a panel whose random bits have this weight.
 _EVIDENCE, _LEAST_RANDOM, _SHARES = (1.2, 0.67, 0.54, 2.0, -2.1), -20.0, (0.95, 0.995)
+_RULED_LEDS = 64
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -199,7 +201,9 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
     round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
-    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM), round_spots], 1)
+    # Of few LEDs a letter's bits are nearly random; of many LEDs those that are not half lit look regular.
+    rule = (random * math.sqrt(_RULED_LEDS / shape.leds)).clamp(min=_LEAST_RANDOM)
+    told = torch.stack([logit, cells.score - random, rule, round_spots], 1)
     return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
 
 
