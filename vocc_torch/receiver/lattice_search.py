@@ -29,8 +29,8 @@ _SHEAR = 0.36
 # How far the pitches along both axes differ, as a logarithm; pairs of them that are kept of a window; what
 # power counts that is no peak; and lattices that are kept of a frame.
 _MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
-# Windows of each level, those that are turned too, their least texture for their contrast, and the least that their light is periodic.
-_WINDOWS, _TURNED, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 3, 0.1, 1.0
+# Windows of each level, their least texture for their contrast, and the least that their light is periodic.
+_WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.1, 1.0
 # Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
 # than this deviation counts less, DN.
 _BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
@@ -231,19 +231,18 @@ class _Lines(NamedTuple):
         return cls(power.where(peak, _FLANK * power), across, waves)
 
 
-def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
+def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> Hypotheses:
     """Find lattices in the windows of most texture, the most periodic ones first.
 
-    Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
+    Of each level so many windows are ``turned`` by an eighth, too: with these no turn is too much. Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
     bend most, by the spectrum that has most power there.
     """
     level, step, centre = proposals(pyramid, shape)
-    # Windows along the pixels' lines, and of each level a few turned by an eighth.
     group = level - step
-    few = ((group[:, None] == group).tril().sum(1) <= _TURNED).nonzero()[:, 0]
-    turned = torch.arange(len(level) + len(few), device=level.device) >= len(level)
+    few = ((group[:, None] == group).tril().sum(1) <= turned).nonzero()[:, 0]
+    turn = torch.eye(2, device=centre.device).expand(len(level), 2, 2)
+    turn = torch.cat([turn, centre.new_tensor(_EIGHTH).expand(len(few), 2, 2)])
     level, step, centre = (torch.cat([one, one[few]]) for one in (level, step, centre))
-    turn = torch.where(turned[:, None, None], centre.new_tensor(_EIGHTH), torch.eye(2, device=centre.device))
     side, taper, banks = _banks((shape.columns, shape.rows), pyramid.levels[0].device)
     place = torch.arange(side, device=centre.device) + 0.5 - side / 2
     at = torch.stack([place.repeat(side), place.repeat_interleave(side)])

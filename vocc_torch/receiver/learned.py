@@ -24,8 +24,9 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# Cells that lattices are shifted by, and placings that are kept.
-_REACH, _FAR, _KEPT = 3, 3, 6
+# Windows of each level that are turned; cells that lattices are shifted by, at least, and of so many LEDs one
+# more; and placings that are kept.
+_TURNED, _REACH, _FAR, _KEPT = 3, 3, 3, 6
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 2.0, 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
@@ -209,7 +210,7 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     """Give quadrilaterals (n,4,2) px of lattices in the spectra of windows, about the windows' middles."""
-    guess = lattice_hypotheses(scales, shape)
+    guess = lattice_hypotheses(scales, shape, _TURNED)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
     # As many cells as a window shows.
