@@ -123,7 +123,7 @@ def test_places_are_shifted_to_where_the_network_is_surest():
     """By whole cells of the quadrilateral, right and down, and corners by the moves that it tells."""
 
     class Sure(torch.nn.Module):
-        def forward(self, patches, pitch_px, shape):
+        def forward(self, patches, pitch_px, shape, moved):
             judged = torch.zeros(len(patches), 9, 5, 5)
             judged[:, 0, 4, 1] = 3.0  # two cells down, one to the left
             judged[:, 2] = 0.5  # the first corner down

@@ -221,7 +221,7 @@ class _Lines(NamedTuple):
         pairs = lines.view(*lines.shape[:3], len(own.frequency), 2)
         waves = other.wave @ torch.view_as_complex(pairs)
         waves = waves / flat.sqrt()[..., None, None]
-        power = waves.abs().square().sum(0)
+        power = torch.view_as_real(waves).square().sum((0, -1))
         power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
         power, across = power.max(1)
         # Random bits have most power at low frequencies; a lattice is a peak, and the lowest of all is none.

@@ -248,7 +248,7 @@ def placings(
     down, right = (reach, reach) if isinstance(reach, int) else reach
     patches = read_cells(scales, cells, shape, SAMPLES, (down + CONTEXT, right + CONTEXT))
     pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt()
-    judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape).flatten(2)
+    judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape, moved).flatten(2)
     logit, place = judged[:, 0].max(1)
     wide = 2 * right + 1
     shift = torch.stack([place % wide - right, place // wide - down], 1)[:, None].to(quads)

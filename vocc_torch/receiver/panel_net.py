@@ -42,13 +42,16 @@ class PanelNet(nn.Module):
             nn.Conv2d(4 * _QUARTER + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 8, 1)
         )
 
-    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape) -> Tensor:
+    def forward(
+        self, patches: Tensor, pitch_px: Tensor, shape: PanelShape, moved: bool = True
+    ) -> Tensor:
         """Judge placings.
 
         Args:
             patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells with margins m, each axis its own, K = ``SAMPLES``.
             pitch_px: (n,) in the frame.
             shape: R and C.
+            moved: whether moves are wanted, else the logit alone is given.
 
         Returns:
             (n,9,P,Q) with P, Q = 2 (m - ``CONTEXT``) + 1, for shifts down and right by up to m - ``CONTEXT``:
@@ -73,6 +76,8 @@ class PanelNet(nn.Module):
         at = [lines[0][:, :, :down], lines[1][:, :, high - 1 : high - 1 + down]]
         at += [lines[2][..., :right], lines[3][..., wide - 1 : wide - 1 + right]]
         logit = self.judge(torch.cat([inside, *at, told], 1))
+        if not moved:
+            return logit
         half = ((high + 1) // 2, (wide + 1) // 2)
         quarters = _means(self.quarter(seen).relu(), *half)
         y, x = high - half[0], wide - half[1]
@@ -82,11 +87,9 @@ class PanelNet(nn.Module):
 
 
 def _means(planes: Tensor, high: int, wide: int) -> Tensor:
-    """Means over every box of (...,H,W), as products with bands of ones: many times faster than pooling."""
-    rows, columns = (
-        torch.ones(side, side - size + 1, device=planes.device).tril().triu(1 - size) / size
-        for side, size in zip(planes.shape[-2:], (high, wide), strict=True)
-    )
-    if wide > 1:
-        planes = planes @ columns
-    return rows.mT @ planes if high > 1 else planes
+    """Means over every box of (n,C,H,W), as differences of running sums: many times faster than pooling."""
+    for axis, size, before in ((3, wide, (1, 0)), (2, high, (0, 0, 1, 0))):
+        if size > 1:
+            sums, many = nn.functional.pad(planes.cumsum(axis), before), planes.shape[axis] - size + 1
+            planes = (sums.narrow(axis, size, many) - sums.narrow(axis, 0, many)) / size
+    return planes
