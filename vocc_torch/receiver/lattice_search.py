@@ -37,6 +37,8 @@ _BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
 # Share of a picture that is as rough as noise is, or less, and the step to the next block that tells.
 _GRAIN, _GRAIN_STEP = 0.1, 13
 _MID_PITCH_PX = 4.0
+# A picture's share of a cell, samples, where a panel of such pitches may fill it or a good part of it.
+_FILLED_PX = (2.6, 10.0)
 # Samples of a window about which its light is levelled.
 _LOCAL = 7
 # A turn by an eighth.
@@ -61,15 +63,18 @@ class Pyramid(NamedTuple):
         return torch.tensor([one.shape[::-1] for one in self.levels], device=level.device)[level]
 
     def read(self, level: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        """Read levels at points (n,P), px of the level, between pixels; beyond the border it is repeated."""
-        values = torch.empty_like(x)
+        """Read levels at points (n,P), px of the level, between pixels; beyond the border is the mean.
+
+        Where the picture ends at the panel its repeated border would be stripes of light, as no board has.
+        """
+        values, (right, low) = torch.empty_like(x), self.size_px(level)[..., None].unbind(1)
         for number in sorted(set(level.tolist())):
             rows, plane = (level == number).nonzero()[:, 0], self.levels[number]
             at = torch.stack([x[rows] * (2 / plane.shape[1]) - 1, y[rows] * (2 / plane.shape[0]) - 1], 2)
             values[rows] = nn.functional.grid_sample(
                 plane[None, None], at[None], padding_mode="border", align_corners=False
             )[0, 0]
-        return values
+        return values.where((x >= 0) & (x <= right) & (y >= 0) & (y <= low), self.levels[-1].mean())
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +148,10 @@ def texture(blocks: Tensor, shape: PanelShape, pitch_px: float) -> Tensor:
 
 
 def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tensor]:
-    """Places of most texture: level (n,), step (n,) px between samples, and centre (n,2) px."""
+    """Places of most texture: level (n,), step (n,) px between samples, and centre (n,2) px.
+
+    The middle of a picture is one too where a panel may fill it.
+    """
     found: list[tuple[Tensor, ...]] = []
     for level, plane in enumerate(pyramid.levels):
         if min(plane.shape) < 3 * _BLOCK_PX:
@@ -159,6 +167,11 @@ def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tens
             place = best.indices[best.values > _LEAST_TEXTURE]
             wide = top.shape[1]
             centre = torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX) + _BLOCK_PX / 2 + 0.5
+            filled = min(plane.shape[0] / shape.rows, plane.shape[1] / shape.columns) / step
+            if _FILLED_PX[0] <= filled <= _FILLED_PX[1]:
+                place = nn.functional.pad(place, (1, 0))
+                middle = centre.new_tensor([[plane.shape[1] / 2, plane.shape[0] / 2]])
+                centre = torch.cat([middle, centre])
             found.append((torch.full_like(place, level), torch.full_like(centre[:, 0], step), centre))
     return tuple(torch.cat(part) for part in zip(*found, strict=True))  # type: ignore[return-value]
 
