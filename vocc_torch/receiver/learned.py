@@ -24,11 +24,13 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# Windows of each level that are turned; cells that lattices are shifted by, at least, and of so many LEDs one
-# more; and placings that are kept.
-_TURNED, _REACH, _FAR, _KEPT = 3, 3, 3, 6
-# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
-_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 2.0, 0.35
+# From so many LEDs on windows are turned, so many of a level: less is four lamps in a square, to a turned lattice.
+_LARGE_LEDS, _TURNED = 64, 3
+# Cells that lattices are shifted by, at least, and of so many LEDs one more; and placings that are kept.
+_REACH, _FAR, _KEPT = 3, 3, 6
+# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit,
+# of fewer LEDs and of more.
+_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, (1.0, 2.0), 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
@@ -38,10 +40,8 @@ _AROUND_PX = 24
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
 # Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
 # regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; below which
-# less random says no more; the shares of the picture from which on, and up to which, spots say more; and LEDs
-# of a panel whose random bits have this weight.
+# less random says no more; and the shares of the picture from which on, and up to which, spots say more.
 _EVIDENCE, _LEAST_RANDOM, _SHARES = (1.2, 0.67, 0.54, 2.0, -2.1), -20.0, (0.95, 0.995)
-_RULED_LEDS = 64
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -202,15 +202,15 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
     round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
-    # Of few LEDs a letter's bits are nearly random; of many LEDs those that are not half lit look regular.
-    rule = (random * math.sqrt(_RULED_LEDS / shape.leds)).clamp(min=_LEAST_RANDOM)
+    # The more LEDs, the more regular look those that are not half lit.
+    rule = (random * min(1.0, math.sqrt(_LARGE_LEDS / shape.leds))).clamp(min=_LEAST_RANDOM)
     told = torch.stack([logit, cells.score - random, rule, round_spots], 1)
     return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     """Give quadrilaterals (n,4,2) px of lattices in the spectra of windows, about the windows' middles."""
-    guess = lattice_hypotheses(scales, shape, _TURNED)
+    guess = lattice_hypotheses(scales, shape, _TURNED if shape.leds >= _LARGE_LEDS else 0)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
     # As many cells as a window shows.
@@ -301,7 +301,7 @@ def _likelier(
     safe = torch.where(again.isfinite(), again, before[0])
     _, logit = placings(net, scales, safe, shape, 0)
     cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
-    good = ((logit > before[1] - _MOST_LOST) | sure) & (
+    good = ((logit > before[1] - _MOST_LOST[shape.leds >= _LARGE_LEDS]) | sure) & (
         (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
     )
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
