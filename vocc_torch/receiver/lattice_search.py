@@ -67,14 +67,20 @@ class Pyramid(NamedTuple):
 
         Where the picture ends at the panel its repeated border would be stripes of light, as no board has.
         """
-        values, (right, low) = torch.empty_like(x), self.size_px(level)[..., None].unbind(1)
+        values, mean = torch.empty_like(x), self.levels[-1].mean()
         for number in sorted(set(level.tolist())):
             rows, plane = (level == number).nonzero()[:, 0], self.levels[number]
-            at = torch.stack([x[rows] * (2 / plane.shape[1]) - 1, y[rows] * (2 / plane.shape[0]) - 1], 2)
-            values[rows] = nn.functional.grid_sample(
+            places = [(x[rows], plane.shape[1]), (y[rows], plane.shape[0])]
+            at = torch.stack([one * (2 / side) - 1 for one, side in places], 2)
+            read = nn.functional.grid_sample(
                 plane[None, None], at[None], padding_mode="border", align_corners=False
             )[0, 0]
-        return values.where((x >= 0) & (x <= right) & (y >= 0) & (y <= low), self.levels[-1].mean())
+            for one, side in places:
+                least, most = one.aminmax()
+                if not 0 <= least <= most <= side:
+                    read = read.where((one >= 0) & (one <= side), mean)
+            values[rows] = read
+        return values
 
 
 @dataclass(frozen=True, slots=True)

@@ -182,7 +182,7 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         spots[best] = share.where(kept, 0.0).to(spots)
         best = best[share == 0]
     if len(best):
-        cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
+        cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0, by_light=True)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         sure = torch.zeros_like(best, dtype=torch.bool)
@@ -198,7 +198,7 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     cells look; that their bits follow a rule is seen in the bits. ``spots`` (n,) is the share of the picture
     that round spots of two levels explain; hardly any clutter is so well explained.
     """
-    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
+    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0, by_light=True)
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
     round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
@@ -220,7 +220,7 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     quads = (centre[:, None] + cell @ basis.mT).double()
     if core == shape or not len(quads):
         return quads
-    cells = best_places(scales, Cells.at(scales, quads, core), core, 0)
+    cells = best_places(scales, Cells.at(scales, quads, core), core, 0, by_light=True)
     fit = fit_cells(scales, cells, core, _CELL_STEPS, most_random=0.0)
     more = fit.level.new_tensor([(shape.columns - core.columns) // 2, (shape.rows - core.rows) // 2])
     quads = map_points(fit.corners_px, lattice_model.corner_cells(shape).to(quads) - more, core)
