@@ -2,6 +2,7 @@ import json
 from dataclasses import replace
 from importlib import resources
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -93,6 +94,31 @@ def test_small_panels_of_the_paper_are_found_in_crops_and_in_whole_frames():
         assert bool(told[framing].found.all())
         assert bool((off < 0.25 * 3).all())
     assert (told["crop"].corners_px - told["filled"].corners_px).abs().max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("shape", "turn_deg", "pitch_px"), [(SHAPE, 38.0, 9.0), (PanelShape(16, 64), 6.0, 5.0)]
+)
+def test_turned_and_large_panels_are_found(shape, turn_deg, pitch_px):
+    """Turned further than in a street, and of many more LEDs than a window shows."""
+    draw = np.random.default_rng(6)
+    lit = np.pad(draw.random((shape.rows, shape.columns)) < 0.5, 1)
+    disc = np.hypot(*(np.mgrid[:16, :16] - 7.5)) < 6
+    board = np.kron(lit, 170 * disc) + 40.0
+    scale = pitch_px / 16
+    matrix = cv2.getRotationMatrix2D((board.shape[1] / 2, board.shape[0] / 2), -turn_deg, scale)
+    size = (460, 300)
+    matrix[:, 2] += np.array(size) / 2 - np.array(board.shape[::-1]) / 2
+    wall = 110 + 6 * draw.normal(size=(75, 115)).repeat(4, 0).repeat(4, 1)
+    seen = cv2.GaussianBlur(board, (0, 0), 0.5 / scale)
+    grey = cv2.warpAffine(seen, matrix, size, wall.copy(), cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+    grey = grey + draw.normal(0, 2, grey.shape)
+    corners = 16 * (1 + np.array([[0, 0], [shape.columns, 0], [shape.columns, shape.rows], [0, shape.rows]]))
+    truth = (corners - 0.5) @ matrix[:, :2].T + matrix[:, 2] + 0.5
+    picture = torch.from_numpy(grey.clip(0, 255).round().astype(np.uint8))
+    panels = LearnedLocator(false_alarms=0.01)(picture[None], shape)
+    assert panels.found.tolist() == [True]
+    assert np.abs(panels.corners_px[0].numpy() - truth).max() < 0.25 * pitch_px
 
 
 @pytest.mark.parametrize("level", [0, 90, 255])

@@ -60,7 +60,9 @@ class Cells(Batched):
         return cls(level, corners_px, bits, torch.zeros_like(pitch))
 
 
-def read_cells(pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int | tuple[int, int]) -> Tensor:
+def read_cells(
+    pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int | tuple[int, int]
+) -> Tensor:
     """Read K x K samples a cell, (n,(R+2m)K,(C+2m)K); ``margin`` may be one down and one right."""
     margins = (margin, margin) if isinstance(margin, int) else margin
     rows, columns = (

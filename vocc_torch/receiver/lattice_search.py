@@ -253,8 +253,9 @@ class _Lines(NamedTuple):
 def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> Hypotheses:
     """Find lattices in the windows of most texture, the most periodic ones first.
 
-    Of each level so many windows are ``turned`` by an eighth, too: with these no turn is too much. Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
-    bend most, by the spectrum that has most power there.
+    Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
+    bend most, by the spectrum that has most power there. Of each level so many windows are ``turned`` by an
+    eighth, too: with these lattices of any turn are seen.
     """
     level, step, centre = proposals(pyramid, shape)
     group = level - step

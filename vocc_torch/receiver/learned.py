@@ -24,7 +24,8 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# From so many LEDs on windows are turned, so many of a level: less is four lamps in a square, to a turned lattice.
+# From so many LEDs on windows are turned, so many of a level: four lamps in a square are few bits on a turned
+# lattice.
 _LARGE_LEDS, _TURNED = 64, 3
 # Cells that lattices are shifted by, at least, and of so many LEDs one more; and placings that are kept.
 _REACH, _FAR, _KEPT = 3, 3, 6

@@ -42,13 +42,11 @@ class PanelNet(nn.Module):
             nn.Conv2d(4 * _QUARTER + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 8, 1)
         )
 
-    def forward(
-        self, patches: Tensor, pitch_px: Tensor, shape: PanelShape, moved: bool = True
-    ) -> Tensor:
+    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape, moved: bool = True) -> Tensor:
         """Judge placings.
 
         Args:
-            patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells with margins m, each axis its own, K = ``SAMPLES``.
+            patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells, a margin m each way, K = ``SAMPLES``.
             pitch_px: (n,) in the frame.
             shape: R and C.
             moved: whether moves are wanted, else the logit alone is given.
@@ -75,7 +73,7 @@ class PanelNet(nn.Module):
         lines = [_means(one, 1, wide) for one in sides[:2]] + [_means(one, high, 1) for one in sides[2:]]
         at = [lines[0][:, :, :down], lines[1][:, :, high - 1 : high - 1 + down]]
         at += [lines[2][..., :right], lines[3][..., wide - 1 : wide - 1 + right]]
-        logit = self.judge(torch.cat([inside, *at, told], 1))
+        logit: Tensor = self.judge(torch.cat([inside, *at, told], 1))
         if not moved:
             return logit
         half = ((high + 1) // 2, (wide + 1) // 2)
