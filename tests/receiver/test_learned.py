@@ -121,6 +121,22 @@ def test_turned_and_large_panels_are_found(shape, turn_deg, pitch_px):
     assert np.abs(panels.corners_px[0].numpy() - truth).max() < 0.25 * pitch_px
 
 
+@pytest.mark.parametrize("pitch_px", [3, 16])
+def test_a_panel_that_fills_the_picture_is_found(pitch_px):
+    """Nothing is seen around it, as in a picture that was cut at its edge."""
+    draw, seen = np.random.default_rng(2), 0
+    disc = np.hypot(*(np.mgrid[:16, :16] - 7.5)) < 6
+    for _ in range(4):
+        board = cv2.GaussianBlur(np.kron(draw.random((8, 8)) < 0.5, 170.0 * disc) + 40, (0, 0), 4)
+        grey = cv2.resize(board, (8 * pitch_px, 8 * pitch_px), interpolation=cv2.INTER_AREA)
+        grey = (grey + draw.normal(0, 1, grey.shape)).clip(0, 255).round().astype(np.uint8)
+        panels = LearnedLocator(false_alarms=0.01)(torch.from_numpy(grey)[None], SHAPE)
+        truth = 8 * pitch_px * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        off = np.abs(panels.corners_px[0].numpy() - truth).max()
+        seen += bool(panels.found[0]) and off < 0.25 * pitch_px
+    assert seen >= 3
+
+
 @pytest.mark.parametrize("level", [0, 90, 255])
 def test_nothing_is_found_where_nothing_is(level):
     panels = LearnedLocator()(torch.full((2, 96, 128), level, dtype=torch.uint8), SHAPE)
