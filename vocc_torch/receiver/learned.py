@@ -166,8 +166,7 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
         frame = Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
     scales = Pyramid.of(frame.grey, 3 * min(shape.rows, shape.columns) // 2)
-    reach = max(_REACH, shape.rows // _FAR), max(_REACH, shape.columns // _FAR)
-    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, reach)
+    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, reach(shape))
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
@@ -207,6 +206,11 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     rule = (random * min(1.0, math.sqrt(_LARGE_LEDS / shape.leds))).clamp(min=_LEAST_RANDOM)
     told = torch.stack([logit, cells.score - random, rule, round_spots], 1)
     return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
+
+
+def reach(shape: PanelShape) -> tuple[int, int]:
+    """Cells by which a lattice is shifted, down and right."""
+    return max(_REACH, shape.rows // _FAR), max(_REACH, shape.columns // _FAR)
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
