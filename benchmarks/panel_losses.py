@@ -6,8 +6,8 @@ Photo-like: of 8 to 40 px an LED, cut so that the panel fills 40 to 100 % of eit
 shrunk to 2.2 to 4.5 px an LED. Counted are panels that can be read: of 2 px an LED and more, whole in the
 picture, and at the true corners two patterns of cells give their bits, but for one of 128. Located: within
 0.25 pitches and at most 1e-3 false alarms. Lost by place: no lattice comes near the truth; by placing: none
-of those that are judged twice; by fit: none of the sightings is right; by score: one is, and states more false
-alarms. Prints a table.
+of those that are judged twice; by fit: none of the sightings is right; by score: one is, and states more
+false alarms. Prints a table.
 """
 
 from __future__ import annotations
