@@ -7,6 +7,7 @@ than what is around them, in streets, before drawn clutter.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,16 +22,30 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Backdrop
 
 SIDE_PX, BLOCK = 256, 16
-SHAPES = [(8, 8)] * 6 + [(4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64)]
+SHAPES = ((8, 8),) * 6 + ((4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64))
 PITCHES_PX = (1.5, 24.0)
 
 
 class World(NamedTuple):
-    """Frames (B,1,H,W) of one panel's shape, its corners (B,4,2) px, zeros where there is no panel."""
+    """Frames (B,1,H,W) of one panel's shape, its corners (B,4,2) px, zeros where there is none, and bits."""
 
     grey: Tensor
     corners_px: Tensor
     shape: PanelShape
+    bits: Tensor | None = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Shapes of a kind of frames, the frames' side, px, how many make a block, and pitches, px."""
+
+    shapes: Sequence[tuple[int, int]] = SHAPES
+    side_px: int = SIDE_PX
+    frames: int = BLOCK
+    pitches_px: tuple[float, float] = PITCHES_PX
+
+
+TRAINING = Kind()
 
 
 @dataclass(frozen=True)
@@ -85,47 +100,51 @@ def drawing(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     return light.astype(np.float32)
 
 
-def world(seed: int, block: int, *, cluttered: bool = True) -> World:
+def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAINING) -> World:
     """Render a block of frames of one shape, camera, board and set of effects."""
     key = BlockKey(seed, "train_locator", block)
     draw = key.generator("world")
-    shape = PanelShape(*SHAPES[draw.integers(len(SHAPES))])
+    shape = PanelShape(*kind.shapes[draw.integers(len(kind.shapes))])
     diameter = 0.06 * draw.uniform(0.35, 0.95)
     board = [None, None, 0.02, 0.05, 0.1, 0.3, 0.8][draw.integers(7)]
     surfaces = {"led_reflectance": draw.uniform(0.03, 0.8), "background_reflectance": draw.uniform(0.1, 0.6)}
     panel = LedPanel(shape, diameter, 0.06 - diameter, board_reflectance=board, **surfaces)
     focal_mm = float(draw.uniform(10, 25))
-    camera = Camera(focal_mm, width_px=SIDE_PX, height_px=SIDE_PX, sensor_width_mm=SIDE_PX * 13.2 / 1920)
-    most = min(PITCHES_PX[1], 0.8 * SIDE_PX / max(shape.rows, shape.columns))
-    pitch = np.exp(draw.uniform(math.log(PITCHES_PX[0]), math.log(most), BLOCK))
+    camera = Camera(
+        focal_mm, width_px=kind.side_px, height_px=kind.side_px, sensor_width_mm=kind.side_px * 13.2 / 1920
+    )
+    most = min(kind.pitches_px[1], 0.8 * kind.side_px / max(shape.rows, shape.columns))
+    pitch = np.exp(draw.uniform(math.log(kind.pitches_px[0]), math.log(most), kind.frames))
     distance = camera.focal_length_px * 0.06 / pitch
-    ambient = np.exp(draw.uniform(math.log(100), math.log(32000), BLOCK))
+    ambient = np.exp(draw.uniform(math.log(100), math.log(32000), kind.frames))
     turn = draw.choice([5.0, 20.0, 44.0])
     reach = (
-        np.clip(1.0 - pitch * max(shape.rows, shape.columns) / SIDE_PX, 0.05, 0.9)
-        * SIDE_PX
+        np.clip(1.0 - pitch * max(shape.rows, shape.columns) / kind.side_px, 0.05, 0.9)
+        * kind.side_px
         / 2
         / pitch
         * 0.06
     )
     scene = Scene(
         *(
-            torch.from_numpy(np.asarray(values, np.float64).repeat(BLOCK) if np.ndim(values) == 0 else values)
+            torch.from_numpy(
+                np.asarray(values, np.float64).repeat(kind.frames) if np.ndim(values) == 0 else values
+            )
             for values in (
                 ambient,
                 ambient
                 * surfaces["background_reflectance"]
                 / math.pi
-                * np.exp(draw.uniform(-1.2, 2.5, BLOCK)),
+                * np.exp(draw.uniform(-1.2, 2.5, kind.frames)),
                 distance,
-                draw.uniform(30, 160, BLOCK),
-                draw.uniform(-1, 1, BLOCK) * reach,
-                draw.uniform(-1, 1, BLOCK) * reach,
+                draw.uniform(30, 160, kind.frames),
+                draw.uniform(-1, 1, kind.frames) * reach,
+                draw.uniform(-1, 1, kind.frames) * reach,
             )
         )
     )
     bits = torch.from_numpy(
-        draw.random((BLOCK, shape.rows, shape.columns)) < draw.uniform(0.3, 0.7, (BLOCK, 1, 1))
+        draw.random((kind.frames, shape.rows, shape.columns)) < draw.uniform(0.3, 0.7, (kind.frames, 1, 1))
     )
     effects: dict[str, object] = {
         "pose": {
@@ -144,27 +163,27 @@ def world(seed: int, block: int, *, cluttered: bool = True) -> World:
     if cluttered and draw.random() < 0.7:
         effects |= {"led_look": {}, "housing": {}}
         panel = replace(panel, board_reflectance=None)
-    kind = draw.random() if cluttered else 1.0
-    if kind < 0.6:
+    behind = draw.random() if cluttered else 1.0
+    if behind < 0.6:
         effects |= {
             "scenery": {},
             "clutter": {"lit": float(draw.random()), "wet": 0.3},
             "panel_absent": {"share": 0.2},
         }
-    elif kind < 0.9:
+    elif behind < 0.9:
         effects["background_texture"] = {
             "contrast": float(draw.uniform(0.1, 0.8)),
             "beta": float(draw.uniform(1, 3)),
         }
     if draw.random() < 0.4:
         effects["jpeg"] = {"quality": int(draw.integers(40, 96))}
-    keys = [FrameKey(key, one) for one in range(BLOCK)]
+    keys = [FrameKey(key, one) for one in range(kind.frames)]
     built = list(Simulator(camera, panel, effects).effects)
     if cluttered and draw.random() < 0.5:
         built.append(Drawn())
     simulator = Simulator(camera, panel, built)
     grey, truth = simulator.render(scene, bits, keys=keys).grey, simulator.true_panels(scene, keys)
-    return World(grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape)
+    return World(grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape, bits)
 
 
 def shaken(one: World, draw: np.random.Generator) -> World:

@@ -128,7 +128,7 @@ def seen_in(one: World, net: PanelNet | None, draw: np.random.Generator, many: t
         if there and draw.random() < CUT:
             grey, truth = cut_close(grey, truth, one.shape, draw)
         frame = Frames.whole(grey.to(torch.uint8))
-        scales = Pyramid.of(frame.grey, 3 * max(one.shape.rows, one.shape.columns) // 2)
+        scales = Pyramid.of(frame.grey, 3 * min(one.shape.rows, one.shape.columns) // 2)
         quads = found_places(net, scales, one.shape) if net else spectral_places(scales, one.shape)
         off = in_cells(quads, truth, one.shape)
         bent = (off - off.mean(1, keepdim=True).round()).norm(dim=2).amax(1)

@@ -2,6 +2,7 @@ import json
 from dataclasses import replace
 from importlib import resources
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -95,6 +96,47 @@ def test_small_panels_of_the_paper_are_found_in_crops_and_in_whole_frames():
     assert (told["crop"].corners_px - told["filled"].corners_px).abs().max() < 0.1
 
 
+@pytest.mark.parametrize(
+    ("shape", "turn_deg", "pitch_px"), [(SHAPE, 38.0, 9.0), (PanelShape(16, 64), 6.0, 5.0)]
+)
+def test_turned_and_large_panels_are_found(shape, turn_deg, pitch_px):
+    """Turned further than in a street, and of many more LEDs than a window shows."""
+    draw = np.random.default_rng(6)
+    lit = np.pad(draw.random((shape.rows, shape.columns)) < 0.5, 1)
+    disc = np.hypot(*(np.mgrid[:16, :16] - 7.5)) < 6
+    board = np.kron(lit, 170 * disc) + 40.0
+    scale = pitch_px / 16
+    matrix = cv2.getRotationMatrix2D((board.shape[1] / 2, board.shape[0] / 2), -turn_deg, scale)
+    size = (460, 300)
+    matrix[:, 2] += np.array(size) / 2 - np.array(board.shape[::-1]) / 2
+    wall = 110 + 6 * draw.normal(size=(75, 115)).repeat(4, 0).repeat(4, 1)
+    seen = cv2.GaussianBlur(board, (0, 0), 0.5 / scale)
+    grey = cv2.warpAffine(seen, matrix, size, wall.copy(), cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+    grey = grey + draw.normal(0, 2, grey.shape)
+    corners = 16 * (1 + np.array([[0, 0], [shape.columns, 0], [shape.columns, shape.rows], [0, shape.rows]]))
+    truth = (corners - 0.5) @ matrix[:, :2].T + matrix[:, 2] + 0.5
+    picture = torch.from_numpy(grey.clip(0, 255).round().astype(np.uint8))
+    panels = LearnedLocator(false_alarms=0.01)(picture[None], shape)
+    assert panels.found.tolist() == [True]
+    assert np.abs(panels.corners_px[0].numpy() - truth).max() < 0.25 * pitch_px
+
+
+@pytest.mark.parametrize("pitch_px", [3, 16])
+def test_a_panel_that_fills_the_picture_is_found(pitch_px):
+    """Nothing is seen around it, as in a picture that was cut at its edge."""
+    draw, seen = np.random.default_rng(2), 0
+    disc = np.hypot(*(np.mgrid[:16, :16] - 7.5)) < 6
+    for _ in range(4):
+        board = cv2.GaussianBlur(np.kron(draw.random((8, 8)) < 0.5, 170.0 * disc) + 40, (0, 0), 4)
+        grey = cv2.resize(board, (8 * pitch_px, 8 * pitch_px), interpolation=cv2.INTER_AREA)
+        grey = (grey + draw.normal(0, 1, grey.shape)).clip(0, 255).round().astype(np.uint8)
+        panels = LearnedLocator(false_alarms=0.01)(torch.from_numpy(grey)[None], SHAPE)
+        truth = 8 * pitch_px * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        off = np.abs(panels.corners_px[0].numpy() - truth).max()
+        seen += bool(panels.found[0]) and off < 0.25 * pitch_px
+    assert seen >= 3
+
+
 @pytest.mark.parametrize("level", [0, 90, 255])
 def test_nothing_is_found_where_nothing_is(level):
     panels = LearnedLocator()(torch.full((2, 96, 128), level, dtype=torch.uint8), SHAPE)
@@ -123,7 +165,7 @@ def test_places_are_shifted_to_where_the_network_is_surest():
     """By whole cells of the quadrilateral, right and down, and corners by the moves that it tells."""
 
     class Sure(torch.nn.Module):
-        def forward(self, patches, pitch_px, shape):
+        def forward(self, patches, pitch_px, shape, moved):
             judged = torch.zeros(len(patches), 9, 5, 5)
             judged[:, 0, 4, 1] = 3.0  # two cells down, one to the left
             judged[:, 2] = 0.5  # the first corner down

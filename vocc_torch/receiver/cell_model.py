@@ -60,11 +60,14 @@ class Cells(Batched):
         return cls(level, corners_px, bits, torch.zeros_like(pitch))
 
 
-def read_cells(pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int) -> Tensor:
-    """Read K x K samples a cell, (n,(R+2m)K,(C+2m)K)."""
-    columns, rows = (
-        (torch.arange((leds + 2 * margin) * samples, device=cells.level.device) + 0.5) / samples - margin
-        for leds in (shape.columns, shape.rows)
+def read_cells(
+    pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int | tuple[int, int]
+) -> Tensor:
+    """Read K x K samples a cell, (n,(R+2m)K,(C+2m)K); ``margin`` may be one down and one right."""
+    margins = (margin, margin) if isinstance(margin, int) else margin
+    rows, columns = (
+        (torch.arange((leds + 2 * one) * samples, device=cells.level.device) + 0.5) / samples - one
+        for leds, one in zip((shape.rows, shape.columns), margins, strict=True)
     )
     h = cell_homography(cells.corners_px, shape).to(torch.float32)[..., None, None]
     u, v = columns[None, None, :], rows[None, :, None]

@@ -7,6 +7,7 @@ into one another. It is searched on a pyramid of halved pictures, on each for pi
 the same along both axes: the spectrum of the bits themselves may be stronger along one.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,8 +21,11 @@ from vocc_torch.types import Batched, PanelShape
 PITCHES_PX = (2.9, 7.0)
 """Pitches that are searched on one level of the pyramid, px."""
 
-# A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
-_SHEAR, _MOST_CELLS = 0.36, 16
+MOST_CELLS = 16
+"""LEDs along a side that a window shows."""
+
+# A shear or turn of the lattice's lines up to this, as a tangent.
+_SHEAR = 0.36
 # How far the pitches along both axes differ, as a logarithm; pairs of them that are kept of a window; what
 # power counts that is no peak; and lattices that are kept of a frame.
 _MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
@@ -33,8 +37,12 @@ _BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
 # Share of a picture that is as rough as noise is, or less, and the step to the next block that tells.
 _GRAIN, _GRAIN_STEP = 0.1, 13
 _MID_PITCH_PX = 4.0
+# A picture's share of a cell, samples, where a panel of such pitches may fill it or a good part of it.
+_FILLED_PX = (2.6, 10.0)
 # Samples of a window about which its light is levelled.
 _LOCAL = 7
+# A turn by an eighth.
+_EIGHTH = ((math.sqrt(0.5), -math.sqrt(0.5)), (math.sqrt(0.5), math.sqrt(0.5)))
 
 
 class Pyramid(NamedTuple):
@@ -55,14 +63,23 @@ class Pyramid(NamedTuple):
         return torch.tensor([one.shape[::-1] for one in self.levels], device=level.device)[level]
 
     def read(self, level: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        """Read levels at points (n,P), px of the level, between pixels; beyond the border it is repeated."""
-        values = torch.empty_like(x)
+        """Read levels at points (n,P), px of the level, between pixels; beyond the border is the mean.
+
+        Where the picture ends at the panel its repeated border would be stripes of light, as no board has.
+        """
+        values, mean = torch.empty_like(x), self.levels[-1].mean()
         for number in sorted(set(level.tolist())):
             rows, plane = (level == number).nonzero()[:, 0], self.levels[number]
-            at = torch.stack([x[rows] * (2 / plane.shape[1]) - 1, y[rows] * (2 / plane.shape[0]) - 1], 2)
-            values[rows] = nn.functional.grid_sample(
+            places = [(x[rows], plane.shape[1]), (y[rows], plane.shape[0])]
+            at = torch.stack([one * (2 / side) - 1 for one, side in places], 2)
+            read = nn.functional.grid_sample(
                 plane[None, None], at[None], padding_mode="border", align_corners=False
             )[0, 0]
+            for one, side in places:
+                least, most = one.aminmax()
+                if not 0 <= least <= most <= side:
+                    read = read.where((one >= 0) & (one <= side), mean)
+            values[rows] = read
         return values
 
 
@@ -137,7 +154,10 @@ def texture(blocks: Tensor, shape: PanelShape, pitch_px: float) -> Tensor:
 
 
 def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tensor]:
-    """Places of most texture: level (n,), step (n,) px between samples, and centre (n,2) px."""
+    """Places of most texture: level (n,), step (n,) px between samples, and centre (n,2) px.
+
+    The middle of a picture is one too where a panel may fill it.
+    """
     found: list[tuple[Tensor, ...]] = []
     for level, plane in enumerate(pyramid.levels):
         if min(plane.shape) < 3 * _BLOCK_PX:
@@ -153,6 +173,11 @@ def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tens
             place = best.indices[best.values > _LEAST_TEXTURE]
             wide = top.shape[1]
             centre = torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX) + _BLOCK_PX / 2 + 0.5
+            filled = min(plane.shape[0] / shape.rows, plane.shape[1] / shape.columns) / step
+            if _FILLED_PX[0] <= filled <= _FILLED_PX[1]:
+                place = nn.functional.pad(place, (1, 0))
+                middle = centre.new_tensor([[plane.shape[1] / 2, plane.shape[0] / 2]])
+                centre = torch.cat([middle, centre])
             found.append((torch.full_like(place, level), torch.full_like(centre[:, 0], step), centre))
     return tuple(torch.cat(part) for part in zip(*found, strict=True))  # type: ignore[return-value]
 
@@ -179,7 +204,7 @@ class _Bank(NamedTuple):
 @torch.inference_mode(False)
 def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tuple[_Bank, ...]]:
     """Side of a window, its taper, and for each axis the waves along it and across it."""
-    cells = [min(one, _MOST_CELLS) for one in leds]
+    cells = [min(one, MOST_CELLS) for one in leds]
     side = 2 * round(max(cells) * _MID_PITCH_PX * 0.75) + 2
     place = torch.arange(side, dtype=torch.float64) + 0.5 - side / 2
     tapers = [torch.exp(-((place / (one * 4.5 * 0.35)) ** 2) / 2) for one in cells]
@@ -215,7 +240,7 @@ class _Lines(NamedTuple):
         pairs = lines.view(*lines.shape[:3], len(own.frequency), 2)
         waves = other.wave @ torch.view_as_complex(pairs)
         waves = waves / flat.sqrt()[..., None, None]
-        power = waves.abs().square().sum(0)
+        power = torch.view_as_real(waves).square().sum((0, -1))
         power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
         power, across = power.max(1)
         # Random bits have most power at low frequencies; a lattice is a peak, and the lowest of all is none.
@@ -225,17 +250,23 @@ class _Lines(NamedTuple):
         return cls(power.where(peak, _FLANK * power), across, waves)
 
 
-def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
+def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> Hypotheses:
     """Find lattices in the windows of most texture, the most periodic ones first.
 
     Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
-    bend most, by the spectrum that has most power there.
+    bend most, by the spectrum that has most power there. Of each level so many windows are ``turned`` by an
+    eighth, too: with these lattices of any turn are seen.
     """
     level, step, centre = proposals(pyramid, shape)
+    group = level - step
+    few = ((group[:, None] == group).tril().sum(1) <= turned).nonzero()[:, 0]
+    turn = torch.eye(2, device=centre.device).expand(len(level), 2, 2)
+    turn = torch.cat([turn, centre.new_tensor(_EIGHTH).expand(len(few), 2, 2)])
+    level, step, centre = (torch.cat([one, one[few]]) for one in (level, step, centre))
     side, taper, banks = _banks((shape.columns, shape.rows), pyramid.levels[0].device)
     place = torch.arange(side, device=centre.device) + 0.5 - side / 2
-    x = centre[:, :1] + (place.repeat(side) * step[:, None])
-    y = centre[:, 1:] + (place.repeat_interleave(side) * step[:, None])
+    at = torch.stack([place.repeat(side), place.repeat_interleave(side)])
+    x, y = (centre[..., None] + turn @ at * step[:, None, None]).unbind(1)
     windows = pyramid.read(level, x, y).view(-1, side, side)
     plain = windows - _boxes(windows, (_LOCAL, _LOCAL), torch.add) / _LOCAL**2
     spectra = []
@@ -267,10 +298,14 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape) -> Hypotheses:
     basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(torch.float32)
     middle = (basis @ torch.stack(offset, 1)[ordered, :, None])[..., 0]
     rows = rows[ordered]
-    size = step[rows, None]
+    size, turn = step[rows, None], turn[rows]
+    basis = turn @ basis
+    # Of a lattice turned by more than an eighth the lines down are the rows.
+    steep = basis[:, 1, 0] > basis[:, 0, 0]
+    basis = torch.where(steep[:, None, None], torch.stack([-basis[..., 1], basis[..., 0]], 2), basis)
     return Hypotheses(
         level[rows],
-        centre[rows] + middle * size,
+        centre[rows] + (turn @ middle[..., None])[..., 0] * size,
         basis * size[..., None],
         torch.minimum(*strength)[ordered],
     )

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
-from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
+from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
@@ -24,10 +24,14 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 _KIND = "learned_locator"
-# Cells that lattices are shifted by, and placings that are kept.
-_REACH, _KEPT = 3, 6
-# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit.
-_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, 1.0, 0.35
+# From so many LEDs on windows are turned, so many of a level: four lamps in a square are few bits on a turned
+# lattice.
+_LARGE_LEDS, _TURNED = 64, 3
+# Cells that lattices are shifted by, at least, and of so many LEDs one more; and placings that are kept.
+_REACH, _FAR, _KEPT = 3, 3, 6
+# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit,
+# of fewer LEDs and of more.
+_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, (1.0, 2.0), 0.35
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
@@ -161,8 +165,8 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     if frame.surround is not None:  # else a crop's grain is taken from the panel
         grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
         frame = Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
-    scales = Pyramid.of(frame.grey, 3 * max(shape.rows, shape.columns) // 2)
-    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, _REACH)
+    scales = Pyramid.of(frame.grey, 3 * min(shape.rows, shape.columns) // 2)
+    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, reach(shape))
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
@@ -178,7 +182,7 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         spots[best] = share.where(kept, 0.0).to(spots)
         best = best[share == 0]
     if len(best):
-        cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0)
+        cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0, by_light=True)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         sure = torch.zeros_like(best, dtype=torch.bool)
@@ -194,40 +198,65 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     cells look; that their bits follow a rule is seen in the bits. ``spots`` (n,) is the share of the picture
     that round spots of two levels explain; hardly any clutter is so well explained.
     """
-    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0)
+    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0, by_light=True)
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
     round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
-    told = torch.stack([logit, cells.score - random, random.clamp(min=_LEAST_RANDOM), round_spots], 1)
+    # The more LEDs, the more regular look those that are not half lit.
+    rule = (random * min(1.0, math.sqrt(_LARGE_LEDS / shape.leds))).clamp(min=_LEAST_RANDOM)
+    told = torch.stack([logit, cells.score - random, rule, round_spots], 1)
     return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
+
+
+def reach(shape: PanelShape) -> tuple[int, int]:
+    """Cells by which a lattice is shifted, down and right."""
+    return max(_REACH, shape.rows // _FAR), max(_REACH, shape.columns // _FAR)
 
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     """Give quadrilaterals (n,4,2) px of lattices in the spectra of windows, about the windows' middles."""
-    guess = lattice_hypotheses(scales, shape)
+    guess = lattice_hypotheses(scales, shape, _TURNED if shape.leds >= _LARGE_LEDS else 0)
     scale = 2.0 ** guess.level.float()
     centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
-    cell = lattice_model.corner_cells(shape).to(centre)
-    cell = cell - cell.new_tensor([shape.columns // 2, shape.rows // 2]) - 0.5
-    return (centre[:, None] + cell @ basis.mT).double()
+    # As many cells as a window shows.
+    core = PanelShape(min(shape.rows, MOST_CELLS), min(shape.columns, MOST_CELLS))
+    middle = centre.new_tensor([core.columns // 2, core.rows // 2])
+    cell = lattice_model.corner_cells(core).to(centre) - middle - 0.5
+    quads = (centre[:, None] + cell @ basis.mT).double()
+    if core == shape or not len(quads):
+        return quads
+    cells = best_places(scales, Cells.at(scales, quads, core), core, 0, by_light=True)
+    fit = fit_cells(scales, cells, core, _CELL_STEPS, most_random=0.0)
+    more = fit.level.new_tensor([(shape.columns - core.columns) // 2, (shape.rows - core.rows) // 2])
+    quads = map_points(fit.corners_px, lattice_model.corner_cells(shape).to(quads) - more, core)
+    return quads * 2.0 ** fit.level.double()[:, None, None]
 
 
 def placings(
-    net: PanelNet, scales: Pyramid, quads: Tensor, shape: PanelShape, reach: int, *, moved: bool = False
+    net: PanelNet,
+    scales: Pyramid,
+    quads: Tensor,
+    shape: PanelShape,
+    reach: int | tuple[int, int],
+    *,
+    moved: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Shift quadrilaterals (n,4,2) px by up to ``reach`` cells to the likeliest place, and give its logit.
+
+    ``reach`` may be one down and one right.
 
     ``moved`` moves the corners to where the network sees them, too.
     """
     if not len(quads):
         return quads, quads.new_zeros(0)
     cells = Cells.at(scales, quads, shape)
-    patches = read_cells(scales, cells, shape, SAMPLES, reach + CONTEXT)
+    down, right = (reach, reach) if isinstance(reach, int) else reach
+    patches = read_cells(scales, cells, shape, SAMPLES, (down + CONTEXT, right + CONTEXT))
     pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt()
-    judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape).flatten(2)
+    judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape, moved).flatten(2)
     logit, place = judged[:, 0].max(1)
-    wide = 2 * reach + 1
-    shift = torch.stack([place % wide, place // wide], 1)[:, None] - float(reach)
+    wide = 2 * right + 1
+    shift = torch.stack([place % wide - right, place // wide - down], 1)[:, None].to(quads)
     if moved:
         moves = judged[torch.arange(len(place), device=place.device), 1:, place].view(-1, 4, 2)
         shift = shift + moves.clamp(-_MOST_MOVE, _MOST_MOVE)
@@ -277,7 +306,7 @@ def _likelier(
     safe = torch.where(again.isfinite(), again, before[0])
     _, logit = placings(net, scales, safe, shape, 0)
     cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
-    good = ((logit > before[1] - _MOST_LOST) | sure) & (
+    good = ((logit > before[1] - _MOST_LOST[shape.leds >= _LARGE_LEDS]) | sure) & (
         (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
     )
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])

@@ -42,23 +42,24 @@ class PanelNet(nn.Module):
             nn.Conv2d(4 * _QUARTER + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 8, 1)
         )
 
-    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape) -> Tensor:
+    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape, moved: bool = True) -> Tensor:
         """Judge placings.
 
         Args:
-            patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells with a margin of m, K = ``SAMPLES``.
+            patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells, a margin m each way, K = ``SAMPLES``.
             pitch_px: (n,) in the frame.
             shape: R and C.
+            moved: whether moves are wanted, else the logit alone is given.
 
         Returns:
-            (n,9,P,P) with P = 2 (m - ``CONTEXT``) + 1, for shifts down and right by up to m - ``CONTEXT``:
+            (n,9,P,Q) with P, Q = 2 (m - ``CONTEXT``) + 1, for shifts down and right by up to m - ``CONTEXT``:
             a logit, and moves (4,2) of the corners, cells.
         """
         high, wide = shape.rows, shape.columns
-        margin = (patches.shape[-1] // SAMPLES - wide) // 2
-        many = 2 * (margin - CONTEXT) + 1
-        edge = (margin - 1) * SAMPLES
-        middle = patches[:, edge : patches.shape[1] - edge, edge : patches.shape[2] - edge]
+        margins = (patches.shape[1] // SAMPLES - high) // 2, (patches.shape[2] // SAMPLES - wide) // 2
+        down, right = (2 * (one - CONTEXT) + 1 for one in margins)
+        top, left = ((one - 1) * SAMPLES for one in margins)
+        middle = patches[:, top : patches.shape[1] - top, left : patches.shape[2] - left]
         spread, mean = torch.var_mean(middle, (1, 2), keepdim=True, correction=0)
         contrast = (spread + 1.0).sqrt()
         seen = ((patches - mean) / contrast).clamp(-_MOST, _MOST)[:, None]
@@ -66,30 +67,27 @@ class PanelNet(nn.Module):
         seen = self.far(self.near(seen).relu()).relu()
         told = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(len(patches), 2)
         told = torch.cat([told, pitch_px.log2()[:, None] / 4, contrast[:, 0].log2() / 4], 1)
-        told = told[..., None, None].expand(-1, -1, many, many)
+        told = told[..., None, None].expand(-1, -1, down, right)
         inside = _means(torch.cat([seen, seen.square()], 1), high, wide)
         sides = self.side(seen).relu().split(_SIDE, 1)
         lines = [_means(one, 1, wide) for one in sides[:2]] + [_means(one, high, 1) for one in sides[2:]]
-        at = [lines[0][:, :, :many], lines[1][:, :, high - 1 : high - 1 + many]]
-        at += [lines[2][..., :many], lines[3][..., wide - 1 : wide - 1 + many]]
-        logit = self.judge(torch.cat([inside, *at, told], 1))
+        at = [lines[0][:, :, :down], lines[1][:, :, high - 1 : high - 1 + down]]
+        at += [lines[2][..., :right], lines[3][..., wide - 1 : wide - 1 + right]]
+        logit: Tensor = self.judge(torch.cat([inside, *at, told], 1))
+        if not moved:
+            return logit
         half = ((high + 1) // 2, (wide + 1) // 2)
         quarters = _means(self.quarter(seen).relu(), *half)
-        low, right = high - half[0], wide - half[1]
-        four = [
-            quarters[:, :, y : y + many, x : x + many]
-            for y, x in ((0, 0), (0, right), (low, right), (low, 0))
-        ]
+        y, x = high - half[0], wide - half[1]
+        four = [quarters[:, :, j : j + down, i : i + right] for j, i in ((0, 0), (0, x), (y, x), (y, 0))]
         moves = self.move(torch.cat([*four, told], 1))
         return torch.cat([logit, moves], 1)
 
 
 def _means(planes: Tensor, high: int, wide: int) -> Tensor:
-    """Means over every box of (...,H,W), as products with bands of ones: many times faster than pooling."""
-    rows, columns = (
-        torch.ones(side, side - size + 1, device=planes.device).tril().triu(1 - size) / size
-        for side, size in zip(planes.shape[-2:], (high, wide), strict=True)
-    )
-    if wide > 1:
-        planes = planes @ columns
-    return rows.mT @ planes if high > 1 else planes
+    """Means over every box of (n,C,H,W), as differences of running sums: many times faster than pooling."""
+    for axis, size, before in ((3, wide, (1, 0)), (2, high, (0, 0, 1, 0))):
+        if size > 1:
+            sums, many = nn.functional.pad(planes.cumsum(axis), before), planes.shape[axis] - size + 1
+            planes = (sums.narrow(axis, size, many) - sums.narrow(axis, 0, many)) / size
+    return planes
