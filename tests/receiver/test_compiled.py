@@ -58,16 +58,17 @@ def test_panels_are_the_same_to_the_last_bit(limits: LocatorLimits, monkeypatch:
             assert torch.equal(getattr(one, name), getattr(other, name)), name
 
 
-@given(seed=st.integers(0, 10_000))
-@settings(max_examples=60, deadline=None)
-def test_threshold_and_box_are_opencvs(seed: int) -> None:
-    plane = frame_of(seed)
-    limit, *box = loops.lit_box(plane, plane.view(np.uint64))
-    if not any(box):  # what is refused goes the other way
-        return
-    theirs, mask = cv2.threshold(plane, 0, 1, cv2.THRESH_OTSU)
-    assert limit == theirs
-    assert tuple(box) == cv2.boundingRect(mask)
+def test_threshold_and_box_are_opencvs() -> None:
+    compared = 0
+    for seed in range(80):
+        plane = frame_of(seed)
+        limit, *box = loops.lit_box(plane, plane.view(np.uint64))
+        if any(box):  # what is refused goes the other way
+            theirs, mask = cv2.threshold(plane, 0, 1, cv2.THRESH_OTSU)
+            assert limit == theirs
+            assert tuple(box) == cv2.boundingRect(mask)
+            compared += 1
+    assert compared > 40
 
 
 @given(seed=st.integers(0, 10_000))

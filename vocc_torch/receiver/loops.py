@@ -42,6 +42,8 @@ def lit_box(plane: NDArray[np.uint8], words: NDArray[np.uint64]) -> tuple[int, i
         uneven = np.uint64(0)
         for column in range(across):
             uneven |= words[row, column] ^ first
+        if uneven and row == 0:
+            return nothing
         if uneven:
             top, low = (row if top < 0 else top), row
             column = 0
@@ -54,7 +56,7 @@ def lit_box(plane: NDArray[np.uint8], words: NDArray[np.uint64]) -> tuple[int, i
     for column in range(BLOCK_PX):
         if plane[0, column] != level:
             return nothing
-    if top <= 0 or 2 * (right + 1 - left) * BLOCK_PX > width or height * width > MOST_EXACT_PX:
+    if top < 0 or 2 * (right + 1 - left) * BLOCK_PX > width or height * width > MOST_EXACT_PX:
         return nothing
     left, right = left * BLOCK_PX, right * BLOCK_PX + BLOCK_PX
     counts = np.zeros(256, np.int64)
