@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, distinct, evidence, placings, save_weights
 from vocc_torch.receiver.location import PaperLocator
@@ -144,6 +145,13 @@ def test_nothing_is_found_where_nothing_is(level):
     assert not panels.corners_px.any()
 
 
+@pytest.mark.parametrize("locator", [LearnedLocator(), LatticeLocator()])
+@pytest.mark.parametrize("size", [(1, 1), (2, 30), (8, 8), (11, 200), (12, 12)])
+def test_in_a_picture_of_few_pixels_nothing_is_found(locator, size):
+    noise = torch.randint(0, 256, (2, *size), generator=torch.Generator().manual_seed(3)).to(torch.uint8)
+    assert not locator(noise, SHAPE).found.any()
+
+
 def test_the_panel_network_sees_placings_where_they_are():
     """A change of one cell changes what is judged of the placings that hold it or border on it alone."""
     torch.manual_seed(0)
@@ -197,6 +205,24 @@ def test_dots_by_a_rule_are_less_evidence_than_random_bits():
     assert none > 5
     assert few == none < most - 2
     assert ruled < none - 8
+
+
+def test_lamps_that_all_shine_are_less_evidence_than_bits_that_need_no_round_spots():
+    """An array of 4 x 4 lamps is a perfect lattice of round spots, but of one level."""
+    draw = torch.Generator().manual_seed(4)
+    spot = torch.zeros(6, 6)
+    spot[1:5, 1:5] = 150.0
+    quad, told = torch.tensor([[[30.0, 20.0], [54.0, 20.0], [54.0, 44.0], [30.0, 44.0]]]).double(), []
+    lamps = 1 + 0.05 * torch.randn(4, 4, generator=draw)
+    bits = torch.tensor([[1, 0, 0, 1], [0, 1, 0, 0], [1, 1, 0, 1], [0, 0, 1, 0]]).float()
+    for light, spots in ((bits, 0.0), (lamps, 0.999)):
+        grey = 20 + torch.randn(1, 1, 90, 100, generator=draw)
+        grey[0, 0, 20:44, 30:54] += torch.kron(light, spot)
+        scales = Pyramid.of(grey, 6)
+        told.append(
+            float(evidence(scales, quad, torch.tensor([7.0]), torch.tensor([spots]), PanelShape(4, 4)))
+        )
+    assert told[0] > told[1] + 2
 
 
 def test_of_panels_that_overlap_the_likeliest_is_kept():

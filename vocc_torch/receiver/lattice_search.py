@@ -158,7 +158,8 @@ def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tens
 
     The middle of a picture is one too where a panel may fill it.
     """
-    found: list[tuple[Tensor, ...]] = []
+    none = pyramid.levels[0].new_zeros(0)
+    found: list[tuple[Tensor, ...]] = [(none.long(), none, none.view(0, 2))]
     for level, plane in enumerate(pyramid.levels):
         if min(plane.shape) < 3 * _BLOCK_PX:
             continue

@@ -40,9 +40,11 @@ _AROUND_PX = 24
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
 # Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
-# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; below which
+# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; of fewer LEDs
+# 123 and 2245, of which arrays of lamps that all shine are the worst, and round spots say nothing. Below which
 # less random says no more; and the shares of the picture from which on, and up to which, spots say more.
-_EVIDENCE, _LEAST_RANDOM, _SHARES = (1.2, 0.67, 0.54, 2.0, -2.1), -20.0, (0.95, 0.995)
+_EVIDENCE, _OF_FEW_LEDS = (1.2, 0.67, 0.54, 2.0, -2.1), (0.76, 1.5, 0.25, 0.0, -7.2)
+_LEAST_RANDOM, _SHARES = -20.0, (0.95, 0.995)
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -205,7 +207,8 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     # The more LEDs, the more regular look those that are not half lit.
     rule = (random * min(1.0, math.sqrt(_LARGE_LEDS / shape.leds))).clamp(min=_LEAST_RANDOM)
     told = torch.stack([logit, cells.score - random, rule, round_spots], 1)
-    return told @ told.new_tensor(_EVIDENCE[:-1]) + _EVIDENCE[-1]
+    *weights, constant = _EVIDENCE if shape.leds >= _LARGE_LEDS else _OF_FEW_LEDS
+    return told @ told.new_tensor(weights) + constant
 
 
 def reach(shape: PanelShape) -> tuple[int, int]:
