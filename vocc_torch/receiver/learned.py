@@ -40,9 +40,9 @@ _AROUND_PX = 24
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
 # Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
-# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; of fewer LEDs
-# 123 and 2245, of which arrays of lamps that all shine are the worst, and round spots say nothing. Below which
-# less random says no more; and the shares of the picture from which on, and up to which, spots say more.
+# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; of fewer
+# LEDs 123 and 2245, of which arrays of lamps that all shine are the worst, and round spots say nothing.
+# Below which less random says no more; and the shares of the picture between which spots say more.
 _EVIDENCE, _OF_FEW_LEDS = (1.2, 0.67, 0.54, 2.0, -2.1), (0.76, 1.5, 0.25, 0.0, -7.2)
 _LEAST_RANDOM, _SHARES = -20.0, (0.95, 0.995)
 
