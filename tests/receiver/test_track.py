@@ -152,6 +152,20 @@ def test_a_panel_that_gives_way_to_lamps_is_soon_no_longer_claimed(approach):
     assert not any(claimed[24:])
 
 
+def test_a_part_of_a_panel_is_soon_no_longer_claimed():
+    """Five of its eight columns are a lattice whose lights change; beside it they change as well."""
+    grey, corners = shaken(3)
+    part = corners.copy()
+    part[:, 1:3] += 3 / 8 * (corners[:, [0, 3]] - corners[:, 1:3])
+    locator = Told(part)
+    tracker = Tracker(locator, PanelShape(8, 5), every=100)
+    claimed = [bool(tracker(grey[0]))]
+    locator.corners = None
+    claimed += [bool(tracker(plane)) for plane in grey[1:]]
+    assert claimed[0]
+    assert not any(claimed[12:])
+
+
 def test_a_panel_whose_leds_stand_still_is_followed_on():
     grey, corners = shaken(1, changes=False)
     locator = Told(corners)

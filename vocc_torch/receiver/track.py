@@ -41,6 +41,8 @@ _REACH, _TRUST, _STILL, _KEPT = 3, 0.15, 0.15, 0.1
 # slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
 _GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
 _SIZE_KEPT, _SHAPE_KEPT = 0.5, 0.2
+# Where lights beyond a side vary by this share of what LEDs do, they are LEDs.
+_AROUND = 0.6
 # Steps of the fit, and what fields 1, u, v and uv of a step, and blur, cost of a panel whose shape is known,
 # per square cell, in the picture's own variance.
 _STEPS, _KNOWN = 2, (4.0, 400.0, 400.0, 1600.0, 1600.0)
@@ -136,13 +138,21 @@ class Track:
         return worth
 
     def place(self, shape: PanelShape) -> None:
-        """Move by a line of LEDs where spots have stood out."""
+        """Move by a line of LEDs where spots have stood out; what is around stands still at first."""
         inside = _inside(self.energy, shape)
         y, x = divmod(int(inside.argmax()), 3)
         if inside[y, x] > inside[1, 1] + _LINE_MORE:
             self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
             for name in ("on", "energy", "lights"):
                 setattr(self, name, np.roll(getattr(self, name), (1 - y, 1 - x), (-2, -1)))
+            variance = self.lights[1]
+            variance[[0, -1]] = variance[:, [0, -1]] = variance.min()
+
+    def ends(self) -> bool:
+        """Whether lights beyond each side change less than LEDs do, so that the panel ends there."""
+        variance = self.lights[1]
+        beyond = max(variance[[0, -1], 1:-1].mean(1).max(), variance[1:-1, [0, -1]].mean(0).max())
+        return bool(beyond <= _AROUND * variance[1:-1, 1:-1].mean())
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
@@ -182,8 +192,7 @@ class Track:
         self.share += _MEMORY * (share - self.share)
         self.watch(levels[..., y, x])
         self.place(shape)
-        return True
-
+        return self.ends()
 
 def _inside(energy: Plane, shape: PanelShape) -> Plane:
     """Sum what stands out (R+2,C+2) in a panel that is moved by up to a line: (3,3)."""
