@@ -194,6 +194,7 @@ class Track:
         self.place(shape)
         return self.ends()
 
+
 def _inside(energy: Plane, shape: PanelShape) -> Plane:
     """Sum what stands out (R+2,C+2) in a panel that is moved by up to a line: (3,3)."""
     inside: Plane = sliding_window_view(energy, (shape.rows, shape.columns)).sum((2, 3))
