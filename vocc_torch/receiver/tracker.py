@@ -41,7 +41,8 @@ class Tracker:
     """Follow panels from frame to frame of one recording.
 
     A full search begins, goes on while nothing is seen, and comes again every ``every`` frames: it finds new
-    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost. While
+    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost, and one
+    beyond whose side lights change as its LEDs do is dropped at once: it was not the whole of it. While
     there is none, sightings that a search is not sure of are watched: panels once their LEDs change.
 
     Args:
