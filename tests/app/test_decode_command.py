@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from vocc_torch import Scene, Simulator, train
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
+from vocc_torch.receiver import learned
+from vocc_torch.receiver.learned import LearnedLocator, sighted
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
@@ -42,24 +45,63 @@ def decode(tmp_path, monkeypatch):
     return run
 
 
-@pytest.mark.parametrize("name", ["led-panel-8x8-photo.png", "led-array-4x4-bench.jpg"])
-def test_the_recommended_receiver_is_trained_where_no_model_is_given(decode, photo, name, tmp_path):
-    """And reads real pictures: a close-up, and a small panel that the paper's locator misses."""
+CLOSE, FAR = "led-panel-8x8-photo.png", "led-array-4x4-bench.jpg"
+READ = {
+    "by default": (CLOSE, (), LearnedLocator),
+    "by another": (CLOSE, ("receiver=recommended",), RefinedLocator),
+    "small, where it is there": (FAR, ("receiver=recommended",), RefinedLocator),
+    "small, and not sure": (FAR, ("receiver.false_alarms=0.05",), LearnedLocator),
+}
+
+
+def truth_of(photo, name):
+    """What is written of a picture, and the words for its panel's size."""
     truth = json.loads((photo.parent / "pictures.json").read_text())[name]
-    shape = [f"panel.{side}={truth[side]}" for side in ("rows", "columns")]
-    rows = decode(photo.parent / name, *shape, "budget.training_frames=16", "decode.annotate=false")
+    return "".join(truth["bits"]), [f"panel.{side}={truth[side]}" for side in ("rows", "columns")]
+
+
+@pytest.mark.parametrize("case", READ)
+def test_a_receiver_is_trained_where_no_model_is_given(decode, photo, case, tmp_path, monkeypatch):
+    """And reads real pictures: a close-up, and a small panel; what takes long is not done while it learns."""
+    searched = []
+    monkeypatch.setattr(learned, "sighted", lambda *given: searched.append(0) or sighted(*given))
+    name, words, locator = READ[case]
+    bits, shape = truth_of(photo, name)
+    rows = decode(photo.parent / name, *shape, *words, "budget.training_frames=16", "decode.annotate=false")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"bits.csv", "receiver.pt", "config.yaml"}
-    assert rows[0]["bits"] == "".join(truth["bits"])
+    assert rows[0]["bits"] == bits
     kept = Receiver.load(tmp_path / "out" / "receiver.pt")
-    assert (kept.name, type(kept.locator)) == ("tag_planes", RefinedLocator)
+    assert (kept.name, type(kept.locator)) == ("tag_planes", locator)
+    assert len(searched) == (locator is LearnedLocator)
+
+
+def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(decode, photo, tmp_path):
+    bits, shape = truth_of(photo, FAR)
+    few = (*shape, "budget.training_frames=16", "decode.annotate=false")
+    Image.new("L", (640, 480), 90).save(tmp_path / "flat.png")
+    with pytest.raises(VoccError, match="no place in them looks like one"):
+        decode("flat.png", *few)
+    with pytest.raises(VoccError, match="no panel in 1 of 1 frames: the likeliest place states") as said:
+        decode(photo.parent / FAR, *few)
+    word = re.search(r"give (receiver\.false_alarms=\S+)", str(said.value))[1]
+    assert decode(photo.parent / FAR, *few, word)[0]["bits"] == bits
+
+
+def test_a_model_of_few_leds_brings_its_own_locator(decode, photo, tmp_path):
+    """Of which the one that decode takes without a model states nothing."""
+    small, few = ("panel.rows=2", "panel.columns=4"), ("budget.training_frames=16", "name=x")
+    with pytest.raises(VoccError, match="panel is 2 x 4: it must be of at least 16 LEDs"):
+        decode(photo, *small)
+    folder = tmp_path / "trained"
+    run_task(composed("task=train", *small, *few), folder)
+    assert len(decode(photo, *small, f"model={folder / 'receiver.pt'}")[0]["bits"]) == 8
 
 
 def test_a_receiver_that_is_named_is_taken_instead():
-    paper, learned = (
-        composed("task=decode", "name=x", word) for word in ("receiver=paper", "classifier=svm")
-    )
-    assert (paper.receiver.locator, [*paper.classifiers]) == ("paper", [])
-    assert (learned.receiver.locator, [*learned.classifiers]) == ("refined", ["svm"])
+    words = "receiver=paper", "receiver=recommended", "classifier=svm"
+    given = [composed("task=decode", "name=x", word) for word in words]
+    assert [one.receiver.locator for one in given] == ["paper", "refined", "learned"]
+    assert [[*one.classifiers] for one in given] == [[], ["tag_planes"], ["svm"]]
 
 
 def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys):

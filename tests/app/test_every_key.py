@@ -139,7 +139,7 @@ LATER = {
     "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",
     "plug_ins": "tests/app/test_kept_receivers.py::test_code_from_outside_runs_only_where_it_is_named_and_un",
     "decode.channel": "tests/studies/decode/test_decode.py::test_channels_see_their_colour",
-    "decode.annotate": "tests/app/test_decode_command.py::test_the_recommended_receiver_is_trained",
+    "decode.annotate": "tests/app/test_decode_command.py::test_a_receiver_is_trained_where_no_model_is_given",
     "decode.follow": "tests/studies/decode/test_decode.py::test_a_panel_is_followed_in_a_video",
     "decode.scale": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
     "decode.most": "tests/receiver/test_lattice_locator.py::test_two_panels_are_two_rows",

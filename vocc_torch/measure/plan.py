@@ -227,6 +227,10 @@ class Plan:
             rows[value] = replace(self, experiment=row)
         return rows
 
+    def at_true_corners(self) -> Self:
+        """Give the plan by which receivers learn at the true corners; panels alone are quickly simulated."""
+        return replace(self, receiver=replace(self.receiver, locator="truth"))
+
     @property
     def frames_in_point(self) -> int:
         """Frames that one Monte Carlo point draws at most: the budget, times the bins if there are any."""

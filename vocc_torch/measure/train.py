@@ -296,15 +296,27 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     return receiver
 
 
-def receiver_for(plan: Plan, model: Path | None, plug_ins: Sequence[str] = ()) -> Receiver:
+def receiver_for(
+    plan: Plan, model: Path | None, plug_ins: Sequence[str] = (), *, at_truth: bool = False
+) -> Receiver:
     """Load the receiver, or train one on the plan's scenes where no model is given.
+
+    Args:
+        plan: the study.
+        model: a receiver's file.
+        plug_ins: files of code that it may name.
+        at_truth: whether it learns at the true corners, which is quick where its locator is slow.
 
     Raises:
         VoccError: a model that cannot be read or is for another panel.
     """
     if model is None:
-        untouched = replace(plan.experiment, training={})
-        return calibrated_receiver(plan, train(replace(plan, experiment=untouched)))
+        own = plan.at_true_corners() if at_truth else plan
+        untouched = replace(own.experiment, training={})
+        receiver = calibrated_receiver(own, train(replace(own, experiment=untouched)))
+        (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
+        receiver.locator = locator or receiver.locator
+        return receiver
     receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
     wanted, has = plan.receiver.reader.shape, receiver.shape
     if wanted != has:

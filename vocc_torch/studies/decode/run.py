@@ -26,6 +26,9 @@ from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode
 
+WORTH_A_LOOK = 0.3
+"""False alarms a frame from which on the likeliest place is not worth a word."""
+
 
 class Album:
     """Annotated pictures in a run's folder, one a frame of a picture.
@@ -80,6 +83,7 @@ class Summary:
         alike: how many have LEDs of one level.
         strange: how many are unlike what the receiver learned from.
         unlike: by name, the last value beyond what it learned from.
+        least_alarms: false alarms a frame of the likeliest place that is not found; NaN where none is stated.
     """
 
     rows: list[list[str]] = field(default_factory=list)
@@ -89,11 +93,13 @@ class Summary:
     alike: int = 0
     strange: int = 0
     unlike: dict[str, float] = field(default_factory=dict)
+    least_alarms: float = math.nan
 
     def add(self, reading: Reading) -> None:
         """Count a reading."""
         self.rows.append(reading.row())
         if not reading.found:
+            self.least_alarms = float(np.fmin(self.least_alarms, reading.false_alarms))
             return
         self.found += 1
         self.doubtful += reading.is_doubtful
@@ -112,6 +118,18 @@ class Summary:
         judged = f"{self.best.judged}; {self.found} of {len(self.rows)} frames show a panel"
         for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged):
             console.print(text, soft_wrap=True, markup=False, highlight=False)
+
+    def hint(self, is_trained: bool) -> str:
+        """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
+        channel = "decode.channel=auto for coloured LEDs"
+        if math.isnan(self.least_alarms):
+            return f"see receiver.location for the locator's limits, and {channel}"
+        if self.least_alarms >= WORTH_A_LOOK:
+            return f"no place in them looks like one: try {channel}, or another locator"
+        step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
+        enough = f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
+        sure = f"the likeliest place states {self.least_alarms:.2g} false alarms in a frame without a panel"
+        return f"{sure}: {'give' if is_trained else 'train with'} {enough} to have it read"
 
     def warn(self, receiver: Receiver) -> None:
         """Warn of what makes the bits doubtful."""
@@ -147,7 +165,12 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if not first:
         raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
-    receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
+    # A model brings a locator of its own.
+    named = settings.receiver if model is None else replace(settings.receiver, locator="truth")
+    plan = build_plan(replace(settings, receiver=named), folder)
+    (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
+    # What says how sure it is takes its time, and its corners are level with the true ones.
+    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=hasattr(locator, "sightings"))
     recording = chain(first, recording)
     lights: tuple[Mix, ...] = ()
     if config.channel in ("auto", "unmix"):
@@ -166,9 +189,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         shutil.rmtree(album.folder, ignore_errors=True)
         raise
     if read.best is None:
-        hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
-        nothing = f"input {source} shows no panel in {len(read.rows)} of {len(read.rows)} frames: {hint}"
-        raise VoccError("; ".join([nothing, *failures]))
+        nothing = f"input {source} shows no panel in {len(read.rows)} of {len(read.rows)} frames"
+        raise VoccError("; ".join([f"{nothing}: {read.hint(model is None)}", *failures]))
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *read.rows])
     run_folder.write_config(settings, folder)
     if model is None:

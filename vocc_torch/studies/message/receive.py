@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from itertools import chain, groupby, islice
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure import timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.messages.front import Front
 from vocc_torch.messages.packets import Assembly, payload_bytes
@@ -90,9 +88,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
     study = build_plan(with_panel_of(settings, plan), folder)
-    receiver = receiver_for(study if model else at_true_corners(study), model, settings.plug_ins)
-    if model is None:
-        (receiver.locator,) = study.receiver.finders([study.receiver.locator]).values()  # type: ignore[assignment]  # not truth
+    # The panel is followed, so its corners are surer than those of single frames.
+    receiver = receiver_for(study, model, settings.plug_ins, at_truth=True)
     front = Front(receiver, config.locate_every, config.soft, config.follow)
     rows: list[run_folder.Cells] = [COLUMNS]
 
@@ -135,15 +132,6 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         failures.append(f"input {source} holds packets of {len(assembly.parts)} messages: one was written")
     if failures:
         raise VoccError("; ".join(failures))
-
-
-def at_true_corners(plan: Plan) -> Plan:
-    """Give the plan by which a receiver learns at the true corners.
-
-    The panel is followed, so its corners are surer than those of single frames; and panels alone are quickly
-    simulated where whole frames are not.
-    """
-    return replace(plan, receiver=replace(plan.receiver, locator="truth"))
 
 
 def write_missing(path: Path, missing: list[int], length: int, info_bytes: int) -> None:

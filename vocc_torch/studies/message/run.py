@@ -18,7 +18,6 @@ from vocc_torch.show import canvas, plots, terminal
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.styles import axis_label, rate_text, receiver_styles, value_text
 from vocc_torch.studies.message import MessagesConfig
-from vocc_torch.studies.message.receive import at_true_corners
 from vocc_torch.studies.message.study import (
     Carried,
     SweepPoint,
@@ -62,7 +61,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         VoccError: a value outside its range, or whatever a stage refuses.
     """
     run_folder.refuse_results(folder)
-    plan, console = at_true_corners(build_plan(settings, folder)), terminal.Console()
+    plan, console = build_plan(settings, folder).at_true_corners(), terminal.Console()
     variants_of(plan, config)  # refused, as a code that is not installed, before anything is trained
     for code in config.codes:
         rate = section(f"messages.codes has {code}, whose code_rate", before="transmit.code_rate")
