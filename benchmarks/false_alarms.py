@@ -158,6 +158,7 @@ def main() -> None:
         name, size = path.stem.rsplit("_", 1)
         shape = PanelShape(*map(int, size.split("x")))
         found = torch.tensor(list(read_scores((name, shape)).values()), dtype=torch.float64)
+        found = found.masked_fill(found <= NONE, -torch.inf)
         rows = [
             one for one in rows if (one.locator, one.rows, one.columns) != (name, shape.rows, shape.columns)
         ]

@@ -153,6 +153,19 @@ def test_where_a_tail_grows_longer_far_out_rates_follow_it():
         )
 
 
+def test_frames_in_which_nothing_is_seen_are_no_floor():
+    """Of 40,000 one in 25 has a score."""
+    draw = -torch.rand(40000, generator=torch.Generator().manual_seed(7), dtype=torch.float64).log()
+    some = torch.where(torch.arange(len(draw)) % 25 == 0, draw, -torch.inf)
+    table = FalseAlarms.of("mine", SHAPE, some)
+    assert len(table.floors) == 2
+    for score in (1.0, 3.0, 6.0):
+        low, high = table.interval(score)
+        assert low < 0.04 * expon.sf(score) < high
+    with pytest.raises(VoccError, match=r"maxima is 2 scores: it must be 11 at least"):
+        FalseAlarms.of("mine", SHAPE, some[:50])
+
+
 def test_a_table_is_read_as_written_and_serves_no_smaller_panel(tmp_path):
     row = FalseAlarms("mine", 4, 8, 5000, (350, 100), (1.25, 2.5), 0.5)
     false_alarms.write_table(tmp_path / "table.csv", [row])

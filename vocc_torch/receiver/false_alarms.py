@@ -54,16 +54,21 @@ class FalseAlarms:
 
     @classmethod
     def of(cls, locator: str, shape: PanelShape, maxima: Tensor) -> Self:
-        """Fit the greatest scores (N,) of N panel-free frames.
+        """Fit the greatest scores (N,) of N panel-free frames, minus infinity where there is none.
 
         Raises:
-            VoccError: fewer than 50 frames.
+            VoccError: fewer than 50 frames, or too few with a score.
         """
         if len(maxima) < _LEAST_FRAMES:
             raise VoccError.of("frames", len(maxima), f"at least {_LEAST_FRAMES} to calibrate on")
         ordered = maxima.double().sort(descending=True).values
         first, *more = (round(share * len(ordered)) for share in _SHARES)
-        above = (max(10, first), *(one for one in more if one >= _LEAST_ABOVE))
+        counts = (max(10, first), *(one for one in more if one >= _LEAST_ABOVE))
+        # A floor that is no score tells nothing of those above it.
+        above = tuple(one for one in counts if ordered[one].isfinite())
+        if not above:
+            scored = int(ordered.isfinite().sum())
+            raise VoccError.of("maxima", f"{scored} scores", f"{counts[-1] + 1} at least to calibrate on")
         floors = tuple(float(ordered[one]) for one in above)
         scale = max(float((ordered[: above[-1]] - floors[-1]).mean()), 1e-6)
         return cls(locator, shape.rows, shape.columns, len(ordered), above, floors, scale)

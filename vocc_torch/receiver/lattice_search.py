@@ -8,7 +8,7 @@ the same along both axes: the spectrum of the bits themselves may be stronger al
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -105,7 +105,8 @@ def _blocks(plane: Tensor, high: int, wide: int) -> Tensor:
     for axis, size in ((0, high), (1, wide)):
         while size > 1:
             even = plane.narrow(axis, 0, plane.shape[axis] // 2 * 2)
-            plane = (even[::2] + even[1::2] if axis == 0 else even[:, ::2] + even[:, 1::2]) / 2
+            plane = even[::2] + even[1::2] if axis == 0 else even[:, ::2] + even[:, 1::2]
+            plane *= 0.5
             size //= 2
     return plane
 
@@ -136,7 +137,7 @@ def _texture_blocks(plane: Tensor) -> Tensor:
     """Means over blocks of 4 px of changes along both axes, of grey values, and of their squares (4,h,w)."""
     few = plane[::_LAG_PX, ::_LAG_PX] - 128
     side = _BLOCK_PX // _LAG_PX
-    parts = ((few[:, 1:] - few[:, :-1]).abs(), (few[1:] - few[:-1]).abs(), few, few * few)
+    parts = ((few[:, 1:] - few[:, :-1]).abs_(), (few[1:] - few[:-1]).abs_(), few, few * few)
     blocks = [_blocks(one, side, side) for one in parts]
     high, wide = (min(one.shape[axis] for one in blocks) for axis in (0, 1))
     return torch.stack([one[:high, :wide] for one in blocks])
@@ -232,15 +233,18 @@ class _Lines(NamedTuple):
     waves: Tensor
 
     @classmethod
-    def of(cls, planes: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> "_Lines":
-        """Look along x of planes (P,n,S,S)."""
-        planes = planes - (planes * taper).sum((2, 3), keepdim=True) / taper.sum()
-        flat = (planes * taper).square().sum((2, 3)) + 4.0 * taper.square().sum()
+    def of(cls, planes: Sequence[Tensor], bent: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> "_Lines":
+        """Look along x of planes (n,S,S) each; of the last there are those of the windows ``bent`` alone."""
+        seen = torch.cat(list(planes))
+        seen = seen - (seen * taper).sum((1, 2), keepdim=True) / taper.sum()
+        flat = (seen * taper).square().sum((1, 2)) + 4.0 * taper.square().sum()
         # Real pictures by real waves, which come as pairs of real and imaginary parts.
-        lines = planes @ torch.view_as_real(own.wave).permute(1, 0, 2).flatten(1)
-        pairs = lines.view(*lines.shape[:3], len(own.frequency), 2)
-        waves = other.wave @ torch.view_as_complex(pairs)
-        waves = waves / flat.sqrt()[..., None, None]
+        lines = seen @ torch.view_as_real(own.wave).permute(1, 0, 2).flatten(1)
+        pairs = lines.view(*lines.shape[:2], len(own.frequency), 2)
+        found = (other.wave @ torch.view_as_complex(pairs)) / flat.sqrt()[:, None, None]
+        waves = found.new_zeros(len(planes), len(planes[0]), *found.shape[1:])
+        whole = (len(planes) - 1) * len(planes[0])
+        waves[:-1], waves[-1, bent] = found[:whole].view_as(waves[:-1]), found[whole:]
         power = torch.view_as_real(waves).square().sum((0, -1))
         power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
         power, across = power.max(1)
@@ -270,17 +274,17 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
     x, y = (centre[..., None] + turn @ at * step[:, None, None]).unbind(1)
     windows = pyramid.read(level, x, y).view(-1, side, side)
     plain = windows - _boxes(windows, (_LOCAL, _LOCAL), torch.add) / _LOCAL**2
-    spectra = []
+    spectra, bent = [], (level == 0).nonzero()[:, 0]
     for axis in (0, 1):
         seen, own = (one.mT if axis else one for one in (windows, plain))
         # Light of LEDs that run into one another bends in their middles, whatever their bits; on halved
         # pictures they do not.
-        smooth = _boxes(seen, (3, 1), torch.add) / 3
-        planes = torch.stack([own, torch.zeros_like(own), torch.zeros_like(own)])
-        planes[1, ..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
-        planes[2, ..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
-        planes[2, level > 0] = 0
-        spectra.append(_Lines.of(planes, taper.mT if axis else taper, *banks[2 * axis : 2 * axis + 2]))
+        smooth = _boxes(seen[bent], (3, 1), torch.add) / 3
+        change, bend = torch.zeros_like(own), torch.zeros_like(smooth)
+        change[..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
+        bend[..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
+        banked = banks[2 * axis : 2 * axis + 2]
+        spectra.append(_Lines.of((own, change, bend), bent, taper.mT if axis else taper, *banked))
     rows, chosen = _alike([one.power for one in spectra], [banks[0].frequency, banks[2].frequency])
     frequency, offset, strength = [], [], []
     for axis, (lines, at) in enumerate(zip(spectra, chosen, strict=True)):

@@ -60,7 +60,8 @@ class PanelNet(nn.Module):
         down, right = (2 * (one - CONTEXT) + 1 for one in margins)
         top, left = ((one - 1) * SAMPLES for one in margins)
         middle = patches[:, top : patches.shape[1] - top, left : patches.shape[2] - left]
-        spread, mean = torch.var_mean(middle, (1, 2), keepdim=True, correction=0)
+        spread, mean = torch.var_mean(middle.flatten(1), 1, correction=0)
+        spread, mean = spread[:, None, None], mean[:, None, None]
         contrast = (spread + 1.0).sqrt()
         seen = ((patches - mean) / contrast).clamp(-_MOST, _MOST)[:, None]
         seen = self.cell(self.spot(seen).relu()).relu()

@@ -98,7 +98,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
     for name, sent in further_films(simulator, torch.from_numpy(film), key).items():
-        np.save(folder / f"frames{name}.npy", sent.numpy())
+        with atomic_file(folder / f"frames{name}.npy") as temporary, temporary.open("wb") as file:
+            np.save(file, sent.numpy())
     run_folder.write_config(settings, folder)
     console = Console()
     ratio = config.fps * symbol_s
