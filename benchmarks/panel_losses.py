@@ -1,6 +1,7 @@
 """Which step of the learned locator loses panels, in small and photo-like pictures of panels of any shape.
 
     python benchmarks/panel_losses.py --small 56 --photo 60
+    python benchmarks/panel_losses.py --small 28 --photo 30 --yaw 30 50
 
 Photo-like: of 8 to 40 px an LED, cut so that the panel fills 40 to 100 % of either side, every second one
 shrunk to 2.2 to 4.5 px an LED. Counted are panels that can be read: of 2 px an LED and more, whole in the
@@ -16,6 +17,7 @@ import argparse
 import math
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -39,12 +41,15 @@ LOSSES = ("place", "placing", "fit", "score")
 STEPS_PX, TURNED_DEG = (2, 3, 5, 12, 99), 20.0
 
 
-def small_or_photo(photo: bool, blocks: int, seed: int) -> Iterator[tuple[str, Tensor, Tensor, Tensor]]:
+def small_or_photo(
+    photo: bool, blocks: int, seed: int, **seen_from: tuple[float, float]
+) -> Iterator[tuple[str, Tensor, Tensor, Tensor]]:
     """Draw pictures (1,H,W) of a panel each: the kind, the picture, its corners (4,2) px, and its bits."""
     draw, shapes = np.random.default_rng(seed), PHOTO_SHAPES if photo else SHAPES
     for block in range(blocks):
         own = (shapes[block % len(shapes)],)
-        drawn = world(seed, block, kind=Kind(own, 800, 4, (8.0, 40.0)) if photo else Kind(own, frames=8))
+        kind = Kind(own, 800, 4, (8.0, 40.0)) if photo else Kind(own, frames=8)
+        drawn = world(seed, block, kind=replace(kind, **seen_from))
         for picture, corners, bits in zip(drawn.grey, drawn.corners_px.double(), drawn.bits, strict=True):
             grey, truth, name = picture.round().to(torch.uint8), corners, "small"
             if truth.any() and photo:
@@ -112,12 +117,15 @@ def main() -> None:
     parser.add_argument("--small", type=int, default=56, help="blocks of eight small pictures")
     parser.add_argument("--photo", type=int, default=60, help="blocks of four photo-like ones")
     parser.add_argument("--seed", type=int, default=77)
+    parser.add_argument("--yaw", type=float, nargs=2, default=Kind.yaw_deg, help="degrees, from and to")
+    parser.add_argument("--pitch", type=float, nargs=2, default=Kind.pitch_deg)
     given = parser.parse_args()
+    seen_from = {"yaw_deg": tuple(given.yaw), "pitch_deg": tuple(given.pitch)}
     torch.set_num_threads(1)
     net, tally = learned.LearnedLocator().net(torch.device("cpu")), Counter[tuple[str, str]]()
     with torch.inference_mode():
         for photo, blocks in ((False, given.small), (True, given.photo)):
-            for name, grey, truth, bits in small_or_photo(photo, blocks, given.seed):
+            for name, grey, truth, bits in small_or_photo(photo, blocks, given.seed, **seen_from):
                 shape = PanelShape(*bits.shape)
                 scales = Pyramid.of(grey[None], 3 * min(shape.rows, shape.columns) // 2)
                 if not readable(scales, truth, bits, shape):

@@ -37,12 +37,14 @@ class World(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """Shapes of a kind of frames, the frames' side, px, how many make a block, and pitches, px."""
+    """Shapes of a kind of frames, the frames' side, px, how many make a block, pitches, px, and turns."""
 
     shapes: Sequence[tuple[int, int]] = SHAPES
     side_px: int = SIDE_PX
     frames: int = BLOCK
     pitches_px: tuple[float, float] = PITCHES_PX
+    yaw_deg: tuple[float, float] = (-30, 30)
+    pitch_deg: tuple[float, float] = (-12, 12)
 
 
 TRAINING = Kind()
@@ -148,8 +150,8 @@ def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAININ
     )
     effects: dict[str, object] = {
         "pose": {
-            "yaw_deg": ["uniform", -30, 30],
-            "pitch_deg": ["uniform", -12, 12],
+            "yaw_deg": ["uniform", *kind.yaw_deg],
+            "pitch_deg": ["uniform", *kind.pitch_deg],
             "roll_deg": ["uniform", -turn, turn],
         },
         "blooming": {"sigma_px": float(draw.uniform(0.3, 2.0))},

@@ -73,7 +73,8 @@ def load_weights(path: Path, device: torch.device) -> PanelNet:
         except (KeyError, RuntimeError, ValueError):
             raise VoccError(f"model {path} holds no learned locator: train it again") from None
         # So kept, the first convolution, of one plane, takes a sixth of the time.
-        return net.eval().requires_grad_(False).to(device, memory_format=torch.channels_last)
+        net.to(memory_format=torch.channels_last)
+        return net.eval().requires_grad_(False).to(device)
 
 
 @dataclass(frozen=True, slots=True)
