@@ -56,7 +56,7 @@ def main() -> None:
     markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250))
     receiver = vt.train("paper", classifier="tag_planes", frames=64)
     tally: Counter[tuple[str, str, str, str]] = Counter()
-    seconds: Counter[str] = Counter()
+    seconds: Counter[tuple[str, str]] = Counter()
     for scene in SCENES:
         for kind, count in (("panel", given.frames), ("absent", given.absent)):
             words = ["+scene.effects.panel_absent={}"] if kind == "absent" else []
@@ -67,7 +67,7 @@ def main() -> None:
                 began = time.process_time()
                 for grey in batch.frames.grey[:, 0].numpy():
                     markers.detectMarkers(grey)
-                seconds["ArUco"] += time.process_time() - began
+                seconds[scene, "ArUco"] += time.process_time() - began
                 limits = torch.tensor(batch.frames.sensor_px[::-1])
                 readable = ((truth >= 0) & (truth <= limits)).flatten(1).all(1)
                 told = receiver.forward(batch.frames, Panels.known(truth))
@@ -75,7 +75,7 @@ def main() -> None:
                 for name, locator in locators.items():
                     began = time.process_time()
                     panels: Panels = locator(batch.frames, world.panel.shape)
-                    seconds[name] += time.process_time() - began
+                    seconds[scene, name] += time.process_time() - began
                     turned = torch.stack([truth.roll(k, 1) for k in range(4)])
                     apart = (turned - panels.corners_px).abs().amax((2, 3)).amin(0) / pitch.clamp(min=1e-9)
                     seen, found = panels.found & (apart < NEAR), panels.found
@@ -128,8 +128,9 @@ def main() -> None:
                     flush=True,
                 )
         writer.writerows(sorted(rows))
-    frames = len(SCENES) * (given.frames + given.absent)
-    print({name: f"{one / frames * 1e3:.0f} ms of processor a frame" for name, one in seconds.items()})
+    for (scene, name), one in seconds.items():
+        told = 1e3 * one / (given.frames + given.absent)
+        print(f"{scene}, {name}: {told:.0f} ms of processor a frame")
 
 
 if __name__ == "__main__":
