@@ -100,8 +100,8 @@ def row(receiver: vt.Receiver, pictures: list[Picture], bits: torch.Tensor | Non
     nowhere = np.zeros((1, 1, 3), np.uint8)
     frames = (RecordedFrame("", i, None, nowhere, one) for i, one in enumerate(pictures))
     read = list(decode(receiver, frames))
-    sure = [i for i, one in enumerate(read) if one.found and not one.is_doubtful and not one.unlike]
     calm = [i for i, one in enumerate(read) if one.found and not one.is_doubtful]
+    sure = [i for i in calm if not read[i].unlike and not read[i].one_level]
     well = sum(one.found and one.panel_score >= DOUBTFUL_SCORE for one in read)
     wrong = 0 if bits is None else sum(bool((read[i].bits != bits[i].numpy()).any()) for i in calm)
     return [len(read), sum(one.found for one in read), well, len(calm), wrong, len(sure)]

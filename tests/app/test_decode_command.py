@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import re
 
@@ -9,6 +10,9 @@ import numpy as np
 import pytest
 import torch
 from composing import composed
+from hypothesis import given
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
 from PIL import Image
 from skimage import data
 
@@ -20,7 +24,11 @@ from vocc_torch.receiver import learned
 from vocc_torch.receiver.learned import LearnedLocator, sighted
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
+from vocc_torch.studies.decode.reading import Reading
+from vocc_torch.studies.decode.run import Summary
 
 
 @pytest.fixture(scope="module")
@@ -79,12 +87,68 @@ def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(decode, photo,
     bits, shape = truth_of(photo, FAR)
     few = (*shape, "budget.training_frames=16", "decode.annotate=false")
     Image.new("L", (640, 480), 90).save(tmp_path / "flat.png")
-    with pytest.raises(VoccError, match="no place in them looks like one"):
+    with pytest.raises(VoccError, match="no place looks like one by more than chance"):
         decode("flat.png", *few)
-    with pytest.raises(VoccError, match="no panel in 1 of 1 frames: the likeliest place states") as said:
+    with pytest.raises(VoccError, match="no panel in 1 of 1 frames: at the likeliest place, in led-") as said:
         decode(photo.parent / FAR, *few)
     word = re.search(r"give (receiver\.false_alarms=\S+)", str(said.value))[1]
     assert decode(photo.parent / FAR, *few, word)[0]["bits"] == bits
+
+
+def nothing_in(*rates):
+    """What frames without a panel come to, of the rates at their likeliest places."""
+    read = Summary()
+    for number, rate in enumerate(rates):
+        frame = RecordedFrame(
+            "film.mp4", number, 0.1, np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1), np.uint8)
+        )
+        none = np.zeros((4, 2)), np.zeros((4, 4), bool), {}, 0.0, 0.0, 0, False, 0.0, False
+        read.add(Reading(frame, False, *none, false_alarms=rate))
+    return read
+
+
+@pytest.mark.parametrize(
+    ("rates", "said"),
+    [
+        ((0.2,), "in film.mp4, 0.2 false alarms are expected in a frame without a panel: give"),
+        ((math.inf, 0.04, 1.0, 0.02, 0.03, math.nan), "in film.mp4, frame 3, 0.02 false alarms are expected"),
+        ((0.02,) * 10, "in a frame without a panel, 0.2 in 10: give"),
+        ((1.0, 0.04) * 5, "by more than chance: try another size or decode.channel=auto"),
+        ((math.inf,), "by more than chance"),
+        ((math.nan, 0.0, -1.0), "see receiver.location for the locator's limits and decode.channel=auto"),
+    ],
+)
+def test_where_nothing_is_found_the_likeliest_place_is_named(rates, said):
+    """The least rate of all frames, and what chance gives in as many."""
+    assert said in nothing_in(*rates).hint(DecodeConfig(), True)
+
+
+@given(st.floats(1e-12, 0.29))
+def test_the_rate_that_is_named_is_enough_and_hardly_more(rate):
+    said = nothing_in(rate).hint(DecodeConfig(), True)
+    named = float(re.search(r"give receiver\.false_alarms=(\S+) to", said)[1])
+    assert rate <= named <= 1.1 * rate
+    assert "train with receiver.false_alarms=" in nothing_in(rate).hint(DecodeConfig(), False)
+
+
+def test_what_was_tried_is_not_advised():
+    assert "channel" not in nothing_in(math.inf).hint(DecodeConfig(channel="auto"), True)
+    assert "receiver=recommended" not in nothing_in(math.inf).hint(DecodeConfig(), False)
+    assert nothing_in(0.01).hint(DecodeConfig(follow="true"), True).startswith("try decode.follow=false")
+
+
+def test_the_settings_of_a_run_are_those_of_its_model(decode, photo, tmp_path):
+    """Not those that decode takes without one."""
+    words = "receiver.location.closing_px=9", "budget.training_frames=16"
+    run_task(composed("task=train", *words, "receiver.locator=refined", "name=x"), tmp_path / "trained")
+    decode(photo, f"model={tmp_path / 'trained' / 'receiver.pt'}")
+    used = OmegaConf.load(tmp_path / "out" / "config.yaml")
+    assert (used.receiver.locator, used.receiver.save, used.receiver.location.closing_px) == (
+        "refined",
+        "flda_3",
+        9,
+    )
+    assert not used.classifiers
 
 
 def test_a_model_of_few_leds_brings_its_own_locator(decode, photo, tmp_path):

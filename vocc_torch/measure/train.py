@@ -4,16 +4,17 @@ import itertools
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, resolve_device
@@ -23,7 +24,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indice
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.locators import PanelLocator, locator_settings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, training_point
 from vocc_torch.simulation.scene import SceneModel, narrowed
@@ -315,7 +316,7 @@ def receiver_for(
         untouched = replace(own.experiment, training={})
         receiver = calibrated_receiver(own, train(replace(own, experiment=untouched)))
         (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-        receiver.locator = locator or receiver.locator
+        receiver.locator = receiver.locator if locator is None else locator
         return receiver
     receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
     wanted, has = plan.receiver.reader.shape, receiver.shape
@@ -324,6 +325,24 @@ def receiver_for(
         other = f"panel.rows x panel.columns is {wanted.rows} x {wanted.columns}"
         raise VoccError(f"{given}, and {other}: make them agree")
     return receiver
+
+
+def settings_used(settings: Settings, receiver: Receiver) -> Settings:
+    """Say in the settings which receiver was used, where a model brought it."""
+    if settings.model is None:
+        return settings
+    own: dict[str, Any] = locator_settings(receiver.locator)
+    limits = asdict(settings.receiver.location)
+    limits |= {key: value for key, value in own.get("paper", own).items() if key in limits}
+    named = replace(
+        settings.receiver,
+        save=receiver.name,
+        locator=own.get("name", "paper"),
+        location=replace(settings.receiver.location, **limits),
+        false_alarms=own.get("false_alarms", settings.receiver.false_alarms),
+    )
+    kept = {name: one for name, one in settings.classifiers.items() if name == receiver.name}
+    return replace(settings, receiver=named, classifiers=kept)
 
 
 def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, ...]]:

@@ -144,4 +144,5 @@ def demand_stated(locator: str, shape: PanelShape) -> FalseAlarms:
         return found
     least = min((one.rows * one.columns for one in read_table() if one.locator == locator), default=0)
     rule = f"of at least {least} LEDs for receiver.locator={locator}, which states no false alarms of fewer"
+    rule += ": receiver.locator=refined states none, and reads any"
     raise VoccError.of("panel", f"{shape.rows} x {shape.columns}", rule)

@@ -68,15 +68,21 @@ class Reading:
         return "".join("1" if bit else "0" for bit in self.bits.ravel()) if self.found else ""
 
     @property
+    def place(self) -> str:
+        """The picture, or the film and which of its frames."""
+        return self.frame.source + (f", frame {self.frame.index}" if self.frame.index else "")
+
+    @property
     def judged(self) -> str:
         """How sure the reading is, in words."""
-        where = self.frame.source + (f", frame {self.frame.index}" if self.frame.index else "")
         doubt = ", which may be no panel" if self.is_doubtful else ""
         doubt += ", of one level of light" * self.one_level
         others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
         if not math.isnan(self.false_alarms):
             others = f"; {self.false_alarms:.2g} false alarms expected in a frame without a panel"
-        return f"{where}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
+        return (
+            f"{self.place}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
+        )
 
     def row(self) -> list[str]:
         """The frame's row of ``bits.csv``."""

@@ -16,7 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.train import receiver_for
+from vocc_torch.measure.train import receiver_for, settings_used
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
 from vocc_torch.show import folder as run_folder
@@ -26,8 +26,9 @@ from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode
 
-WORTH_A_LOOK = 0.3
-"""False alarms a frame from which on the likeliest place is not worth a word."""
+BY_CHANCE = 0.3
+"""False alarms in as many frames as were read from which on the likeliest place is not worth a word. In one
+frame rates above 0.07 are not told from 1: the first floor of the tables."""
 
 
 class Album:
@@ -83,7 +84,8 @@ class Summary:
         alike: how many have LEDs of one level.
         strange: how many are unlike what the receiver learned from.
         unlike: by name, the last value beyond what it learned from.
-        least_alarms: false alarms a frame of the likeliest place that is not found; NaN where none is stated.
+        least_alarms: false alarms a frame at the likeliest place not found; NaN where none are stated.
+        likeliest: the frame that shows it.
     """
 
     rows: list[list[str]] = field(default_factory=list)
@@ -94,12 +96,14 @@ class Summary:
     strange: int = 0
     unlike: dict[str, float] = field(default_factory=dict)
     least_alarms: float = math.nan
+    likeliest: str = ""
 
     def add(self, reading: Reading) -> None:
         """Count a reading."""
         self.rows.append(reading.row())
         if not reading.found:
-            self.least_alarms = float(np.fmin(self.least_alarms, reading.false_alarms))
+            if reading.false_alarms > 0 and not self.least_alarms <= reading.false_alarms:
+                self.least_alarms, self.likeliest = reading.false_alarms, reading.place
             return
         self.found += 1
         self.doubtful += reading.is_doubtful
@@ -119,17 +123,23 @@ class Summary:
         for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged):
             console.print(text, soft_wrap=True, markup=False, highlight=False)
 
-    def hint(self, is_trained: bool) -> str:
+    def hint(self, config: DecodeConfig, is_trained: bool) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
-        channel = "decode.channel=auto for coloured LEDs"
+        tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
+        if config.follow == "true":
+            return " or ".join(["try decode.follow=false, which searches every frame,", *tries])
         if math.isnan(self.least_alarms):
-            return f"see receiver.location for the locator's limits, and {channel}"
-        if self.least_alarms >= WORTH_A_LOOK:
-            return f"no place in them looks like one: try {channel}, or another locator"
+            return " and ".join(["see receiver.location for the locator's limits", *tries])
+        tries += ["receiver=recommended for one bright panel that is surely there"] * is_trained
+        expected, frames = self.least_alarms * len(self.rows), len(self.rows)
+        if expected >= BY_CHANCE:
+            return " or ".join(["no place looks like one by more than chance: try another size", *tries])
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
         enough = f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
-        sure = f"the likeliest place states {self.least_alarms:.2g} false alarms in a frame without a panel"
-        return f"{sure}: {'give' if is_trained else 'train with'} {enough} to have it read"
+        told = f"{self.least_alarms:.2g} false alarms are expected in a frame without a panel"
+        told += f", {expected:.2g} in {frames}" * (frames > 1)
+        done = f"{'give' if is_trained else 'train with'} {enough} to have it read"
+        return f"at the likeliest place, in {self.likeliest}, {told}: {done}"
 
     def warn(self, receiver: Receiver) -> None:
         """Warn of what makes the bits doubtful."""
@@ -169,7 +179,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     named = settings.receiver if model is None else replace(settings.receiver, locator="truth")
     plan = build_plan(replace(settings, receiver=named), folder)
     (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-    # What says how sure it is takes its time, and its corners are level with the true ones.
+    # lattice and learned take their time, and what they find is as near to the truth as no receiver minds.
     receiver = receiver_for(plan, model, settings.plug_ins, at_truth=hasattr(locator, "sightings"))
     recording = chain(first, recording)
     lights: tuple[Mix, ...] = ()
@@ -190,9 +200,9 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise
     if read.best is None:
         nothing = f"input {source} shows no panel in {len(read.rows)} of {len(read.rows)} frames"
-        raise VoccError("; ".join([f"{nothing}: {read.hint(model is None)}", *failures]))
+        raise VoccError("; ".join([f"{nothing}: {read.hint(config, model is None)}", *failures]))
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *read.rows])
-    run_folder.write_config(settings, folder)
+    run_folder.write_config(settings_used(settings, receiver), folder)
     if model is None:
         receiver.save(folder / "receiver.pt")
     read.print_best(console)

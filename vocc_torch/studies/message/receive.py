@@ -12,7 +12,7 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure import timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.train import receiver_for
+from vocc_torch.measure.train import receiver_for, settings_used
 from vocc_torch.messages.front import Front
 from vocc_torch.messages.packets import Assembly, payload_bytes
 from vocc_torch.messages.reception import COLUMNS, Received, Reception
@@ -108,7 +108,7 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     info_bytes = reception.code.info_bytes
     whole, missing = assembly.whole(info_bytes), assembly.missing(info_bytes)
     run_folder.write_rows(folder / "report.csv", rows)
-    run_folder.write_config(settings, folder)
+    run_folder.write_config(settings_used(settings, receiver), folder)
     if model is None:
         receiver.save(folder / "receiver.pt")
     shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
