@@ -65,7 +65,7 @@ def recording(
 
 
 def staged(
-    scene: str, seed: int, words: list[str], second: bool, leaves: bool
+    scene: str, seed: int, words: list[str], columns: int, second: bool, leaves: bool
 ) -> tuple[Grey, list[NDArray[np.float64]]]:
     """Render a recording as asked for: frames, and the corners (N,4,2) of each panel, NaN where it is not."""
     frames, corners = recording(scene, seed, words)
@@ -78,8 +78,9 @@ def staged(
         places[:BESIDE] = np.nan
         for i in (*range(BESIDE, HIDDEN.start), *range(HIDDEN.stop, FRAMES)):
             (x, y), (right, low) = places[i].min(0), places[i].max(0)
-            margin = AROUND * (right - x) / 8
-            box = np.s_[int(y - margin) : int(low + margin) + 1, int(x - margin) : int(right + margin) + 1]
+            margin = AROUND * (right - x) / columns
+            left, top = (max(0, int(one - margin)) for one in (x, y))
+            box = np.s_[top : int(low + margin) + 1, left : int(right + margin) + 1]
             frames[i][box] = other[i][box]
         panels.append(places)
     return frames, panels
@@ -145,7 +146,7 @@ def main() -> None:
     there = visible & (np.arange(FRAMES) < (GONE if given.leaves else FRAMES))
     seeds = range(given.first, given.first + given.seeds)
     for scene in given.scenes:
-        recordings = [staged(scene, seed, words, given.second, given.leaves) for seed in seeds]
+        recordings = [staged(scene, seed, words, shape.columns, given.second, given.leaves) for seed in seeds]
         for name in given.locators:
             runs, searches = [], 0
             for frames, panels in recordings:

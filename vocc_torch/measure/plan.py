@@ -17,7 +17,7 @@ from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.false_alarms import demand_stated
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator, locator_named
+from vocc_torch.receiver.locators import LOCATORS, STATING, OutsideLocator, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
@@ -188,7 +188,7 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Check every range, that auto-ISO can expose every scene, and that the locator knows such panels."""
-        if self.receiver.locator in ("lattice", "learned"):
+        if self.receiver.locator in STATING:
             demand_stated(self.receiver.locator, self.world.panel.shape)
         tested = {f"{at:g}": self.experiment.model_at(self.world, at) for at in self.experiment.values}
         for value, model in (*tested.items(), ("", self.experiment.training_model(self.world))):

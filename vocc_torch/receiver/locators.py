@@ -214,6 +214,9 @@ def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
 LOCATORS = ("paper", "refined", "lattice", "learned")
 """The locators that ship, by name."""
 
+STATING = ("lattice", "learned")
+"""Those of them that state false alarms; they take longer than the others."""
+
 
 class PanelLocator(Protocol):
     """What finds panels: any callable of frames and the panel's shape."""

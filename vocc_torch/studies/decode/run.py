@@ -17,6 +17,7 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
+from vocc_torch.receiver.locators import STATING
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
 from vocc_torch.show import folder as run_folder
@@ -178,9 +179,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     # A model brings a locator of its own.
     named = settings.receiver if model is None else replace(settings.receiver, locator="truth")
     plan = build_plan(replace(settings, receiver=named), folder)
-    (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-    # lattice and learned take their time, and what they find is as near to the truth as no receiver minds.
-    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=hasattr(locator, "sightings"))
+    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=plan.receiver.locator in STATING)
     recording = chain(first, recording)
     lights: tuple[Mix, ...] = ()
     if config.channel in ("auto", "unmix"):
