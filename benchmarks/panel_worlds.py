@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from PIL import Image, ImageDraw
@@ -22,7 +23,7 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Backdrop
 
 SIDE_PX, BLOCK = 256, 16
-SHAPES = ((8, 8),) * 6 + ((4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64))
+SHAPES = ((8, 8),) * 6 + ((4, 4), (4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64))
 PITCHES_PX = (1.5, 24.0)
 
 
@@ -37,7 +38,10 @@ class World(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """Shapes of a kind of frames, the frames' side, px, how many make a block, pitches, px, and turns."""
+    """Shapes of a kind of frames, the frames' side, px, how many make a block, pitches, px, and turns.
+
+    ``scatter`` is the share of blocks whose LEDs differ in light, by 10 to 90 %.
+    """
 
     shapes: Sequence[tuple[int, int]] = SHAPES
     side_px: int = SIDE_PX
@@ -45,9 +49,12 @@ class Kind:
     pitches_px: tuple[float, float] = PITCHES_PX
     yaw_deg: tuple[float, float] = (-30, 30)
     pitch_deg: tuple[float, float] = (-12, 12)
+    scatter: float = 0.0
 
 
 TRAINING = Kind()
+ASLANT = Kind(yaw_deg=(-50, 50), pitch_deg=(-50, 50), scatter=0.5)
+"""Panels seen from aside and from above, and such whose LEDs are unequal."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +169,8 @@ def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAININ
         "saturation": {},
         "quantization": {"bits": 8},
     }
+    if kind.scatter and draw.random() < kind.scatter:
+        effects["led_scatter"] = {"coefficient_of_variation": float(draw.uniform(0.1, 0.9))}
     if cluttered and draw.random() < 0.7:
         effects |= {"led_look": {}, "housing": {}}
         panel = replace(panel, board_reflectance=None)
@@ -201,3 +210,17 @@ def shaken(one: World, draw: np.random.Generator) -> World:
     gain = gain.view(-1, 1, 1, 1)
     grey = torch.where(gain < 0, 255 + grey * gain, grey * gain + (1 - gain) * float(draw.uniform(0, 200)))
     return World(grey.clamp(0, 255), corners, one.shape)
+
+
+def handmade(one: World, draw: np.random.Generator, off_cells: float = 0.1) -> World:
+    """Warp pictures smoothly: LEDs then lie off their lattice, as in panels made by hand; corners stay."""
+    warped, (high, wide) = [], one.grey.shape[2:]
+    across, down = np.meshgrid(np.arange(wide, dtype=np.float32), np.arange(high, dtype=np.float32))
+    for grey, corners in zip(one.grey[:, 0].numpy(), one.corners_px.numpy(), strict=True):
+        pitch = max(1.5, math.sqrt(cv2.contourArea(corners) / one.shape.leds)) if corners.any() else 8.0
+        few = [max(2, round(side / pitch)) for side in (high, wide)]
+        moves = (off_cells * pitch * draw.standard_normal((*few, 2))).astype(np.float32)
+        moves = cv2.resize(moves, (wide, high), interpolation=cv2.INTER_CUBIC)
+        at = (across + moves[..., 0], down + moves[..., 1])
+        warped.append(cv2.remap(grey, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
+    return World(torch.from_numpy(np.stack(warped))[:, None], one.corners_px, one.shape)

@@ -1,11 +1,8 @@
 """The recipe of the learned locator's network, which judges placings: simulated frames in, weights out.
 
-    python benchmarks/train_panel_net.py --out first.json
-    python benchmarks/train_panel_net.py --start first.json --out learned.json --mine 8 110
+    python benchmarks/train_panel_net.py --out learned.json
 
-The places that are judged are those of lattices in the spectra
-of windows, and about true panels; with ``--mine`` those too that the locator of ``--start`` finds likeliest,
-and only the layers that give the logit are trained.
+The places that are judged are those of lattices in the spectra of windows, and about true panels.
 """
 
 from __future__ import annotations
@@ -19,31 +16,27 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from panel_worlds import World, shaken, world
+from panel_worlds import ASLANT, TRAINING, World, handmade, shaken, world
 from torch import Tensor, nn
 
 import vocc_torch as vt
 from vocc_torch import PanelShape
+from vocc_torch.api import Simulated
 from vocc_torch.receiver.cell_model import Cells, read_cells
 from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import Pyramid
-from vocc_torch.receiver.learned import (
-    LearnedLocator,
-    distinct,
-    load_weights,
-    placings,
-    save_weights,
-    spectral_places,
-)
+from vocc_torch.receiver.learned import save_weights, spectral_places, surrounded
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
 from vocc_torch.receiver.rectification import cell_homography, cell_size_px, map_points
 from vocc_torch.types import Frames
 
 REACH = 2
-SCENES = ("street", "street_night")
-STREET_SHAPES = [(8, 8)] * 3 + [(4, 4), (16, 16), (8, 16)]
-CUT = 0.2
-"""Share of frames with a panel that are cut close around it."""
+SCENES = ("street", "street_night", "dashcam")
+STREET_SHAPES = [(8, 8)] * 3 + [(4, 4)] * 2 + [(4, 8), (16, 16), (8, 16)]
+PLAIN = [("paper", f"scene.distance_m={distance}") for distance in (30, 50, 60, 70, 80)] + [("fog",)]
+"""Scenes of which crops are seen, as receivers are given them."""
+CUT, SLANTED = 0.2, 0.4
+"""Share of frames with a panel that are cut close around it, and of blocks of panels seen aslant."""
 
 RIGHT, WRONG, NEAR = 0.4, 0.75, 1.0
 """Cells that corners are off: at most where right, at least where wrong, at most where they are moved."""
@@ -64,7 +57,7 @@ def in_cells(quads: Tensor, truth: Tensor, shape: PanelShape) -> Tensor:
     """
     if not truth.any():
         return torch.full_like(quads, 99.0)
-    h = torch.linalg.inv(cell_homography(quads, shape).double())
+    h = torch.linalg.inv_ex(cell_homography(quads, shape).double()).inverse
     seen = torch.cat([truth, torch.ones_like(truth[:, :1])], 1).double() @ h.mT
     turns = range(4) if shape.rows == shape.columns else (0, 2)
     off = torch.stack([(seen[..., :2] / seen[..., 2:]).roll(k, 1) for k in turns]) - corner_cells(shape)
@@ -98,14 +91,6 @@ def shaken_places(truth: Tensor, shape: PanelShape, draw: np.random.Generator) -
     return map_points(truth, places, shape)
 
 
-def found_places(net: PanelNet, scales: Pyramid, shape: PanelShape) -> Tensor:
-    """Give what the locator of the moment finds likeliest, step by step, (n,4,2)."""
-    quads, _ = distinct(*placings(net, scales, spectral_places(scales, shape), shape, 4), shape, 14)
-    again, _ = placings(net, scales, quads, shape, 1, moved=True)
-    last, _ = placings(net, scales, again, shape, 1, moved=True)
-    return torch.cat([quads, again, last])
-
-
 def cut_close(
     grey: Tensor, truth: Tensor, shape: PanelShape, draw: np.random.Generator
 ) -> tuple[Tensor, Tensor]:
@@ -120,7 +105,14 @@ def cut_close(
     return grey[:, start[1] : end[1], start[0] : end[0]], truth - truth.new_tensor(start)
 
 
-def seen_in(one: World, net: PanelNet | None, draw: np.random.Generator, many: tuple[int, int]) -> Seen:
+def around(batch: Simulated, shape: PanelShape) -> World:
+    """Give crops with what the locator lays around them."""
+    seen = [surrounded(batch.frames[row : row + 1]) for row in range(len(batch.frames))]
+    corners = torch.stack([one - crop.origin_px[0] for one, crop in zip(batch.corners_px, seen, strict=True)])
+    return World(torch.cat([crop.grey for crop in seen]).float(), corners.float(), shape)
+
+
+def seen_in(one: World, draw: np.random.Generator, many: tuple[int, int]) -> Seen:
     """Look at up to so many places of each frame that are nearly the panel's, and at so many others."""
     parts = []
     for number, grey in enumerate(one.grey.round()):
@@ -129,7 +121,7 @@ def seen_in(one: World, net: PanelNet | None, draw: np.random.Generator, many: t
             grey, truth = cut_close(grey, truth, one.shape, draw)
         frame = Frames.whole(grey.to(torch.uint8))
         scales = Pyramid.of(frame.grey, 3 * min(one.shape.rows, one.shape.columns) // 2)
-        quads = found_places(net, scales, one.shape) if net else spectral_places(scales, one.shape)
+        quads = spectral_places(scales, one.shape)
         off = in_cells(quads, truth, one.shape)
         bent = (off - off.mean(1, keepdim=True).round()).norm(dim=2).amax(1)
         near = (bent < 0.6) & (off.mean(1).abs().amax(1) < REACH + 0.5)
@@ -148,24 +140,33 @@ def seen_in(one: World, net: PanelNet | None, draw: np.random.Generator, many: t
     return Seen(*(torch.cat(part).clone() for part in zip(*parts, strict=True)))
 
 
-def dataset(net: PanelNet | None, seed: int, blocks: int, streets: int) -> dict[PanelShape, Seen]:
-    """Look at blocks of small worlds, and at whole frames of streets, half of them without a panel."""
+def dataset(seed: int, blocks: int, streets: int) -> dict[PanelShape, Seen]:
+    """Look at blocks of small worlds, at whole frames of half of which the panel is absent, and at crops.
+
+    Of each of ``SCENES`` there are as many frames as ``streets``, of each of ``PLAIN`` half as many.
+    """
     draw, parts = np.random.default_rng(seed), defaultdict(list)
     with torch.inference_mode():
         for block in range(blocks):
-            one = world(seed, block)
+            one = world(seed, block, kind=ASLANT if draw.random() < SLANTED else TRAINING)
             one = shaken(one, draw) if draw.random() < 0.3 else one
-            parts[one.shape].append(seen_in(one, net, draw, (4, 7)))
+            one = handmade(one, draw) if draw.random() < 0.2 else one
+            parts[one.shape].append(seen_in(one, draw, (4, 7)))
         for scene in SCENES if streets else ():
             model = vt.load_scene(scene, "+scene.effects.panel_absent.share=0.5")
-            for batch in vt.simulate(model, streets // 2, seed, batch=8, point="train_locator streets"):
+            for batch in vt.simulate(model, streets, seed, batch=8, point="train_locator streets"):
                 shape = PanelShape(*STREET_SHAPES[draw.integers(len(STREET_SHAPES))])
                 known = batch.corners_px.float()
                 # A panel is told to be none where another shape is looked for: these frames are left out.
                 rows = (known == 0).flatten(1).all(1) | (shape == model.panel.shape)
                 one = World(batch.frames.grey[rows].float(), known[rows], shape)
                 if len(one.grey):
-                    parts[shape].append(seen_in(one, net, draw, (3, 14)))
+                    parts[shape].append(seen_in(one, draw, (3, 14)))
+        for scene in PLAIN if streets else ():
+            model = vt.load_scene(*scene)
+            for batch in vt.simulate(model, streets // 2, seed, batch=8, point="train_locator plain"):
+                shape = model.panel.shape
+                parts[shape].append(seen_in(around(batch, shape), draw, (3, 14)))
     return {
         shape: Seen(*(torch.cat(one) for one in zip(*part, strict=True))) for shape, part in parts.items()
     }
@@ -236,80 +237,21 @@ def trained(net: PanelNet, data: dict[PanelShape, Seen], minutes: float, rate: f
             print(f"  step {steps}, {100 * done:.0f} %, loss {mean:.4f}", flush=True)
 
 
-def told_of(panel: PanelNet, seen: Seen, shape: PanelShape) -> tuple[Tensor, Tensor]:
-    """Give what the last layers are told of right placings, and of each patch's six likeliest wrong ones."""
-    told: list[Tensor] = []
-    hook = panel.judge.register_forward_pre_hook(lambda _, given: told.append(given[0]))
-    right, wrong = [], []
-    with torch.inference_mode():
-        for part in zip(*(one.split(256) for one in seen), strict=True):
-            some = Seen(*part)
-            logit = panel(some.patches.float(), some.pitch_px, shape)[:, 0].flatten(1)
-            off, inputs = apart_cells(some.off_cells, 2 * REACH + 1)[1].flatten(1), told.pop().flatten(2).mT
-            worst = logit.masked_fill(off < WRONG, -torch.inf).topk(6, 1)
-            wrong.append(inputs.take_along_dim(worst.indices[..., None], 1)[worst.values > -torch.inf])
-            right.append(inputs[off < RIGHT])
-    hook.remove()
-    return torch.cat(right).clone(), torch.cat(wrong).clone()
-
-
-def sharpened(
-    panel: PanelNet, parts: list[tuple[PanelShape, Seen, float]], seed: int, steps: int = 2500
-) -> None:
-    """Train the layers that give the logit, on the likeliest wrong placings; ``parts`` have weights."""
-    draw, rows, wanted, weight = np.random.default_rng(seed), [], [], []
-    for shape, seen, share in parts:
-        for value, some in zip((1.0, 0.0), told_of(panel, seen, shape), strict=True):
-            rows.append(some)
-            wanted.append(torch.full((len(some),), value))
-            weight.append(torch.full((len(some),), share * (1 + 4 * value)))
-    told, right, weights = torch.cat(rows), torch.cat(wanted), torch.cat(weight)
-    optimiser = torch.optim.AdamW(panel.judge.parameters(), 2e-3, weight_decay=1e-3)
-    for step in range(steps):
-        optimiser.param_groups[0]["lr"] = (
-            1e-3 * min(1.0, (step + 1) / 100) * (1 + math.cos(math.pi * step / steps))
-        )
-        some = torch.from_numpy(draw.integers(0, len(told), 2048))
-        logit = panel.judge(told[some][..., None, None])[:, 0, 0, 0]
-        cost = nn.functional.binary_cross_entropy_with_logits(logit, right[some], reduction="none")
-        loss = (cost * weights[some] * (0.2 + (logit.detach().sigmoid() - right[some]).abs())).mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-    print(f"  {int(right.sum())} right placings of {len(right)}, loss {float(loss.detach()):.4f}")
-
-
 def main() -> None:
     """Look, train, and write the weights."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--start", type=Path, help="weights to go on from; those that ship without it")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument(
-        "--mine", type=int, nargs=2, help="sharpen the logit of --start: blocks and streets that it looks at"
-    )
-    parser.add_argument("--blocks", type=int, default=100, help="blocks of 16 small frames")
-    parser.add_argument("--streets", type=int, default=120, help="whole frames of streets")
-    parser.add_argument("--minutes", type=float, default=4.0, help="processor time of the training")
+    parser.add_argument("--blocks", type=int, default=200, help="blocks of 16 small frames")
+    parser.add_argument("--streets", type=int, default=120, help="whole frames a scene")
+    parser.add_argument("--minutes", type=float, default=9.0, help="processor time of the training")
     parser.add_argument("--seed", type=int, default=11)
     given = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(given.seed)
-    device = torch.device("cpu")
-    data = dataset(None, given.seed, given.blocks, given.streets)
+    data = dataset(given.seed, given.blocks, given.streets)
     print({f"{one.rows}x{one.columns}": len(seen.pitch_px) for one, seen in data.items()}, flush=True)
     panel = PanelNet()
-    if given.mine:
-        start = load_weights(given.start, device) if given.start else LearnedLocator().net(device)
-        panel.load_state_dict(start.state_dict())
-        found = dataset(start, given.seed + 1, *given.mine)
-        parts = [(shape, seen, 1.0) for shape, seen in data.items()]
-        for shape, seen in found.items():
-            flipped = seen.off_cells[:, [1, 0, 3, 2]] * torch.tensor([-1.0, 1.0])
-            parts.append((shape, seen, 1.5))
-            parts.append((shape, Seen(seen.patches.flip(2), flipped, seen.pitch_px), 1.5))
-        sharpened(panel, parts, given.seed + 1)
-    else:
-        trained(panel, data, given.minutes, 3e-3, given.seed)
+    trained(panel, data, given.minutes, 3e-3, given.seed)
     save_weights(given.out, panel)
 
 

@@ -99,6 +99,22 @@ def randomness(bits: Tensor) -> Tensor:
     return (_MOST_USUAL - rule) / 2 + 2 * (unlike[0] * unlike[1]).log()
 
 
+def two_levels(values: Tensor) -> Tensor:
+    """How far values (n,R,C) of cells part in two, (n,): the logarithm of variance between over that within.
+
+    They are split where that is greatest (Otsu 1979). Values that are alike, and a single one, give 0.
+    """
+    ordered = values.flatten(1).double().sort(1).values
+    count = ordered.shape[1]
+    if count < 2:
+        return values.new_zeros(len(values))
+    low = torch.arange(1, count, device=values.device) / count
+    below = ordered.cumsum(1) / count
+    between = ((below[:, :-1] - low * below[:, -1:]).square() / (low * (1 - low))).amax(1)
+    within = (ordered.var(1, correction=0) - between).clamp(min=0)
+    return ((between + _ROUNDING_DN2) / (within + _ROUNDING_DN2)).log().to(values)
+
+
 def _unlikeness(bits: Tensor) -> Tensor:
     """Sum over rows of the LEDs in which each differs from the likest other row, its opposite, or none."""
     rows, columns = bits.shape[-2:]

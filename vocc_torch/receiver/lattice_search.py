@@ -3,8 +3,8 @@
 A panel of random bits has much fine texture along both of its axes, for its contrast. In a window about such
 a place the lattice is a peak in the spectra of the grey values, for LEDs with gaps between them, of the
 absolute differences of neighbours, for LEDs that fill their cells, and of how light bends, for LEDs that run
-into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6.5 px, nearly
-the same along both axes: the spectrum of the bits themselves may be stronger along one.
+into one another. It is searched on a pyramid of halved pictures, on each for pitches of 3 to 6.5 px, at most
+1.65 times as long along one axis: the spectrum of the bits themselves may be stronger along one.
 """
 
 import math
@@ -21,19 +21,19 @@ from vocc_torch.types import Batched, PanelShape
 PITCHES_PX = (2.9, 7.0)
 """Pitches that are searched on one level of the pyramid, px."""
 
-MOST_CELLS = 16
+MOST_CELLS = 12
 """LEDs along a side that a window shows."""
 
 # A shear or turn of the lattice's lines up to this, as a tangent.
 _SHEAR = 0.36
 # How far the pitches along both axes differ, as a logarithm; pairs of them that are kept of a window; what
-# power counts that is no peak; and lattices that are kept of a frame.
-_MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.36, 4, 0.25, 40
+# power counts that is no peak; and lattices that are kept of a frame, as it is or turned, and stretched.
+_MOST_OBLONG, _PAIRS, _FLANK, _LATTICES = 0.5, 4, 0.25, (50, 16)
 # Windows of each level, their least texture for their contrast, and the least that their light is periodic.
 _WINDOWS, _LEAST_TEXTURE, _LEAST_STRENGTH = 8, 0.1, 1.0
 # Side of the blocks whose texture is summed and pixels between which light changes, px; texture of much less
 # than this deviation counts less, DN.
-_BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 10.0
+_BLOCK_PX, _LAG_PX, _LEAST_DN = 4, 2, 7.0
 # Share of a picture that is as rough as noise is, or less, and the step to the next block that tells.
 _GRAIN, _GRAIN_STEP = 0.1, 13
 _MID_PITCH_PX = 4.0
@@ -41,8 +41,15 @@ _MID_PITCH_PX = 4.0
 _FILLED_PX = (2.6, 10.0)
 # Samples of a window about which its light is levelled.
 _LOCAL = 7
-# A turn by an eighth.
-_EIGHTH = ((math.sqrt(0.5), -math.sqrt(0.5)), (math.sqrt(0.5), math.sqrt(0.5)))
+# How windows are sampled: as they are, turned by an eighth, and by steps that are stretched along x or y,
+# which makes up for a panel seen from above or from aside; and how many of each level are stretched.
+_STRETCH, _STRETCHED = 1.5, 3
+_VIEWS = (
+    ((1.0, 0.0), (0.0, 1.0)),
+    ((math.sqrt(0.5), -math.sqrt(0.5)), (math.sqrt(0.5), math.sqrt(0.5))),
+    ((_STRETCH, 0.0), (0.0, 1.0)),
+    ((1.0, 0.0), (0.0, _STRETCH)),
+)
 
 
 class Pyramid(NamedTuple):
@@ -256,18 +263,21 @@ class _Lines(NamedTuple):
 
 
 def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> Hypotheses:
-    """Find lattices in the windows of most texture, the most periodic ones first.
+    """Find lattices in the windows of most texture, the most periodic first, then those of stretched windows.
 
     Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
     bend most, by the spectrum that has most power there. Of each level so many windows are ``turned`` by an
-    eighth, too: with these lattices of any turn are seen.
+    eighth, too: with these lattices of any turn are seen. A few are as wide again by half, or as high, and as
+    many samples: in them a panel seen aslant has nearly equal pitches.
     """
     level, step, centre = proposals(pyramid, shape)
     group = level - step
-    few = ((group[:, None] == group).tril().sum(1) <= turned).nonzero()[:, 0]
-    turn = torch.eye(2, device=centre.device).expand(len(level), 2, 2)
-    turn = torch.cat([turn, centre.new_tensor(_EIGHTH).expand(len(few), 2, 2)])
-    level, step, centre = (torch.cat([one, one[few]]) for one in (level, step, centre))
+    rank = (group[:, None] == group).tril().sum(1)
+    many = (len(level), turned, _STRETCHED, _STRETCHED)
+    chosen = [(rank <= one).nonzero()[:, 0] for one in many]
+    views = centre.new_tensor(_VIEWS)
+    turn = torch.cat([one.expand(len(few), 2, 2) for one, few in zip(views, chosen, strict=True)])
+    level, step, centre = (one[torch.cat(chosen)] for one in (level, step, centre))
     side, taper, banks = _banks((shape.columns, shape.rows), pyramid.levels[0].device)
     place = torch.arange(side, device=centre.device) + 0.5 - side / 2
     at = torch.stack([place.repeat(side), place.repeat_interleave(side)])
@@ -285,9 +295,9 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
         bend[..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
         banked = banks[2 * axis : 2 * axis + 2]
         spectra.append(_Lines.of((own, change, bend), bent, taper.mT if axis else taper, *banked))
-    rows, chosen = _alike([one.power for one in spectra], [banks[0].frequency, banks[2].frequency])
+    rows, pairs = _alike([one.power for one in spectra], [banks[0].frequency, banks[2].frequency])
     frequency, offset, strength = [], [], []
-    for axis, (lines, at) in enumerate(zip(spectra, chosen, strict=True)):
+    for axis, (lines, at) in enumerate(zip(spectra, pairs, strict=True)):
         across = lines.across[rows, at]
         own, other = banks[2 * axis].frequency[at], banks[2 * axis + 1].frequency[across]
         frequency.append(torch.stack([other, own] if axis else [own, other], 1))
@@ -299,7 +309,10 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
         offset.append(-angle / (2 * torch.pi))
         strength.append(lines.power[rows, at])
     periodic, ordered = torch.minimum(*strength).sort(descending=True, stable=True)
-    ordered = ordered[periodic >= _LEAST_STRENGTH][:_LATTICES]
+    ordered = ordered[periodic >= _LEAST_STRENGTH]
+    # Apart: else the stretched ones crowd out those that most panels need.
+    stretched = rows[ordered] >= sum(map(len, chosen[:2]))
+    ordered = torch.cat([ordered[~stretched][: _LATTICES[0]], ordered[stretched][: _LATTICES[1]]])
     basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(torch.float32)
     middle = (basis @ torch.stack(offset, 1)[ordered, :, None])[..., 0]
     rows = rows[ordered]

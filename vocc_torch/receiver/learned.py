@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
-from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells
+from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells, two_levels
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
@@ -29,9 +29,9 @@ _KIND = "learned_locator"
 _LARGE_LEDS, _TURNED = 64, 3
 # Cells that lattices are shifted by, at least, and of so many LEDs one more; and placings that are kept.
 _REACH, _FAR, _KEPT = 3, 3, 6
-# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit,
-# of fewer LEDs and of more.
-_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP = 0.4, 1.2, (1.0, 2.0), 0.35
+# Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit;
+# panels whose middles are nearer than this share of a diagonal overlap; and cells beyond the picture.
+_SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP, _HIDDEN = 0.4, 1.2, 2.0, 0.35, 0.5
 # A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
 _LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
@@ -39,12 +39,14 @@ _PARTS_PER_PX = 1024.0
 _AROUND_PX = 24
 # Logit from which on a placing is fitted, and steps of the fit to cells.
 _WORTH_A_FIT, _CELL_STEPS = 0.0, 4
-# Weights of the logit, of what two levels explain, random bits and round spots, and a constant: logistic
-# regressions over places in simulated frames, 285 panels and 1417 others, for spots 668 and 3742; of fewer
-# LEDs 123 and 2245, of which arrays of lamps that all shine are the worst, and round spots say nothing.
-# Below which less random says no more; and the shares of the picture between which spots say more.
-_EVIDENCE, _OF_FEW_LEDS = (1.2, 0.67, 0.54, 2.0, -2.1), (0.76, 1.5, 0.25, 0.0, -7.2)
-_LEAST_RANDOM, _SHARES = -20.0, (0.95, 0.995)
+# Weights of the logit, of what two patterns explain, of what two levels of each cell's brightest spot do, of
+# how random bits look and of round spots, and a constant; and the most, or least, of some that counts.
+_EVIDENCE = (1.0, 0.8, 0.7, 0.43, 3.0, -5.0)
+_MOST_LOGIT, _MOST_EXPLAINED, _LEAST_RANDOM = 9.0, 3.0, -20.0
+# Shares of the picture that round spots explain: between which they say more, and up to which they tell fits
+# of one panel apart. Where two patterns explain less than this, spots count for less.
+_SHARES, _BEST_SHARE = (0.95, 0.995), 0.9999
+_TWO_PATTERNS = 2.0
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -86,8 +88,8 @@ class LearnedLocator:
       cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
     - Fits: of up to 16 x 16 LEDs by round spots, and where these explain too little by two patterns of cells;
       kept where the placing stays as likely.
-    - Evidence: the network's logit, what two levels of light and round spots explain, and how random the bits
-      look.
+    - Evidence: the network's logit, how much two patterns of cells, two levels of their brightest spots and
+      round spots explain, and how random the bits look.
 
     The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
     frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-evidence)). Of weights
@@ -166,17 +168,44 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     Returns:
         (n,4,2) float64 corners on the sensor, and (n,) logits, the likeliest first.
     """
-    if frame.surround is not None:  # else a crop's grain is taken from the panel
-        grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
-        frame = Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
+    frame = surrounded(frame)
     scales = Pyramid.of(frame.grey, 3 * min(shape.rows, shape.columns) // 2)
     quads, logit = placings(net, scales, spectral_places(scales, shape), shape, reach(shape))
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
-    quads, logit = placings(net, scales, quads, shape, 1, moved=True)
-    quads, logit = distinct(quads, logit, shape, _KEPT, _OVERLAP)
-    # Fits are kept where the panel is as likely then: of round spots, or else of two patterns to whole cells.
+    # A move may spoil what was right, where light runs together: both are fitted.
+    both = [(quads, logit), placings(net, scales, quads, shape, 1, moved=True)]
+    both = [distinct(*one, shape, _KEPT, _OVERLAP) for one in both]
+    quads, logit = (torch.cat(one) for one in zip(*both, strict=True))
+    quads, logit, spots = _better_fitted(net, scales, quads, logit, shape)
+    whole = is_whole(scales, quads, shape)
+    quads, logit, spots = quads[whole], logit[whole], spots[whole]
+    if len(quads):
+        logit = evidence(scales, quads, logit, spots, shape)
+        # Of sure fits of one panel, which may be a cell apart, what they leave unexplained counts, too.
+        sure = -2 * (1 - spots.clamp(_SHARES[1], _BEST_SHARE)).log()
+        rows = distinct_rows(quads, logit + sure, shape, _OVERLAP)
+        quads, logit = distinct(quads[rows], logit[rows], shape, _KEPT)
+    return quads + frame.origin_px, logit.double()
+
+
+def surrounded(frame: Frames) -> Frames:
+    """Lay around a crop of one frame some of what is around it: else its grain is taken from the panel."""
+    if frame.surround is None:
+        return frame
+    grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
+    return Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
+
+
+def _better_fitted(
+    net: PanelNet, scales: Pyramid, quads: Tensor, logit: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Fit round spots to likely placings, or else two patterns to whole cells, where they stay as likely.
+
+    Returns:
+        (n,4,2) corners, (n,) logits, and (n,) the share of the picture that round spots explain, or 0.
+    """
     best, spots = (logit > _WORTH_A_FIT).nonzero()[:, 0], torch.zeros_like(logit)
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
         again, share = fitted(scales, quads[best], shape)
@@ -184,33 +213,46 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
         kept = (again == quads[best]).flatten(1).all(1)
         spots[best] = share.where(kept, 0.0).to(spots)
-        best = best[share == 0]
+        best = best[spots[best] == 0]
     if len(best):
         cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0, by_light=True)
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         sure = torch.zeros_like(best, dtype=torch.bool)
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
-    quads, logit = distinct(quads, evidence(scales, quads, logit, spots, shape), shape, _KEPT)
-    return quads + frame.origin_px, logit.double()
+    return quads, logit, spots
 
 
 def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
-    """Log odds (n,) of panels at quadrilaterals, by the logit, two levels, random bits and round spots.
+    """Log odds (n,) of panels at quadrilaterals, by the logit, patterns, levels, random bits and round spots.
 
     Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
-    cells look; that their bits follow a rule is seen in the bits. ``spots`` (n,) is the share of the picture
-    that round spots of two levels explain; hardly any clutter is so well explained.
+    cells look; that their bits follow a rule is seen in the bits. Two patterns need LEDs that look alike; of
+    unequal ones, or such as are off their lattice, the brightest spots of cells still have two levels.
+    ``spots`` (n,) is the share of the picture that round spots explain; hardly any clutter is so well
+    explained, but for lamps of one or of many brightnesses, of which two patterns explain little.
     """
-    cells = best_places(scales, Cells.at(scales, quads, shape), shape, 0, by_light=True)
+    places = Cells.at(scales, quads, shape)
+    cells = best_places(scales, places, shape, 0, by_light=True)
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
-    round_spots = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log()
-    # The more LEDs, the more regular look those that are not half lit.
-    rule = (random * min(1.0, math.sqrt(_LARGE_LEDS / shape.leds))).clamp(min=_LEAST_RANDOM)
-    told = torch.stack([logit, cells.score - random, rule, round_spots], 1)
-    *weights, constant = _EVIDENCE if shape.leds >= _LARGE_LEDS else _OF_FEW_LEDS
-    return told @ told.new_tensor(weights) + constant
+    explained = cells.score - random
+    seen = read_cells(scales, places, shape, SAMPLES, 0).unflatten(2, (-1, SAMPLES))
+    parted = two_levels(seen.unflatten(1, (-1, SAMPLES)).amax((2, 4)))
+    # The more LEDs, the more regular look those not half lit; the fewer, the less a perfect lattice is worth.
+    many = shape.leds / _LARGE_LEDS
+    spotted = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log() * min(1.0, many)
+    told = [logit.clamp(max=_MOST_LOGIT), explained.clamp(max=_MOST_EXPLAINED), parted]
+    told += [(random * min(1.0, many**-0.5)).clamp(min=_LEAST_RANDOM)]
+    told += [(explained / _TWO_PATTERNS).clamp(0, 1) * spotted]
+    *weights, constant = _EVIDENCE
+    return torch.stack(told, 1) @ logit.new_tensor(weights) + constant
+
+
+def is_whole(scales: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
+    """Whether panels (n,4,2) px lie in the picture, but for half a cell: of LEDs beyond nothing is known."""
+    beyond = torch.maximum(-quads, quads - quads.new_tensor(scales.levels[0].shape[::-1])).flatten(1).amax(1)
+    return beyond <= _HIDDEN * torch.maximum(*rectification.cell_size_px(quads, shape))
 
 
 def reach(shape: PanelShape) -> tuple[int, int]:
@@ -275,17 +317,22 @@ def distinct(
 
     With ``overlap`` of those whose middles are nearer than that share of a side.
     """
+    kept = distinct_rows(quads, logit, shape, overlap)[:most]
+    return quads[kept], logit[kept]
+
+
+def distinct_rows(quads: Tensor, logit: Tensor, shape: PanelShape, overlap: float | None = None) -> Tensor:
+    """Give the rows that :func:`distinct` keeps, the likeliest first."""
     order = logit.nan_to_num(-torch.inf).argsort(descending=True, stable=True)
     order = order[quads[order].isfinite().flatten(1).all(1)]
-    quads, logit = quads[order], logit[order]
+    quads = quads[order]
     size = (quads[:, 0] - quads[:, 2]).norm(dim=1).clamp(min=1e-6)
     if overlap is None:
         apart = (quads[:, None] - quads).norm(dim=3).amax(2) / size
         near = apart < _SAME_CELLS / math.hypot(shape.rows, shape.columns)
     else:
         near = (quads.mean(1)[:, None] - quads.mean(1)).norm(dim=2) < overlap * size
-    kept = _first_of_each(near)[:most]
-    return quads[kept], logit[kept]
+    return order[_first_of_each(near)]
 
 
 def _first_of_each(same: Tensor) -> list[int]:
@@ -311,7 +358,7 @@ def _likelier(
     safe = torch.where(again.isfinite(), again, before[0])
     _, logit = placings(net, scales, safe, shape, 0)
     cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
-    good = ((logit > before[1] - _MOST_LOST[shape.leds >= _LARGE_LEDS]) | sure) & (
+    good = ((logit > before[1] - _MOST_LOST) | sure) & (
         (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
     )
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
