@@ -53,9 +53,10 @@ def decode(tmp_path, monkeypatch):
     return run
 
 
-CLOSE, FAR = "led-panel-8x8-photo.png", "led-array-4x4-bench.jpg"
+CLOSE, FAR, DESK = "led-panel-8x8-photo.png", "led-array-4x4-bench.jpg", "led-matrix-8x16-desk.jpg"
 READ = {
     "by default": (CLOSE, (), LearnedLocator),
+    "letters, aslant, on a crowded desk": (DESK, (), LearnedLocator),
     "by another": (CLOSE, ("receiver=recommended",), RefinedLocator),
     "small, where it is there": (FAR, ("receiver=recommended",), RefinedLocator),
     "small, and not sure": (FAR, ("receiver.false_alarms=0.05",), LearnedLocator),
@@ -70,7 +71,7 @@ def truth_of(photo, name):
 
 @pytest.mark.parametrize("case", READ)
 def test_a_receiver_is_trained_where_no_model_is_given(decode, photo, case, tmp_path, monkeypatch):
-    """And reads real pictures: a close-up, and a small panel; what takes long is not done while it learns."""
+    """And reads real pictures: a close-up, text, a small panel; what is slow is not done while it learns."""
     searched = []
     monkeypatch.setattr(learned, "sighted", lambda *given: searched.append(0) or sighted(*given))
     name, words, locator = READ[case]
