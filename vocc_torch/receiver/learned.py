@@ -237,8 +237,9 @@ def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
     random = randomness(cells.bits).clamp(max=0.0)
     explained = cells.score - random
-    seen = read_cells(scales, places, shape, SAMPLES, 0).unflatten(2, (-1, SAMPLES))
-    parted = two_levels(seen.unflatten(1, (-1, SAMPLES)).amax((2, 4)))
+    seen = read_cells(scales, places, shape, SAMPLES, 0)
+    seen = seen.reshape(len(seen), shape.rows, SAMPLES, shape.columns, SAMPLES)
+    parted = two_levels(seen.amax((2, 4)))
     # The more LEDs, the more regular look those not half lit; the fewer, the less a perfect lattice is worth.
     many = shape.leds / _LARGE_LEDS
     spotted = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log() * min(1.0, many)
