@@ -267,8 +267,8 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
 
     Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
     bend most, by the spectrum that has most power there. Of each level so many windows are ``turned`` by an
-    eighth, too: with these lattices of any turn are seen. A few are as wide again by half, or as high, and as
-    many samples: in them a panel seen aslant has nearly equal pitches.
+    eighth, too: with these lattices of any turn are seen. A few are half as wide, or half as high, again,
+    in as many samples: in them a panel seen aslant has nearly equal pitches.
     """
     level, step, centre = proposals(pyramid, shape)
     group = level - step
