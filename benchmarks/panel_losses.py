@@ -106,8 +106,10 @@ def loss(net: learned.PanelNet, grey: Tensor, scales: Pyramid, truth: Tensor, sh
     if not ((bent < 0.8) & (off.mean(1).abs() < far).all(1)).any():
         return "place"
     reach = learned.reach(shape)
-    quads, _ = learned.distinct(*learned.placings(net, scales, places, shape, reach), shape, learned._KEPT)
-    quads = torch.cat([quads, learned.placings(net, scales, quads, shape, 1, moved=True)[0]])
+    first = learned.distinct(*learned.placings(net, scales, places, shape, reach), shape, learned._KEPT)
+    both = zip(first, learned.placings(net, scales, first[0], shape, 1, moved=True), strict=True)
+    quads, logit = (torch.cat(one) for one in both)
+    quads, _ = learned.distinct(quads, logit, shape, learned._FITTED, same_cells=learned._FITTED_CELLS)
     return "fit" if (in_cells(quads, truth, shape).norm(dim=2).amax(1) < 0.5).any() else "placing"
 
 

@@ -9,21 +9,21 @@ import torch
 from skimage.filters import threshold_otsu
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.cell_model import two_levels
 from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.receiver.learned import (
     SHIPPED,
     LearnedLocator,
     distinct,
-    evidence,
     is_whole,
     placings,
     save_weights,
 )
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
+from vocc_torch.receiver.panel_evidence import alignment, bright_cells, clues_of, evidence, two_levels
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
+from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
@@ -225,7 +225,7 @@ def evidence_of(light: torch.Tensor, moved_px: torch.Tensor | None = None, spots
     corners = [[20, 20], [20 + 12 * wide, 20], [20 + 12 * wide, 20 + 12 * high], [20, 20 + 12 * high]]
     scales = Pyramid.of(torch.from_numpy(grey).float()[None, None], 12)
     quad, logit = torch.tensor([corners]).double(), torch.tensor([5.0])
-    return float(evidence(scales, quad, logit, torch.tensor([spots]), PanelShape(high, wide)))
+    return float(evidence(clues_of(scales, quad, logit, torch.tensor([spots]), PanelShape(high, wide))))
 
 
 def moved_cells(seed: int) -> torch.Tensor:
@@ -265,6 +265,102 @@ def test_two_levels_are_parted_as_otsu_does():
         within = (high.mean() * one[high].var()) + ((~high).mean() * one[~high].var())
         assert parted == pytest.approx(np.log((one.var() - within + 1) / (within + 1)), abs=1e-3)
     assert two_levels(torch.ones(2, 8, 8)).tolist() == two_levels(torch.ones(2, 1, 1)).tolist() == [0, 0]
+
+
+def cells_of(middles: torch.Tensor, bits: torch.Tensor, samples: int = 16) -> torch.Tensor:
+    """Draw a round spot in each cell that is On, (n,R,K,C,K), at middles (n,R,C,2) off the cell's, cells."""
+    at = (torch.arange(samples) + 0.5) / samples - 0.5
+    across, down = ((at - middles[..., axis, None]).square() for axis in (0, 1))
+    spots = torch.exp(-(down[..., :, None] + across[..., None, :]) / (2 * 0.1**2))
+    return (200 * spots * bits[..., None, None]).permute(0, 1, 3, 2, 4)
+
+
+def test_alignment_is_what_a_least_squares_fit_leaves():
+    """Against NumPy's, for spots that are off a lattice by chance, whatever its shift, stretch and shear."""
+    draw = torch.Generator().manual_seed(7)
+    v, u = torch.meshgrid(torch.linspace(-1, 1, 8), torch.linspace(-1, 1, 8), indexing="ij")
+    fields = torch.stack([torch.ones_like(u), u, v, u * v], -1)
+    off = (
+        0.05 * torch.randn(6, 8, 8, 2, generator=draw)
+        + fields @ (0.05 * torch.randn(6, 4, 2, generator=draw))[:, None]
+    )
+    bits = BITS.bool()
+    left = [np.linalg.lstsq(fields[bits].double().numpy(), one[bits].double().numpy()) for one in off]
+    free = 2 * int(bits.sum()) - 8
+    spread = np.array([one[1].sum() for one in left]) / free + 0.03**2 * int(bits.sum()) / free
+    wanted = free / 2 * np.log(0.15**2 / spread)
+    assert alignment(cells_of(off, BITS)).tolist() == pytest.approx(wanted.tolist(), rel=0.03)
+
+
+def test_lights_anywhere_do_not_keep_to_a_lattice():
+    anywhere = 0.8 * torch.rand(20, 4, 4, 2, generator=torch.Generator().manual_seed(8)) - 0.4
+    bits, square = BITS[:4, :4], torch.zeros(4, 4)
+    square[[0, 0, 3, 3], [0, 3, 0, 3]] = 1
+    kept, lost = alignment(cells_of(0 * anywhere[:1], bits)), alignment(cells_of(anywhere, bits))
+    assert lost.max() < kept / 2
+    assert alignment(cells_of(anywhere, square)).tolist() == [0] * 20, "four lie on some lattice"
+    assert torch.equal(bright_cells(cells_of(anywhere, bits))[0], bits.bool().expand(20, 4, 4))
+
+
+def test_bits_that_are_nearly_all_alike_are_less_evidence():
+    """Panels are half lit, and lamps shine: of 8 x 8 random bits hardly any have nine LEDs that are Off."""
+    draw = torch.Generator().manual_seed(9)
+    few = torch.ones(64)
+    few[torch.randperm(64, generator=draw)[:9]] = 0
+    assert evidence_of(150 * few.view(8, 8)) < evidence_of(150 * BITS) - 2
+
+
+def test_points_of_light_part_in_two_levels_where_they_are_read_finely():
+    """Unequal ones of a pixel, 24 px apart: in a picture of 3 px a cell they are as unequal as they are."""
+    draw, clues = torch.Generator().manual_seed(3), {}
+    bits = BITS[:4, :4]
+    for radius in (1.0, 4.0):
+        y, x = np.mgrid[:200, :200]
+        grey = np.full(y.shape, 20.0)
+        for (down, right), lit in np.ndenumerate(bits.numpy()):
+            apart = np.hypot(y + 0.5 - (64 + 24 * down), x + 0.5 - (64 + 24 * right))
+            grey = np.maximum(
+                grey, 255 * lit * (apart < radius * (0.7 + 0.6 * float(torch.rand(1, generator=draw))))
+            )
+        scales = Pyramid.of(torch.from_numpy(grey).float()[None, None], 6)
+        quad = torch.tensor([[[52.0, 52.0], [148, 52], [148, 148], [52, 148]]]).double()
+        clues[radius] = float(clues_of(scales, quad, torch.zeros(1), torch.zeros(1), PanelShape(4, 4))[0, 2])
+    assert clues[1.0] > 3
+    assert clues[4.0] > 3
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 16), (2, 8)])
+def test_panels_of_a_line_or_two_have_evidence(shape):
+    """Of pairs of LEDs that are two apart a panel of two rows has none."""
+    noise = torch.randint(0, 256, (1, 90, 120), generator=torch.Generator().manual_seed(0)).to(torch.uint8)
+    assert LearnedLocator(false_alarms=torch.inf).sightings(noise, PanelShape(*shape)).score.isfinite().all()
+
+
+@pytest.mark.parametrize("pitch_px", [3.0, 4.4, 9.0, 23.0])
+def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
+    """The lattice of drawn spots is found from corners that are off, alone and with others."""
+    size = int(17 * pitch_px + 60)
+    y, x = np.mgrid[:size, :size] + 0.5
+    light = np.full(y.shape, 0.05)
+    for down, right in BITS.nonzero().tolist():
+        apart = np.hypot(y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px)
+        light += 0.6 * np.exp(-((apart / (0.25 * pitch_px)) ** 2) / 2)
+    noise = np.random.default_rng(4).normal(0, 2, light.shape)
+    grey = torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2) + noise).round().clamp(0, 255)
+    scales = Pyramid.of(grey[None, None], 12)
+    truth = 30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
+    off = 0.15 * pitch_px * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
+    far = truth + 9 * pitch_px
+    quads = torch.stack([truth + off, far, truth])
+    found, share = fitted_spots(scales, quads, PanelShape(8, 8))
+    assert (found[[0, 2]] - truth).abs().max() < 0.05 * pitch_px
+    assert share[[0, 2]].min() > 0.98
+    assert torch.equal(found[1], far)
+    assert share[1] == 0
+    for row in range(3):
+        alone, own = fitted_spots(scales, quads[row : row + 1], PanelShape(8, 8))
+        assert torch.equal(alone[0], found[row])
+        assert own[0] == share[row]
 
 
 def test_leds_that_are_off_their_lattice_part_in_two_levels():

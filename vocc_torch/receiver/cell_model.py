@@ -20,7 +20,7 @@ from vocc_torch.types import Batched, PanelShape
 # Samples along a cell's side, where places are compared and where they are fitted.
 _COARSE, _FINE = 2, 4
 # Of the variance of a picture, what noise of rounding explains.
-_ROUNDING_DN2 = 1.0
+ROUNDING_DN2 = 1.0
 # What the six kinds of pairs of random bits tell by chance, nats; and the fit, a logarithm, beyond which a
 # better one says no more.
 _MOST_USUAL, _BEST_FIT = 3.0, 4.0
@@ -88,6 +88,8 @@ def randomness(bits: Tensor) -> Tensor:
     rule = bits.new_zeros(bits.shape[:-2], dtype=torch.float32)
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0)):
         rows, columns = bits.shape[-2] - down, bits.shape[-1] - abs(right)
+        if rows < 1 or columns < 1:
+            continue
         one = bits[..., down:, max(right, 0) : max(right, 0) + columns]
         other = bits[..., :rows, max(-right, 0) : max(-right, 0) + columns]
         share = ((one != other).flatten(-2).float().mean(-1)).clamp(1e-6, 1 - 1e-6)
@@ -97,22 +99,6 @@ def randomness(bits: Tensor) -> Tensor:
     usual = _usual_unlikeness(bits.shape[-2], bits.shape[-1])
     unlike = [((one + 1) / (mean + 1)).clamp(max=1) for one, mean in zip(own, usual, strict=True)]
     return (_MOST_USUAL - rule) / 2 + 2 * (unlike[0] * unlike[1]).log()
-
-
-def two_levels(values: Tensor) -> Tensor:
-    """How far values (n,R,C) of cells part in two, (n,): the logarithm of variance between over that within.
-
-    They are split where that is greatest (Otsu 1979). Values that are alike, and a single one, give 0.
-    """
-    ordered = values.flatten(1).double().sort(1).values
-    count = ordered.shape[1]
-    if count < 2:
-        return values.new_zeros(len(values))
-    low = torch.arange(1, count, device=values.device) / count
-    below = ordered.cumsum(1) / count
-    between = ((below[:, :-1] - low * below[:, -1:]).square() / (low * (1 - low))).amax(1)
-    within = (ordered.var(1, correction=0) - between).clamp(min=0)
-    return ((between + _ROUNDING_DN2) / (within + _ROUNDING_DN2)).log().to(values)
 
 
 def _unlikeness(bits: Tensor) -> Tensor:
@@ -171,7 +157,7 @@ def best_places(
         square = flat.square().sum((2, 3))
         left = square - lit * mean_on.square().sum(2) - (high * wide - lit) * mean_off.square().sum(2)
         energy = lit * (mean_on - mean_off).square().sum(2)
-        noise = _ROUNDING_DN2 * high * wide * k
+        noise = ROUNDING_DN2 * high * wide * k
         if by_light:
             merit = energy - _UNLIKE_WEIGHT * left
         else:
@@ -304,7 +290,7 @@ def fit_cells(
         energy = left.square().sum(1)
         value = folded[..., :quarter]
         spread = (value - value.mean(1, keepdim=True)).square().sum((1, 2))
-        noise = _ROUNDING_DN2 * left.shape[1]
+        noise = ROUNDING_DN2 * left.shape[1]
         # What the On LEDs add to a panel of Off ones; a line of the dark around it in its place adds nothing.
         light = (weights[:, 1, :quarter].square().sum(1)) * 4 * bits.sum((1, 2))
         fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
@@ -322,7 +308,7 @@ def fit_cells(
         if number == steps:
             break
         curve = slopes @ slopes.mT
-        variance = (energy / left.shape[1] + _ROUNDING_DN2)[:, None]
+        variance = (energy / left.shape[1] + ROUNDING_DN2)[:, None]
         expected = torch.tensor(_EXPECTED * 2, device=curve.device)
         curve = curve + torch.diag_embed(variance / expected**2)
         step = -torch.linalg.solve(curve, (slopes @ left[..., None])[..., 0])

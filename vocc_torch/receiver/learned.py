@@ -10,14 +10,16 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
-from vocc_torch.receiver import lattice_fit, lattice_model, rectification
-from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, randomness, read_cells, two_levels
+from vocc_torch.receiver import lattice_model, rectification
+from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.receiver.panel_evidence import SURE_SHARES, clues_of, evidence
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
 from vocc_torch.receiver.rectification import map_points
+from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 SHIPPED = "learned_locator.json"
@@ -27,26 +29,18 @@ _KIND = "learned_locator"
 # From so many LEDs on windows are turned, so many of a level: four lamps in a square are few bits on a turned
 # lattice.
 _LARGE_LEDS, _TURNED = 64, 3
-# Cells that lattices are shifted by, at least, and of so many LEDs one more; and placings that are kept.
-_REACH, _FAR, _KEPT = 3, 3, 6
+# Cells that lattices are shifted by, at least, and of so many LEDs one more; placings that are kept; and such
+# as are fitted, with corners so far apart, cells.
+_REACH, _FAR, _KEPT, _FITTED, _FITTED_CELLS = 3, 3, 6, 8, 0.7
 # Corners that differ by less are the same, and move by at most so much, cells; what a fit may lose, a logit;
 # panels whose middles are nearer than this share of a diagonal overlap; and cells beyond the picture.
 _SAME_CELLS, _MOST_MOVE, _MOST_LOST, _OVERLAP, _HIDDEN = 0.4, 1.2, 2.0, 0.35, 0.5
-# A lattice of spots is kept that explains this share of the picture; cells that its corners may move by.
-_LEAST_SHARE, _NEAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 1.8, 0.3, 16
 _PARTS_PER_PX = 1024.0
 # Of what is around a crop, so much is seen.
 _AROUND_PX = 24
-# Logit from which on a placing is fitted, and steps of the fit to cells.
-_WORTH_A_FIT, _CELL_STEPS = 0.0, 4
-# Weights of the logit, of what two patterns explain, of what two levels of each cell's brightest spot do, of
-# how random bits look and of round spots, and a constant; and the most, or least, of some that counts.
-_EVIDENCE = (1.0, 0.8, 0.7, 0.43, 3.0, -5.0)
-_MOST_LOGIT, _MOST_EXPLAINED, _LEAST_RANDOM = 9.0, 3.0, -20.0
-# Shares of the picture that round spots explain: between which they say more, and up to which they tell fits
-# of one panel apart. Where two patterns explain less than this, spots count for less.
-_SHARES, _BEST_SHARE = (0.95, 0.995), 0.9999
-_TWO_PATTERNS = 2.0
+# Logit from which on a placing is fitted, by spots up to so many LEDs a side, and steps of the fit to cells;
+# and the share that spots explain up to which they tell fits of one panel apart.
+_WORTH_A_FIT, _MOST_LEDS, _CELL_STEPS, _BEST_SHARE = -1.0, 16, 4, 0.9999
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -89,7 +83,7 @@ class LearnedLocator:
     - Fits: of up to 16 x 16 LEDs by round spots, and where these explain too little by two patterns of cells;
       kept where the placing stays as likely.
     - Evidence: the network's logit, how much two patterns of cells, two levels of their brightest spots and
-      round spots explain, and how random the bits look.
+      round spots explain, how random the bits look, and how well light keeps to a lattice.
 
     The evidence says how many false alarms a frame without a panel is expected to give, by a table of such
     frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-evidence)). Of weights
@@ -174,17 +168,17 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
-    # A move may spoil what was right, where light runs together: both are fitted.
+    # A move may spoil what was right, where light runs together: where they differ both are fitted.
     both = [(quads, logit), placings(net, scales, quads, shape, 1, moved=True)]
-    both = [distinct(*one, shape, _KEPT, _OVERLAP) for one in both]
     quads, logit = (torch.cat(one) for one in zip(*both, strict=True))
+    quads, logit = distinct(quads, logit, shape, _FITTED, same_cells=_FITTED_CELLS)
     quads, logit, spots = _better_fitted(net, scales, quads, logit, shape)
     whole = is_whole(scales, quads, shape)
     quads, logit, spots = quads[whole], logit[whole], spots[whole]
     if len(quads):
-        logit = evidence(scales, quads, logit, spots, shape)
+        logit = evidence(clues_of(scales, quads, logit, spots, shape))
         # Of sure fits of one panel, which may be a cell apart, what they leave unexplained counts, too.
-        sure = -2 * (1 - spots.clamp(_SHARES[1], _BEST_SHARE)).log()
+        sure = -2 * (1 - spots.clamp(SURE_SHARES[1], _BEST_SHARE)).log()
         rows = distinct_rows(quads, logit + sure, shape, _OVERLAP)
         quads, logit = distinct(quads[rows], logit[rows], shape, _KEPT)
     return quads + frame.origin_px, logit.double()
@@ -208,8 +202,8 @@ def _better_fitted(
     """
     best, spots = (logit > _WORTH_A_FIT).nonzero()[:, 0], torch.zeros_like(logit)
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
-        again, share = fitted(scales, quads[best], shape)
-        sure = share > _SHARES[0]
+        again, share = fitted_spots(scales, quads[best], shape)
+        sure = share > SURE_SHARES[0]
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
         kept = (again == quads[best]).flatten(1).all(1)
         spots[best] = share.where(kept, 0.0).to(spots)
@@ -221,33 +215,6 @@ def _better_fitted(
         sure = torch.zeros_like(best, dtype=torch.bool)
         quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
     return quads, logit, spots
-
-
-def evidence(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
-    """Log odds (n,) of panels at quadrilaterals, by the logit, patterns, levels, random bits and round spots.
-
-    Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
-    cells look; that their bits follow a rule is seen in the bits. Two patterns need LEDs that look alike; of
-    unequal ones, or such as are off their lattice, the brightest spots of cells still have two levels.
-    ``spots`` (n,) is the share of the picture that round spots explain; hardly any clutter is so well
-    explained, but for lamps of one or of many brightnesses, of which two patterns explain little.
-    """
-    places = Cells.at(scales, quads, shape)
-    cells = best_places(scales, places, shape, 0, by_light=True)
-    cells = fit_cells(scales, cells, shape, 0, most_random=0.0)
-    random = randomness(cells.bits).clamp(max=0.0)
-    explained = cells.score - random
-    seen = read_cells(scales, places, shape, SAMPLES, 0)
-    seen = seen.reshape(len(seen), shape.rows, SAMPLES, shape.columns, SAMPLES)
-    parted = two_levels(seen.amax((2, 4)))
-    # The more LEDs, the more regular look those not half lit; the fewer, the less a perfect lattice is worth.
-    many = shape.leds / _LARGE_LEDS
-    spotted = ((1 - _SHARES[0]) / (1 - spots.clamp(*_SHARES))).log() * min(1.0, many)
-    told = [logit.clamp(max=_MOST_LOGIT), explained.clamp(max=_MOST_EXPLAINED), parted]
-    told += [(random * min(1.0, many**-0.5)).clamp(min=_LEAST_RANDOM)]
-    told += [(explained / _TWO_PATTERNS).clamp(0, 1) * spotted]
-    *weights, constant = _EVIDENCE
-    return torch.stack(told, 1) @ logit.new_tensor(weights) + constant
 
 
 def is_whole(scales: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
@@ -312,17 +279,28 @@ def placings(
 
 
 def distinct(
-    quads: Tensor, logit: Tensor, shape: PanelShape, most: int, overlap: float | None = None
+    quads: Tensor,
+    logit: Tensor,
+    shape: PanelShape,
+    most: int,
+    overlap: float | None = None,
+    same_cells: float = _SAME_CELLS,
 ) -> tuple[Tensor, Tensor]:
     """Keep the likeliest quadrilaterals (n,4,2), at most ``most``, one of those with nearly the same corners.
 
     With ``overlap`` of those whose middles are nearer than that share of a side.
     """
-    kept = distinct_rows(quads, logit, shape, overlap)[:most]
+    kept = distinct_rows(quads, logit, shape, overlap, same_cells)[:most]
     return quads[kept], logit[kept]
 
 
-def distinct_rows(quads: Tensor, logit: Tensor, shape: PanelShape, overlap: float | None = None) -> Tensor:
+def distinct_rows(
+    quads: Tensor,
+    logit: Tensor,
+    shape: PanelShape,
+    overlap: float | None = None,
+    same_cells: float = _SAME_CELLS,
+) -> Tensor:
     """Give the rows that :func:`distinct` keeps, the likeliest first."""
     order = logit.nan_to_num(-torch.inf).argsort(descending=True, stable=True)
     order = order[quads[order].isfinite().flatten(1).all(1)]
@@ -330,7 +308,7 @@ def distinct_rows(quads: Tensor, logit: Tensor, shape: PanelShape, overlap: floa
     size = (quads[:, 0] - quads[:, 2]).norm(dim=1).clamp(min=1e-6)
     if overlap is None:
         apart = (quads[:, None] - quads).norm(dim=3).amax(2) / size
-        near = apart < _SAME_CELLS / math.hypot(shape.rows, shape.columns)
+        near = apart < same_cells / math.hypot(shape.rows, shape.columns)
     else:
         near = (quads.mean(1)[:, None] - quads.mean(1)).norm(dim=2) < overlap * size
     return order[_first_of_each(near)]
@@ -363,36 +341,3 @@ def _likelier(
         (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
     )
     return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
-
-
-def fitted(scales: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
-    """Fit lattices of spots from good corners (n,4,2); those that explain the picture and stay near.
-
-    The background is what is around the panel, or the panel's own dark cells; the better of both stays. Large
-    panels are fitted in halved pictures.
-
-    Returns:
-        (n,4,2) corners, and (n,) the share of the picture that they explain, 0 where the corners stay.
-    """
-    found, shares = quads.clone(), quads.new_zeros(len(quads))
-    levels = (Cells.at(scales, quads, shape).level - 1).clamp(min=0)
-    for level in sorted(set(levels.tolist())):
-        rows, plane = (levels == level).nonzero()[:, 0], scales.levels[level]
-        start = quads[rows].repeat(2, 1, 1) / 2.0**level
-        many, size = len(start), (plane.shape[0], plane.shape[1])
-        frames = Frames(plane.expand(many, 1, -1, -1), start.new_zeros(many, 2, dtype=torch.int64), size)
-        patches = lattice_model.read_patches(frames, start, shape, lattice_model.MARGIN)
-        side = lattice_model.SAMPLES
-        dark = patches[: len(rows), side:-side, side:-side].flatten(1).quantile(0.1, dim=1)
-        patches[:, side:-side, side:-side] = torch.nan
-        ring = patches[: len(rows)].flatten(1).nanmedian(1).values
-        background = torch.cat([ring, dark]).double()
-        begun = lattice_model.Lattice.at(start, torch.full_like(background, _BLUR), background, shape)
-        lattice = lattice_fit.fit_lattice(frames, begun)
-        cell = torch.maximum(*rectification.cell_size_px(start, shape)).clamp(min=1e-6)
-        moved = (lattice.corners_px - start).norm(dim=2).amax(1) / cell
-        good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
-        shares[rows], which = lattice.share.where(good, 0.0).view(2, -1).max(0)
-        best = lattice.corners_px.view(2, -1, 4, 2)[which, torch.arange(len(rows), device=which.device)]
-        found[rows] = (best * 2.0**level).where((shares[rows] > 0)[:, None, None], quads[rows])
-    return found, shares
