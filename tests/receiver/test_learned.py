@@ -18,6 +18,7 @@ from vocc_torch.receiver.learned import (
     is_whole,
     placings,
     save_weights,
+    with_missed_lines,
 )
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
@@ -336,19 +337,24 @@ def test_panels_of_a_line_or_two_have_evidence(shape):
     assert LearnedLocator(false_alarms=torch.inf).sightings(noise, PanelShape(*shape)).score.isfinite().all()
 
 
-@pytest.mark.parametrize("pitch_px", [3.0, 4.4, 9.0, 23.0])
-def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
-    """The lattice of drawn spots is found from corners that are off, alone and with others."""
+def drawn_spots(bits: torch.Tensor, pitch_px: float, noise_dn: float) -> tuple[Pyramid, torch.Tensor]:
+    """Draw bright and dim round spots of bits (8,8), from 30 px on, and give their corners (4,2), too."""
     size = int(17 * pitch_px + 60)
     y, x = np.mgrid[:size, :size] + 0.5
     light = np.full(y.shape, 0.05)
-    for down, right in BITS.nonzero().tolist():
+    for (down, right), lit in np.ndenumerate(bits.numpy()):
         apart = np.hypot(y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px)
-        light += 0.6 * np.exp(-((apart / (0.25 * pitch_px)) ** 2) / 2)
-    noise = np.random.default_rng(4).normal(0, 2, light.shape)
+        light += (0.57 * lit + 0.03) * np.exp(-((apart / (0.25 * pitch_px)) ** 2) / 2)
+    noise = np.random.default_rng(4).normal(0, noise_dn, light.shape)
     grey = torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2) + noise).round().clamp(0, 255)
-    scales = Pyramid.of(grey[None, None], 12)
-    truth = 30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
+    corners = 30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
+    return Pyramid.of(grey[None, None], 12), corners
+
+
+@pytest.mark.parametrize("pitch_px", [3.0, 4.4, 9.0, 23.0])
+def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
+    """The lattice of drawn spots is found from corners that are off, alone and with others."""
+    scales, truth = drawn_spots(BITS, pitch_px, 2.0)
     off = 0.15 * pitch_px * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
     far = truth + 9 * pitch_px
     quads = torch.stack([truth + off, far, truth])
@@ -361,6 +367,18 @@ def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
         alone, own = fitted_spots(scales, quads[row : row + 1], PanelShape(8, 8))
         assert torch.equal(alone[0], found[row])
         assert own[0] == share[row]
+
+
+def test_a_fit_that_missed_an_outer_line_is_moved():
+    """Of LEDs that are all Off, where the others are drawn out over it; what is right stays."""
+    bits = BITS.clone()
+    bits[:, 0] = 0
+    scales, truth = drawn_spots(bits, 3.6, 0.5)
+    missed = truth + torch.tensor([[3.6, 0.0], [0, 0], [0, 0], [3.6, 0]])
+    quads = torch.stack([missed, truth, missed])
+    moved = with_missed_lines(scales, quads, torch.tensor([0.97, 0.9995, 0.0]), PanelShape(8, 8))
+    assert (moved[:2] - truth).abs().max() < 0.05 * 3.6
+    assert torch.equal(moved[2], missed), "of no sure fit nothing is known"
 
 
 def test_leds_that_are_off_their_lattice_part_in_two_levels():

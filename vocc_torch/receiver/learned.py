@@ -39,8 +39,9 @@ _PARTS_PER_PX = 1024.0
 # Of what is around a crop, so much is seen.
 _AROUND_PX = 24
 # Logit from which on a placing is fitted, by spots up to so many LEDs a side, and steps of the fit to cells;
-# and the share that spots explain up to which they tell fits of one panel apart.
-_WORTH_A_FIT, _MOST_LEDS, _CELL_STEPS, _BEST_SHARE = -1.0, 16, 4, 0.9999
+# the share that spots explain up to which they tell fits of one panel apart; and how much of what one leaves
+# another may leave that explains far more.
+_WORTH_A_FIT, _MOST_LEDS, _CELL_STEPS, _BEST_SHARE, _FAR_MORE = -1.0, 16, 4, 0.9999, 0.3
 
 
 def save_weights(path: Path, net: PanelNet) -> None:
@@ -180,8 +181,27 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
         # Of sure fits of one panel, which may be a cell apart, what they leave unexplained counts, too.
         sure = -2 * (1 - spots.clamp(SURE_SHARES[1], _BEST_SHARE)).log()
         rows = distinct_rows(quads, logit + sure, shape, _OVERLAP)
-        quads, logit = distinct(quads[rows], logit[rows], shape, _KEPT)
+        quads = with_missed_lines(scales, quads[rows], spots[rows], shape)
+        quads, logit = distinct(quads, logit[rows], shape, _KEPT)
     return quads + frame.origin_px, logit.double()
+
+
+def with_missed_lines(scales: Pyramid, quads: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
+    """Move sides of sure fits of round spots by a cell where those explain far more: a line may be all Off.
+
+    How likely they are stays as it is: what is known of false alarms is known of the places as they were.
+    """
+    quads, cells = quads.clone(), lattice_model.corner_cells(shape).to(quads)
+    # Left, right, top and bottom, each out or in.
+    sides = torch.cat([torch.eye(4), -torch.eye(4)]).to(quads)
+    starts = cells + torch.stack([sides[:, [0, 1, 1, 0]], sides[:, [2, 2, 3, 3]]], 2)
+    for row in ((spots > SURE_SHARES[0]) & (spots < _BEST_SHARE)).nonzero()[:, 0].tolist():
+        again = map_points(quads[row].expand(len(starts), 4, 2), starts, shape)
+        found, share = fitted_spots(scales, again, shape)
+        best = share.argmax()
+        if 1 - share[best] < _FAR_MORE * (1 - spots[row]):
+            quads[row] = found[best]
+    return quads
 
 
 def surrounded(frame: Frames) -> Frames:
