@@ -311,6 +311,16 @@ def test_bits_that_are_nearly_all_alike_are_less_evidence():
     assert evidence_of(150 * few.view(8, 8)) < evidence_of(150 * BITS) - 2
 
 
+def test_how_unequally_many_cells_are_bright_counts_against_a_panel():
+    """The square of their share less a half, at most 1/8; the other clues being equal."""
+    order = torch.randperm(64, generator=torch.Generator().manual_seed(9)).view(8, 8)
+    for dark, told in ((9, 0.125), (20, (44 / 64 - 0.5) ** 2), (32, 0.0)):
+        scales, corners = drawn_spots((order >= dark).float(), 9.0, 0.0)
+        clues = clues_of(scales, corners[None], torch.zeros(1), torch.zeros(1), SHAPE)
+        assert float(clues[0, 6]) == pytest.approx(told)
+    assert evidence(torch.zeros(1, 7)) > evidence(torch.eye(7)[6:] * 0.125) + 2
+
+
 def test_points_of_light_part_in_two_levels_where_they_are_read_finely():
     """Unequal ones of a pixel, 24 px apart: in a picture of 3 px a cell they are as unequal as they are."""
     draw, clues = torch.Generator().manual_seed(3), {}
