@@ -195,11 +195,12 @@ def with_missed_lines(scales: Pyramid, quads: Tensor, spots: Tensor, shape: Pane
     # Left, right, top and bottom, each out or in.
     sides = torch.cat([torch.eye(4), -torch.eye(4)]).to(quads)
     starts = cells + torch.stack([sides[:, [0, 1, 1, 0]], sides[:, [2, 2, 3, 3]]], 2)
-    for row in ((spots > SURE_SHARES[0]) & (spots < _BEST_SHARE)).nonzero()[:, 0].tolist():
+    for row in ((spots > SURE_SHARES[0]) & (spots < SURE_SHARES[1])).nonzero()[:, 0].tolist():
         again = map_points(quads[row].expand(len(starts), 4, 2), starts, shape)
-        found, share = fitted_spots(scales, again, shape)
+        far_more = 1 - _FAR_MORE * (1 - float(spots[row]))
+        found, share = fitted_spots(scales, again, shape, far_more)
         best = share.argmax()
-        if 1 - share[best] < _FAR_MORE * (1 - spots[row]):
+        if share[best] > far_more:
             quads[row] = found[best]
     return quads
 

@@ -17,11 +17,13 @@ _LEAST_SHARE, _NEAR_CELLS, _BLUR = 0.75, 1.8, 0.3
 _ROUGH_STEPS, _LEAST_ROUGH, _STEPS = 4, 0.6, 9
 
 
-def fitted_spots(scales: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+def fitted_spots(
+    scales: Pyramid, quads: Tensor, shape: PanelShape, least_rough: float = _LEAST_ROUGH
+) -> tuple[Tensor, Tensor]:
     """Fit lattices of spots from good corners (n,4,2); those that explain the picture and stay near.
 
     The background is what is around the panel, or the panel's own dark cells; after a few steps the better of
-    both goes on, if it explains some 60 % of the picture.
+    both goes on, if it explains more than ``least_rough`` of the picture.
 
     Returns:
         (n,4,2) corners, and (n,) the share of the picture that they explain, 0 where the corners stay.
@@ -36,7 +38,7 @@ def fitted_spots(scales: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Ten
     begun = lattice_model.Lattice.at(start, torch.full_like(background, _BLUR), background, shape)
     rough = lattice_fit.fit_lattice(seen, begun, range(_ROUGH_STEPS))
     shares, which = rough.share.view(2, -1).max(0)
-    rows = (shares > _LEAST_ROUGH).nonzero()[:, 0]
+    rows = (shares > least_rough).nonzero()[:, 0]
     best = rows + which[rows] * len(quads)
     found, shares = quads.clone(), torch.zeros_like(shares)
     if len(rows):
