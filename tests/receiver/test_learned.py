@@ -12,18 +12,16 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.receiver.learned import (
-    SHIPPED,
     LearnedLocator,
     distinct,
     is_whole,
     placings,
-    save_weights,
     with_missed_lines,
 )
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.panel_evidence import alignment, bright_cells, clues_of, evidence, two_levels
-from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
+from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, save_weights
 from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
@@ -15,17 +14,12 @@ from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_c
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
-from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.panel_evidence import SURE_SHARES, clues_of, evidence
-from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet
+from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, load_weights
 from vocc_torch.receiver.rectification import map_points
 from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
-SHIPPED = "learned_locator.json"
-"""The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
-
-_KIND = "learned_locator"
 # From so many LEDs on windows are turned, so many of a level: four lamps in a square are few bits on a turned
 # lattice.
 _LARGE_LEDS, _TURNED = 64, 3
@@ -42,36 +36,6 @@ _AROUND_PX = 24
 # the share that spots explain up to which they tell fits of one panel apart; and how much of what one leaves
 # another may leave that explains far more.
 _WORTH_A_FIT, _MOST_LEDS, _CELL_STEPS, _BEST_SHARE, _FAR_MORE = -1.0, 16, 4, 0.9999, 0.3
-
-
-def save_weights(path: Path, net: PanelNet) -> None:
-    """Write a network's weights, in the format of receivers: text, a checksum, and no code.
-
-    Raises:
-        VoccError: the file cannot be written.
-    """
-    write_model(path, {"kind": _KIND}, net.state_dict())
-
-
-@lru_cache(maxsize=8)
-def load_weights(path: Path, device: torch.device) -> PanelNet:
-    """Read what :func:`save_weights` wrote; nothing in the file is executed.
-
-    Raises:
-        VoccError: a file that is missing, damaged or of another kind.
-    """
-    settings, state = read_model(path)
-    with torch.inference_mode(False):
-        net = PanelNet()
-        try:
-            if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
-                raise ValueError
-            net.load_state_dict(state)
-        except (KeyError, RuntimeError, ValueError):
-            raise VoccError(f"model {path} holds no learned locator: train it again") from None
-        # So kept, the first convolution, of one plane, takes a sixth of the time.
-        net.to(memory_format=torch.channels_last)
-        return net.eval().requires_grad_(False).to(device)
 
 
 @dataclass(frozen=True, slots=True)

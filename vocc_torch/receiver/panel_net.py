@@ -1,15 +1,23 @@
 """A small network that sees a whole panel's cells: whether it is one, where it ends, how corners are off."""
 
 import math
+from functools import lru_cache
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.types import PanelShape
+
+SHIPPED = "learned_locator.json"
+"""The weights that ship, beside this file; ``benchmarks/train_panel_net.py`` made them."""
 
 SAMPLES, CONTEXT = 4, 2
 """Samples along a cell's side, and cells beyond a placing that are seen."""
 
+_KIND = "learned_locator"
 _FIRST, _CELL, _SIDE, _QUARTER, _HIDDEN = 16, 32, 8, 16, 48
 _MOST = 4.0
 OUTPUTS = 9
@@ -92,3 +100,33 @@ def _means(planes: Tensor, high: int, wide: int) -> Tensor:
             sums, many = nn.functional.pad(planes.cumsum(axis), before), planes.shape[axis] - size + 1
             planes = (sums.narrow(axis, size, many) - sums.narrow(axis, 0, many)) / size
     return planes
+
+
+def save_weights(path: Path, net: PanelNet) -> None:
+    """Write a network's weights, in the format of receivers: text, a checksum, and no code.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    write_model(path, {"kind": _KIND}, net.state_dict())
+
+
+@lru_cache(maxsize=8)
+def load_weights(path: Path, device: torch.device) -> PanelNet:
+    """Read what :func:`save_weights` wrote; nothing in the file is executed.
+
+    Raises:
+        VoccError: a file that is missing, damaged or of another kind.
+    """
+    settings, state = read_model(path)
+    with torch.inference_mode(False):
+        net = PanelNet()
+        try:
+            if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
+                raise ValueError
+            net.load_state_dict(state)
+        except (KeyError, RuntimeError, ValueError):
+            raise VoccError(f"model {path} holds no learned locator: train it again") from None
+        # So kept, the first convolution, of one plane, takes a sixth of the time.
+        net.to(memory_format=torch.channels_last)
+        return net.eval().requires_grad_(False).to(device)
