@@ -377,6 +377,18 @@ def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
         assert own[0] == share[row]
 
 
+@pytest.mark.parametrize(
+    ("noise_dn", "shift_cells", "kept"), [(70, 0, 1), (85, 0, 0), (2, 1.5, 1), (2, 2.2, 0)]
+)
+def test_fits_that_explain_little_or_went_far_are_not_kept(noise_dn, shift_cells, kept):
+    """Three quarters of the picture are to be explained, by a lattice within 1.8 cells; else corners stay."""
+    scales, truth = drawn_spots(BITS, 6.0, noise_dn)
+    begun = truth[None] + 6.0 * torch.tensor([shift_cells, 0.0])
+    found, share = fitted_spots(scales, begun, PanelShape(8, 8))
+    assert (found[0] - (truth if kept else begun[0])).abs().max() < (0.6 if kept else 1e-9)
+    assert bool(share > 0) == bool(kept)
+
+
 def test_a_fit_that_missed_an_outer_line_is_moved():
     """Of LEDs that are all Off, where the others are drawn out over it; what is right stays."""
     bits = BITS.clone()
