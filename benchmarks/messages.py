@@ -27,8 +27,8 @@ from vocc_torch.messages.layout import Layout
 from vocc_torch.messages.packets import Assembly, packed, unpacked
 from vocc_torch.messages.reception import Reception, decoded, film_of
 from vocc_torch.messages.signalling import MessagePlan, Signalling
-from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.recording import read_recording
+from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.show.video import write_video
 from vocc_torch.simulation.recording import Shutter, record

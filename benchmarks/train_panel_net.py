@@ -239,13 +239,18 @@ def trained(net: PanelNet, data: dict[PanelShape, Seen], minutes: float, rate: f
 
 def main() -> None:
     """Look, train, and write the weights."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--blocks", type=int, default=200, help="blocks of 16 small frames")
-    parser.add_argument("--streets", type=int, default=120, help="whole frames a scene")
+    shown = argparse.ArgumentDefaultsHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], formatter_class=shown)
+    parser.add_argument("--out", type=Path, required=True, help="file of the weights")
+    parser.add_argument("--blocks", type=int, default=200, help="blocks of 16 small frames, at least 1")
+    parser.add_argument("--streets", type=int, default=120, help="whole frames a scene, 0 or at least 2")
     parser.add_argument("--minutes", type=float, default=9.0, help="processor time of the training")
-    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--seed", type=int, default=11, help="of every draw")
     given = parser.parse_args()
+    if given.blocks < 1 or given.streets == 1 or given.streets < 0 or not given.minutes > 0:
+        parser.error("--blocks must be at least 1, --streets 0 or at least 2, --minutes above 0")
+    if not given.out.resolve().parent.is_dir():
+        parser.error(f"--out is {given.out}: its folder must be there")
     torch.set_num_threads(1)
     torch.manual_seed(given.seed)
     data = dataset(given.seed, given.blocks, given.streets)
@@ -253,6 +258,7 @@ def main() -> None:
     panel = PanelNet()
     trained(panel, data, given.minutes, 3e-3, given.seed)
     save_weights(given.out, panel)
+    print(f"weights written to {given.out}")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -323,6 +324,11 @@ class PlugIn:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
             reason = " ".join(str(error.__cause__ or error).split())
+            with suppress(TypeError, ValueError):  # of classes that cannot be looked into
+                taken = inspect.signature(kind).parameters
+                strays = [name for name in arguments if name not in taken]
+                if strays and not any(one.kind == one.VAR_KEYWORD for one in taken.values()):
+                    reason = f"it takes no {strays[0]}, but {', '.join(taken)}"
             raise VoccError(f"{self.key}: {self.target} cannot be built ({reason})") from error
 
     @property

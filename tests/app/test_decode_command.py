@@ -22,9 +22,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.receiver import learned
 from vocc_torch.receiver.learned import LearnedLocator, sighted
-from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
 from vocc_torch.studies.decode.reading import Reading

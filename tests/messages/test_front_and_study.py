@@ -17,10 +17,10 @@ from vocc_torch.messages.layout import Layout
 from vocc_torch.messages.packets import packed
 from vocc_torch.messages.reception import decoded
 from vocc_torch.messages.signalling import MessagePlan, Signalling
-from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import read_video
+from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.show.video import write_video
 from vocc_torch.simulation.recording import Shutter, record

@@ -7,10 +7,11 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import RefinedLocator, locator_named
+from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 

@@ -27,6 +27,9 @@ GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget"
 COMPARED = ("every", "rivals")
 """Options of the group receiver that name receivers to compare."""
 
+STATING = ("lattice", "learned")
+"""Locators that state false alarms."""
+
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
 
@@ -127,10 +130,11 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
         reads = task in ("decode", "receive")
         own_parts = {*(OF_MODEL if reads else ("panel", "receiver", "budget.training_frames")), *PARTS}
-        if settings.model and {group, key} & own_parts and name not in ("rows", "columns"):
+        other_rate = task == "decode" and key == "receiver.false_alarms"
+        if settings.model and {group, key} & own_parts and name not in ("rows", "columns") and not other_rate:
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder = settings.receiver.locator if task in ONE_LOCATOR else None
-        if place == "receiver.false_alarms" and finder in ("truth", "paper", "refined"):
+        if place == "receiver.false_alarms" and not settings.model and finder not in (None, *STATING):
             raise VoccError(f"{said}: only lattice and learned state them, and receiver.locator is {finder}")
         if place.startswith("receiver.location") and finder and finder not in NAMES["Locators"].split(", "):
             raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")

@@ -106,6 +106,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
     if save not in (savable := (*bank.FLDA_FEATURES, *(one.name for one in plugged_in))):
         raise VoccError(f"receiver.save is {save!r}: it must be one of {', '.join(savable)}")
+    given = {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}
     return plans.ReceiverPlan(
         names=(*receiver.names, *(one.name for one in plugged_in)),
         classifiers=tuple(plugged_in),
@@ -114,7 +115,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         reader=own,
         save=save,
         locators=locators,
-        false_alarms=receiver.false_alarms,
+        **given,
     )
 
 

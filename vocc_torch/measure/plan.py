@@ -17,7 +17,8 @@ from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.false_alarms import demand_stated
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LOCATORS, STATING, OutsideLocator, PanelLocator, locator_named
+from vocc_torch.receiver.locators import LOCATORS, STATING, locator_named, plugged_locator
+from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
@@ -147,7 +148,7 @@ class ReceiverPlan:
         """
         known = (*OWN_LOCATORS, *self.locators)
         if stray := [name for name in names if name not in known]:
-            raise VoccError(f"{key} is {stray[0]!r}: it must be {' or '.join(known)}")
+            raise VoccError(f"{key} is {stray[0]!r}: it must be {' or '.join(known)}, or FILE.py:NAME")
 
     def finders(self, locators: Sequence[Locator]) -> dict[str, PanelLocator | None]:
         """Give what finds the panel by name, None for the simulator's own corners.
@@ -156,9 +157,14 @@ class ReceiverPlan:
             >>> ReceiverPlan().finders(["truth"])
             {'truth': None}
         """
-        outside = {name: OutsideLocator(one) for name, one in self.locators.items()}
-        known, limits = {"truth": None, **outside}, (self.location, self.false_alarms)
-        return {one: known[one] if one in known else locator_named(one, *limits) for one in locators}
+        found: dict[str, PanelLocator | None] = {}
+        for name in locators:
+            if name in self.locators:
+                found[name] = plugged_locator(self.locators[name])
+            else:
+                named = None if name == "truth" else locator_named(name, self.location, self.false_alarms)
+                found[name] = named
+        return found
 
 
 @dataclass(frozen=True)

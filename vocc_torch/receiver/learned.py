@@ -71,6 +71,9 @@ class LearnedLocator:
         most = self.false_alarms
         if most != math.inf and finite_number("location.false_alarms", most) <= 0:
             raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
+        if self.weights is not None and most not in (1e-3, math.inf):
+            rule = "left out where weights are one's own: nothing is stated of them"
+            raise VoccError.of("location.false_alarms", most, rule)
 
     def net(self, device: torch.device) -> PanelNet:
         """Give the network on a device."""
@@ -111,7 +114,8 @@ class LearnedLocator:
                 quads, logit = sighted(net, exact[i : i + 1], shape)
                 alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
                 if self.weights:  # of which nothing is stated, so only what is likelier than not
-                    quads, logit = quads[logit >= 0], logit[logit >= 0]
+                    kept = logit >= (-math.inf if self.false_alarms == math.inf else 0.0)
+                    quads, logit = quads[kept], logit[kept]
                     alarms = torch.full_like(logit, torch.nan)
                 rows = torch.full_like(logit, i, dtype=torch.int64)
                 seen.append(Sightings(rows, quads, logit.sigmoid(), alarms))

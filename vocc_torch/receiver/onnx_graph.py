@@ -14,7 +14,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.receiver.classifiers import Guarded, SklearnClassifier
-from vocc_torch.receiver.locators import OutsideLocator, PanelLocator
+from vocc_torch.receiver.outside_locator import OutsideLocator, PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.types import Frames, Panels
 

@@ -118,7 +118,12 @@ def load_weights(path: Path, device: torch.device) -> PanelNet:
     Raises:
         VoccError: a file that is missing, damaged or of another kind.
     """
-    settings, state = read_model(path)
+    try:
+        settings, state = read_model(path)
+    except VoccError as error:
+        why = "it is damaged or of another kind" if path.exists() else "there is no such file"
+        rule = f"{why}: give one that benchmarks/train_panel_net.py wrote"
+        raise VoccError(f"weights {path} hold no learned locator, {rule}") from error
     with torch.inference_mode(False):
         net = PanelNet()
         try:
@@ -126,7 +131,7 @@ def load_weights(path: Path, device: torch.device) -> PanelNet:
                 raise ValueError
             net.load_state_dict(state)
         except (KeyError, RuntimeError, ValueError):
-            raise VoccError(f"model {path} holds no learned locator: train it again") from None
+            raise VoccError(f"weights {path} hold no learned locator: train it again") from None
         # So kept, the first convolution, of one plane, takes a sixth of the time.
         net.to(memory_format=torch.channels_last)
         return net.eval().requires_grad_(False).to(device)

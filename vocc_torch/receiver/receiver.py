@@ -13,8 +13,9 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank, fea
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
 from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
+from vocc_torch.receiver.locators import locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
+from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
 

@@ -60,7 +60,8 @@ class Track:
     Args:
         number: its own, from 0.
         corners: (4,2) px where it was seen last.
-        score: of the full search that found it.
+        score: of the last full search that was sure of it.
+        false_alarms: stated by that search, for a frame without a panel; NaN where none was.
         blur: its spots' standard deviation, cells.
         share: what a lattice explained there.
         motion: (4,2) px a frame.
@@ -79,6 +80,7 @@ class Track:
     blur: float
     share: float
     motion: Corners = field(default_factory=lambda: np.zeros((4, 2)))
+    false_alarms: float = math.nan
     spread: float = _SPREAD
     misses: int = 0
     doubts: int = 0

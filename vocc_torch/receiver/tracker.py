@@ -21,10 +21,10 @@ from vocc_torch.receiver.frame_fit import (
     read_cells,
     spot_energy,
 )
-from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.track import STANDS, Track
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Panels, PanelShape, StatedPanels
 
 # A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
 _MOST_FALSE_ALARMS = 1e-3
@@ -71,8 +71,16 @@ class Tracker:
             if type(value := getattr(self, name)) is not int or value < 1:
                 raise VoccError.of(f"follow.{name}", value, "a whole number of at least 1")
 
-    def __call__(self, plane: NDArray[np.uint8]) -> list[Track]:
-        """Take the recording's next frame (H,W), and give the panels that are seen in it."""
+    def __call__(self, frame: NDArray[np.uint8] | Tensor) -> list[Track]:
+        """Take the recording's next frame (H,W) uint8, and give the panels that are seen in it.
+
+        Raises:
+            VoccError: no frame, several, or one of another type or with colours.
+        """
+        one = Frames.of(frame, "frame")
+        if len(one) != 1:
+            raise VoccError.of("frame", f"{len(one)} frames", "one at a time, (H,W)")
+        plane: NDArray[np.uint8] = one.grey[0, 0].cpu().numpy()
         seen = [track for track in self.tracks if track.follow(plane, self.shape)]
         for track in seen:
             if track.sure and track.number < 0:
@@ -96,36 +104,48 @@ class Tracker:
             seen = [one for one in self.tracks if one.sure and (one in seen or one in met)]
         return sorted(seen, key=lambda track: track.number)
 
-    def panels(self, greys: Tensor) -> Panels:
-        """Take the next frames (B,H,W) uint8 in order, and give the panel followed longest in each."""
-        panels = Panels.known(torch.zeros(len(greys), 4, 2))
-        for i, plane in enumerate(greys.cpu().numpy()):
+    def panels(self, greys: Tensor, most: int = 1) -> tuple[list[int], list[int], StatedPanels]:
+        """Take the next frames (B,H,W) uint8 in order, and give up to ``most`` panels of each.
+
+        Returns:
+            The frame of each panel, in order, and the number of its track, those followed longest first; a
+            frame without a panel has one that was not found. And the panels, with the score and false alarms
+            of the last search that was sure of them.
+        """
+        rows = []
+        for i, plane in enumerate(greys):
             seen = self(plane)
-            panels.found[i], panels.candidates[i] = bool(seen), len(seen)
-            panels.score[i] = seen[0].score if seen else 0.0
-            if seen:
-                panels.corners_px[i] = torch.from_numpy(seen[0].corners)
-        return panels
+            told = [(one.number, True, one.corners.copy(), one.score, one.false_alarms) for one in seen]
+            none = (0, False, np.zeros((4, 2)), 0.0, math.nan)
+            rows += [(i, len(seen), *one) for one in told[:most] or [none]]
+        whose, many, numbers, found, corners, *judged = zip(*rows, strict=True)
+        score, alarms = (torch.tensor(one, dtype=torch.float64) for one in judged)
+        where = torch.from_numpy(np.stack(corners)), torch.tensor(found)
+        return list(whose), list(numbers), StatedPanels(*where, score, torch.tensor(many), alarms)
 
     def _admit(self, track: Track) -> None:
         """Take for a panel what was watched, or is begun."""
         track.flicker, track.number = math.inf, self._number
         self._number += 1
 
-    def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, bool]]:
-        """Search the whole frame: corners, score, and whether it is surely a panel, these first."""
+    def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, float, bool]]:
+        """Search a whole frame: corners, score, false alarms, and whether it is surely a panel."""
         frames = Frames.whole(torch.from_numpy(plane))
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
         most = getattr(self.locator, "false_alarms", _MOST_FALSE_ALARMS)
         kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
-        rows = zip(found.corners_px.cpu().numpy(), found.score.tolist(), kept.tolist(), strict=True)
-        for corners, score, good in sorted(rows, key=lambda row: not row[2]):
+        stated = getattr(found, "false_alarms", torch.full_like(found.score, math.nan))
+        given = (one.tolist() for one in (found.score, stated, kept))
+        rows = zip(found.corners_px.cpu().numpy(), *given, strict=True)
+        for corners, score, alarms, good in sorted(rows, key=lambda row: not row[3]):
             cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
             if (good or sightings) and cell >= 1:
-                yield corners, score, good
+                yield corners, score, alarms, good
 
-    def _anchored(self, plane: NDArray[np.uint8], corners: Corners, score: float, good: bool) -> Track | None:
+    def _anchored(
+        self, plane: NDArray[np.uint8], corners: Corners, score: float, alarms: float, good: bool
+    ) -> Track | None:
         """Correct the track that a search met, or begin one, where a lattice explains what is there.
 
         What is not ``good`` corrects nothing, and is watched while there is no panel.
@@ -144,7 +164,8 @@ class Tracker:
         for track in self.tracks:
             there = track.corners + track.motion * track.misses
             if float(np.linalg.norm(there.mean(0) - middle)) < reach:
-                track.score = score if good else track.score
+                if good:
+                    track.score, track.false_alarms = score, alarms
                 if not good or (not track.misses and np.abs(track.corners - corners).max() < _CLOSE * cell):
                     return track
                 track.corners, track.misses, track.on = corners, 0, track.on[:0]
@@ -152,7 +173,8 @@ class Tracker:
         else:
             if not good and watched >= _WATCHED:
                 return None
-            track = Track(-1, corners, score, blur, share, flicker=0.0)
+            alarms = alarms if good else math.nan
+            track = Track(-1, corners, score, blur, share, false_alarms=alarms, flicker=0.0)
             self.tracks.append(track)
         if good and track.number < 0:
             self._admit(track)

@@ -13,7 +13,7 @@ from scipy import sparse
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
 from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.types import Frames, PanelShape

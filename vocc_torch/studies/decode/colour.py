@@ -184,7 +184,8 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
 
     Returns:
         That plane, and three with the light of each colour as the channel has it that sees it best; none
-        where there is no panel, or where two colours, or a colour and none, send the same bits.
+        where there is no panel, where two colours, or a colour and none, send the same bits, and where On and
+        Off of a colour lie no farther apart than one level of light does by chance.
     """
     judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
     best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
@@ -210,4 +211,13 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
     own = own * strength
     offsets = (light[0, channel] - light[0] @ own).tolist()
     each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
-    return best, tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)
+    mixes = tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)
+    parts = all(_apart(receiver, [mix(one) for one in colours], panels) >= LEAST_PARTED for mix in mixes)
+    return best, mixes if parts else ()
+
+
+def _apart(receiver: Receiver, greys: Sequence[NDArray[np.uint8]], panels: Panels) -> float:
+    """Say how far apart On and Off lie in grey planes of one size, at panels: the mean of those found."""
+    with torch.inference_mode():
+        read = receiver(torch.from_numpy(np.stack(greys)).to(receiver.device), panels)
+    return float(parted(read.scores, read.bits)[panels.found].mean())

@@ -39,13 +39,13 @@ class Reading:
         bits: (R,C) bool.
         unlike: what the receiver did not learn from, by name: a pitch, level or contrast.
         margin: the smallest distance of a score from the threshold.
-        panel_score: how panel-like the chosen blob is, 0 to 1.
-        candidates: how many blobs could have been the panel.
+        panel_score: how panel-like it is, by the locator.
+        candidates: how many panels, or blobs that may be one, the frame shows.
         is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
         expected_errors: wrong bits that the log-likelihood ratios let expect.
         one_level: whether all LEDs look alike, so that all may be On, or all Off.
         false_alarms: those expected in a frame without a panel at this score; NaN where none is stated.
-        panel: its number in the frame, from 0, the likeliest first.
+        panel: its number in the frame, from 0, the likeliest first; followed, that of its track.
     """
 
     frame: RecordedFrame
@@ -70,7 +70,8 @@ class Reading:
     @property
     def place(self) -> str:
         """The picture, or the film and which of its frames."""
-        return self.frame.source + (f", frame {self.frame.index}" if self.frame.index else "")
+        numbered = self.frame.index or self.frame.time_s is not None
+        return self.frame.source + (f", frame {self.frame.index}" if numbered else "")
 
     @property
     def judged(self) -> str:
@@ -116,17 +117,18 @@ def decode(
     Raises:
         VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
     """
-    if most > 1 and not hasattr(receiver.locator, "sightings"):
-        raise VoccError.of("decode.most", most, "1 where receiver.locator is not lattice or learned")
+    demand_sightings(receiver.locator, most)
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         tracker = Tracker(receiver.locator, receiver.shape)
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
             images, whose = Frames.whole(greys.to(receiver.device)), [*range(len(batch))]
+            tracks: list[int] = []
             if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
                 with torch.inference_mode():
-                    read = receiver(images, tracker.panels(greys).to(receiver.device))
+                    whose, tracks, followed = tracker.panels(greys, most)
+                    read = receiver(images[torch.tensor(whose)], followed.to(receiver.device))
             elif most > 1:
                 whose, read = receiver.decode_several(images.grey, most)
             else:
@@ -139,10 +141,22 @@ def decode(
                 with torch.inference_mode():
                     own = receiver(planes.to(receiver.device), StatedPanels(*panels))
                 each.append(_readings(receiver, [replace(one, light=mix.name) for one in frames], own))
-            rows = zip(whose, zip(*each, strict=True), strict=True)
+            numbers = tracks or [row - whose.index(frame) for row, frame in enumerate(whose)]
+            rows = zip(whose, numbers, zip(*each, strict=True), strict=True)
             for _, panels_of in groupby(rows, key=lambda row: row[0]):
-                for light in zip(*(several for _, several in panels_of), strict=True):
-                    yield from (replace(one, panel=number) for number, one in enumerate(light))
+                several = [(number, one) for _, number, one in panels_of]
+                for light in range(len(each)):
+                    yield from (replace(one[light], panel=number) for number, one in several)
+
+
+def demand_sightings(locator: object, most: int) -> None:
+    """Refuse several panels of a frame where a locator sees one.
+
+    Raises:
+        VoccError: so.
+    """
+    if most > 1 and not hasattr(locator, "sightings"):
+        raise VoccError.of("decode.most", most, "1 where receiver.locator is not lattice or learned")
 
 
 def _readings(receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded) -> Iterator[Reading]:

@@ -17,7 +17,9 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
-from vocc_torch.receiver.locators import STATING
+from vocc_torch.receiver.lattice_locator import LatticeLocator
+from vocc_torch.receiver.learned import LearnedLocator
+from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
 from vocc_torch.show import folder as run_folder
@@ -25,7 +27,8 @@ from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
-from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode
+from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode, demand_sightings
+from vocc_torch.types import PanelShape
 
 BY_CHANCE = 0.3
 """False alarms in as many frames as were read from which on the likeliest place is not worth a word. In one
@@ -44,6 +47,7 @@ class Album:
         self.folder, self.scale = folder / "annotated", scale
         self.names: set[str] = set()
         self._drawn: Image.Image | None = None
+        self._shown: tuple[str, int, str] | None = None
         self._name = ""
 
     def add(self, reading: Reading) -> None:
@@ -52,19 +56,22 @@ class Album:
         Raises:
             OSError: the disk takes no more.
         """
-        if reading.panel == 0 or self._drawn is None:
+        one = reading.frame.source, reading.frame.index, reading.frame.light
+        if one != self._shown or self._drawn is None:
+            self._shown = one
             self._drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, self.scale)
-            self._name = self._free_name(reading.frame.source)
+            self._name = self._free_name(reading.frame.source, reading.frame.light)
         else:
             corners_px = reading.corners_px * self.scale
             self._drawn = annotated(np.asarray(self._drawn), corners_px, reading.bits, 1)
         with atomic_file(self.folder / f"{self._name}.png") as temporary:
             self._drawn.save(temporary, format="PNG")
 
-    def _free_name(self, source: str) -> str:
+    def _free_name(self, source: str, light: str) -> str:
         """Return a name that no picture has, on a disk that may not tell upper from lower case."""
         # With room for the rest of a name of 255 bytes.
-        stem = name = Path(source).stem.encode()[:200].decode(errors="ignore")
+        stem = Path(source).stem.encode()[:200].decode(errors="ignore") + f"-{light}" * bool(light)
+        name = stem
         for number in count(1):
             if name.casefold() not in self.names:
                 break
@@ -80,17 +87,22 @@ class Summary:
     Args:
         rows: of ``bits.csv``.
         best: the reading with the largest least margin.
-        found: how many show a panel; the next three are counted among them.
+        frames: how many frames there are.
+        shown: how many of them show a panel.
+        found: panels that were read, in each colour; the next three are counted among them.
         doubtful: how many may be no panel.
         alike: how many have LEDs of one level.
         strange: how many are unlike what the receiver learned from.
         unlike: by name, the last value beyond what it learned from.
         least_alarms: false alarms a frame at the likeliest place not found; NaN where none are stated.
         likeliest: the frame that shows it.
+        most: surely seen in one frame, of a locator that says how sure it is.
     """
 
     rows: list[list[str]] = field(default_factory=list)
     best: Reading | None = None
+    frames: int = 0
+    shown: int = 0
     found: int = 0
     doubtful: int = 0
     alike: int = 0
@@ -98,15 +110,23 @@ class Summary:
     unlike: dict[str, float] = field(default_factory=dict)
     least_alarms: float = math.nan
     likeliest: str = ""
+    most: int = 0
+    _last: tuple[str, int] | None = None
 
     def add(self, reading: Reading) -> None:
         """Count a reading."""
         self.rows.append(reading.row())
+        one = reading.frame.source, reading.frame.index
+        self.frames += one != self._last
+        self.shown += reading.found and one != self._last
+        self._last = one
         if not reading.found:
             if reading.false_alarms > 0 and not self.least_alarms <= reading.false_alarms:
                 self.least_alarms, self.likeliest = reading.false_alarms, reading.place
             return
         self.found += 1
+        if not math.isnan(reading.false_alarms):
+            self.most = max(self.most, reading.candidates)
         self.doubtful += reading.is_doubtful
         self.alike += reading.one_level
         self.strange += bool(reading.unlike)
@@ -114,17 +134,25 @@ class Summary:
         if self.best is None or reading.margin > self.best.margin:
             self.best = reading
 
-    def print_best(self, console: Console) -> None:
-        """Print the surest bits as they sit on the panel."""
+    @property
+    def counted(self) -> str:
+        """What was found, in words: frames, or where a frame has several rows, readings."""
+        return f"{self.found} " + ("frames" if self.found == self.shown else "readings")
+
+    def print_best(self, console: Console, most: int) -> None:
+        """Print the surest bits as they sit on the panel, of up to ``most`` panels of a frame."""
         if self.best is None:
             return
         on, off = ("#", ".") if console.options.ascii_only else ("●", "·")
         grid = ["  " + " ".join(on if bit else off for bit in bits) for bits in self.best.bits]
-        judged = f"{self.best.judged}; {self.found} of {len(self.rows)} frames show a panel"
+        judged = f"{self.best.judged}; {self.shown} of {self.frames} frames show a panel"
+        judged += f", {self.found} readings" * (self.found > self.shown)
+        if self.most > most:
+            judged += f"; a frame shows {self.most}: decode.most={self.most} reads them"
         for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged):
             console.print(text, soft_wrap=True, markup=False, highlight=False)
 
-    def hint(self, config: DecodeConfig, is_trained: bool) -> str:
+    def hint(self, config: DecodeConfig, is_trained: bool, shape: PanelShape) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
         tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
         if config.follow == "true":
@@ -132,29 +160,30 @@ class Summary:
         if math.isnan(self.least_alarms):
             return " and ".join(["see receiver.location for the locator's limits", *tries])
         tries += ["receiver=recommended for one bright panel that is surely there"] * is_trained
-        expected, frames = self.least_alarms * len(self.rows), len(self.rows)
+        expected, frames = self.least_alarms * self.frames, self.frames
         if expected >= BY_CHANCE:
-            return " or ".join(["no place looks like one by more than chance: try another size", *tries])
+            tries = ["check panel.rows and panel.columns", *tries]
+            return "no place looks like one by more than chance: " + ", or try ".join(tries)
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
         enough = f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
         told = f"{self.least_alarms:.2g} false alarms are expected in a frame without a panel"
         told += f", {expected:.2g} in {frames}" * (frames > 1)
-        done = f"{'give' if is_trained else 'train with'} {enough} to have it read"
-        return f"at the likeliest place, in {self.likeliest}, {told}: {done}"
+        sized = f"if the panel has {shape.rows} x {shape.columns} LEDs"
+        return f"at the likeliest place, in {self.likeliest}, {told}: give {enough} to have it read, {sized}"
 
     def warn(self, receiver: Receiver) -> None:
         """Warn of what makes the bits doubtful."""
         if self.doubtful:
             look = "look where it was found, at panel_score and at margin before you believe the bits"
-            warnings.warn(f"{self.doubtful} of {self.found} frames may show no panel: {look}", stacklevel=2)
+            warnings.warn(f"{self.doubtful} of {self.counted} may show no panel: {look}", stacklevel=2)
         if self.alike:
             look = "where all are On or all Off, their bits mean nothing"
-            warnings.warn(f"LEDs look alike in {self.alike} of {self.found} frames: {look}", stacklevel=2)
+            warnings.warn(f"LEDs look alike in {self.alike} of {self.counted}: {look}", stacklevel=2)
         if self.strange:
             learned = receiver.trained_on
             limits = {name: "{:.3g} to {:.3g}".format(*learned[name][:2]) for name in self.unlike}
             far = [f"{name} {value:.3g}, not {limits[name]}" for name, value in self.unlike.items()]
-            which = f"{self.strange} of {self.found} frames are unlike what {receiver.name} learned from"
+            which = f"{self.strange} of {self.counted} are unlike what {receiver.name} learned from"
             warnings.warn(f"{which} ({'; '.join(far)}): expected_errors may be too low", stacklevel=2)
 
 
@@ -179,7 +208,12 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     # A model brings a locator of its own.
     named = settings.receiver if model is None else replace(settings.receiver, locator="truth")
     plan = build_plan(replace(settings, receiver=named), folder)
-    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=plan.receiver.locator in STATING)
+    (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
+    if model is None:
+        demand_sightings(finder, config.most)
+    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=hasattr(finder, "sightings"))
+    if model is not None and settings.receiver.false_alarms is not None:
+        receiver.locator = at_rate(receiver.locator, settings.receiver.false_alarms)
     recording = chain(first, recording)
     lights: tuple[Mix, ...] = ()
     if config.channel in ("auto", "unmix"):
@@ -198,18 +232,33 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         shutil.rmtree(album.folder, ignore_errors=True)
         raise
     if read.best is None:
-        nothing = f"input {source} shows no panel in {len(read.rows)} of {len(read.rows)} frames"
-        raise VoccError("; ".join([f"{nothing}: {read.hint(config, model is None)}", *failures]))
+        size = f"{receiver.shape.rows} x {receiver.shape.columns} LEDs"
+        nothing = f"input {source} shows no panel of {size} in {read.frames} of {read.frames} frames"
+        raise VoccError(
+            "; ".join([f"{nothing}: {read.hint(config, model is None, receiver.shape)}", *failures])
+        )
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *read.rows])
     run_folder.write_config(settings_used(settings, receiver), folder)
     if model is None:
         receiver.save(folder / "receiver.pt")
-    read.print_best(console)
+    read.print_best(console, config.most)
     places = [("bits", "bits.csv")] + [("pictures", "annotated")] * bool(album.names)
     run_folder.print_places(console, folder, places + [("receiver", "receiver.pt")] * (model is None))
     read.warn(receiver)
     if failures:
-        raise VoccError(f"{failures[0]}; bits.csv has the {len(read.rows)} frames that could be read")
+        raise VoccError(f"{failures[0]}; bits.csv has the {read.frames} frames that could be read")
+
+
+def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
+    """Give a model's locator with another rate of false alarms.
+
+    Raises:
+        VoccError: a locator that states none, or a rate that is none.
+    """
+    if not isinstance(locator, LearnedLocator | LatticeLocator):
+        rule = f"only lattice and learned state them, and the model's locator is {type(locator).__name__}"
+        raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
+    return replace(locator, false_alarms=false_alarms)
 
 
 def in_best_channel(

@@ -1,0 +1,206 @@
+"""The refined locator: a low threshold over the local background, then a fit of the lattice of LEDs."""
+
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
+from vocc_torch.types import Frames, Images, Panels, PanelShape
+
+# Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
+_MOST_LEDS = 16
+# Rise over the background that is taken for light: where nothing else varies, in noise, and by its deviation.
+_CLEAN_RISE_DN, _LEAST_RISE_DN, _RISE_SIGMAS = 1.5, 3.0, 5.0
+# Below this share a fit is tried again from lattices of these sizes.
+_GOOD_SHARE, _SIZES = 0.992, (0.89, 1.12)
+# A fit that leaves its start farther behind, in cells, is none; finer lattices are noise: LEDs melt together.
+_FARTHEST_CELLS, _LEAST_PITCH_PX, _FIT_PX = 3.5, 1.5, 192
+# Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
+_PARTS_PER_PX = 1024.0
+# A panel turned by 45 degrees begins like the paper's, whichever way its fit errs by less than this, degrees.
+_TIE_DEG = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedLocator:
+    """Find the panel by a low threshold over the local background, then fit the lattice of its LEDs.
+
+    - Region: blocks brighter than the local background by 8 of their own standard deviations; pixels above
+      the background of the region by 5 of theirs; of those the blob that the paper's measures take for the
+      panel. Where a crop's surround is known, it is the background, and all else the noise.
+    - Lattice: an exhaustive search over pitch, place and blur, then a fit of corners, blur, background and of
+      two levels of light, On and Off, to the grey values. A line of LEDs that are all Off is weak, but it is
+      part of the picture and of the model. Nothing is known of the scene but the panel's shape; light is
+      taken to be encoded with a gamma of 2.2, and LEDs to look like round spots.
+    - Where no region is found, or the lattice explains less than ``min_share`` of the picture, the panel is
+      the paper's.
+
+    ``Panels.score`` is the share of the picture's variation that the lattice explains.
+
+    Args:
+        paper: the paper's locator: its limits of blobs, and what falls to it.
+        min_share: least share of a picture that a lattice explains, 0 to 1.
+
+    Raises:
+        VoccError: ``min_share`` out of its range.
+
+    Example:
+        >>> rows = torch.arange(160.0)[:, None] + 0.5
+        >>> spots = sum(torch.exp(-(((rows - 62.3 - 5 * n) / 1.7) ** 2) / 2) for n in range(8))
+        >>> grey = (255 * (0.15 + 0.5 * spots * spots.mT) ** (1 / 2.2)).round().to(torch.uint8)
+        >>> panels = RefinedLocator()(Frames.whole(grey[None]), PanelShape(8, 8))
+        >>> panels.corners_px[0, [0, 2]].round(decimals=1).tolist()
+        [[59.8, 59.8], [99.8, 99.8]]
+    """
+
+    paper: PaperLocator = field(default_factory=PaperLocator)
+    min_share: float = 0.97
+
+    def __post_init__(self) -> None:
+        """Refuse a share out of its range."""
+        demand_kind("paper", self.paper, PaperLocator)
+        if not 0 <= finite_number("location.min_share", self.min_share) <= 1:
+            raise VoccError.of("location.min_share", self.min_share, "0 to 1")
+
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
+        """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+
+        Raises:
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
+        """
+        # In half precision a fit would find no lattice.
+        demand_kind("shape", shape, PanelShape)
+        exact = exact_frames(frames)
+        with torch.inference_mode(), torch.autocast(exact.grey.device.type, enabled=False):
+            panels: Panels
+            if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
+                panels = self.paper(exact, shape)
+            else:
+                choice = (self._in_whole if exact.surround is None else self._in_crops)(exact, shape)
+                left = (~choice.found).nonzero()[:, 0]
+                self._left_to_paper(choice, left, exact[left], shape)
+                panels = choice
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Panels(*(getattr(panels, name).clone() for name in Panels.__slots__))
+
+    def _in_crops(self, crops: Frames, shape: PanelShape) -> Choice:
+        """Find panels in crops with a known surround."""
+        assert crops.surround is not None
+        background = crops.surround.to(torch.float32)
+        noise = torch.zeros_like(background)
+        panels = self._chosen(crops, background, noise, shape)
+        seen = panels.found.nonzero()[:, 0]
+        if len(seen):
+            poor = self._refit(panels, seen, crops[seen], background, noise, shape)
+            self._left_to_paper(panels, poor, crops[poor], shape)
+        return panels
+
+    def _in_whole(self, frames: Frames, shape: PanelShape) -> Choice:
+        """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
+        regions = foreground.bright_regions(frames.grey)
+        found = Choice.none(len(regions.frame), frames.grey.device)
+        background, noise = torch.zeros(2, len(regions.frame), device=frames.grey.device)
+        for side, rows in _by_side(regions.side_px):
+            windows = foreground.cut_windows(frames, regions, rows, side)
+            background[rows], noise[rows] = foreground.ring_statistics(windows.grey)
+            found.put(rows, self._chosen(windows, background[rows], noise[rows], shape))
+        likeness, poor = found.score.clone(), torch.zeros_like(found.found)
+        # Small windows are fitted together: what lies between the panel and the border does not matter.
+        for side, rows in _by_side(regions.side_px.clamp(min=_FIT_PX)):
+            seen = rows[found.found[rows]]
+            if len(seen):
+                windows = foreground.cut_windows(frames, regions, seen, side)
+                poor[self._refit(found, seen, windows, background, noise, shape)] = True
+        for side, rows in _by_side(regions.side_px):
+            rest = rows[poor[rows]]
+            windows = replace(foreground.cut_windows(frames, regions, rest, side), surround=background[rest])
+            self._left_to_paper(found, rest, windows, shape)
+        # The panel of most merit in each frame, the first of equals.
+        merit = (likeness * found.score**2).masked_fill(~found.found, 0.0)
+        most = merit.new_zeros(len(frames)).scatter_reduce(0, regions.frame, merit, "amax")
+        panels = Choice.none(len(frames), frames.grey.device)
+        for row in (found.found & (merit == most[regions.frame])).nonzero().flip(0):
+            panels.put(regions.frame[row], found[row])
+        return panels
+
+    def _left_to_paper(self, panels: Choice, rows: Tensor, frames: Frames, shape: PanelShape) -> None:
+        """Give some panels the paper's places, in frames of theirs."""
+        if len(rows):
+            panels.put(rows, self.paper(frames, shape))
+
+    def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Choice:
+        """Choose the paper's blobs among the pixels that are brighter than the background."""
+        rise = (_RISE_SIGMAS * noise).clamp(min=_LEAST_RISE_DN).where(noise > 0, _CLEAN_RISE_DN)
+        return self.paper.choose(crops, (background + rise).floor().long(), shape)
+
+    def _refit(
+        self, panels: Choice, rows: Tensor, frames: Frames, level: Tensor, noise: Tensor, shape: PanelShape
+    ) -> Tensor:
+        """Fit lattices to ``rows`` of the panels, keep the good ones, and return the rows of the others."""
+        corners_px, noise = panels.corners_px[rows], noise[rows]
+        lattice = _fitted(frames, corners_px, level[rows], noise, shape)
+        good = lattice.share + _noise_share(lattice, noise) >= self.min_share
+        good &= _is_sane(lattice, corners_px)
+        corners = _upright(lattice.corners_px[good], shape)
+        panels.corners_px[rows[good]] = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        panels.score[rows[good]] = lattice.share[good].clamp(0, 1)
+        return rows[~good]
+
+
+def _fitted(
+    frames: Frames, corners_px: Tensor, background: Tensor, noise: Tensor, shape: PanelShape
+) -> lattice_model.Lattice:
+    """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
+    start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
+    lattice = lattice_fit.fit_lattice(frames, lattice_model.Lattice.at(start, blur, background, shape))
+    poor = (lattice.share_of_all + _noise_share(lattice, noise) < _GOOD_SHARE).nonzero()[:, 0]
+    if not len(poor):
+        return lattice
+    seen, level = frames[poor], background[poor]
+    cells = lattice_model.corner_cells(shape).to(start.device)
+    middle = cells.mean(0)
+    sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in _SIZES]
+    others = [(rectification.map_points(start[poor], to, shape), blur[poor]) for to in sized]
+    others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
+    for again, width in others:
+        found = lattice_fit.fit_lattice(seen, lattice_model.Lattice.at(again, width, level, shape))
+        better = found.rms_dn < lattice.rms_dn[poor]
+        lattice.put(poor[better], found[better])
+    return lattice
+
+
+def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
+    """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
+    spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
+    return torch.div(noise.square(), spread.clamp(min=1e-9))
+
+
+def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
+    """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
+    cell = torch.maximum(*rectification.cell_size_px(corners_px, lattice.shape))
+    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > _FARTHEST_CELLS * cell
+    pitch = torch.minimum(*rectification.cell_size_px(lattice.corners_px, lattice.shape))
+    sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
+    return sane
+
+
+def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Rotate the corners' order so that the first side is turned by -45 to 45 degrees, or half a turn off it.
+
+    A square panel looks alike from four sides: the paper's rectangles begin so, and so do these. Turned by 45
+    degrees it begins with its topmost corner.
+    """
+    x, y = (corners_px[:, 1] - corners_px[:, 0]).unbind(1)
+    quarter = torch.ceil((torch.atan2(y, x).rad2deg() - 45 - _TIE_DEG) / 90).long()
+    if shape.rows != shape.columns:
+        quarter = torch.where(quarter.abs() == 2, 2, 0)
+    index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4
+    return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
+
+
+def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
+    """Group windows by their sides (W,): each side, px, and the indices of its windows."""
+    return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
