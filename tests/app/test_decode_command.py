@@ -19,7 +19,7 @@ from skimage import data
 from vocc_torch import Scene, Simulator, train
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
-from vocc_torch.hardware import Camera
+from vocc_torch.hardware import Camera, PanelShape
 from vocc_torch.receiver import learned
 from vocc_torch.receiver.learned import LearnedLocator, sighted
 from vocc_torch.receiver.receiver import Receiver
@@ -90,10 +90,15 @@ def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(decode, photo,
     Image.new("L", (640, 480), 90).save(tmp_path / "flat.png")
     with pytest.raises(VoccError, match="no place looks like one by more than chance"):
         decode("flat.png", *few)
-    with pytest.raises(VoccError, match="no panel in 1 of 1 frames: at the likeliest place, in led-") as said:
+    with pytest.raises(
+        VoccError, match="no panel of 4 x 4 LEDs in 1 of 1 frames: at the likeliest place"
+    ) as said:
         decode(photo.parent / FAR, *few, "receiver.false_alarms=1e-5")
     word = re.search(r"give (receiver\.false_alarms=\S+)", str(said.value))[1]
     assert decode(photo.parent / FAR, *few, word)[0]["bits"] == bits
+
+
+SHAPE = PanelShape(4, 4)
 
 
 def nothing_in(*rates):
@@ -111,31 +116,36 @@ def nothing_in(*rates):
 @pytest.mark.parametrize(
     ("rates", "said"),
     [
-        ((0.2,), "in film.mp4, 0.2 false alarms are expected in a frame without a panel: give"),
+        ((0.2,), "in film.mp4, frame 0, 0.2 false alarms are expected in a frame without a panel: give"),
         ((math.inf, 0.04, 1.0, 0.02, 0.03, math.nan), "in film.mp4, frame 3, 0.02 false alarms are expected"),
         ((0.02,) * 10, "in a frame without a panel, 0.2 in 10: give"),
-        ((1.0, 0.04) * 5, "by more than chance: try another size or decode.channel=auto"),
+        (
+            (1.0, 0.04) * 5,
+            "by more than chance: check panel.rows and panel.columns, or try decode.channel=auto",
+        ),
         ((math.inf,), "by more than chance"),
         ((math.nan, 0.0, -1.0), "see receiver.location for the locator's limits and decode.channel=auto"),
     ],
 )
 def test_where_nothing_is_found_the_likeliest_place_is_named(rates, said):
     """The least rate of all frames, and what chance gives in as many."""
-    assert said in nothing_in(*rates).hint(DecodeConfig(), True)
+    assert said in nothing_in(*rates).hint(DecodeConfig(), True, SHAPE)
 
 
 @given(st.floats(1e-12, 0.29))
 def test_the_rate_that_is_named_is_enough_and_hardly_more(rate):
-    said = nothing_in(rate).hint(DecodeConfig(), True)
+    said = nothing_in(rate).hint(DecodeConfig(), True, SHAPE)
     named = float(re.search(r"give receiver\.false_alarms=(\S+) to", said)[1])
     assert rate <= named <= 1.1 * rate
-    assert "train with receiver.false_alarms=" in nothing_in(rate).hint(DecodeConfig(), False)
+    assert said.endswith("if the panel has 4 x 4 LEDs")
 
 
 def test_what_was_tried_is_not_advised():
-    assert "channel" not in nothing_in(math.inf).hint(DecodeConfig(channel="auto"), True)
-    assert "receiver=recommended" not in nothing_in(math.inf).hint(DecodeConfig(), False)
-    assert nothing_in(0.01).hint(DecodeConfig(follow="true"), True).startswith("try decode.follow=false")
+    assert "channel" not in nothing_in(math.inf).hint(DecodeConfig(channel="auto"), True, SHAPE)
+    assert "receiver=recommended" not in nothing_in(math.inf).hint(DecodeConfig(), False, SHAPE)
+    assert (
+        nothing_in(0.01).hint(DecodeConfig(follow="true"), True, SHAPE).startswith("try decode.follow=false")
+    )
 
 
 def test_the_settings_of_a_run_are_those_of_its_model(decode, photo, tmp_path):
@@ -250,7 +260,7 @@ RECORDINGS = {
     "text.png": "text.png cannot be read as a picture (not a known picture format)",
     "film.mp4": "film.mp4 cannot be read as a video",
     "empty": "empty holds no picture",
-    "flat.png": "shows no panel in 1 of 1 frames: see receiver.location",
+    "flat.png": "shows no panel of 8 x 8 LEDs in 1 of 1 frames: see receiver.location",
     "cut": "a.png cannot be read as a picture (image file is truncated); input cut/b.png cannot be read",
 }
 
@@ -276,7 +286,7 @@ def test_models_that_do_not_fit(decode, model, photo, tmp_path):
     (tmp_path / "text.pt").write_text("no model")
     torch.save({"weights": torch.zeros(3)}, tmp_path / "other.pt")
     unread = [
-        (name, (), f"model {name} is no receiver: it is damaged")
+        (name, (), f"model {name} is damaged or of another kind")
         for name in ("cut.pt", "text.pt", "other.pt")
     ]
     for path, more, part in (

@@ -453,7 +453,7 @@ def test_damaged_weights_are_refused(tmp_path):
     for number, (wrong, said) in enumerate(damaged(text)):
         path = tmp_path / f"{number}.json"
         path.write_text(wrong)
-        with pytest.raises(VoccError, match=said):
+        with pytest.raises(VoccError, match=f"weights .*{said}"):
             LearnedLocator(str(path))(torch.zeros(1, 64, 64, dtype=torch.uint8), SHAPE)
 
 
@@ -463,7 +463,7 @@ def test_weights_of_another_kind_are_refused(tmp_path):
         net.judge[0].bias[0] = torch.nan
     save_weights(tmp_path / "nan.json", net)
     for path in (tmp_path / "nan.json", tmp_path / "missing.json"):
-        with pytest.raises(VoccError, match=r"model .*(damaged|does not exist)"):
+        with pytest.raises(VoccError, match=r"weights .*(damaged|does not exist)"):
             LearnedLocator(str(path))(torch.zeros(1, 64, 64, dtype=torch.uint8), SHAPE)
     with pytest.raises(VoccError, match="false_alarms is 0: it must be above 0"):
         LearnedLocator(false_alarms=0)

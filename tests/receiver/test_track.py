@@ -247,12 +247,13 @@ def test_corners_are_fitted_from_a_third_of_a_cell_away(approach):
 
 def test_panels_are_given_as_a_locator_gives_them(approach):
     grey, corners = approach
-    panels = Tracker(Told(corners), SHAPE).panels(torch.from_numpy(grey[:3]))
+    whose, numbers, panels = Tracker(Told(corners), SHAPE).panels(torch.from_numpy(grey[:3]))
+    assert (whose, numbers) == ([0, 1, 2], [0, 0, 0])
     assert panels.found.tolist() == [True] * 3
     assert np.abs(panels.corners_px.numpy() - corners[:3]).max() < 1
     empty = Tracker(Told(corners), SHAPE, every=1)
     empty.locator.frame = HIDDEN.start
-    none = empty.panels(torch.from_numpy(grey[:1]))
+    _, _, none = empty.panels(torch.from_numpy(grey[:1]))
     assert none.found.tolist() == [False]
     assert not none.corners_px.any()
 

@@ -24,7 +24,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indice
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import locator_settings
+from vocc_torch.receiver.locators import locator_settings, locator_words
 from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, training_point
@@ -333,17 +333,18 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     if settings.model is None:
         return settings
     own: dict[str, Any] = locator_settings(receiver.locator)
+    name, locators = locator_words(receiver.locator)
     limits = asdict(settings.receiver.location)
     limits |= {key: value for key, value in own.get("paper", own).items() if key in limits}
     named = replace(
         settings.receiver,
         save=receiver.name,
-        locator=own.get("name", "paper"),
+        locator=name,
         location=replace(settings.receiver.location, **limits),
-        false_alarms=own.get("false_alarms", settings.receiver.false_alarms),
+        false_alarms=None if locators else own.get("false_alarms"),
     )
     kept = {name: one for name, one in settings.classifiers.items() if name == receiver.name}
-    return replace(settings, receiver=named, classifiers=kept)
+    return replace(settings, receiver=named, classifiers=kept, locators=locators)
 
 
 def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, ...]]:

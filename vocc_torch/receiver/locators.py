@@ -88,6 +88,25 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
     return own
 
 
+def locator_words(locator: PanelLocator) -> tuple[str, dict[str, dict[str, object]]]:
+    """Return a locator's name in a configuration, and what ``locators`` has to say of it there.
+
+    Raises:
+        VoccError: what :func:`locator_settings` refuses.
+
+    Example:
+        >>> locator_words(RefinedLocator())
+        ('refined', {})
+    """
+    own: dict[str, Any] = locator_settings(locator)
+    if TARGET in own:
+        return own["name"], {own["name"]: {TARGET: own[TARGET], **own["arguments"]}}
+    if own.get("weights"):
+        target = f"{LearnedLocator.__module__}.{LearnedLocator.__name__}"
+        return "own_weights", {"own_weights": {TARGET: target, "weights": own["weights"]}}
+    return own.get("name", "paper"), {}
+
+
 def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> PanelLocator:
     """Build a locator from what :func:`locator_settings` gave.
 

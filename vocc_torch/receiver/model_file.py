@@ -70,8 +70,10 @@ def arrays_as_json(state: Mapping[str, torch.Tensor]) -> Settings:
     return arrays
 
 
-def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
-    """Read what :func:`write_model` wrote.
+def read_model(
+    path: Path, what: str = "model", wanted: str = "the receiver.pt that task=train wrote"
+) -> tuple[Settings, dict[str, torch.Tensor]]:
+    """Read what :func:`write_model` wrote; refusals name ``what`` it is to be, and what is ``wanted``.
 
     Raises:
         VoccError: a file that is missing, damaged, of another kind or of another version.
@@ -82,20 +84,20 @@ def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
         content = json.loads(path.read_bytes())
         fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)
     except FileNotFoundError:
-        raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
+        raise VoccError(f"{what} {path} does not exist: give {wanted}") from None
     except (OSError, ValueError, RecursionError):
-        raise VoccError(f"model {path} is no receiver: it is damaged or of another kind") from None
+        raise VoccError(f"{what} {path} is damaged or of another kind: give {wanted}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise VoccError(f"model {path} is not a vocc_torch receiver: give the one that task=train wrote")
+        raise VoccError(f"{what} {path} is not of vocc_torch: give {wanted}")
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
-        raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
+        raise VoccError(f"{what} {path} has format version {version}: this package reads versions {allowed}")
     if not fits:
-        raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
+        raise VoccError(f"{what} {path} is damaged (its checksum does not fit): train it again")
     try:
         return dict(content["settings"]), {k: array_of(value) for k, value in content["classifier"].items()}
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-        raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
+        raise VoccError(f"{what} {path} is damaged ({type(error).__name__}): train it again") from None
 
 
 def array_of(array: Mapping[str, Any]) -> torch.Tensor:

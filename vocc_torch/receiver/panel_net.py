@@ -118,12 +118,7 @@ def load_weights(path: Path, device: torch.device) -> PanelNet:
     Raises:
         VoccError: a file that is missing, damaged or of another kind.
     """
-    try:
-        settings, state = read_model(path)
-    except VoccError as error:
-        why = "it is damaged or of another kind" if path.exists() else "there is no such file"
-        rule = f"{why}: give one that benchmarks/train_panel_net.py wrote"
-        raise VoccError(f"weights {path} hold no learned locator, {rule}") from error
+    settings, state = read_model(path, "weights", "a file that benchmarks/train_panel_net.py wrote")
     with torch.inference_mode(False):
         net = PanelNet()
         try:

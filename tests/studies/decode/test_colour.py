@@ -169,3 +169,9 @@ def test_one_colour_is_not_unmixed(receiver):
     for one in (colours, np.full_like(colours, 90)):
         with pytest.raises(VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"):
             in_each_colour(receiver, recorded(one))
+
+
+def test_a_photograph_of_one_colour_is_not_unmixed(receiver, photo):
+    """Two of three colours that least squares makes of it have On and Off that lie together."""
+    with pytest.raises(VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"):
+        in_each_colour(receiver, read_recording(photo, "luma"))

@@ -506,7 +506,7 @@ def test_models_of_other_kinds(model, tmp_path):
         refused(model)
     for content in ({"weights": [0.0]}, [1, 2], 3):
         model.write_text(json.dumps(content))
-        assert "is not a vocc_torch receiver" in refused(model)
+        assert "is not of vocc_torch" in refused(model)
     torch.save({"weights": torch.zeros(3)}, model)
     assert "damaged or of another kind" in refused(model)
 
