@@ -8,9 +8,11 @@ import pytest
 import torch
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
+import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
+from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.recording import RecordedFrame, read_recording
 from vocc_torch.receiver.rectification import rectify_takes
 from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed
@@ -171,7 +173,9 @@ def test_one_colour_is_not_unmixed(receiver):
             in_each_colour(receiver, recorded(one))
 
 
-def test_a_photograph_of_one_colour_is_not_unmixed(receiver, photo):
+def test_a_photograph_of_one_colour_is_not_unmixed(photo):
     """Two of three colours that least squares makes of it have On and Off that lie together."""
+    receiver = vt.train("paper", classifier="tag_planes", frames=64)
+    receiver.locator = LearnedLocator()
     with pytest.raises(VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"):
         in_each_colour(receiver, read_recording(photo, "luma"))
