@@ -24,6 +24,14 @@ def test_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
     assert "95 %" in said
 
 
+def test_the_block_of_the_page_on_following_follows(capsys):
+    """A panel that stands still is one panel, in both frames."""
+    text = (README.parent / "docs" / "following.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(block, {})
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["0", "0"]
+
+
 def test_the_classifier_of_the_page_plugs_in(tmp_path, monkeypatch):
     """With the command that stands below it, on fewer frames."""
     text = (README.parent / "docs" / "plug-ins.md").read_text()
