@@ -27,7 +27,8 @@ _LIGHT = (255 * (np.arange(256) / 255) ** GAMMA).astype(np.float32)
 
 
 # Rounds of unmixing at most; least singular value of bits of colours that differ, over the root of the rows.
-_ROUNDS, _LEAST_APART = 30, 0.1
+# And how far On and Off of a colour lie apart at least: one level that is split gives up to 3.5.
+_ROUNDS, _LEAST_APART, _CHANCE = 30, 0.1, 4.0
 
 
 class Mix(NamedTuple):
@@ -212,7 +213,7 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
     offsets = (light[0, channel] - light[0] @ own).tolist()
     each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
     mixes = tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)
-    parts = all(_apart(receiver, [mix(one) for one in colours], panels) >= LEAST_PARTED for mix in mixes)
+    parts = all(_apart(receiver, [mix(one) for one in colours], panels) >= _CHANCE for mix in mixes)
     return best, mixes if parts else ()
 
 
