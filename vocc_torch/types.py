@@ -348,6 +348,8 @@ class Sightings(Batched):
     def panels(self, frames: int, most_false_alarms: float, most: int = 1) -> tuple[Tensor, StatedPanels]:
         """Take up to ``most`` panels of each of B frames, where no more false alarms are expected than that.
 
+        Of a limit that is NaN, of a locator that states none, all are taken.
+
         Returns:
             The frame of each panel (M,), in order; a frame without one has one that was not found, with the
             false alarms of the best that was seen. And the panels.
@@ -371,7 +373,8 @@ class Sightings(Batched):
         corners, score = (
             torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row] for one in (self.corners_px, self.score)
         )
-        alarms = torch.cat([self.false_alarms, self.false_alarms.new_full((1,), torch.inf)])[row]
+        unseen = math.nan if math.isnan(most_false_alarms) else math.inf
+        alarms = torch.cat([self.false_alarms, self.false_alarms.new_full((1,), unseen)])[row]
         found = ~(alarms > most_false_alarms) & (row >= 0)
         count = torch.bincount(self.frame[sure], minlength=frames)[frame]
         corners = corners * found[:, None, None]

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, PanelShape
 from vocc_torch.receiver import learned
 from vocc_torch.receiver.learned import LearnedLocator, sighted
+from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.receiver.refined import RefinedLocator
@@ -88,7 +90,7 @@ def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(decode, photo,
     bits, shape = truth_of(photo, FAR)
     few = (*shape, "budget.training_frames=16", "decode.annotate=false")
     Image.new("L", (640, 480), 90).save(tmp_path / "flat.png")
-    with pytest.raises(VoccError, match="no place looks like one by more than chance"):
+    with pytest.raises(VoccError, match="no place looks like one surely enough"):
         decode("flat.png", *few)
     with pytest.raises(
         VoccError, match="no panel of 4 x 4 LEDs in 1 of 1 frames: at the likeliest place"
@@ -98,7 +100,7 @@ def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(decode, photo,
     assert decode(photo.parent / FAR, *few, word)[0]["bits"] == bits
 
 
-SHAPE = PanelShape(4, 4)
+TOLD = SimpleNamespace(locator=LearnedLocator(), shape=PanelShape(4, 4))
 
 
 def nothing_in(*rates):
@@ -121,30 +123,35 @@ def nothing_in(*rates):
         ((0.02,) * 10, "in a frame without a panel, 0.2 in 10: give"),
         (
             (1.0, 0.04) * 5,
-            "by more than chance: check panel.rows and panel.columns, or try decode.channel=auto",
+            "one surely enough: check panel.rows and panel.columns, or try decode.channel=auto",
         ),
-        ((math.inf,), "by more than chance"),
-        ((math.nan, 0.0, -1.0), "see receiver.location for the locator's limits and decode.channel=auto"),
+        ((math.inf,), "one surely enough"),
     ],
 )
 def test_where_nothing_is_found_the_likeliest_place_is_named(rates, said):
     """The least rate of all frames, and what chance gives in as many."""
-    assert said in nothing_in(*rates).hint(DecodeConfig(), True, SHAPE)
+    assert said in nothing_in(*rates).hint(DecodeConfig(), True, TOLD)
 
 
 @given(st.floats(1e-12, 0.29))
 def test_the_rate_that_is_named_is_enough_and_hardly_more(rate):
-    said = nothing_in(rate).hint(DecodeConfig(), True, SHAPE)
+    said = nothing_in(rate).hint(DecodeConfig(), True, TOLD)
     named = float(re.search(r"give receiver\.false_alarms=(\S+) to", said)[1])
     assert rate <= named <= 1.1 * rate
     assert said.endswith("if the panel has 4 x 4 LEDs")
 
 
 def test_what_was_tried_is_not_advised():
-    assert "channel" not in nothing_in(math.inf).hint(DecodeConfig(channel="auto"), True, SHAPE)
-    assert "receiver=recommended" not in nothing_in(math.inf).hint(DecodeConfig(), False, SHAPE)
+    paper = SimpleNamespace(locator=PaperLocator(), shape=TOLD.shape)
+    said = nothing_in(math.nan, 0.0, -1.0).hint(DecodeConfig(), True, paper)
+    assert "see receiver.location for the locator's limits and decode.channel=auto" in said
+    assert "see receiver.location" not in nothing_in(math.nan).hint(DecodeConfig(), True, TOLD)
+    followed = nothing_in(math.nan).hint(DecodeConfig(follow="auto"), True, TOLD)
+    assert followed.startswith("try decode.follow=false")
+    assert "channel" not in nothing_in(math.inf).hint(DecodeConfig(channel="auto"), True, TOLD)
+    assert "receiver=recommended" not in nothing_in(math.inf).hint(DecodeConfig(), False, TOLD)
     assert (
-        nothing_in(0.01).hint(DecodeConfig(follow="true"), True, SHAPE).startswith("try decode.follow=false")
+        nothing_in(0.01).hint(DecodeConfig(follow="true"), True, TOLD).startswith("try decode.follow=false")
     )
 
 

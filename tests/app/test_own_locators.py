@@ -7,15 +7,28 @@ import numpy as np
 import pytest
 import torch
 from composing import composed
+from hydra.utils import instantiate
 from PIL import Image
 
+from vocc_torch.app import resolve
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.plan import identity
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.receiver.locators import locator_from, locator_settings, plugged_locator
-from vocc_torch.receiver.panel_net import SHIPPED
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import (
+    STATING,
+    locator_from,
+    locator_named,
+    locator_settings,
+    locator_words,
+    plugged_locator,
+)
+from vocc_torch.receiver.panel_net import SHIPPED, PanelNet, save_weights
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.types import PanelShape
 
@@ -30,9 +43,10 @@ from vocc_torch.types import Sightings
 @dataclass(frozen=True)
 class Own:
     wrong: str = ""
+    false_alarms: float = 1e-3
 
     def __call__(self, frames, shape):
-        return LearnedLocator()(frames, shape)
+        return LearnedLocator(false_alarms=self.false_alarms)(frames, shape)
 
     def sightings(self, frames, shape):
         seen = LearnedLocator().sightings(frames, shape)
@@ -40,6 +54,12 @@ class Own:
             seen.corners_px[:] = torch.nan
         if self.wrong == "frames":
             seen.frame[:] = 9
+        if self.wrong == "turned":
+            seen.corners_px[:] = seen.corners_px.flip(1)
+        if self.wrong == "alarms":
+            seen = Sightings(seen.frame, seen.corners_px, seen.score, seen.false_alarms[:-1])
+        if self.wrong == "unstated":
+            seen = Sightings(seen.frame, seen.corners_px, seen.score, None)
         return None if self.wrong == "none" else seen
 """
 
@@ -114,7 +134,7 @@ def test_a_model_is_read_with_another_rate(here):
         rows_of(here / "b", "model=a/receiver.pt", "receiver.false_alarms=1e-6")
     assert rows_of(here / "c", "model=a/receiver.pt", "receiver.false_alarms=0.01")
     assert "false_alarms: 0.01" in (here / "c" / "config.yaml").read_text()
-    with pytest.raises(VoccError, match=r"receiver.false_alarms is 0.0: it must be above 0|above 0"):
+    with pytest.raises(VoccError, match=r"^receiver.false_alarms is 0.0: it must be above 0"):
         rows_of(here / "d", "model=a/receiver.pt", "receiver.false_alarms=0")
 
 
@@ -142,6 +162,9 @@ def test_a_locator_from_outside_may_see_several(here, photo_bits):
     for wrong, said in (
         ("corners", "gave corners_px of"),
         ("frames", "saw panels in frames that it was not given"),
+        ("turned", "gave corners that enclose nothing"),
+        ("alarms", "gave frame of"),
+        ("unstated", "gave false_alarms of None"),
         ("none", "its answer is None"),
     ):
         bad = plugged_locator(PlugIn("receiver.locator", "Own", "mine.py:Own", {"wrong": wrong}))
@@ -149,9 +172,81 @@ def test_a_locator_from_outside_may_see_several(here, photo_bits):
             bad.sightings(torch.from_numpy(grey), shape)
 
 
-def test_several_are_refused_before_anything_is_learned(here):
-    with pytest.raises(VoccError, match=r"decode.most is 2: it must be 1 where receiver.locator is not"):
+def test_several_are_refused_before_anything_is_learned(here, monkeypatch):
+    monkeypatch.setattr("vocc_torch.studies.decode.run.receiver_for", None)
+    with pytest.raises(VoccError, match=r"decode.most is 2: it must be 1 where the locator sees one panel"):
         rows_of(here / "a", "receiver.locator=refined", "decode.most=2", *FEW)
+
+
+def test_a_limit_of_its_own_holds_for_one_panel_and_for_several(here):
+    """1e-5 is less than what either panel states."""
+    strict = "+locators.mine={_target_: mine.py:Own, false_alarms: 1e-5}"
+    for name, most in (("a", 1), ("b", 2)):
+        with pytest.raises(VoccError, match=r"one surely enough: check panel.rows") as said:
+            rows_of(here / name, strict, "receiver.locator=mine", f"decode.most={most}", *FEW)
+        assert "receiver.false_alarms" not in str(said.value), "which is refused"
+
+
+def test_of_own_weights_no_rate_is_stated(here, monkeypatch):
+    """Neither of what is found nor of a frame without a panel."""
+    (here / "both").mkdir()
+    (here / "both" / "0.png").write_bytes((here / "two.png").read_bytes())
+    Image.new("L", (640, 480), 90).save(here / "both" / "1.png")
+    rows = rows_of(here / "a", "input=both", OWN, "receiver.locator=mine", *FEW)
+    assert [(row["found"], row["false_alarms"]) for row in rows] == [("1", ""), ("0", "")]
+    with pytest.raises(VoccError, match=r"^receiver.false_alarms is 0.001: .* locator is own_learned"):
+        rows_of(here / "b", "model=a/receiver.pt", "receiver.false_alarms=1e-3")
+    monkeypatch.setattr(
+        "vocc_torch.studies.decode.run.receiver_for", None
+    )  # it is told before anything is learned
+    with pytest.raises(VoccError, match=r"weights nothing.json does not exist: give a file that benchmarks"):
+        rows_of(here / "c", OWN.replace("mine.json", "nothing.json"), "receiver.locator=mine")
+
+
+def test_other_weights_are_another_study(here):
+    """Counts of a run are not those of weights that the same file held before."""
+    plan = build_plan(composed("task=test", "name=x", OWN, "receiver.locator=mine"), here)
+    before = identity(plan, ["mine"])
+    save_weights(here / "mine.json", PanelNet())
+    assert (
+        identity(build_plan(composed("task=test", "name=x", OWN, "receiver.locator=mine"), here), ["mine"])
+        != before
+    )
+
+
+def test_a_second_panel_keeps_its_number_and_sizes_may_change(here):
+    """Of two followed panels the second stays; in pictures of another size panels are new."""
+    two = np.asarray(Image.open("two.png"))
+    (here / "film").mkdir()
+    half = two.shape[1] // 2
+    alone = np.concatenate([np.full_like(two[:, :half], 40), two[:, half:]], 1)
+    wider = np.concatenate([two, two[:, -40:] * 0 + 40], 1)
+    for number, grey in enumerate([two] * 2 + [alone] * 3 + [wider]):
+        Image.fromarray(grey).save(here / "film" / f"{number}.png")
+    rows = rows_of(here / "a", "input=film", "decode.most=2", "decode.follow=true", *FEW)
+    told = [(row["frame"], row["source"], row["panel"]) for row in rows if row["found"] == "1"]
+    assert [panel for _, source, panel in told if source in ("0.png", "1.png")] == ["0", "1"] * 2
+    assert [panel for _, source, panel in told if source == "4.png"] == ["1"]
+    assert [panel for _, source, panel in told if source == "5.png"] == ["2", "3"]
+    one = rows_of(here / "b", "input=film", "model=a/receiver.pt", "decode.follow=true")
+    assert len(one) == 6
+
+
+def test_words_of_a_locator_give_it_back(here):
+    for locator in (
+        RefinedLocator(PaperLocator(closing_px=9), min_share=0.5),
+        LearnedLocator(false_alarms=0.01),
+        LearnedLocator(str(here / "mine.json"), float("inf")),
+        PaperLocator(),
+    ):
+        name, words = locator_words(locator)
+        if words:
+            assert PlugIn.of("locators", words[name]).arguments
+            built = instantiate(words[name])
+        else:
+            built = locator_named(name, PaperLocator(), getattr(locator, "false_alarms", 1e-3))
+        assert built == locator
+    assert STATING == resolve.STATING
 
 
 @pytest.mark.parametrize(

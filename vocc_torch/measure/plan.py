@@ -276,7 +276,9 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     outside = plug_ins(plan.world.effects)
     for name, one in outside.items():
         effects[name] |= {TARGET: one.target, AFTER: one.arguments.get(AFTER)}
-    files = {f"{name}.{key}": one for name, part in outside.items() for key, one in part.files.items()}
+    named = {f"effects.{name}": one for name, one in outside.items()}
+    named |= {f"locators.{one.name}": one for one in plan.receiver.locators.values()}
+    files = {f"{name}.{key}": digest for name, one in named.items() for key, digest in one.files.items()}
     return {
         "seed": plan.seed,
         "world": {**told["world"], "effects": effects},
@@ -297,11 +299,10 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "torch": ".".join(torch.__version__.split(".")[:2]),
             "numpy": ".".join(np.__version__.split(".")[:2]),
             **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
-            **{f"locators.{one.name}": one.maker for one in plan.receiver.locators.values()},
             **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
             **{f"effects.{one.name}": one.digest for one in built if isinstance(one, Photographs)},
-            **{f"effects.{name}": one.maker for name, one in outside.items()},
-            **{f"effects.{name}": digest for name, digest in files.items()},
+            **{name: one.maker for name, one in named.items()},
+            **files,
         },
     }
 

@@ -75,6 +75,11 @@ class LearnedLocator:
             rule = "left out where weights are one's own: nothing is stated of them"
             raise VoccError.of("location.false_alarms", most, rule)
 
+    @property
+    def limit(self) -> float:
+        """False alarms at which a panel is found; NaN of weights of one's own, of which none are stated."""
+        return self.false_alarms if self.weights is None else math.nan
+
     def net(self, device: torch.device) -> PanelNet:
         """Give the network on a device."""
         if self.weights is not None:
@@ -89,7 +94,7 @@ class LearnedLocator:
             VoccError: what :meth:`sightings` refuses.
         """
         frames = Frames.of(frames)
-        return self.sightings(frames, shape).panels(len(frames), self.false_alarms)[1]
+        return self.sightings(frames, shape).panels(len(frames), self.limit)[1]
 
     def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.

@@ -1,9 +1,11 @@
 """The locators by name: the paper's, ours, which fits the lattice of LEDs, and a learned one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
+
+import torch
 
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.plugins import TARGET, ModuleFile, PlugIn
@@ -60,6 +62,8 @@ def plugged_locator(plug_in: PlugIn) -> PanelLocator:
     """
     if plug_in.target.startswith("vocc_torch.") and isinstance(plug_in.made, _OWN):
         own: PanelLocator = plug_in.made
+        if isinstance(own, LearnedLocator):
+            own.net(torch.device("cpu"))  # weights that cannot be read are told before any work
         return own
     return OutsideLocator(plug_in)
 
@@ -101,10 +105,20 @@ def locator_words(locator: PanelLocator) -> tuple[str, dict[str, dict[str, objec
     own: dict[str, Any] = locator_settings(locator)
     if TARGET in own:
         return own["name"], {own["name"]: {TARGET: own[TARGET], **own["arguments"]}}
-    if own.get("weights"):
-        target = f"{LearnedLocator.__module__}.{LearnedLocator.__name__}"
-        return "own_weights", {"own_weights": {TARGET: target, "weights": own["weights"]}}
-    return own.get("name", "paper"), {}
+    name = own.get("name", "paper")
+    paper = locator.paper if isinstance(locator, RefinedLocator) else PaperLocator()
+    if name == "paper" or locator == locator_named(name, paper, own.get("false_alarms", 1e-3)):
+        return name, {}
+    return f"own_{name}", {f"own_{name}": _built(locator)}
+
+
+def _built(part: Any) -> dict[str, object]:
+    """Say of which class an object is, with the arguments that are not its own defaults."""
+    kind = type(part)
+    given = {one.name: getattr(part, one.name) for one in fields(part)}
+    told = {name: one for name, one in given.items() if one != getattr(kind(), name)}
+    inner = {name: _built(one) if is_dataclass(one) else one for name, one in told.items()}
+    return {TARGET: f"{kind.__module__}.{kind.__name__}", **inner}
 
 
 def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> PanelLocator:

@@ -7,9 +7,12 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.types import Frames, Images, Panels, PanelShape, Sightings, StatedPanels, holds
+
+MOST_FALSE_ALARMS = 1e-3
+"""A panel is found where no more are expected in a frame without one, of a locator that says no limit."""
 
 
 class PanelLocator(Protocol):
@@ -34,6 +37,16 @@ class PanelLocator(Protocol):
         """Hash it: receivers that share a locator locate once."""
 
 
+def limit_of(locator: object) -> float:
+    """Give the false alarms a frame without a panel that a locator allows; NaN of one that states none.
+
+    Example:
+        >>> limit_of(len)
+        0.001
+    """
+    return float(getattr(locator, "limit", getattr(locator, "false_alarms", MOST_FALSE_ALARMS)))
+
+
 @dataclass(frozen=True)
 class OutsideLocator:
     """A locator from outside, held to the protocol under its name.
@@ -45,6 +58,11 @@ class OutsideLocator:
     plug_in: PlugIn
 
     @property
+    def limit(self) -> float:
+        """False alarms a frame without a panel that it allows: those of its own, else 1e-3."""
+        return limit_of(self.plug_in.made)
+
+    @property
     def sightings(self) -> Callable[[Images, PanelShape], Sightings]:
         """See every panel, where its class does; else there is no such attribute."""
         see = self.plug_in.made.sightings
@@ -52,14 +70,20 @@ class OutsideLocator:
         def sightings(frames: Images, shape: PanelShape) -> Sightings:
             frames = Frames.of(frames)
             seen: Sightings = self._answer(see, frames, shape, Sightings)
-            many = len(seen.frame) if isinstance(seen.frame, Tensor) else 0
+            alarms = seen.false_alarms
+            many = len(alarms) if isinstance(alarms, Tensor) and alarms.ndim == 1 else -1
+            if many < 0 or (alarms < 0).any():
+                rule = "it must be a tensor (n,) of numbers from 0 on, or NaN where nothing is stated"
+                raise VoccError(f"locator {self.plug_in.name} gave false_alarms of {shown(alarms)}: {rule}")
             sizes = {"frame": (many,), "corners_px": (many, 4, 2), "score": (many,)}
             for part, size in sizes.items():
                 self._demand(part, getattr(seen, part), size)
             if many and not 0 <= int(seen.frame.min()) <= int(seen.frame.max()) < len(frames):
                 raise VoccError(f"locator {self.plug_in.name} saw panels in frames that it was not given")
-            alarms = torch.as_tensor(seen.false_alarms).double()
-            return Sightings(seen.frame.long(), seen.corners_px.double(), seen.score.double(), alarms)
+            self._demand_area(seen.corners_px, torch.ones(many, dtype=torch.bool, device=alarms.device))
+            return Sightings(
+                seen.frame.long(), seen.corners_px.double(), seen.score.double(), alarms.double()
+            )
 
         return sightings
 
@@ -86,6 +110,16 @@ class OutsideLocator:
             rule = f"it must be a finite tensor of {size}"
             raise VoccError(f"locator {self.plug_in.name} gave {part} of {got}: {rule}")
 
+    def _demand_area(self, corners_px: Tensor, found: Tensor) -> None:
+        """Refuse panels that were found with corners (n,4,2) that are not clockwise about an area."""
+        x, y = corners_px.double().unbind(2)
+        doubled = (x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(dim=1)
+        if not holds((doubled > 0) | ~found):
+            rule = "clockwise from the top left, or the panel not found"
+            raise VoccError(
+                f"locator {self.plug_in.name} gave corners that enclose nothing: they must be {rule}"
+            )
+
     def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Find panels as :class:`PanelLocator` says.
 
@@ -93,17 +127,13 @@ class OutsideLocator:
             VoccError: it fails, or gives anything else than panels, finite and one a frame, or of those that
                 it found corners that are not clockwise about an area.
         """
-        name, frames = f"locator {self.plug_in.name}", Frames.of(frames)
+        frames = Frames.of(frames)
         panels: Panels = self._answer(self.plug_in.made, frames, shape, Panels)
         kinds = {"found": torch.bool, "score": torch.float64, "candidates": torch.int64}
         for part in Panels.__slots__:
             size = (frames.grey.shape[0], *(() if part in kinds else (4, 2)))
             self._demand(part, getattr(panels, part), size)
-        x, y = panels.corners_px.double().unbind(2)
-        doubled = (x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(dim=1)
-        if not holds((doubled > 0) | ~panels.found.bool()):
-            rule = "clockwise from the top left, or the panel not found"
-            raise VoccError(f"{name} gave corners that enclose nothing: they must be {rule}")
+        self._demand_area(panels.corners_px, panels.found.bool())
         held = {part: getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__}
         if isinstance(panels, StatedPanels):
             return StatedPanels(**held, false_alarms=panels.false_alarms)

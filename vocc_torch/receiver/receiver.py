@@ -15,7 +15,7 @@ from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.outside_locator import PanelLocator, limit_of
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
 
@@ -206,11 +206,11 @@ class Receiver(torch.nn.Module):
         frames, sightings = Frames.of(images, "images"), getattr(self.locator, "sightings", None)
         if sightings is None:
             raise VoccError(
-                "this receiver's locator sees one panel in a frame: several need lattice or learned"
+                "this receiver's locator sees one panel in a frame: lattice and learned see several"
             )
         with torch.inference_mode():
-            limit = getattr(self.locator, "false_alarms", 1e-3)
-            whose, panels = sightings(frames, self.shape).panels(len(frames), limit, most)
+            seen = sightings(frames, self.shape)
+            whose, panels = seen.panels(len(frames), limit_of(self.locator), most)
             decoded = self.forward(frames[whose], panels)
         return whose.tolist(), Decoded(*(one.clone() for one in decoded))
 

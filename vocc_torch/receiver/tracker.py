@@ -21,13 +21,11 @@ from vocc_torch.receiver.frame_fit import (
     read_cells,
     spot_energy,
 )
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.outside_locator import PanelLocator, limit_of
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.track import STANDS, Track
 from vocc_torch.types import Frames, Panels, PanelShape, StatedPanels
 
-# A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
-_MOST_FALSE_ALARMS = 1e-3
 # Of less likely sightings so many are watched at a time.
 _WATCHED = 3
 # A panel that so many full searches pass over for others is none.
@@ -50,6 +48,7 @@ class Tracker:
         shape: rows and columns.
         every: frames between full searches, at least 1.
         patience: frames that a panel may be out of sight.
+        number: of the next panel that is new.
 
     Raises:
         VoccError: a number below 1.
@@ -59,9 +58,9 @@ class Tracker:
     shape: PanelShape
     every: int = 30
     patience: int = 8
+    number: int = 0
     tracks: list[Track] = field(default_factory=list)
     searches: int = 0
-    _number: int = 0
     _since: int = 0
 
     def __post_init__(self) -> None:
@@ -125,15 +124,15 @@ class Tracker:
 
     def _admit(self, track: Track) -> None:
         """Take for a panel what was watched, or is begun."""
-        track.flicker, track.number = math.inf, self._number
-        self._number += 1
+        track.flicker, track.number = math.inf, self.number
+        self.number += 1
 
     def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, float, bool]]:
         """Search a whole frame: corners, score, false alarms, and whether it is surely a panel."""
         frames = Frames.whole(torch.from_numpy(plane))
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
-        most = getattr(self.locator, "false_alarms", _MOST_FALSE_ALARMS)
+        most = limit_of(self.locator)
         kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
         stated = getattr(found, "false_alarms", torch.full_like(found.score, math.nan))
         given = (one.tolist() for one in (found.score, stated, kept))

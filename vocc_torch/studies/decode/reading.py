@@ -118,8 +118,9 @@ def decode(
         VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
     """
     demand_sightings(receiver.locator, most)
+    tracker = Tracker(receiver.locator, receiver.shape)
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
-        tracker = Tracker(receiver.locator, receiver.shape)
+        tracker = Tracker(receiver.locator, receiver.shape, number=tracker.number)
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
@@ -156,7 +157,8 @@ def demand_sightings(locator: object, most: int) -> None:
         VoccError: so.
     """
     if most > 1 and not hasattr(locator, "sightings"):
-        raise VoccError.of("decode.most", most, "1 where receiver.locator is not lattice or learned")
+        rule = "1 where the locator sees one panel: lattice and learned see several"
+        raise VoccError.of("decode.most", most, rule)
 
 
 def _readings(receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded) -> Iterator[Reading]:

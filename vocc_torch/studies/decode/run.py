@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, count, islice
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
 from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.learned import LearnedLocator
+from vocc_torch.receiver.locators import locator_words
 from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
@@ -28,7 +30,6 @@ from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode, demand_sightings
-from vocc_torch.types import PanelShape
 
 BY_CHANCE = 0.3
 """False alarms in as many frames as were read from which on the likeliest place is not worth a word. In one
@@ -152,23 +153,23 @@ class Summary:
         for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged):
             console.print(text, soft_wrap=True, markup=False, highlight=False)
 
-    def hint(self, config: DecodeConfig, is_trained: bool, shape: PanelShape) -> str:
+    def hint(self, config: DecodeConfig, is_trained: bool, receiver: Receiver) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
         tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
-        if config.follow == "true":
+        if config.follow == "true" or (config.follow == "auto" and math.isnan(self.least_alarms)):
             return " or ".join(["try decode.follow=false, which searches every frame,", *tries])
-        if math.isnan(self.least_alarms):
+        if math.isnan(self.least_alarms) and not hasattr(receiver.locator, "sightings"):
             return " and ".join(["see receiver.location for the locator's limits", *tries])
         tries += ["receiver=recommended for one bright panel that is surely there"] * is_trained
         expected, frames = self.least_alarms * self.frames, self.frames
-        if expected >= BY_CHANCE:
+        if not expected < BY_CHANCE or not states(receiver.locator):
             tries = ["check panel.rows and panel.columns", *tries]
-            return "no place looks like one by more than chance: " + ", or try ".join(tries)
+            return "no place looks like one surely enough: " + ", or try ".join(tries)
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
         enough = f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
         told = f"{self.least_alarms:.2g} false alarms are expected in a frame without a panel"
         told += f", {expected:.2g} in {frames}" * (frames > 1)
-        sized = f"if the panel has {shape.rows} x {shape.columns} LEDs"
+        sized = f"if the panel has {receiver.shape.rows} x {receiver.shape.columns} LEDs"
         return f"at the likeliest place, in {self.likeliest}, {told}: give {enough} to have it read, {sized}"
 
     def warn(self, receiver: Receiver) -> None:
@@ -234,9 +235,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if read.best is None:
         size = f"{receiver.shape.rows} x {receiver.shape.columns} LEDs"
         nothing = f"input {source} shows no panel of {size} in {read.frames} of {read.frames} frames"
-        raise VoccError(
-            "; ".join([f"{nothing}: {read.hint(config, model is None, receiver.shape)}", *failures])
-        )
+        raise VoccError("; ".join([f"{nothing}: {read.hint(config, model is None, receiver)}", *failures]))
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *read.rows])
     run_folder.write_config(settings_used(settings, receiver), folder)
     if model is None:
@@ -255,10 +254,15 @@ def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
     Raises:
         VoccError: a locator that states none, or a rate that is none.
     """
-    if not isinstance(locator, LearnedLocator | LatticeLocator):
-        rule = f"only lattice and learned state them, and the model's locator is {type(locator).__name__}"
+    if not states(locator):
+        rule = f"only lattice and learned state them, and the model's locator is {locator_words(locator)[0]}"
         raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
     return replace(locator, false_alarms=false_alarms)
+
+
+def states(locator: PanelLocator) -> TypeGuard[LearnedLocator | LatticeLocator]:
+    """Whether a locator is one of the package's that state false alarms."""
+    return isinstance(locator, LearnedLocator | LatticeLocator) and not getattr(locator, "weights", None)
 
 
 def in_best_channel(
