@@ -30,7 +30,7 @@ from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
 from vocc_torch.studies.decode.reading import Reading
-from vocc_torch.studies.decode.run import Summary
+from vocc_torch.studies.decode.run import Album, Summary
 
 
 @pytest.fixture(scope="module")
@@ -260,6 +260,23 @@ def test_one_bad_picture_is_named_and_the_others_are_kept(decode, model, photo, 
         ("c.png", photo_bits),
     ]
     assert len(list((tmp_path / "out" / "annotated").iterdir())) == 2
+
+
+def test_each_colour_of_a_picture_has_a_picture_of_its_own(tmp_path):
+    """And a second panel of the same colour is drawn into it."""
+    album, empty = Album(tmp_path, 1), np.zeros((9, 9, 3), np.uint8)
+    for light in ("red", "green"):
+        frame = RecordedFrame("a.png", 0, None, empty, empty[..., 0], light)
+        for x in (0.0, 5.0):
+            corners = np.array([[x, 0], [x + 3, 0], [x + 3, 3], [x, 3]])
+            read = corners, np.ones((1, 1), bool), {}, 1.0, 1.0, 1, False, 0.0, False
+            album.add(Reading(frame, True, *read))
+    names = sorted(path.name for path in (tmp_path / "annotated").iterdir())
+    assert names == ["a-green.png", "a-red.png"]
+    for name in names:
+        drawn = np.asarray(Image.open(tmp_path / "annotated" / name).convert("L"))
+        assert drawn[:, :4].any()
+        assert drawn[:, 6:].any()
 
 
 RECORDINGS = {

@@ -287,3 +287,5 @@ def test_with_a_model_what_it_was_made_with_is_refused():
         else:
             with pytest.raises(VoccError, match=f"^{key} is .*(the model brings|does not use)"):
                 refuse_ignored(base, [f"{key}={value}"])
+    with pytest.raises(VoccError, match=r"^receiver.false_alarms is 0.1: the model brings"):
+        refuse_ignored(replace(of("receive"), model="r.pt"), ["receiver.false_alarms=0.1"])
