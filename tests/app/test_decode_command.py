@@ -264,13 +264,16 @@ def test_one_bad_picture_is_named_and_the_others_are_kept(decode, model, photo, 
 
 def test_each_colour_of_a_picture_has_a_picture_of_its_own(tmp_path):
     """And a second panel of the same colour is drawn into it."""
-    album, empty = Album(tmp_path, 1), np.zeros((9, 9, 3), np.uint8)
+    told, album, empty = Summary(), Album(tmp_path, 1), np.zeros((9, 9, 3), np.uint8)
     for light in ("red", "green"):
         frame = RecordedFrame("a.png", 0, None, empty, empty[..., 0], light)
         for x in (0.0, 5.0):
             corners = np.array([[x, 0], [x + 3, 0], [x + 3, 3], [x, 3]])
             read = corners, np.ones((1, 1), bool), {}, 1.0, 1.0, 1, False, 0.0, False
-            album.add(Reading(frame, True, *read))
+            reading = Reading(frame, True, *read)
+            album.add(reading)
+            told.add(reading)
+    assert (told.frames, told.shown, told.counted) == (1, 1, "4 readings")
     names = sorted(path.name for path in (tmp_path / "annotated").iterdir())
     assert names == ["a-green.png", "a-red.png"]
     for name in names:

@@ -192,7 +192,10 @@ def test_where_corners_shake_by_most_of_a_cell_no_line_is_missed():
 def test_a_doubtful_panel_is_seen_once_its_leds_change_and_a_picture_of_one_never():
     grey, corners = shaken(1)
     locator = Doubting(corners)
-    errors = errors_cells(Tracker(locator, SHAPE), locator, grey, corners)
+    tracker = Tracker(locator, SHAPE)
+    errors = errors_cells(tracker, locator, grey, corners)
+    assert [one.sure for one in tracker.tracks] == [True]
+    assert np.isnan(tracker.tracks[0].false_alarms), "known by its flicker alone, of which none are stated"
     assert np.isinf(errors[0])
     assert (errors[6:] < 0.25).all()
     for seed in range(1, 5):
