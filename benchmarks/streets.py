@@ -6,7 +6,8 @@ Scenes ``street_held_out`` and ``street_held_out_night``; a panel is located whe
 pitches of the truth, and sighted where that is so of the best sighting at any rate of false alarms. Rows are
 by the pitch, by daylight, and of panels that can be read: whole in the frame, and every bit right at the true
 corners. Writes docs/results/streets.csv anew for these locators, and prints what a frame takes, beside
-OpenCV's detector of ArUco markers on the same frames.
+OpenCV's detector of ArUco markers on the same frames. With ``--words`` that change the scenes, such as
+``+scene.effects.leaves.count=450`` for more clutter, it only prints.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import os
 import time
 from collections import Counter
 from dataclasses import replace
@@ -47,6 +49,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=40, help="a scene, with a panel")
     parser.add_argument("--absent", type=int, default=60, help="a scene, without one")
     parser.add_argument("--locators", nargs="+", default=LOCATORS, choices=LOCATORS)
+    parser.add_argument(
+        "--words", nargs="*", default=[], help="what else the scenes have; nothing is written"
+    )
     given = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -60,7 +65,7 @@ def main() -> None:
     for scene in SCENES:
         for kind, count in (("panel", given.frames), ("absent", given.absent)):
             words = ["+scene.effects.panel_absent={}"] if kind == "absent" else []
-            world = vt.load_scene(scene, *words)
+            world = vt.load_scene(scene, *given.words, *words)
             for batch in vt.simulate(world, count, point=f"streets {kind}"):
                 truth = batch.corners_px.double()
                 pitch = pitch_of(truth, world.panel.shape.leds)
@@ -99,7 +104,7 @@ def main() -> None:
     head = ("scene", "locator", "pitch_below_px", "frames", "found", "located", "located_low", "located_high")
     with RESULTS.open(newline="", encoding="utf-8") as file:
         rows = [row for row in list(csv.reader(file))[1:] if row[1] not in locators]
-    with RESULTS.open("w", newline="", encoding="utf-8") as file:
+    with Path(os.devnull if given.words else RESULTS).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow((*head, "bits_right", "found_low", "found_high", "sighted"))
         for scene, name, size in sorted({key[:3] for key in tally}):
@@ -111,7 +116,7 @@ def main() -> None:
             rows.append(
                 [scene, name, size, *map(str, (n, found, near, *bounds[:2], right, *bounds[2:], seen))]
             )
-            if size in ("all", "absent"):
+            if size in ("all", "absent") or (given.words and size.startswith("readable")):
                 print(
                     scene,
                     name,
@@ -121,6 +126,7 @@ def main() -> None:
                     found,
                     "located",
                     near,
+                    f"[{bounds[0]}, {bounds[1]}]",
                     "bits right",
                     right,
                     "sighted",
