@@ -187,6 +187,12 @@ def test_a_limit_of_its_own_holds_for_one_panel_and_for_several(here):
         assert "receiver.false_alarms" not in str(said.value), "which is refused"
 
 
+def test_a_limit_that_is_no_number_is_refused(here):
+    own = plugged_locator(PlugIn("receiver.locator", "Own", "mine.py:Own", {"false_alarms": "few"}))
+    with pytest.raises(VoccError, match="its false_alarms is 'few': it must be a number above 0"):
+        Tracker(own, PanelShape(8, 8))(np.asarray(Image.open("two.png")))
+
+
 def test_of_own_weights_no_rate_is_stated(here, monkeypatch):
     """Neither of what is found nor of a frame without a panel."""
     (here / "both").mkdir()

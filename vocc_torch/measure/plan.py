@@ -161,9 +161,10 @@ class ReceiverPlan:
         for name in locators:
             if name in self.locators:
                 found[name] = plugged_locator(self.locators[name])
+            elif name == "truth":
+                found[name] = None
             else:
-                named = None if name == "truth" else locator_named(name, self.location, self.false_alarms)
-                found[name] = named
+                found[name] = locator_named(name, self.location, self.false_alarms)
         return found
 
 

@@ -76,7 +76,7 @@ class LearnedLocator:
             raise VoccError.of("location.false_alarms", most, rule)
 
     @property
-    def limit(self) -> float:
+    def allowed_false_alarms(self) -> float:
         """False alarms at which a panel is found; NaN of weights of one's own, of which none are stated."""
         return self.false_alarms if self.weights is None else math.nan
 
@@ -94,7 +94,7 @@ class LearnedLocator:
             VoccError: what :meth:`sightings` refuses.
         """
         frames = Frames.of(frames)
-        return self.sightings(frames, shape).panels(len(frames), self.limit)[1]
+        return self.sightings(frames, shape).panels(len(frames), self.allowed_false_alarms)[1]
 
     def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.

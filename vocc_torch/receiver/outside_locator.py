@@ -37,14 +37,15 @@ class PanelLocator(Protocol):
         """Hash it: receivers that share a locator locate once."""
 
 
-def limit_of(locator: object) -> float:
+def allowed_by(locator: object) -> float:
     """Give the false alarms a frame without a panel that a locator allows; NaN of one that states none.
 
     Example:
-        >>> limit_of(len)
+        >>> allowed_by(len)
         0.001
     """
-    return float(getattr(locator, "limit", getattr(locator, "false_alarms", MOST_FALSE_ALARMS)))
+    own = getattr(locator, "false_alarms", MOST_FALSE_ALARMS)
+    return float(getattr(locator, "allowed_false_alarms", own))
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,13 @@ class OutsideLocator:
     plug_in: PlugIn
 
     @property
-    def limit(self) -> float:
-        """False alarms a frame without a panel that it allows: those of its own, else 1e-3."""
-        return limit_of(self.plug_in.made)
+    def allowed_false_alarms(self) -> float:
+        """What its class says by ``false_alarms``, of a frame without a panel; else 1e-3."""
+        own = getattr(self.plug_in.made, "false_alarms", MOST_FALSE_ALARMS)
+        if isinstance(own, bool) or not isinstance(own, int | float) or not own > 0:
+            key = f"locator {self.plug_in.name}: its false_alarms"
+            raise VoccError.of(key, shown(own), "a number above 0")
+        return float(own)
 
     @property
     def sightings(self) -> Callable[[Images, PanelShape], Sightings]:

@@ -15,7 +15,7 @@ from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
-from vocc_torch.receiver.outside_locator import PanelLocator, limit_of
+from vocc_torch.receiver.outside_locator import PanelLocator, allowed_by
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
 
@@ -210,7 +210,7 @@ class Receiver(torch.nn.Module):
             )
         with torch.inference_mode():
             seen = sightings(frames, self.shape)
-            whose, panels = seen.panels(len(frames), limit_of(self.locator), most)
+            whose, panels = seen.panels(len(frames), allowed_by(self.locator), most)
             decoded = self.forward(frames[whose], panels)
         return whose.tolist(), Decoded(*(one.clone() for one in decoded))
 

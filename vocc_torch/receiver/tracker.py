@@ -21,7 +21,7 @@ from vocc_torch.receiver.frame_fit import (
     read_cells,
     spot_energy,
 )
-from vocc_torch.receiver.outside_locator import PanelLocator, limit_of
+from vocc_torch.receiver.outside_locator import PanelLocator, allowed_by
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.track import STANDS, Track
 from vocc_torch.types import Frames, Panels, PanelShape, StatedPanels
@@ -132,7 +132,7 @@ class Tracker:
         frames = Frames.whole(torch.from_numpy(plane))
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
-        most = limit_of(self.locator)
+        most = allowed_by(self.locator)
         kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
         stated = getattr(found, "false_alarms", torch.full_like(found.score, math.nan))
         given = (one.tolist() for one in (found.score, stated, kept))

@@ -154,7 +154,7 @@ def demand_sightings(locator: object, most: int) -> None:
     """Refuse several panels of a frame where a locator sees one.
 
     Raises:
-        VoccError: so.
+        VoccError: several are asked of such a one.
     """
     if most > 1 and not hasattr(locator, "sightings"):
         rule = "1 where the locator sees one panel: lattice and learned see several"
