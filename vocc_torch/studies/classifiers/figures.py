@@ -113,6 +113,7 @@ def scenes_figure(comparison: Comparison) -> Figure:
         axes.set_yticks([])
         axes.set_xticks(edges[0][:-1] + 0.5, [pair[side].replace("_", " ") for pair in pairs])
         axes.tick_params(length=0, labelsize=10, labelcolor=canvas.INK, labeltop=True, labelbottom=False)
+        title = textwrap.fill(title, max(17, int(8.5 * _CELL_IN * len(pairs))))  # letters in an inch
         axes.set_title(title, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=26)
         left += _CELL_IN * len(pairs) + 0.42
     figure.axes[0].set_yticks(np.arange(len(names)) + 0.5, labels)
