@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.discriminant import CONDITION_LIMIT
-from vocc_torch.show import canvas
-from vocc_torch.show.canvas import FINE_GRID, INK, QUIET
+from vocc_torch.report import canvas
+from vocc_torch.report.canvas import FINE_GRID, INK, QUIET
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 TABLE, PICTURE = DOCS / "results" / "flda_accuracy.csv", DOCS / "images" / "flda-accuracy.png"

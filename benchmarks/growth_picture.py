@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from vocc_torch.show import canvas
-from vocc_torch.show.canvas import FINE_GRID, INK
+from vocc_torch.report import canvas
+from vocc_torch.report.canvas import FINE_GRID, INK
 
 BLUE, VERMILION, PURPLE = (
     "#0072B2",

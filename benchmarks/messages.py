@@ -29,8 +29,8 @@ from vocc_torch.messages.reception import Reception, decoded, film_of
 from vocc_torch.messages.signalling import MessagePlan, Signalling
 from vocc_torch.receiver.recording import read_recording
 from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.video import write_video
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.scene import narrowed
 from vocc_torch.studies.message.receive import receive

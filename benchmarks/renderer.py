@@ -24,8 +24,8 @@ from torch import Tensor
 from vocc_torch import Simulator
 from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of, threads
+from vocc_torch.report.folder import write_rows
 from vocc_torch.rng import FrameKey
-from vocc_torch.show.folder import write_rows
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.framing import lay_on_sensor, led_centres_px
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2

@@ -33,7 +33,7 @@ from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, Worl
 from vocc_torch.measure.trainings import Trained, mean_difference
 from vocc_torch.receiver.bank import feature_indices
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.show import canvas, folder, styles
+from vocc_torch.report import canvas, folder, styles
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.scene import narrowed
 

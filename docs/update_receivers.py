@@ -15,8 +15,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from vocc_torch.measure.intervals import clopper_pearson
-from vocc_torch.show import canvas
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report import canvas
+from vocc_torch.report.styles import receiver_styles
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, RESULTS = ROOT / "docs" / "receivers.md", ROOT / "docs" / "results"

@@ -14,7 +14,7 @@ import csv
 import shutil
 from pathlib import Path
 
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report.styles import receiver_styles
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, RESULTS = ROOT / "docs" / "rivals.md", ROOT / "docs" / "results"

@@ -8,7 +8,7 @@ import torch
 from vocc_torch.measure import train as train_module
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.show import samples
+from vocc_torch.report import samples
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.classifiers import study as study_module
 

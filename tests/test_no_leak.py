@@ -46,7 +46,7 @@ COMMANDS = {
 @pytest.fixture
 def undrawn(app, monkeypatch):
     """Run the command line without drawing, and without timing a call more often than once."""
-    monkeypatch.setattr("vocc_torch.show.canvas.save_figure", white)
+    monkeypatch.setattr("vocc_torch.report.canvas.save_figure", white)
     monkeypatch.setattr(tradeoff_module, "LEAST_FRAMES", 1)
     return app
 

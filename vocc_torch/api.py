@@ -27,8 +27,8 @@ from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, World
 from vocc_torch.plugins import is_target
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.report import folder, plots, styles, terminal
 from vocc_torch.rng import BLOCK_FRAMES
-from vocc_torch.show import folder, plots, styles, terminal
 from vocc_torch.types import Frames, Scene
 
 if TYPE_CHECKING:

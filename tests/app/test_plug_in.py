@@ -18,7 +18,7 @@ from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import executors
 from vocc_torch.measure.train import train
-from vocc_torch.show import plots
+from vocc_torch.report import plots
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "classifiers"
@@ -81,7 +81,7 @@ from composing import study_of
 from PIL import Image
 
 from vocc_torch import Receiver, Scene, Simulator
-from vocc_torch.show import plots
+from vocc_torch.report import plots
 
 
 class Drawn:

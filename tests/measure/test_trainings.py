@@ -24,8 +24,8 @@ from vocc_torch.measure.trainings import TRAININGS, Trained, mean_difference, t_
 from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.flda import FLDA
+from vocc_torch.report import folder, plots
 from vocc_torch.rng import BlockKey
-from vocc_torch.show import folder, plots
 
 K, FRAMES = 3, 64
 PARTS = [Part(0, FRAMES), Part(1, 10)]

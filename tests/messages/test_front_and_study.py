@@ -21,8 +21,8 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import read_video
 from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.video import write_video
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.studies.message.run import reach

@@ -11,11 +11,11 @@ from typing import Literal, NoReturn
 
 from vocc_torch.errors import VoccError, printable
 from vocc_torch.measure import config, curve
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import styles
-from vocc_torch.show.canvas import Figure, save_figure
-from vocc_torch.show.plots import facet_figure, interval_note
-from vocc_torch.show.terminal import Console, Text, plain_table, receiver_heading
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import styles
+from vocc_torch.report.canvas import Figure, save_figure
+from vocc_torch.report.plots import facet_figure, interval_note
+from vocc_torch.report.terminal import Console, Text, plain_table, receiver_heading
 
 INTO_INPUT = "collect"
 """The name under which results go into the input folder, as conf/task/collect.yaml has it."""

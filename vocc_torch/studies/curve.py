@@ -14,9 +14,9 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.report import canvas, heatmap, plots, samples, styles, tensorboard, terminal
+from vocc_torch.report import folder as run_folder
 from vocc_torch.rng import BlockKey
-from vocc_torch.show import canvas, heatmap, plots, samples, styles, tensorboard, terminal
-from vocc_torch.show import folder as run_folder
 from vocc_torch.simulation.scene import SCENE_FIELDS
 
 

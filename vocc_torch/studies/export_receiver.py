@@ -11,8 +11,8 @@ from torch import Tensor
 from vocc_torch.measure import build, config, plan, train
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.receiver import onnx_graph
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import terminal
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import terminal
 
 GRAPHS = ("receiver.onnx", "receiver_whole.onnx")
 """The graph that is told the corners, and the one that looks for them."""

@@ -18,7 +18,7 @@ from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
 from vocc_torch.measure.trainings import Trained
-from vocc_torch.show.tensorboard import write_boards
+from vocc_torch.report.tensorboard import write_boards
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import (
     GENIE,

@@ -18,8 +18,8 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.report.terminal import ProgressView
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.terminal import ProgressView
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers import study as study_module

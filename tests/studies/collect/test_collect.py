@@ -14,7 +14,7 @@ from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
-from vocc_torch.show.folder import ber_rows, write_rows
+from vocc_torch.report.folder import ber_rows, write_rows
 from vocc_torch.studies.collect import (
     MOST_FACETS,
     Job,
@@ -69,7 +69,7 @@ def rows_of(path):
 
 def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     """One job and one mistake: every point is there once, beside what tells the jobs apart."""
-    monkeypatch.setattr("vocc_torch.show.canvas.save_figure", white)
+    monkeypatch.setattr("vocc_torch.report.canvas.save_figure", white)
     assert app(*QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1").status == 2
     folder = tmp_path / "runs" / "two"
     ran = app("task=collect", "input=runs/two")

@@ -20,8 +20,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import read_recording, to_grey
+from vocc_torch.report.canvas import annotated
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.canvas import annotated
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.studies.decode.reading import COLUMNS, decode
 from vocc_torch.types import PanelShape

@@ -16,7 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
-from vocc_torch.show.page import html
+from vocc_torch.report.page import html
 from vocc_torch.studies.effects import figures, run
 from vocc_torch.studies.effects.measured import measure_costs, run_effects
 from vocc_torch.studies.effects.plan import build_effect_study

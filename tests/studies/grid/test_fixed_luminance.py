@@ -8,7 +8,7 @@ import pytest
 from made_up_dimming import AMBIENT, LUMINANCE, grid_of, sure_grid, true_ber
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.show.folder import write_grid
+from vocc_torch.report.folder import write_grid
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "fixed_luminance.py"
 

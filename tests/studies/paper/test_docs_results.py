@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from vocc_torch.show.folder import write_rows
+from vocc_torch.report.folder import write_rows
 from vocc_torch.studies.paper.scorecard import COLUMNS
 
 pytestmark = pytest.mark.breakage

@@ -18,7 +18,7 @@ from sklearn.metrics import roc_auc_score
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import World
-from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.report.canvas import figure_pixels
 from vocc_torch.simulation import Camera, LedPanel
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import Source, paper_scene

@@ -14,7 +14,7 @@ from vocc_torch.measure.config import Experiment, Settings
 from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import best_luminance
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report.styles import receiver_styles
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.figures import (
     PAPER_RECEIVERS,

@@ -13,8 +13,8 @@ from matplotlib.text import Text
 from vocc_torch.measure import stage_times
 from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes, StageTimings
-from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.timing_figure import PAPER_SHARES, DetectionTimes
+from vocc_torch.report.canvas import figure_pixels
+from vocc_torch.report.timing_figure import PAPER_SHARES, DetectionTimes
 from vocc_torch.simulation import Camera
 from vocc_torch.studies.paper.evidence import Source
 from vocc_torch.studies.paper.evidence.frames import ProcessingTime, lay_out

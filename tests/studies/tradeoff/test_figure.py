@@ -20,8 +20,8 @@ from made_up_prices import (
 )
 from matplotlib.text import Text
 
-from vocc_torch.show.canvas import figure_pixels, text_renderer
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report.canvas import figure_pixels, text_renderer
+from vocc_torch.report.styles import receiver_styles
 from vocc_torch.studies.tradeoff.figure import STRENGTH, heights, shares_figure, spread, tradeoff_figure
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.report import recommendation

@@ -14,8 +14,8 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
-from vocc_torch.show.tensorboard import write_boards
-from vocc_torch.show.timing_figure import number_text
+from vocc_torch.report.tensorboard import write_boards
+from vocc_torch.report.timing_figure import number_text
 from vocc_torch.studies.tradeoff.prices import Place
 from vocc_torch.studies.tradeoff.report import price_runs, print_prices, recommendation, write_prices
 

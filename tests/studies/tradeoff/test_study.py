@@ -15,7 +15,7 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.show.terminal import Stopwatch
+from vocc_torch.report.terminal import Stopwatch
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.studies.tradeoff import TradeoffConfig, run
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy

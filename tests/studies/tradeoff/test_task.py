@@ -31,7 +31,7 @@ def whole(tmp_path_factory):
     place = tmp_path_factory.mktemp("tradeoff")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan_module, "LEAST_FRAMES", 4)
-        patch.setattr("vocc_torch.show.canvas.save_figure", white)
+        patch.setattr("vocc_torch.report.canvas.save_figure", white)
         ran = run_in(place, *BASE, "name=whole", "workers=1")
     assert (ran.status, ran.err) == (0, "")
     return place / "runs" / "whole", ran.out

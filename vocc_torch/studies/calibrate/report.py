@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from vocc_torch.files import write_atomically
-from vocc_torch.show import canvas, page
+from vocc_torch.report import canvas, page
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.scene import Findings
 from vocc_torch.studies.calibrate.transfer import Curve

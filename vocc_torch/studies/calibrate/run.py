@@ -13,8 +13,8 @@ from vocc_torch.files import write_atomically
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show.terminal import Console
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
 from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.calibrate.reading import read_footage
 from vocc_torch.studies.calibrate.report import write_page

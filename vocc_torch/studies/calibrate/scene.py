@@ -11,7 +11,7 @@ import yaml
 from scipy import stats
 
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.show.page import render
+from vocc_torch.report.page import render
 from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.calibrate.fit import SURE, Derive, Derived, RecordingFit
 from vocc_torch.studies.calibrate.pace import Pace

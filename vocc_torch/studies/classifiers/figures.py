@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from vocc_torch.measure import curve, intervals
-from vocc_torch.show import canvas, heatmap, page, plots, styles
-from vocc_torch.show.canvas import Figure, Line2D
+from vocc_torch.report import canvas, heatmap, page, plots, styles
+from vocc_torch.report.canvas import Figure, Line2D
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, Transfer, ratio_text
 
 _OWN, _REFERENCE, _FAINT = "#0072B2", "#D55E00", "#D3D7DC"

@@ -10,7 +10,7 @@ from vocc_torch.measure import curve, estimate, train
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts, mover_ratio, paired_interval, rate_ratio
-from vocc_torch.show import page, styles
+from vocc_torch.report import page, styles
 
 GENIE = "genie"
 """The genie's name among receivers."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import config, counts, curve, estimate, intervals, paired, workers
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import styles, tensorboard, terminal
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import styles, tensorboard, terminal
 from vocc_torch.studies.classifiers import RivalsConfig, figures
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, ratio_text, summary
 from vocc_torch.studies.classifiers.study import build_classifier_study, compare_classifiers

@@ -17,8 +17,8 @@ from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.receiver import StagedReceiver
+from vocc_torch.report.terminal import ProgressView, Stage
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.show.terminal import ProgressView, Stage
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer

@@ -24,9 +24,9 @@ from vocc_torch.receiver.locators import locator_words
 from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show.canvas import annotated
-from vocc_torch.show.terminal import Console
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.canvas import annotated
+from vocc_torch.report.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode, demand_sightings

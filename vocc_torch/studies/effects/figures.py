@@ -12,10 +12,10 @@ from matplotlib import ticker
 from numpy.typing import NDArray
 
 from vocc_torch.measure import curve, estimate, stage_times
+from vocc_torch.report import canvas, page, plots
+from vocc_torch.report.canvas import INK, QUIET, Axes, Figure
+from vocc_torch.report.styles import Style, receiver_styles
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.show import canvas, page, plots
-from vocc_torch.show.canvas import INK, QUIET, Axes, Figure
-from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.simulation.framing import panel_corners_px
 from vocc_torch.studies.effects.plan import Effects, EffectStudy
 from vocc_torch.studies.effects.results import EffectResults, EffectRow, Rounds

@@ -16,8 +16,8 @@ from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import bank, flda
+from vocc_torch.report.terminal import Stage
 from vocc_torch.rng import BLOCK_FRAMES, FrameKey
-from vocc_torch.show.terminal import Stage
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.effects.plan import POINT, Effects, EffectStudy, Key, ScenePair, fills

@@ -7,8 +7,8 @@ from typing import Any
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import config, estimate, intervals, workers
 from vocc_torch.measure.stage_times import median_of
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import tensorboard, terminal
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import tensorboard, terminal
 from vocc_torch.studies.effects import EffectsConfig, figures, measured
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Rounds

@@ -17,9 +17,9 @@ from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.point_work import Part, PointWork
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import samples, terminal
 from vocc_torch.rng import BLOCK_FRAMES
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import samples, terminal
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.studies.export import ExportConfig, truth

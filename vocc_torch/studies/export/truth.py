@@ -11,8 +11,8 @@ from torch import Tensor
 
 from vocc_torch.files import atomic_file
 from vocc_torch.hardware import PanelShape
+from vocc_torch.report.folder import Cells, write_rows
 from vocc_torch.rng import FrameKey
-from vocc_torch.show.folder import Cells, write_rows
 from vocc_torch.simulation.effects import colour
 from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import Frames, Panels, Scene

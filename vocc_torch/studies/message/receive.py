@@ -19,8 +19,8 @@ from vocc_torch.messages.reception import COLUMNS, Received, Reception
 from vocc_torch.messages.signalling import MessagePlan
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show.terminal import Console
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
 from vocc_torch.studies.message import PLAN, ReceiveConfig
 from vocc_torch.studies.message.record import with_panel_of
 

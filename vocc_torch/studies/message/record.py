@@ -14,10 +14,10 @@ from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.messages.signalling import MessagePlan
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
+from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show.terminal import Console
-from vocc_torch.show.video import write_video
 from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.simulation.recording import Shutter, further_films, record
 from vocc_torch.studies.message import FRAMES, PLAN, RecordConfig

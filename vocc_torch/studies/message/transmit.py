@@ -13,9 +13,9 @@ from vocc_torch.messages.layout import Layout
 from vocc_torch.messages.packets import OVERHEAD_BYTES, payload_bytes
 from vocc_torch.messages.reception import film_of
 from vocc_torch.messages.signalling import FIELDS, MessagePlan, Signalling
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show.terminal import Console
-from vocc_torch.show.video import write_video
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
+from vocc_torch.report.video import write_video
 from vocc_torch.studies.message import FRAMES, PLAN, TransmitConfig
 
 LIT = 255

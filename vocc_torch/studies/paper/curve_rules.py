@@ -32,7 +32,7 @@ import numpy as np
 
 from vocc_torch.measure import curve, estimate, paired, trainings
 from vocc_torch.measure.counts import Counts
-from vocc_torch.show.styles import rate_text
+from vocc_torch.report.styles import rate_text
 from vocc_torch.studies.paper import words
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
 from vocc_torch.studies.paper.words import percent, place

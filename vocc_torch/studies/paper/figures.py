@@ -10,7 +10,7 @@ from vocc_torch.errors import VoccError, section
 from vocc_torch.measure import curve, estimate, grid, intervals, paired, sweep
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.plan import Locator, Plan
-from vocc_torch.show import canvas, plots, styles
+from vocc_torch.report import canvas, plots, styles
 from vocc_torch.studies.paper import FiguresConfig, evidence, words
 from vocc_torch.studies.paper.evidence import features, frames, panels
 

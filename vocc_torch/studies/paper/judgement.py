@@ -16,7 +16,7 @@ import numpy as np
 
 from vocc_torch.measure import curve, estimate, grid, paired, trainings
 from vocc_torch.measure.counts import Counts
-from vocc_torch.show.styles import rate_text
+from vocc_torch.report.styles import rate_text
 from vocc_torch.studies.paper.words import place
 
 Verdict: TypeAlias = Literal["agree", "differ", "cannot say"]

@@ -16,9 +16,9 @@ from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure import build, curve, grid, sweep, timing, workers
 from vocc_torch.measure import config as configs
 from vocc_torch.measure.plan import resolve_device
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import heatmap, page, styles, tensorboard, terminal
-from vocc_torch.show.canvas import Figure, save_figure
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import heatmap, page, styles, tensorboard, terminal
+from vocc_torch.report.canvas import Figure, save_figure
 from vocc_torch.studies.paper import FiguresConfig, evidence, figures, scorecard, words
 
 TITLE = "The paper's whole evidence, reproduced and scored"

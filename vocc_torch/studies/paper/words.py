@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from vocc_torch.measure import curve, estimate
-from vocc_torch.show.styles import LOCATED, rate_text
+from vocc_torch.report.styles import LOCATED, rate_text
 
 
 def read_yaml(name: str) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from matplotlib.text import Text
 from scipy.optimize import isotonic_regression
 
 from vocc_torch.measure import estimate, plan
-from vocc_torch.show import canvas, timing_figure
-from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
-from vocc_torch.show.styles import Style, ends_text, rate_text, receiver_styles
+from vocc_torch.report import canvas, timing_figure
+from vocc_torch.report.canvas import INK, QUIET, Axes, Figure, Line2D
+from vocc_torch.report.styles import Style, ends_text, rate_text, receiver_styles
 from vocc_torch.studies.tradeoff import report
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.prices import FRAMES_PER_S, OperatingPoint, Place, PriceList, most_accurate

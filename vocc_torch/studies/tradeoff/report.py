@@ -6,8 +6,8 @@ from dataclasses import asdict, astuple
 from pathlib import Path
 
 from vocc_torch.measure import estimate, plan, stage_times
-from vocc_torch.show import page, styles, terminal, timing_figure
-from vocc_torch.show.folder import write_rows
+from vocc_torch.report import page, styles, terminal, timing_figure
+from vocc_torch.report.folder import write_rows
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.prices import Place, PriceList, most_accurate
 

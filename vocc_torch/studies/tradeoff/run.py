@@ -21,9 +21,9 @@ from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver, StagedReceiver
-from vocc_torch.show import folder as run_folder
-from vocc_torch.show import tensorboard, terminal
-from vocc_torch.show.canvas import Figure
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import tensorboard, terminal
+from vocc_torch.report.canvas import Figure
 from vocc_torch.studies.tradeoff import TradeoffConfig, figure, plan, report
 from vocc_torch.studies.tradeoff.prices import Algorithms, Place, PriceList
 from vocc_torch.types import resolve_device

@@ -17,11 +17,11 @@ from vocc_torch.measure.grid import Floats as Floats
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
+from vocc_torch.report import canvas
+from vocc_torch.report.plots import OFF as OFF
+from vocc_torch.report.plots import ON as ON
+from vocc_torch.report.plots import STATUS as STATUS
 from vocc_torch.rng import BlockKey
-from vocc_torch.show import canvas
-from vocc_torch.show.plots import OFF as OFF
-from vocc_torch.show.plots import ON as ON
-from vocc_torch.show.plots import STATUS as STATUS
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.paper.words import FIGURES
 from vocc_torch.types import Frames, PanelShape, Scene

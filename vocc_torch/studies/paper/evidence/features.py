@@ -12,8 +12,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.show import canvas
-from vocc_torch.show.plots import status_histogram
+from vocc_torch.report import canvas
+from vocc_torch.report.plots import status_histogram
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import Bools, Floats
 

@@ -13,9 +13,9 @@ from vocc_torch.measure import plan as plans
 from vocc_torch.measure import stage_times, timing, train
 from vocc_torch.receiver import bank, foreground, location, receiver
 from vocc_torch.receiver.features import image_gradient, radial_inward_field
+from vocc_torch.report import timing_figure
+from vocc_torch.report.canvas import GRID, INK, QUIET, Axes, Figure
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.show import timing_figure
-from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure
 from vocc_torch.simulation import effects, photometry, simulator
 from vocc_torch.studies.paper import evidence
 from vocc_torch.studies.paper.evidence import Bools, Floats, features

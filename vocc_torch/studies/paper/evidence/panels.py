@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from scipy.optimize import brentq
 
 from vocc_torch.errors import VoccError
-from vocc_torch.show.canvas import INK, QUIET, Axes, Figure
+from vocc_torch.report.canvas import INK, QUIET, Axes, Figure
 from vocc_torch.simulation import Simulator, effects
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import features

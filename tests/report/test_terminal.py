@@ -12,8 +12,8 @@ from rich.console import Console
 
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.train import Making
-from vocc_torch.show.styles import rate_text
-from vocc_torch.show.terminal import StudyView, print_table, train_shown
+from vocc_torch.report.styles import rate_text
+from vocc_torch.report.terminal import StudyView, print_table, train_shown
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
 

@@ -12,8 +12,8 @@ from rich.text import Text as Text
 
 from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.show import page
-from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
+from vocc_torch.report import page
+from vocc_torch.report.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
 Values = Sequence[float]
 

@@ -12,9 +12,9 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.grid import Bools, Floats
-from vocc_torch.show import canvas
-from vocc_torch.show.canvas import Axes, Figure, Line2D
-from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
+from vocc_torch.report import canvas
+from vocc_torch.report.canvas import Axes, Figure, Line2D
+from vocc_torch.report.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
 Looks = Mapping[str, Style]
 """Styles by receiver."""

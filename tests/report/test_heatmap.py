@@ -16,10 +16,10 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import best_luminance
-from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.folder import write_grid
-from vocc_torch.show.heatmap import best_luminance_figure, cell_edges, dimming_figure, grid_figures
-from vocc_torch.show.styles import rate_text, receiver_styles
+from vocc_torch.report.canvas import figure_pixels
+from vocc_torch.report.folder import write_grid
+from vocc_torch.report.heatmap import best_luminance_figure, cell_edges, dimming_figure, grid_figures
+from vocc_torch.report.styles import rate_text, receiver_styles
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2, through_lens
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")

@@ -9,7 +9,7 @@ from made_up_points import table as table
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import COLUMNS, BerTable, Row
-from vocc_torch.show.folder import ber_rows, read_tables, write_rows
+from vocc_torch.report.folder import ber_rows, read_tables, write_rows
 
 
 def write_table(path, table):

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from PIL import Image, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError
-from vocc_torch.show.styles import ends_text, rate_text
+from vocc_torch.report.styles import ends_text, rate_text
 
 SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
 """What stands before a toned text, so that no verdict is told by colour alone."""
@@ -36,7 +36,7 @@ def render(package: str, template: str, **values: object) -> str:
     ``low`` and ``high``), ``slug`` (a heading's name in links). In a ``<summary>`` use ``e`` instead.
 
     Args:
-        package: package whose folder has the template; those of ``vocc_torch.show`` can be included too.
+        package: package whose folder has the template; those of ``vocc_torch.report`` can be included too.
         template: the file's name, such as ``report.md.j2``.
         values: what the template may name.
 

@@ -18,8 +18,8 @@ from torch.utils.tensorboard import SummaryWriter
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show import canvas, page, styles
-from vocc_torch.show.folder import as_markdown
+from vocc_torch.report import canvas, page, styles
+from vocc_torch.report.folder import as_markdown
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""

@@ -9,8 +9,8 @@ from matplotlib.colors import to_hex
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.plots import facet_figure
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report.plots import facet_figure
+from vocc_torch.report.styles import receiver_styles
 
 VALUES = (500, 1000, 2000, 3000, 4000, 5000, 6000, 7000, 8000)
 RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")

@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from vocc_torch.errors import VoccError
+from vocc_torch.report import samples
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.show import samples
 from vocc_torch.studies import curve
 
 

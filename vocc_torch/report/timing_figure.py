@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from vocc_torch.measure import estimate, grid, stage_times
-from vocc_torch.show import canvas, page, styles
-from vocc_torch.show.canvas import INK, Axes, Figure, Line2D
+from vocc_torch.report import canvas, page, styles
+from vocc_torch.report.canvas import INK, Axes, Figure, Line2D
 
 Place = tuple[str, int]
 """Kind of frames and batch size."""

@@ -13,10 +13,10 @@ from PIL import Image, ImageDraw, ImageFont
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
+from vocc_torch.report.canvas import INK, QUIET, Pixels, enlarged
+from vocc_torch.report.folder import SAMPLES
+from vocc_torch.report.styles import axis_label, count_text
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.show.canvas import INK, QUIET, Pixels, enlarged
-from vocc_torch.show.folder import SAMPLES
-from vocc_torch.show.styles import axis_label, count_text
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Scene
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report.styles import receiver_styles
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
 

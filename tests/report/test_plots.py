@@ -10,9 +10,9 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import figure_pixels, save_figure
-from vocc_torch.show.plots import ber_figure, feature_histograms
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.report.canvas import figure_pixels, save_figure
+from vocc_torch.report.plots import ber_figure, feature_histograms
+from vocc_torch.report.styles import receiver_styles
 
 
 def curves(figure):

@@ -15,9 +15,9 @@ from tensorboard.plugins.hparams import plugin_data_pb2
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.plots import ber_figure
-from vocc_torch.show.tensorboard import SUMMARY_RUN, write_boards
+from vocc_torch.report.canvas import figure_pixels
+from vocc_torch.report.plots import ber_figure
+from vocc_torch.report.tensorboard import SUMMARY_RUN, write_boards
 
 RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 AXES = {

@@ -15,7 +15,7 @@ from markdown_it import MarkdownIt
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.show.page import code, fence, html, md, render
+from vocc_torch.report.page import code, fence, html, md, render
 
 
 class Tags(HTMLParser):
