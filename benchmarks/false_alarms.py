@@ -33,7 +33,6 @@ from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.measure.link import rendered
 from vocc_torch.measure.plan import World
 from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, read_table, write_table
-from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.learned import LearnedLocator, sighted
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import Frames
@@ -51,8 +50,6 @@ Key = tuple[str, PanelShape]
 
 def scores(name: str) -> Callable[[Frames, PanelShape], torch.Tensor]:
     """Give what scores the panels that one frame may show, as the table takes them."""
-    if name == "lattice":
-        return lambda frame, shape: LatticeLocator().sightings(frame, shape).score
     net = LearnedLocator().net(torch.device("cpu"))
     return lambda frame, shape: sighted(net, frame, shape)[1]
 
@@ -147,7 +144,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="the first frame")
     parser.add_argument("--frames", type=int, default=200, help="how many; 0 writes the tables alone")
     parser.add_argument("--shapes", nargs="+", default=["8x8", "4x4"])
-    parser.add_argument("--locators", nargs="+", default=["learned", "lattice"])
+    parser.add_argument("--locators", nargs="+", default=["learned"])
     given = parser.parse_args()
     torch.set_num_threads(1)
     shapes = [PanelShape(*map(int, text.split("x"))) for text in given.shapes]

@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import cv2
@@ -275,15 +274,12 @@ def main() -> None:
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--compared", type=int, default=256, help="frames whose bits are compared")
     parser.add_argument("--csv", type=Path, help="where the rows are written")
-    parser.add_argument("--compiled", action="store_true", help="ours with compiled loops, of frames alone")
     parser.add_argument(
         "--processor-time",
         action="store_true",
         help="take one thread's processor time instead of the clock's, on a machine that is busy with else",
     )
     given = parser.parse_args()
-    if given.compiled:
-        import_module("vocc_torch.receiver.loops")
     flda = train()
     settle_memory()
     torch.set_num_threads(1)

@@ -22,12 +22,11 @@ from PIL import Image
 from streets import NEAR, pitch_of
 
 import vocc_torch as vt
-from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.learned import LearnedLocator
 
 SHEET = Path(__file__).resolve().parents[1] / "docs" / "images" / "street-misses.png"
 SCENES = ("street", "street_night")
-LOCATORS = {"learned": LearnedLocator, "lattice": LatticeLocator}
+LOCATORS = {"learned": LearnedLocator}
 LEAST_PX, COLUMNS, SIDE_PX = 3.0, 6, 160
 
 

@@ -142,7 +142,7 @@ LATER = {
     "decode.annotate": "tests/app/test_decode_command.py::test_a_receiver_is_trained_where_no_model_is_given",
     "decode.follow": "tests/studies/decode/test_decode.py::test_a_panel_is_followed_in_a_video",
     "decode.scale": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
-    "decode.most": "tests/receiver/test_lattice_locator.py::test_two_panels_are_two_rows",
+    "decode.most": "tests/receiver/test_several_panels.py::test_two_panels_are_two_rows",
     "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",
 }
 """Keys that act after a study is built, and the test that sees them act."""

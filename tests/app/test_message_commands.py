@@ -173,7 +173,7 @@ def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path,
         ("task=messages messages.soft=[hard,hard]", "messages.soft is ['hard', 'hard']: it must be some of"),
         (
             "task=receive receiver.locator=truth",
-            "receiver.locator is 'truth': it must be paper, refined, lattice or learned",
+            "receiver.locator is 'truth': it must be paper, refined or learned",
         ),
         ("task=receive model=r.pt scene=night", "scene is night: the model brings its own"),
     ],

@@ -101,7 +101,7 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
 
 
 def test_what_own_weights_cannot_do_is_refused(here):
-    with pytest.raises(VoccError, match="only lattice and learned state them"):
+    with pytest.raises(VoccError, match="only learned states them"):
         composed(
             "task=decode",
             "input=two.png",

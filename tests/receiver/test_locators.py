@@ -62,6 +62,6 @@ def test_an_unknown_locator_in_a_file_is_refused(tmp_path):
 
 def test_an_unknown_name_is_refused():
     with pytest.raises(
-        VoccError, match=r"receiver.locator is 'refind': it must be paper or refined or lattice or learned"
+        VoccError, match=r"receiver.locator is 'refind': it must be paper or refined or learned"
     ):
         locator_named("refind", PaperLocator())

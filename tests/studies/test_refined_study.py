@@ -14,7 +14,7 @@ def test_the_plan_names_what_finds_the_panel():
     plan = ReceiverPlan(locator="refined")
     finders = plan.finders(["truth", "paper", "refined"])
     assert finders == {"truth": None, "paper": plan.location, "refined": RefinedLocator(plan.location)}
-    with pytest.raises(VoccError, match="it must be truth or paper or refined or lattice or learned"):
+    with pytest.raises(VoccError, match="it must be truth or paper or refined or learned"):
         ReceiverPlan(locator="guess")
 
 

@@ -27,7 +27,7 @@ GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget"
 COMPARED = ("every", "rivals")
 """Options of the group receiver that name receivers to compare."""
 
-STATING = ("lattice", "learned")
+STATING = ("learned",)
 """Locators that state false alarms."""
 
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
@@ -135,7 +135,7 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder = settings.receiver.locator if task in ONE_LOCATOR else None
         if place == "receiver.false_alarms" and not settings.model and finder not in (None, *STATING):
-            raise VoccError(f"{said}: only lattice and learned state them, and receiver.locator is {finder}")
+            raise VoccError(f"{said}: only learned states them, and receiver.locator is {finder}")
         if place.startswith("receiver.location") and finder and finder not in NAMES["Locators"].split(", "):
             raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
         own = name in experiment.training

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver import components, foreground
-from vocc_torch.receiver.compiled import measure_alone
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
 from vocc_torch.types import Frames, Images, Panels, PanelShape
@@ -159,8 +158,6 @@ class PaperLocator(LocatorLimits):
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
-        if (alone := _alone(exact, shape, self)) is not None:
-            return alone
         exact = foreground.trimmed(exact)
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
         levels = (
@@ -383,16 +380,6 @@ def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.in
 def _is_sure(measures: Measures, search: LocatorLimits) -> NDArray[np.bool_]:
     """Say of blobs that are alone in their masks whether the ladder would stop at them."""
     return measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
-
-
-def _alone(frames: Frames, shape: PanelShape, search: LocatorLimits) -> Panels | None:
-    """Locate the panel of one whole frame by compiled loops; None where :func:`choose_single` is needed."""
-    found = measure_alone(frames, shape, search, _SMALL_MASK_PX)
-    if found is None or found.area_px < search.min_area_px or not _is_sure(found.measures, search)[0]:
-        return None
-    score = torch.from_numpy(found.measures.score)
-    one = torch.ones(1, dtype=torch.int64)
-    return Panels(torch.from_numpy(found.measures.corners_px), score > 0, score, one)
 
 
 def choose_single(

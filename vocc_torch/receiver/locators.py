@@ -1,4 +1,4 @@
-"""The locators by name: the paper's, ours, which fits the lattice of LEDs, and a learned one."""
+"""The locators by name: the paper's, one that fits the lattice of LEDs, and a learned one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
@@ -9,30 +9,29 @@ import torch
 
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.plugins import TARGET, ModuleFile, PlugIn
-from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.outside_locator import OutsideLocator, PanelLocator
 from vocc_torch.receiver.refined import RefinedLocator
 
-LOCATORS = ("paper", "refined", "lattice", "learned")
+LOCATORS = ("paper", "refined", "learned")
 """The locators that ship, by name."""
 
-STATING = ("lattice", "learned")
+STATING = ("learned",)
 """Those of them that state false alarms; they take longer than the others."""
 
-_OWN = (PaperLocator, RefinedLocator, LatticeLocator, LearnedLocator)
+_OWN = (PaperLocator, RefinedLocator, LearnedLocator)
 
 
 def locator_named(
     name: str, paper: PaperLocator, false_alarms: float = 1e-3
-) -> PaperLocator | RefinedLocator | LatticeLocator | LearnedLocator:
+) -> PaperLocator | RefinedLocator | LearnedLocator:
     """Return the locator of a name, with the settings of the paper's, which ``refined`` uses too.
 
     Args:
         name: one of ``LOCATORS``.
         paper: the settings of the paper's.
-        false_alarms: in a frame without a panel, at which ``lattice`` and ``learned`` find one, above 0.
+        false_alarms: in a frame without a panel, at which ``learned`` finds one, above 0.
 
     Raises:
         VoccError: an unknown name.
@@ -43,8 +42,6 @@ def locator_named(
     """
     if name not in LOCATORS:
         raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
-    if name == "lattice":
-        return LatticeLocator(false_alarms)
     if name == "learned":
         return LearnedLocator(false_alarms=false_alarms)
     return RefinedLocator(paper) if name == "refined" else paper
@@ -80,7 +77,7 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
     """
     if isinstance(locator, OutsideLocator):
         return locator.plug_in.settings
-    names = {RefinedLocator: "refined", LatticeLocator: "lattice", LearnedLocator: "learned"}
+    names = {RefinedLocator: "refined", LearnedLocator: "learned"}
     if not isinstance(locator, _OWN):
         ours = ", ".join(LOCATORS)
         rule = f"{ours}, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
@@ -143,8 +140,6 @@ def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> P
     name = rest.pop("name", "paper")
     if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}")
-    if name == "lattice":
-        return LatticeLocator(**rest)
     if name == "learned":
         made_with = rest.pop("digest", "")
         if made_with and ModuleFile(str(rest["weights"])).digest != made_with:

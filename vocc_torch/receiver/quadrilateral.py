@@ -7,7 +7,6 @@ arithmetic held in float64, so that a blob's result does not depend on its place
 batch. NumPy does it, on whatever device the masks are: these are few numbers.
 """
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -290,8 +289,8 @@ def measure_blobs(
         back = order.argsort()
         return Measures(*(np.concatenate(both)[back] for both in zip(*halves, strict=True)))
     hull = convex_hull(first, last)
-    alone = _measured_alone(hull[0].tolist()) if blobs == 1 else None
-    area, perimeter, least = alone or (*hull_area_and_perimeter(hull), minimum_area_rectangle(hull))
+    area, perimeter = hull_area_and_perimeter(hull)
+    least = minimum_area_rectangle(hull)
     around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
     return measures_of(area, perimeter, area_px, least, around, place_px, shape, limits)
 
@@ -326,33 +325,3 @@ def measures_of(
     score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
     pitch = np.sqrt(rectangle / shape.leds)
     return Measures(around.corners_px + place_px[:, None], within, score, pitch)
-
-
-def _measured_alone(hull: list[list[float]]) -> tuple[Floats, Floats, Rectangles] | None:
-    """Give area, perimeter and least rectangle of one hull in plain numbers, to the last bit as by NumPy.
-
-    That takes a quarter of the time. None where the least rectangle is not upright.
-    """
-    (left, top), (right, low) = (tuple(map(end, zip(*hull, strict=True))) for end in (min, max))
-    twice, around, slopes = 0.0, 0, []
-    for (x, y), (to_x, to_y) in itertools.pairwise([*hull, hull[0]]):
-        across, down = to_x - x, to_y - y
-        twice += x * to_y - y * to_x
-        around += round(math.sqrt(across * across + down * down) / LENGTH_UNIT)
-        slopes += [(across, down)] if across and down else []
-    for across, down in slopes:
-        along = [x * across + y * down for x, y in hull]
-        beside = [y * across - x * down for x, y in hull]
-        spans = (max(along) - min(along)) * (max(beside) - min(beside))
-        if (right - left) * (low - top) > spans / (across * across + down * down) * (1 + TIE):
-            return None
-    values = [twice / 2 + (right - left + low - top) + 1, around * LENGTH_UNIT + 4]
-    area, perimeter = np.array([[one] for one in values])
-    return area, perimeter, upright_alone(left, top, right, low)
-
-
-def upright_alone(left: float, top: float, right: float, low: float) -> Rectangles:
-    """Give the upright rectangle around pixels from ``left`` to ``right`` and from ``top`` to ``low``."""
-    right, low = right + 1.0, low + 1.0
-    corners = np.array([[[left, top], [right, top], [right, low], [left, low]]])
-    return Rectangles(corners, np.array([right - left]), np.array([low - top]))

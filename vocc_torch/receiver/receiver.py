@@ -205,9 +205,7 @@ class Receiver(torch.nn.Module):
         """
         frames, sightings = Frames.of(images, "images"), getattr(self.locator, "sightings", None)
         if sightings is None:
-            raise VoccError(
-                "this receiver's locator sees one panel in a frame: lattice and learned see several"
-            )
+            raise VoccError("this receiver's locator sees one panel in a frame: learned sees several")
         with torch.inference_mode():
             seen = sightings(frames, self.shape)
             whose, panels = seen.panels(len(frames), allowed_by(self.locator), most)

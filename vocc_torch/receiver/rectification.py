@@ -13,7 +13,6 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.compiled import read_alone
 from vocc_torch.receiver.features import checked_greys
 from vocc_torch.types import Frames, Panels, PanelShape, holds, is_exporting
 
@@ -200,38 +199,6 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     if not flat:
         moved = xp.concatenate([moved, homography[:, 2:]], 1)
     return _Window(begin, begin - origin, xp.ceil(high - origin), moved)
-
-
-def _upright(
-    corners: Any, place: Any, sides: Any, shape: PanelShape, samples: int, most: int
-) -> tuple[int, Any, list[tuple[float, float, float]]] | None:
-    """Do for one panel what :func:`rectify_takes` does before it reads, to the last bit, in plain numbers.
-
-    It takes a tenth of the time. Nothing where the panel's sides do not lie along the image's.
-
-    Returns:
-        The pixels along an axis that a sample stands for; (1,2) where the window begins in the take; and for
-        both axes the last pixel that is read, the cells' pitch and the first cell's place, in the window.
-    """
-    (first, across, third, down), (place,) = corners[0].tolist(), place.tolist()
-    size = [third[axis] - first[axis] for axis in (0, 1)]
-    upright = (
-        across == [third[0], first[1]] and down == [first[0], third[1]] and across[0] - size[0] == first[0]
-    )
-    within = all(-MOST_PX <= one <= MOST_PX for one in (*first, *third)) and min(size) > 0
-    if not (upright and within and size[0] * size[1] > _FLAT_PX2 + _FLAT_SHARE * max(size) * max(size)):
-        return None
-    factor = min(max(round(max(size[0] / shape.columns, size[1] / shape.rows) / samples), 1), most)
-    fine, begins, found = float(samples * factor), [], []
-    for axis, leds in enumerate((shape.columns, shape.rows)):
-        step, (extent, sensor) = size[axis] * (1 / leds), (side[axis] for side in sides)
-        least, farthest = max(place[axis] - extent, 0.0), min(place[axis] + 2 * extent, float(sensor))
-        ends = (0.5 / fine - 1, ((leds + 2) * fine - 0.5) / fine - 1)
-        low, high = (min(max(step * end + first[axis], least), farthest) for end in ends)
-        begin = math.floor(low - 0.5)
-        begins.append(begin - place[axis])
-        found.append((math.ceil(high - begin), step, first[axis] - (begin + 0.5)))
-    return factor, np.array([begins]), found
 
 
 def _places(xp: Any, window: _Window, x: Any, y: Any) -> tuple[Any, Any]:
@@ -446,16 +413,6 @@ def rectify_takes(
     cells = (shape.rows + 2) * (shape.columns + 2)
     most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples_per_led))
     sides = [grey.shape[:1:-1], takes[0].sensor_px[::-1]]
-    plain = xp is np and len(corners) == 1 and device.type == "cpu"
-    if plain and (alone := _upright(corners, place, sides, shape, samples_per_led, most)):
-        count, begin, lines = alone
-        axes = (one.numpy() for one in _grid(shape, samples_per_led * count, dtype, device))
-        places = [(px * x + to).clip(0, last) for (last, px, to), x in zip(lines, axes, strict=True)]
-        reads = [one for take in takes if (one := read_alone(take, begin, *places)) is not None]
-        if len(reads) < len(takes):
-            cuts = [_cut(take, [0], begin, [[last + 2 for last, _, _ in lines]]).to(dtype) for take in takes]
-            reads = _read_upright(cuts, [place[None] for place in places])
-        return [nn.functional.avg_pool2d(one, count) for one in reads] if count > 1 else reads
     homography, cell_px = _homography(xp, corners, shape), xp.maximum(*_cell_size(xp, corners, shape))
     factors = (cell_px / samples_per_led).round().clip(1, most)
     if is_exporting():

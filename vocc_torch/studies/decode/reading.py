@@ -157,7 +157,7 @@ def demand_sightings(locator: object, most: int) -> None:
         VoccError: several are asked of such a one.
     """
     if most > 1 and not hasattr(locator, "sightings"):
-        rule = "1 where the locator sees one panel: lattice and learned see several"
+        rule = "1 where the locator sees one panel: learned sees several"
         raise VoccError.of("decode.most", most, rule)
 
 

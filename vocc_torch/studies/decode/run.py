@@ -18,7 +18,6 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
-from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.locators import locator_words
 from vocc_torch.receiver.outside_locator import PanelLocator
@@ -255,14 +254,14 @@ def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
         VoccError: a locator that states none, or a rate that is none.
     """
     if not states(locator):
-        rule = f"only lattice and learned state them, and the model's locator is {locator_words(locator)[0]}"
+        rule = f"only learned states them, and the model's locator is {locator_words(locator)[0]}"
         raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
     return replace(locator, false_alarms=false_alarms)
 
 
-def states(locator: PanelLocator) -> TypeGuard[LearnedLocator | LatticeLocator]:
+def states(locator: PanelLocator) -> TypeGuard[LearnedLocator]:
     """Whether a locator is one of the package's that state false alarms."""
-    return isinstance(locator, LearnedLocator | LatticeLocator) and not getattr(locator, "weights", None)
+    return isinstance(locator, LearnedLocator) and not getattr(locator, "weights", None)
 
 
 def in_best_channel(
