@@ -60,7 +60,8 @@ def carried(
     plan = MessagePlan(SHAPE, options)
     film = np.tile(film_of(message, plan), (repeats, 1, 1))
     drawn = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
-    front, reception, assembly = Front(learned(scene)), Reception(plan), Assembly()
+    front, reception = Front(learned(scene)), Reception(plan)
+    assembly = Assembly(reception.code.info_bytes - 16)
     shutter = Shutter(fps, 0.0037, 0.004, **faults)
     told = drawn, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key
     parts = record(world.simulator(), *told, window=window)
@@ -87,10 +88,10 @@ def carried(
         wrong += int(((values >= 0) != shown).sum())
     took(reception.finish())
     size = reception.code.info_bytes
-    count, whole = -(-len(message) // (size - 16)), assembly.whole(size)
-    missing = assembly.missing(size) if assembly.message else range(count)
+    count, found = -(-len(message) // (size - 16)), assembly.messages
+    missing = sorted({*range(count)} - {*found[0].parts}) if found else range(count)
     sent = {n: message[n * (size - 16) : (n + 1) * (size - 16)] for n in range(count)}
-    false = sum(sent.get(n) != part for parts in assembly.parts.values() for n, part in parts.items())
+    false = sum(sent.get(n) != part for one in found for n, part in one.parts.items())
     seconds = len(film) * SYMBOL_S
     arrived = count - len(missing)
     return (
@@ -99,7 +100,7 @@ def carried(
             "" if cut else f"{wrong / max(1, frames) / SHAPE.leds:.3g}",
             count,
             arrived,
-            int(whole == message),
+            int(any(one.complete and one.content == message for one in found)),
             false,
         ),
         *(f"{8e-3 * len(message) * arrived / count / seconds:.2f}", f"{spent:.1f}"),
@@ -204,7 +205,12 @@ def picture():
     text = Path(__file__).parents[1].joinpath("LICENSE").read_bytes()[:600]
     plan, first = MessagePlan(SHAPE, Signalling()), 48
     layout, film, world, receiver = Layout(plan), film_of(text, plan), load_scene("night"), learned("night")
-    key, front, reception, assembly = BlockKey(2, "messages", 0), Front(receiver), Reception(plan), Assembly()
+    key, front, reception, assembly = (
+        BlockKey(2, "messages", 0),
+        Front(receiver),
+        Reception(plan),
+        Assembly(0),
+    )
     scene = narrowed(world.scene, {"distance_m": 40}).draw(key, SHAPE)[0][:1]
     seen, values, symbols, blocks, got = [], [], [], [], []
     shutter = Shutter(240.0, 0.0011, 0.03)
@@ -219,7 +225,7 @@ def picture():
     for one in got:
         if one.packet:
             assembly.add(one.packet)
-    assert assembly.whole(reception.code.info_bytes) == text
+    assert assembly.messages[0].content == text
 
     def figure_of(columns, width):
         figure, axes = pyplot.subplots(1, columns, figsize=(width, 2.5), layout="constrained")

@@ -109,7 +109,8 @@ def black(times, draws):
 
 
 def received(llr, stamps, plan=PLAN):
-    reception, assembly = Reception(plan), Assembly()
+    reception = Reception(plan)
+    assembly = Assembly(reception.code.info_bytes - 16)
     got = through(reception, llr, stamps / 100)
     for one in got:
         if one.packet:
@@ -122,7 +123,7 @@ def test_the_message_arrives_through_faulty_recordings(faults):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(4), faults=faults, begin=0.0)
     # The camera's own stamps know nothing of what was lost or repeated.
     assembly, _, reception = received(llr, stamps)
-    assert assembly.whole(reception.code.info_bytes) == MESSAGE
+    assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
     assert (
         0.02
         < reception.combiner.passed_over / (reception.combiner.passed_over + reception.combiner.used)
@@ -137,25 +138,18 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
     blocks = [b for b in range(len(FILM) // 128) if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1]
     whole = {4 * block + place for block in blocks for place in range(4)}
     count = -(-len(MESSAGE) // (reception.code.info_bytes - 16))
-    size, missing = reception.code.info_bytes, set(assembly.missing(reception.code.info_bytes))
-    assert not (whole & missing)
-    assert assembly.whole(size) is None or not missing
-    held, sent = assembly.partial(size), MESSAGE
-    for number in set(range(count)) - missing:
-        part = slice(number * (size - 16), (number + 1) * (size - 16))
-        assert held[part] == sent[part]
-    assert all("in no frame" in one.why for one in got if one.unseen > 0.5)
+    (message,) = assembly.messages
+    assert whole - {*range(count, 99)} <= set(message.parts)
+    assert message.complete == (len(message.parts) == count)
+    for number, part in message.parts.items():
+        assert part == MESSAGE[number * message.payload :][: message.payload]
+    assert all("no frame showed" in one.why for one in got if one.unseen > 0.5)
 
 
 def test_black_frames_cost_what_they_hide_and_nothing_else():
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(6), faults=black, begin=0.0)
-    assembly, _, reception = received(llr, stamps)
-    assert set(assembly.missing(reception.code.info_bytes)) <= {
-        4,
-        5,
-        6,
-        7,
-    }  # forty frames of the second block
+    (message,) = received(llr, stamps)[0].messages
+    assert {*range(message.packets)} - {*message.parts} <= {4, 5, 6, 7}  # forty frames of the second block
 
 
 @pytest.mark.parametrize(
@@ -166,15 +160,15 @@ def test_a_row_or_a_corner_that_is_hidden_costs_no_packet(dead):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(7), begin=0.0, ber=0.005)
     where = np.argwhere(Layout(PLAN).kind == "clock")[1] if dead == "clock" else dead
     llr[(slice(None), *where)] = -6.0
-    assembly, _, reception = received(llr, stamps)
-    assert assembly.whole(reception.code.info_bytes) == MESSAGE
+    assembly, _, _ = received(llr, stamps)
+    assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
 
 
 def test_nothing_is_received_where_nothing_was_sent():
     draws = np.random.default_rng(8)
     for llr in (4 * draws.standard_normal((330, 8, 8)), np.zeros((330, 8, 8)), np.full((330, 8, 8), -6.0)):
         assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
-        assert assembly.message is None
+        assert not assembly.messages
         assert all(one.why for one in got)
 
 

@@ -1,5 +1,6 @@
 """What is written where, what a checksum lets pass, and what the codes correct."""
 
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -14,6 +15,7 @@ from vocc_torch.messages.layout import Layout, sync_bits
 from vocc_torch.messages.packets import Assembly, packed, unpacked
 from vocc_torch.messages.reception import film_of
 from vocc_torch.messages.signalling import MessagePlan, Signalling
+from vocc_torch.studies.message.receive import doubts, lost, write_messages
 
 CODES = ["rs", "none", "ldpc", "conv"]
 
@@ -78,11 +80,13 @@ def test_any_message_has_random_transitions_once_it_is_scrambled():
 
 @given(message=st.binary(min_size=1, max_size=400), size=st.integers(17, 200))
 def test_packets_in_any_order_are_the_message_again(message, size):
-    infos, assembly = list(packed(message, size)), Assembly()
+    infos, assembly = list(packed(message, size)), Assembly(size - 16)
     for info in reversed(infos):
-        assert assembly.whole(size) is None
+        assert not any(one.complete for one in assembly.messages)
         assembly.add(unpacked(info))
-    assert assembly.whole(size) == message
+    (only,) = assembly.messages
+    assert only.complete
+    assert only.content == message
     assert all(len(info) == size for info in infos)
 
 
@@ -100,13 +104,75 @@ def test_a_packet_whose_number_or_filling_does_not_fit_is_refused():
         assert unpacked(body + zlib.crc32(body).to_bytes(4, "big")) is None
 
 
-def test_a_partial_message_says_what_it_lacks():
-    assembly, infos = Assembly(), list(packed(bytes(range(1, 101)), 36))
-    for number in (0, 2, 4):
-        assembly.add(unpacked(infos[number]))
-    assert (assembly.missing(36), assembly.whole(36)) == ([1, 3], None)
-    held = np.frombuffer(assembly.partial(36), np.uint8).reshape(5, 20)
-    assert (held.any(axis=1) == [True, False, True, False, True]).all()
+def assembled(*infos, size=36):
+    """An assembly of packets, as they arrive."""
+    assembly = Assembly(size - 16)
+    for info in infos:
+        assembly.add(unpacked(info))
+    return assembly
+
+
+def forged(sequence, length, crc, payload):
+    """A packet with a right checksum that nobody sent."""
+    body = b"".join(n.to_bytes(4, "big") for n in (sequence, length, crc)) + payload
+    return body + zlib.crc32(body).to_bytes(4, "big")
+
+
+TEXT = bytes(range(1, 101))
+HONEST = list(packed(TEXT, 36))
+
+
+def test_a_partial_message_says_what_it_lacks(tmp_path):
+    assembly = assembled(HONEST[0], HONEST[2], HONEST[4])
+    (message,) = assembly.messages
+    assert (message.gaps, message.complete) == ([(1, 1), (3, 3)], False)
+    assert write_messages(assembly, tmp_path) == [
+        ("part", "message.partial"),
+        ("missing", "missing.csv"),
+    ]
+    assert (tmp_path / "message.partial").read_bytes() == TEXT[:20] + TEXT[40:60] + TEXT[80:]
+    lines = (tmp_path / "missing.csv").read_text().split()
+    assert lines[1:] == ["1,1,1,20,40", "1,3,3,60,80"]
+
+
+def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memory(tmp_path):
+    claims = [forged(9 * n, 1 << 31, 7, bytes([n + 1] * 20)) for n in range(12)]
+    tracemalloc.start()
+    assembly = assembled(*claims, *HONEST)
+    assert write_messages(assembly, tmp_path) == [("message", "message.bin")]
+    assert (tmp_path / "message.bin").read_bytes() == TEXT
+    assert list(doubts(assembly)) == ["12 packets of 1 other, incomplete messages are not written"]
+    alone = assembled(*claims)
+    write_messages(alone, tmp_path / "alone")
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+    assert sum(path.stat().st_size for path in (tmp_path / "alone").iterdir()) < 1000
+    assert "more than the 16 that the recording has time for" in lost(alone, 16, None)
+
+
+def test_messages_of_two_transmitters_are_written_both(tmp_path):
+    other = list(packed(b"another transmitter's text", 36))
+    assembly = assembled(*HONEST[:2], *other, *HONEST[2:])
+    places = write_messages(assembly, tmp_path)
+    assert places == [("message", "message.bin"), ("message", "message_2.bin")]
+    assert [(tmp_path / name).read_bytes() for _, name in places] == [TEXT, b"another transmitter's text"]
+    assert not list(doubts(assembly))
+
+
+def test_the_first_payload_of_a_packet_stays_and_a_contradiction_is_reported(tmp_path):
+    false = forged(1, len(TEXT), zlib.crc32(TEXT), bytes([99] * 20))
+    assembly = assembled(*HONEST[:3], false, *HONEST[3:])
+    write_messages(assembly, tmp_path)
+    assert (tmp_path / "message.bin").read_bytes() == TEXT
+    assert list(doubts(assembly)) == [
+        "1 packets have other content than the first packet of the same message and number: "
+        "they were passed over"
+    ]
+
+
+def test_leds_that_are_too_near_each_other_are_the_reason_that_no_packet_arrived():
+    assert "LEDs are 1.7 px apart, and 2 px are needed" in lost(Assembly(20), 4, 1.7)
+    assert "report.csv says why" in lost(Assembly(20), 4, 2.1)
 
 
 def coded(code):

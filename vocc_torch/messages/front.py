@@ -74,6 +74,14 @@ class Front:
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
 
+    @property
+    def led_pitch_px(self) -> float | None:
+        """Distance of neighbouring LEDs where the panel was last seen, along its shorter cells."""
+        if self.corners_px is None:
+            return None
+        width, height = ((self.corners_px[end] - self.corners_px[0]).norm() for end in (1, 3))
+        return min(float(width) / self.receiver.shape.columns, float(height) / self.receiver.shape.rows)
+
     def read(self, frames: Frames, corners: torch.Tensor) -> tuple[Decoded, torch.Tensor]:
         """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
         known = Panels.known(torch.nan_to_num(corners))
@@ -134,6 +142,7 @@ class Front:
             searches, seen = self.tracker.searches, self.tracker(np.asarray(plane))
             if seen:
                 corners[row] = torch.from_numpy(seen[0].corners)
+                self.corners_px = corners[row]
             self.looked += self.tracker.searches - searches
             self.found += bool(seen) and self.tracker.searches > searches
         return corners

@@ -4,6 +4,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from vocc_torch.errors import VoccError
 
@@ -82,42 +83,71 @@ def unpacked(info: bytes) -> Packet | None:
 
 
 @dataclass
-class Assembly:
-    """Puts messages together from packets in any order; only what a checksum vouched for is in it.
+class Message:
+    """The packets of one message that arrived; their number bounds what it holds, not the length they claim.
 
     Args:
-        parts: payloads by message and sequence number.
+        length: bytes of the whole message, as its packets say.
+        crc: CRC-32 of the whole message, likewise.
+        payload: bytes of a packet.
+        parts: payloads by sequence number.
     """
 
-    parts: dict[tuple[int, int], dict[int, bytes]] = field(default_factory=dict)
+    length: int
+    crc: int
+    payload: int
+    parts: dict[int, bytes] = field(default_factory=dict)
+
+    @property
+    def packets(self) -> int:
+        """Packets of the whole message."""
+        return -(-self.length // self.payload)
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """First and last sequence number of each run of missing packets.
+
+        Example:
+            >>> Message(14, 0, 2, {0: b"ab", 3: b"cd", 4: b"ef"}).gaps
+            [(1, 2), (5, 6)]
+        """
+        numbers = [-1, *sorted(self.parts), self.packets]
+        return [(a + 1, b - 1) for a, b in pairwise(numbers) if b > a + 1]
+
+    @property
+    def content(self) -> bytes:
+        """The parts that arrived, in order and without holes."""
+        return b"".join(self.parts[number] for number in sorted(self.parts))
+
+    @property
+    def complete(self) -> bool:
+        """Whether all packets arrived and the message's own checksum fits."""
+        return len(self.parts) == self.packets and zlib.crc32(self.content) == self.crc
+
+
+@dataclass
+class Assembly:
+    """Sorts packets by message.
+
+    The first payload of a packet stays: a packet whose checksum is right may still contradict another one.
+
+    Args:
+        payload: bytes of a message in a packet.
+        by_message: the messages, by length and checksum.
+        contradictions: packets whose payload differs from the first of the same message and number.
+    """
+
+    payload: int
+    by_message: dict[tuple[int, int], Message] = field(default_factory=dict)
+    contradictions: int = 0
 
     def add(self, packet: Packet) -> None:
         """Take a packet in."""
-        self.parts.setdefault(packet.message, {})[packet.sequence] = packet.payload
+        message = self.by_message.setdefault(packet.message, Message(*packet.message, self.payload))
+        first = message.parts.setdefault(packet.sequence, packet.payload)
+        self.contradictions += first != packet.payload
 
     @property
-    def message(self) -> tuple[int, int] | None:
-        """The message of which most was received."""
-        return max(self.parts, key=lambda one: len(self.parts[one]), default=None)
-
-    def missing(self, info_bytes: int) -> list[int]:
-        """Give the sequence numbers of that message that were not received."""
-        if self.message is None:
-            return []
-        count = -(-self.message[0] // payload_bytes(info_bytes))
-        return sorted(set(range(count)) - set(self.parts[self.message]))
-
-    def whole(self, info_bytes: int) -> bytes | None:
-        """Give the message, if all of it is there and its own checksum agrees."""
-        if self.message is None or self.missing(info_bytes):
-            return None
-        joined = self.partial(info_bytes)
-        return joined if zlib.crc32(joined) == self.message[1] else None
-
-    def partial(self, info_bytes: int) -> bytes:
-        """Give what there is, with zeros for what is missing."""
-        assert self.message is not None
-        joined, size = bytearray(self.message[0]), payload_bytes(info_bytes)
-        for sequence, payload in self.parts[self.message].items():
-            joined[sequence * size : sequence * size + len(payload)] = payload
-        return bytes(joined)
+    def messages(self) -> list[Message]:
+        """The messages: complete ones first, then by how many packets of them arrived."""
+        return sorted(self.by_message.values(), key=lambda one: (not one.complete, -len(one.parts)))

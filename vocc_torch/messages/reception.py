@@ -14,7 +14,7 @@ from vocc_torch.messages.packets import Packet, packed, unpacked
 from vocc_torch.messages.signalling import MessagePlan
 
 UNSEEN = 0.1
-"""Share of a packet's bits without any frame that is told as the reason of a loss."""
+"""Share of a packet's bits that no frame showed clearly, from which on it is the reason of a loss."""
 
 COLUMNS = (
     *("block", "packet", "time_s", "frames", "unseen", "sequence", "arrived"),
@@ -104,15 +104,34 @@ class Reception:
         self.plan, self.layout = plan, Layout(plan)
         self.code: Code = code_of(self.layout)
         self.combiner = Combiner(self.layout)
+        self._blocks: set[int] = set()
+        self._first_s: float | None = None
+        self._last_s: float | None = None
+
+    @property
+    def packets_sent(self) -> int:
+        """Packets that the recording has time for; without times, those of the blocks seen."""
+        if self._first_s is None or self._last_s is None:
+            return len(self._blocks) * self.layout.packets
+        symbols = (self._last_s - self._first_s) * self.plan.signalling.symbol_rate_hz
+        return max(1, round(symbols / self.layout.symbols)) * self.layout.packets
 
     def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Iterator[Received]:
         """Take frames in and give the packets of blocks that are over, as :meth:`Combiner.push` does."""
-        for block in self.combiner.push(llr, times_s):
-            yield from decoded(block, self.layout, self.code)
+        known = [time_s for time_s in times_s if time_s is not None]
+        if known:
+            self._first_s = known[0] if self._first_s is None else self._first_s
+            self._last_s = known[-1]
+        yield from self._decoded(self.combiner.push(llr, times_s))
 
     def finish(self) -> Iterator[Received]:
         """Give the packets of what is left."""
-        for block in self.combiner.finish():
+        yield from self._decoded(self.combiner.finish())
+
+    def _decoded(self, blocks: Iterator[Block]) -> Iterator[Received]:
+        """Decode blocks and count them."""
+        for block in blocks:
+            self._blocks.add(block.number)
             yield from decoded(block, self.layout, self.code)
 
 
@@ -135,7 +154,7 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
             sent = code.encode(np.frombuffer(info, np.uint8)[None])[0]
             corrected = int(((word >= 0) != sent.astype(bool))[: len(sent)].sum())
         elif unseen > UNSEEN:
-            why = f"{unseen:.0%} of its bits were in no frame"
+            why = f"no frame showed {unseen:.0%} of its bits clearly"
         else:
             why = "too many wrong bits" if info is None else "its checksum does not fit"
         mean = float(seen.mean())

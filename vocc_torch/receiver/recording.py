@@ -230,11 +230,12 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
                 except av.error.FFmpegError as error:  # others of its frames may be whole
                     frames, reason = [], str(error)
                 for frame in frames:
+                    quarter_turns = round(getattr(frame, "rotation", 0) / 90) % 4
                     if grey_only:
-                        grey = grey_plane(frame)
+                        grey = turned(grey_plane(frame), quarter_turns)
                         colour = np.broadcast_to(np.uint8(0), (*grey.shape, 3))
                     else:
-                        colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
+                        colour = turned(frame.to_ndarray(format="rgb24"), quarter_turns)
                         grey = to_grey(colour, channel)
                     yield RecordedFrame(printable(path.name), done, frame.time, colour, grey)
                     done, damaged = done + 1, damaged + frame.is_corrupt
@@ -247,6 +248,15 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
         raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
     if done == 0:
         raise VoccError(f"input {path} is a video without frames")
+
+
+def turned(picture: Any, quarter_turns: int) -> Any:
+    """Turn a picture (H,W) or (H,W,3) anticlockwise, as a film's header asks for."""
+    if not quarter_turns:
+        return picture
+    if isinstance(picture, FilmGrey):
+        return FilmGrey(np.rot90(picture.plane, quarter_turns))
+    return np.ascontiguousarray(np.rot90(picture, quarter_turns))
 
 
 def grey_plane(frame: Any) -> Grey:

@@ -8,6 +8,7 @@ import json
 import os
 import pickle
 import re
+import struct
 from pathlib import Path
 
 import av
@@ -45,6 +46,23 @@ def near():
     grey = Simulator().render(scene[:8], bits[:8]).grey[:, 0].numpy()
     size = grey.shape[1] // 2 * 2
     return grey[:, :size, :size].repeat(4, axis=1).repeat(4, axis=2), bits[:8].numpy()
+
+
+@pytest.mark.parametrize(("matrix", "turns"), [((0, 1, -1, 0), -1), ((-1, 0, 0, -1), 2), ((0, -1, 1, 0), 1)])
+def test_a_film_is_read_as_its_header_turns_it(tmp_path, matrix, turns):
+    """The track's matrix (ISO 14496-12) takes (x, y) to (a x + c y, b x + d y), with y downwards."""
+    ramp = np.arange(0, 240, 4, dtype=np.uint8)[None].repeat(40, axis=0)
+    write_video(tmp_path / "film.mp4", np.stack([ramp, ramp]))
+    film = bytearray((tmp_path / "film.mp4").read_bytes())
+    at = film.index(b"tkhd") + 4 + 40
+    a, b, c, d = (65536 * number for number in matrix)
+    film[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    (tmp_path / "turned.mp4").write_bytes(film)
+    for grey_only in (False, True):
+        frame = next(read_recording(tmp_path / "turned.mp4", "luma", grey_only=grey_only))
+        grey, shown = np.asarray(frame.grey), np.rot90(ramp, turns)
+        assert grey.shape == frame.colour.shape[:2] == shown.shape
+        assert np.abs(grey.astype(int) - shown).max() < 12
 
 
 def text_of(bits):

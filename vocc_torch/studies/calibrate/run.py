@@ -3,6 +3,7 @@
 import shlex
 import warnings
 from dataclasses import asdict
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,14 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     """Write a recording's scene and its page.
 
     Raises:
-        VoccError: no input, or one that cannot be calibrated from.
+        VoccError: the name of a scene that ships, no input, or one that cannot be calibrated from.
     """
     warnings.filterwarnings("ignore", category=FutureWarning, module="torch")  # of its own forward mode
     run_folder.refuse_results(folder)
+    shipped = resources.files("vocc_torch.conf") / "scene" / f"{settings.name}.yaml"
+    if shipped.is_file():
+        rule = "another name than that of a scene that ships: the calibrated scene bears it"
+        raise VoccError.of("name", repr(settings.name), rule)
     if settings.input is None:
         raise VoccError("input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture")
     plan, console = build_plan(settings, folder), Console()

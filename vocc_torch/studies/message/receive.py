@@ -1,11 +1,10 @@
 """``task=receive``: a recording in, the message out, or the parts of it that a checksum vouches for."""
 
+import warnings
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, groupby, islice
 from pathlib import Path
-
-import numpy as np
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
@@ -28,7 +27,14 @@ BATCH_FRAMES, BATCH_PIXELS = 64, 64_000_000
 """Frames read at a time, and most pixels of them."""
 
 MOST_NAMED = 12
-"""Ranges of missing packets that a refusal names."""
+"""Ranges of missing packets that a refusal names, and incomplete messages that are written."""
+
+NEAREST_LEDS_PX = 2.0
+"""LEDs nearer to each other than this share their pixels: the camera's sampling limit."""
+
+
+MISSING_COLUMNS = ("message", "first_sequence", "last_sequence", "first_byte", "end_byte")
+"""Columns of ``missing.csv``."""
 
 
 def receive(
@@ -81,7 +87,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     source, console = Path(settings.input), Console()
     beside = (source if source.is_dir() else source.parent) / PLAN
     plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
-    reception, assembly = Reception(plan), Assembly()
+    reception = Reception(plan)
+    assembly = Assembly(payload_bytes(reception.code.info_bytes))
     failures: list[str] = []
     recording = readable(read_recording(source, config.channel, grey_only=True), failures)
     if not (first := list(islice(recording, 1))):
@@ -105,61 +112,106 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
         take(reception.finish())
-    info_bytes = reception.code.info_bytes
-    whole, missing = assembly.whole(info_bytes), assembly.missing(info_bytes)
     run_folder.write_rows(folder / "report.csv", rows)
     run_folder.write_config(settings_used(settings, receiver), folder)
     if model is None:
         receiver.save(folder / "receiver.pt")
+    arrived, sent = sum(map(len, (one.parts for one in assembly.messages))), reception.packets_sent
     shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
-    told = f"{len(rows) - 1} packets in {front.frames} frames; {shown}"
+    told = f"{arrived} of {sent} packets arrived in {front.frames} frames; {shown}"
     if front.tracker is not None:
         told += "; it was followed" + ", for it moves" * front.auto
     console.print(told, soft_wrap=True, highlight=False)
-    places = [("packets", "report.csv")]
-    if whole is not None:
-        write_atomically(folder / "message.bin", whole)
-        console.print(f"{len(whole)} bytes, all vouched for by their checksum", highlight=False)
-        places.append(("message", "message.bin"))
-    elif assembly.message is not None:
-        write_atomically(folder / "message.partial", assembly.partial(info_bytes))
-        write_missing(folder / "missing.csv", missing, assembly.message[0], info_bytes)
-        places += [("part", "message.partial"), ("missing", "missing.csv")]
+    places = [("packets", "report.csv"), *write_messages(assembly, folder)]
+    for what, name in places:
+        if what == "message":
+            size = (folder / name).stat().st_size
+            console.print(f"{name}: {size} bytes, all verified by their checksum", highlight=False)
     run_folder.print_places(console, folder, places + [("receiver", "receiver.pt")] * (model is None))
-    if whole is None:
-        failures.insert(0, f"input {source}: {lost(missing, assembly, info_bytes)}")
-    elif len(assembly.parts) > 1:
-        failures.append(f"input {source} holds packets of {len(assembly.parts)} messages: one was written")
+    for doubt in doubts(assembly):
+        warnings.warn(f"input {source}: {doubt}", stacklevel=2)
+    if not any(message.complete for message in assembly.messages):
+        failures.insert(0, f"input {source}: {lost(assembly, sent, front.led_pitch_px)}")
     if failures:
         raise VoccError("; ".join(failures))
 
 
-def write_missing(path: Path, missing: list[int], length: int, info_bytes: int) -> None:
-    """Write which bytes of a partial message nobody vouches for; they are zeros in it."""
-    size = payload_bytes(info_bytes)
-    rows = [(number, number * size, min(length, (number + 1) * size)) for number in missing]
-    run_folder.write_rows(path, [("sequence", "first_byte", "end_byte"), *rows])
+def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
+    """Write each complete message, and where there is none the parts of the others.
+
+    ``missing.csv`` has a row for each run of packets that did not arrive. Missing parts are left out of
+    ``message.partial``: a packet may claim any length.
+
+    Returns:
+        What was written and the name of its file.
+    """
+    messages = assembly.messages
+    if complete := [message for message in messages if message.complete]:
+        places = [("message", f"message{suffix(n)}.bin") for n in range(len(complete))]
+        for message, (_, name) in zip(complete, places, strict=True):
+            write_atomically(folder / name, message.content)
+        return places
+    places, gaps = [], list[run_folder.Cells]()
+    for n, message in enumerate(messages[:MOST_NAMED]):
+        places.append(("part", f"message{suffix(n)}.partial"))
+        write_atomically(folder / places[-1][1], message.content)
+        for first, last in message.gaps:
+            end = min(message.length, (last + 1) * message.payload)
+            gaps.append((n + 1, first, last, first * message.payload, end))
+    run_folder.write_rows(folder / "missing.csv", [MISSING_COLUMNS, *gaps])
+    return [*places, ("missing", "missing.csv")]
 
 
-def lost(missing: list[int], assembly: Assembly, info_bytes: int) -> str:
-    """Say in words which packets are missing.
+def suffix(number: int) -> str:
+    """Tell the files of several messages apart.
 
     Example:
-        >>> from vocc_torch.messages.packets import Packet
-        >>> some = Assembly()
-        >>> for number in (0, 3, 4):
-        ...     some.add(Packet(number, (14, 0), b"12"))
-        >>> lost(some.missing(18), some, 18)
-        'of 7 packets of the message 4 are missing (1-2, 5-6): message.partial has zeros in their place'
+        >>> suffix(0), suffix(1)
+        ('', '_2')
     """
-    if assembly.message is None:
-        return "no packet arrived, so there is no message; report.csv says why"
-    if not missing:
+    return f"_{number + 1}" if number else ""
+
+
+def doubts(assembly: Assembly) -> Iterator[str]:
+    """Say where packets contradict each other, or belong to messages that are not written."""
+    if assembly.contradictions:
+        what = "other content than the first packet of the same message and number"
+        yield f"{assembly.contradictions} packets have {what}: they were passed over"
+    complete = sum(message.complete for message in assembly.messages)
+    if complete and complete < len(assembly.messages):
+        others = sum(len(message.parts) for message in assembly.messages[complete:])
+        count = len(assembly.messages) - complete
+        yield f"{others} packets of {count} other, incomplete messages are not written"
+
+
+def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
+    """Say in words why there is no message, and which packets are missing.
+
+    Args:
+        assembly: the packets.
+        sent: packets that the recording has time for.
+        led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
+
+    Example:
+        >>> from vocc_torch.messages.packets import Message
+        >>> some = Assembly(2)
+        >>> some.by_message[14, 0] = Message(14, 0, 2, {0: b"12", 3: b"12", 4: b"12"})
+        >>> lost(some, 7, None)
+        'of 7 packets of the message 4 are missing (1-2, 5-6): message.partial has the others'
+    """
+    if not assembly.messages:
+        if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
+            near = f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed"
+            return f"none of {sent} packets arrived: {near}; come nearer or take a longer lens"
+        return f"none of {sent} packets arrived, so there is no message; report.csv says why"
+    message = assembly.messages[0]
+    if not message.gaps:
         return "all packets arrived, but the message's own checksum does not fit: message.partial has them"
-    breaks = [i for i in range(1, len(missing)) if missing[i] > missing[i - 1] + 1]
-    runs = [part.tolist() for part in np.split(np.array(missing), breaks)]
-    named = [str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs[:MOST_NAMED]]
-    more = f" and {len(runs) - MOST_NAMED} more places" if len(runs) > MOST_NAMED else ""
-    count = -(-assembly.message[0] // payload_bytes(info_bytes))
-    where = f"of {count} packets of the message {len(missing)} are missing ({', '.join(named)}{more})"
-    return f"{where}: message.partial has zeros in their place"
+    named = [str(a) if a == b else f"{a}-{b}" for a, b in message.gaps[:MOST_NAMED]]
+    further = len(message.gaps) - len(named)
+    where = ", ".join(named) + f" and {further} more places" * (further > 0)
+    missing = message.packets - len(message.parts)
+    told = f"of {message.packets} packets of the message {missing} are missing ({where})"
+    if message.packets > sent:
+        told += f", more than the {sent} that the recording has time for"
+    return f"{told}: message.partial has the others"

@@ -85,15 +85,16 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
                 cells = [*told[:2], f"{away:.3f}", *(f"{c:.3f}" for c in where)]
                 rows.append((len(rows) - 1, *cells))
             kept = part.frames.grey[:, 0].cpu().numpy()
-            if not held:
+            if not file.tell():
                 shape = (count, *kept.shape[1:])
-                held.append(np.lib.format.open_memmap(temporary, "w+", np.uint8, shape))
-            held[0][len(rows) - 1 - len(kept) : len(rows) - 1] = kept
+                head = {"descr": "|u1", "fortran_order": False, "shape": shape}
+                np.lib.format.write_array_header_1_0(file, head)
+            file.write(kept.tobytes())
             yield from part.frames.pixels
 
-    held: list[NDArray[np.uint8]] = []  # in a file: whole frames would fill the memory
     count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
-    with atomic_file(folder / "recording.npy") as temporary:
+    # To a file and not to a memory map, which a full disk would end with SIGBUS.
+    with atomic_file(folder / "recording.npy") as temporary, temporary.open("wb") as file:
         write_video(folder / "recording.mp4", pictures(), config.fps, config.quality)
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())

@@ -1,5 +1,6 @@
 """``task=transmit``: a file in, a panel's film out."""
 
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,9 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console
 from vocc_torch.report.video import write_video
 from vocc_torch.studies.message import FRAMES, PLAN, TransmitConfig
+
+LARGEST_BYTES = 1 << 24
+"""Of a message: its film of ten hours is held in memory."""
 
 LIT = 255
 DARK = 0
@@ -38,7 +42,7 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     if settings.input is None:
         raise VoccError("input is null: task=transmit needs input=FILE, the message")
     try:
-        message = Path(settings.input).read_bytes()
+        message = file_bytes(Path(settings.input))
     except OSError as error:
         raise VoccError(f"input {settings.input} cannot be read: {error.strerror or error}") from None
     plan, console = plan_of(settings, config), Console()
@@ -57,6 +61,21 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     console.print(f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s", highlight=False)
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
     run_folder.print_places(console, folder, places.items())
+
+
+def file_bytes(path: Path) -> bytes:
+    """Read a message.
+
+    Raises:
+        OSError: the file cannot be read.
+        VoccError: no ordinary file, or one that is too large.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_BYTES:
+        rule = f"an ordinary file of at most {LARGEST_BYTES} bytes"
+        raise VoccError(f"input {path} must be {rule}")
+    with path.open("rb") as file:
+        return file.read(LARGEST_BYTES)
 
 
 def costs(plan: MessagePlan) -> list[str]:
