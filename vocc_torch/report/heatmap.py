@@ -9,7 +9,8 @@ from matplotlib import cm, colormaps, colors, patches, ticker
 from matplotlib.patheffects import withStroke
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
-from vocc_torch.report import canvas, plots, styles
+from vocc_torch.report import canvas, styles
+from vocc_torch.report import drawing as plots
 from vocc_torch.report.canvas import INK, QUIET, Axes, Figure, Line2D
 
 NO_ERRORS = "#F4F4F2"

@@ -1,192 +1,371 @@
-"""Bit error rate curves, alone and in small pictures beside each other, and feature histograms."""
+"""Figures of curves, intervals in rows and histograms; Matplotlib lays them out."""
 
-import math
+import io
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import ticker
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes as Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Figure
+from matplotlib.lines import Line2D as Line2D
+from numpy.typing import NDArray
+from PIL import Image
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Bools, Floats
-from vocc_torch.report import canvas
-from vocc_torch.report.canvas import Axes, Figure, Line2D
 from vocc_torch.report.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
-Looks = Mapping[str, Style]
-"""Styles by receiver."""
-
-_SPREAD = 0.009
-"""Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
-_MOST_SPREAD = 0.05
-"""Distance between the first and the last receiver at one value, within the axis's margins."""
-_WIDTH_IN = 8.88
-"""Width of axes for which sizes and the room of a value's name are given, inches."""
+Pixels = NDArray[np.uint8]
+"""A picture, (H,W,3): red, green, blue."""
 
 
-def draw_rates(
-    axes: Axes, table: BerTable, styles: Looks, rows: Sequence[Row] = (), size: float = 1.0
-) -> None:
-    """Draw every receiver's rates and set both axes up; labels and legend are the caller's.
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Sizes and colours that all figures share."""
+
+    dpi: int = 120  # pixels an inch
+    ink: str = "#222222"
+    quiet: str = "#5F6368"  # footnotes, axes
+    grid: str = "#E3E6EA"
+    off: str = "#0072B2"  # Off LEDs
+    on: str = "#D55E00"  # On LEDs
+    single_in: tuple[float, float] = (10.0, 6.2)  # a figure of one panel, inches
+    panel_in: tuple[float, float] = (3.6, 3.0)  # a panel of several, inches
+    row_in: float = 0.3  # height of a row of intervals, inches
+    tick_px: float = 60.0  # least distance of named values, pixels
+    spread: float = 0.009  # distance of neighbouring curves at one value, as a share of the axis
+
+
+LOOK = Look()
+
+OFF, ON = LOOK.off, LOOK.on
+STATUS = ((False, "Off", LOOK.off), (True, "On", LOOK.on))
+"""Both statuses of an LED, with their names and colours."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Rates with their intervals along an axis, drawn as a line with error bars.
 
     Args:
-        axes: empty axes.
-        table: at least one point.
-        styles: by receiver, in the order of the legend.
-        rows: all rows that the vertical axis must show, where several axes are to have the same; those of the
-            table by default.
-        size: of markers, lines and numbers, against those of a figure of its own.
+        style: name in the legend, colour, marker and line.
+        x: where the rates stand.
+        rates: one a value; a rate of 0 is drawn as an arrow down from its upper limit.
+        spread: after several trainings, mean and interval of the algorithm; None at a value without.
+        stars: quoted points (x, y), drawn as stars in the curve's colour.
     """
-    # Names of values and receivers are set further apart on narrow axes.
-    crowding = _WIDTH_IN * canvas.DPI / axes.bbox.width
-    places, width = set_values(axes, table, crowding)
-    set_rates(axes, rows or table.rows)
-    canvas.quiet_axes(axes, "x")
-    axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
-    axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
-    axes.tick_params(which="both", labelsize=10.5 * size)
-    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
-    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
-    gap = min(np.diff(list(places.values())) / width, default=1.0)
-    spread = width * min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
-    for number, (receiver, style) in enumerate(styles.items()):
-        mine, shift = table.of(receiver), spread * (number - (len(styles) - 1) / 2)
-        shifted = np.array([places[row.value] + shift for row in mine])
-        x = axes.xaxis.get_transform().inverted().transform(shifted).tolist()
-        draw_receiver(axes, x, mine, style, size)
+
+    style: Style
+    x: Sequence[float]
+    rates: Sequence[Estimate]
+    spread: Sequence[Estimate | None] = ()
+    stars: Sequence[tuple[float, float]] = ()
 
 
-def set_values(axes: Axes, table: BerTable, crowding: float) -> tuple[dict[float, float], float]:
-    """Set the horizontal axis up: ticks at the measured values, names at as many as have room, ends first.
+@dataclass(frozen=True)
+class Panel:
+    """Axes with curves.
 
     Args:
-        axes: empty axes.
-        table: at least one point.
-        crowding: how many times as much of the axis a name takes as on a figure of its own.
+        curves: in the order of the legend; a style of the same label is named once.
+        title: above the axes.
+        x_label: with the unit.
+        y_label: with the unit.
+        x_scale: ``log`` or ``linear``; logarithmic over more than a decade by default.
+        y_scale: ``log`` or ``linear``.
+        reason: words in the place of curves.
+    """
+
+    curves: Sequence[Curve] = ()
+    title: str = ""
+    x_label: str = ""
+    y_label: str = "Bit error rate"
+    x_scale: str = ""
+    y_scale: str = "log"
+    reason: str = ""
+
+    @property
+    def scale(self) -> str:
+        """The horizontal axis's scale."""
+        values = [value for curve in self.curves for value in curve.x]
+        wide = bool(values) and 0 < 10 * min(values) < max(values)
+        return self.x_scale or ("log" if wide else "linear")
+
+
+def curve_figure(
+    panels: Sequence[Panel], title: str, footnote: str = "", columns: int = 3, alike: bool = True
+) -> Figure:
+    """Draw curves with error bars in one panel or in several.
+
+    Args:
+        panels: row by row.
+        title: what the figure shows.
+        footnote: what it rests on.
+        columns: most panels in a row.
+        alike: whether all panels have the same horizontal axis, which the lowest name.
+
+    Raises:
+        VoccError: no panel.
+
+    Example:
+        >>> rates = [Estimate(1e-2, 8e-3, 2e-2), Estimate(0.0, 0.0, 1e-4)]
+        >>> curve = Curve(Style("FLDA", "#D55E00", "o", "-"), [30.0, 70.0], rates, stars=[(30.0, 2e-2)])
+        >>> curve_figure([Panel([curve], x_label="Distance (m)")], "One curve").axes[0].get_yscale()
+        'log'
+    """
+    if not panels:
+        raise VoccError("panels is empty: a figure needs at least one panel")
+    layout = rows_of(list(range(len(panels))), columns)
+    size = LOOK.single_in if len(panels) == 1 else panel_size(layout)
+    styles = {curve.style.label: curve.style for panel in panels for curve in panel.curves}
+    signs: list[Artist] = [style_sign(style) for style in styles.values()]
+    if any(curve.stars for panel in panels for curve in panel.curves):
+        signs.append(Line2D([], [], **_star(LOOK.quiet), label="quoted"))
+    figure, axes = sheet(layout, size, title, footnote, signs)
+    limits = rate_limits([curve for panel in panels for curve in panel.curves])
+    for place, panel in enumerate(panels):
+        draw_panel(axes[place], panel, limits, tuple(styles))
+    label_outer(layout, axes, alike)
+    return figure
+
+
+def rows_of(places: Sequence[int], columns: int) -> list[list[int]]:
+    """Lay places out in rows; -1 is an empty place of the last one.
+
+    Example:
+        >>> rows_of([0, 1, 2], 2)
+        [[0, 1], [2, -1]]
+    """
+    columns = min(columns, len(places))
+    padded = [*places, *[-1] * (-len(places) % columns)]
+    return [padded[first : first + columns] for first in range(0, len(padded), columns)]
+
+
+def panel_size(layout: Sequence[Sequence[int]]) -> tuple[float, float]:
+    """Give the size of a figure of many panels, inches."""
+    width, height = LOOK.panel_in
+    return max(7.0, width * len(layout[0])), max(3.6, 1.0 + height * len(layout))
+
+
+def sheet(
+    layout: Sequence[Sequence[int]],
+    size_in: tuple[float, float],
+    title: str,
+    footnote: str = "",
+    signs: Sequence[Artist] = (),
+    **grid: Any,
+) -> tuple[Figure, dict[int, Axes]]:
+    """Make a figure with title, legend and footnote about axes that Matplotlib lays out.
+
+    Args:
+        layout: rows of numbers; axes whose number stands in several places cover them, -1 is empty.
+        size_in: width and height, inches.
+        title: what the figure shows.
+        footnote: what it rests on; it is broken over lines.
+        signs: what the legend explains.
+        grid: what else ``subplot_mosaic`` takes.
 
     Returns:
-        Where each value stands on the axis's scale, by value, and how wide the axis is there.
+        The figure, and its axes by their number.
+
+    Example:
+        >>> sorted(sheet([[0, 1], [0, 2]], (6, 4), "Three")[1])
+        [0, 1, 2]
     """
-    values = table.values
-    # A contrast is a share of a whole.
-    linear = table.axis == "contrast" or values[0] <= 0 or values[-1] <= 10 * values[0]
-    axes.set_xscale("linear" if linear else "log")
-    scale = axes.xaxis.get_transform()
-    at = scale.transform(np.array(values)).tolist()
-    margin = 0.06 * (at[-1] - at[0]) or 1e-3 * abs(at[0]) or 1.0
-    width, places = at[-1] - at[0] + 2 * margin, dict(zip(values, at, strict=True))
-    axes.set_xlim(*scale.inverted().transform(np.array([at[0] - margin, at[-1] + margin])))
-    named: dict[float, float] = {}
-    for value in dict.fromkeys([values[0], values[-1], *values]):
-        room = crowding * width * (0.005 + 0.004 * len(value_text(value)))
-        if all(abs(places[value] - places[other]) > room + named[other] for other in named):
-            named[value] = room
-    axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
-    axes.set_xticks([], minor=True)
-    return places, width
+    figure = Figure(figsize=size_in, dpi=LOOK.dpi, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplot_mosaic([list(row) for row in layout], empty_sentinel=-1, **grid)
+    look: dict[str, Any] = {"loc": "outside upper left", "alignment": "left", "frameon": False}
+    look |= {"title": title, "title_fontproperties": {"size": 14, "weight": "bold"}}
+    look |= {"labelcolor": LOOK.ink, "fontsize": 10, "handlelength": 2.6}
+    for count in range(min(6, len(signs)), -1, -1):
+        legend = figure.legend(handles=signs, ncols=max(1, count), **look)
+        if count < 2 or legend.get_window_extent().width < figure.bbox.width:
+            break
+        legend.remove()
+    if footnote:
+        below = figure.supxlabel(footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet)
+        below.set(wrap=True, linespacing=1.4)
+    for one in axes.values():
+        quiet(one)
+    return figure, axes
 
 
-def set_rates(axes: Axes, rows: Sequence[Row]) -> None:
-    """Set the vertical axis up: logarithmic, with room for every rate and limit, and for a limit's arrow.
-
-    A lower end far below every rate may run out of the picture.
+def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
+    """Leave the two lines that carry ticks, in grey, with the data above the grid.
 
     Args:
-        axes: where rates are to be drawn.
-        rows: all that are to be shown.
+        axes: the axes to change.
+        grid: ``x``, ``y`` or ``both`` for lines at the ticks.
     """
-    # A limit's arrow needs about two thirds of a decade below it.
-    lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
-    bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
-    several = [one for row in rows if (one := row.algorithm) is not None and one.value]
-    bottom = min([bottom, *(max(one.low, one.value / 10) / 1.3 for one in several)])
-    highest = max(*(row.ber_high for row in rows), *(one.high for one in several), 0.0)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom, max(min(1.0, highest * 1.6), bottom * 20))
-    axes.yaxis.set_major_locator(ticker.LogLocator(10, numticks=30))
-    axes.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
-    # Where hardly more than a decade is shown, values within it are named too.
-    axes.yaxis.set_minor_formatter(ticker.LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
+    if grid:
+        axes.grid(axis=grid, color=LOOK.grid, linewidth=0.9)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(LOOK.quiet)
+    axes.tick_params(which="both", color=LOOK.quiet, labelcolor=LOOK.ink, labelsize=9.5)
+    axes.set_axisbelow(True)
 
 
-def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
-    """Draw one receiver: line, markers and intervals, and an arrow down from each limit without errors.
+def draw_panel(
+    axes: Axes, panel: Panel, limits: tuple[float, float] | None, labels: Sequence[str] = ()
+) -> None:
+    """Draw one panel's curves, and set its axes up.
 
-    After several trainings a pale bar behind is the interval of the algorithm, with a stroke at its rate.
+    Args:
+        axes: empty axes.
+        panel: the curves.
+        limits: ends of the vertical axis; None leaves them to Matplotlib.
+        labels: of all curves of the figure; curves at one value stand apart in this order.
+    """
+    axes.set_title(panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink, wrap=True)
+    axes.set_xlabel(panel.x_label, color=LOOK.ink)
+    axes.set_ylabel(panel.y_label, color=LOOK.ink)
+    if not panel.curves:
+        axes.set(xticks=[], yticks=[])
+        reason = axes.text(0.5, 0.5, textwrap.fill(panel.reason, 40), transform=axes.transAxes)
+        reason.set(ha="center", va="center", color=LOOK.quiet, fontsize=9)
+        return
+    quiet(axes, "both")
+    axes.set(xscale=panel.scale, yscale=panel.y_scale)
+    if limits is not None and panel.y_scale == "log":
+        axes.set_ylim(*limits)
+    scale, values = axes.xaxis.get_transform(), sorted({x for curve in panel.curves for x in curve.x})
+    at = scale.transform(np.array(values))
+    width = float(at[-1] - at[0]) or 1.0
+    names = list(labels) or [curve.style.label for curve in panel.curves]
+    step = min([LOOK.spread * width, *(0.5 * np.diff(at) / len(names)).tolist()])
+    for curve in panel.curves:
+        shift = step * (names.index(curve.style.label) - (len(names) - 1) / 2)
+        draw_curve(axes, curve, scale.inverted().transform(scale.transform(np.array(curve.x)) + shift))
+    axes.set_xlim(*scale.inverted().transform(np.array([at[0] - 0.06 * width, at[-1] + 0.06 * width])))
+    named = [0]
+    for place, one in enumerate(at):
+        if one - at[named[-1]] > LOOK.tick_px / axes.bbox.width * width:
+            named.append(place)
+    axes.set_xticks([values[place] for place in named], [value_text(values[place]) for place in named])
+    axes.xaxis.set_minor_locator(ticker.NullLocator())
+
+
+def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
+    """Draw a line with error bars, arrows down from limits, pale bars over trainings, and stars.
 
     Args:
         axes: where to draw.
-        x: where each point stands.
-        rows: the points.
-        style: how the receiver looks.
-        size: of markers and lines, against those of a figure of its own.
+        curve: the rates.
+        x: where they stand.
     """
-    # A rate that is not a number breaks the line and leaves the point out.
-    rate = [math.nan if row.error_free else row.ber for row in rows]
-    ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
-    bar, colour = 1.3 * size, style.colour
-    for at, row in zip(x, rows, strict=True):
-        # What learns nothing has one interval.
-        if (found := row.algorithm) is not None and row.ber_sd:
-            # A low end of 0 is beyond a logarithmic axis.
-            reach = [max(found.low, axes.get_ylim()[0]), found.high]
-            pale = Line2D([at, at], reach, color=colour, alpha=0.25, linewidth=7 * size, zorder=1.5)
-            pale.set(label="_algorithm", solid_capstyle="butt")
-            axes.add_line(pale)
-            mean = Line2D([at], [found.value], marker="_", markersize=9 * size, color=colour, zorder=3.5)
-            mean.set(label="_mean", linestyle="none", markeredgewidth=2 * size)
-            axes.add_line(mean)
-    axes.errorbar(x, rate, ends, fmt="none", ecolor=colour, elinewidth=bar, capsize=2 * bar, capthick=bar)
-    axes.add_line(receiver_line(style, x, rate, size))
-    # The arrow runs from its text, below it, to the limit: its head is at the start.
-    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.4 * size, "mutation_scale": 9 * size}
-    arrow |= {"shrinkA": 0, "shrinkB": 3 * size}
-    for at, limit in ((at, row.ber_high) for at, row in zip(x, rows, strict=True) if row.error_free):
-        axes.annotate("", (at, limit), (0, -27 * size), textcoords="offset points", arrowprops=arrow)
-        hollow = receiver_line(style, [at], [limit], size)
-        hollow.set(label="_limit", linestyle="none", markersize=6 * size, markerfacecolor="white", zorder=4)
-        hollow.set(markeredgecolor=colour, markeredgewidth=1.4 * size)
-        axes.add_line(hollow)
+    rate, low, high = np.array([(one.value, one.low, one.high) for one in curve.rates]).reshape(-1, 3).T
+    style, free = curve.style, rate == 0
+    value = np.where(free, np.nan, rate)
+    look: dict[str, Any] = {"color": style.colour, "marker": style.marker, "markersize": 7}
+    bars: dict[str, Any] = {"elinewidth": 1.3, "capsize": 2.5}
+    drawn = axes.errorbar(x, value, [value - low, high - value], linestyle=style.line, **look, **bars)
+    drawn.lines[0].set(label=style.label, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7)
+    if free.any() and axes.get_yscale() == "log":
+        down: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white", "uplims": True}
+        arrows = axes.errorbar(x[free], high[free], 0.45 * high[free], **look, **down, elinewidth=1.3)
+        arrows.lines[0].set_label("_limit")
+    for at, over in zip(x, curve.spread, strict=False):
+        if over is not None:
+            reach = [[over.value - over.low], [over.high - over.value]]
+            pale = axes.errorbar([at], [over.value], reach, fmt="_", color=style.colour, elinewidth=7)
+            pale.lines[2][0].set_alpha(0.25)
+            pale.lines[0].set(label="_mean", markersize=9)
+    if curve.stars:
+        axes.plot(*zip(*curve.stars, strict=True), **_star(style.colour), label="_quoted")
 
 
-def receiver_line(
-    style: Style, x: Sequence[float] = (), y: Sequence[float] = (), size: float = 1.0
-) -> Line2D:
-    """Make the receiver's line with its markers; without data it is the receiver's sign in the legend."""
-    line = Line2D(x, y, label=style.label, color=style.colour, linestyle=style.line, linewidth=1.8 * size)
-    line.set(marker=style.marker, markersize=7.5 * size, markeredgecolor="white")
-    line.set(markeredgewidth=0.7 * size, zorder=3)
-    return line
+def _star(colour: str) -> dict[str, Any]:
+    """Say how a quoted value is drawn."""
+    edge = {"markeredgecolor": LOOK.ink, "markeredgewidth": 0.8, "markersize": 12}
+    return {"marker": "*", "linestyle": "none", "color": colour, "zorder": 5, **edge}
 
 
-def interval_note(rows: Iterable[Row]) -> str:
-    """Say what bars and arrows are.
+def style_sign(style: Style) -> Line2D:
+    """Make a style's sign for a legend."""
+    sign = Line2D([], [], color=style.colour, linestyle=style.line, marker=style.marker, label=style.label)
+    sign.set(markersize=7, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7)
+    return sign
+
+
+def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
+    """Give the ends of a logarithmic axis with room for every rate, limit, arrow and star.
 
     Example:
-        >>> interval_note([])
-        'Bars: 95 % intervals over frames'
+        >>> curve = Curve(Style("a", "k", "o", "-"), [1.0], [Estimate(0.0, 0.0, 0.01)])
+        >>> rate_limits([curve])
+        (0.002, 0.04)
     """
-    rows, note = list(rows), "Bars: 95 % intervals over frames"
-    if trainings := max((row.trainings for row in rows), default=1) - 1:
-        note += f" of the first training \N{MIDDLE DOT} pale, with the mean: over {trainings + 1} trainings"
-    if any(row.error_free for row in rows):
-        long = " \N{MIDDLE DOT} arrows: no error seen, the rate is below this (95 %)"
-        note += " \N{MIDDLE DOT} arrows: no error, below this" if trainings else long
-    return note
+    lows, highs = [], []
+    for curve in curves:
+        for one in [*curve.rates, *(one for one in curve.spread if one is not None)]:
+            lows.append(max(one.low, one.value / 10) / 1.3 if one.value else one.high / 5)
+            highs.append(one.high)
+        lows += [y / 1.3 for _, y in curve.stars]
+        highs += [y for _, y in curve.stars]
+    if not highs or min(lows) <= 0:
+        return None
+    return min(lows), max(min(1.0, 1.6 * max(highs)), 20 * min(lows))
 
 
-_LEGEND_COLUMNS = 3
+def label_outer(layout: Sequence[Sequence[int]], axes: Mapping[int, Axes], below: bool) -> None:
+    """Name rates at the left only and, where ``below``, values in the lowest panels only."""
+    for i, row in enumerate(layout):
+        for j, place in enumerate(row):
+            lowest = i + 1 == len(layout) or layout[i + 1][j] < 0
+            if place >= 0 and j:
+                axes[place].set_ylabel("")
+                axes[place].tick_params(axis="y", which="both", labelleft=False)
+            if place >= 0 and below and not lowest:
+                axes[place].set_xlabel("")
+                axes[place].tick_params(axis="x", which="both", labelbottom=False)
+
+
+def table_panel(
+    table: BerTable,
+    title: str = "",
+    styles: Mapping[str, Style] | None = None,
+    stars: Mapping[str, Sequence[tuple[float, float]]] | None = None,
+    y_label: str = "Bit error rate",
+) -> Panel:
+    """Make a panel of a table of bit error rates.
+
+    Args:
+        table: at least one point.
+        title: above the axes.
+        styles: by receiver; the package's own by default.
+        stars: quoted points by receiver.
+        y_label: what the rates are.
+
+    Raises:
+        VoccError: an empty table.
+    """
+    if not len(table):
+        raise VoccError("table is empty: a figure needs at least one point")
+    styles, curves = styles or receiver_styles(table.receivers), []
+    for receiver, style in styles.items():
+        if rows := table.of(receiver):
+            rates = [Estimate(row.ber, row.ber_low, row.ber_high) for row in rows]
+            spread = [row.algorithm if row.ber_sd else None for row in rows]
+            quoted = (stars or {}).get(receiver, ())
+            curves.append(Curve(style, [row.value for row in rows], rates, spread, quoted))
+    # A contrast is a share of a whole.
+    scale = "linear" if table.axis == "contrast" else ""
+    return Panel(curves, title, axis_label(table.axis), y_label, scale)
 
 
 def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     """Draw the receivers' bit error rates with their intervals.
-
-    The rate's axis is logarithmic; so is the other one where the values are positive and span more than a
-    decade, unless they are shares. Receivers stand a little apart at each value, so that no interval hides
-    another. A point without errors is an arrow down from its upper limit, and no line goes through it.
 
     Args:
         table: at least one point.
@@ -203,23 +382,168 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
         >>> ber_figure(BerTable(points), "Distance (m)", "One point").axes[0].get_yscale()
         'log'
     """
-    if not len(table):
-        raise VoccError("table is empty: a figure needs at least one point")
-    styles = receiver_styles(table.receivers)
-    above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
-    cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
-    figure, (axes,) = canvas.new_grid(1, 1, cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
-    draw_rates(axes, table, styles)
-    axes.set_xlabel(axis_label, labelpad=8)
-    axes.set_ylabel("Bit error rate")
-    axes.yaxis.set_label_coords(-0.066, 0.5)
-    where = f"frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}"
-    note = f"{range_text(row.frames for row in table)} {where}\n{interval_note(table)}"
-    canvas.write_title(figure, title, note)
-    lines = [receiver_line(style) for style in styles.values()]
-    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4}
-    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), _LEGEND_COLUMNS, **look)
+    panel = table_panel(table)
+    frames = range_text(row.frames for row in table)
+    dot = " \N{MIDDLE DOT} "
+    note = f"{frames} frames a point{dot}locator: {', '.join(table.locators)}{dot}{interval_note(table)}"
+    labelled = Panel(panel.curves, x_label=axis_label, x_scale=panel.x_scale)
+    return curve_figure([labelled], title, note)
+
+
+Facets = Sequence[Mapping[str, BerTable | str]]
+"""Rows of tables, or of why there is none, by the facet's title."""
+
+
+def facet_figure(
+    rows: Facets,
+    title: str,
+    footnote: str,
+    *,
+    axes_alike: bool = True,
+    styles: Mapping[str, Style] | None = None,
+    rate: str = "Bit error rate",
+) -> Figure:
+    """Draw tables in panels.
+
+    Args:
+        rows: rows of facets, each a mapping of the facet's title to its table, or to why it has none.
+        title: what the figure shows.
+        footnote: what it rests on.
+        axes_alike: whether all tables have the same horizontal axis.
+        styles: by name in the tables; those of receivers by default.
+        rate: label of the vertical axis.
+
+    Raises:
+        VoccError: no facet, or a table without points.
+    """
+    tables = [one for row in rows for one in row.values() if isinstance(one, BerTable)]
+    tables.sort(key=lambda one: -len(one.receivers))
+    styles = styles or receiver_styles(name for table in tables for name in table.receivers)
+    panels = [
+        Panel(title=name, y_label=rate, reason=one)
+        if isinstance(one, str)
+        else table_panel(one, name, styles, y_label=rate)
+        for row in rows
+        for name, one in row.items()
+    ]
+    return curve_figure(panels, title, footnote, max(map(len, rows), default=1), axes_alike)
+
+
+def interval_note(rows: Iterable[Row]) -> str:
+    """Say what bars and arrows are.
+
+    Example:
+        >>> interval_note([])
+        'bars: 95 % intervals over frames'
+    """
+    rows, note = list(rows), "bars: 95 % intervals over frames"
+    trainings = max((row.trainings for row in rows), default=1)
+    if trainings > 1:
+        note += f" of the first training \N{MIDDLE DOT} pale, with the mean: over {trainings} trainings"
+    if any(row.error_free for row in rows):
+        note += " \N{MIDDLE DOT} arrows: no error, the rate is below this (95 %)"
+    return note
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Axes with intervals in rows.
+
+    Args:
+        series: by name in the legend, a style and an interval for each row, or None.
+        x_label: with the unit.
+        title: above the axes.
+        scale: ``linear``, ``log`` or ``symlog``.
+        linear: half the width of the linear part of ``symlog``.
+        texts: words at the right of a row.
+        stars: quoted values by row.
+    """
+
+    series: Mapping[str, tuple[Style, Sequence[Estimate | None]]]
+    x_label: str
+    title: str = ""
+    scale: str = "linear"
+    linear: float = 1e-3
+    texts: Sequence[str] = ()
+    stars: Mapping[int, float] = field(default_factory=dict)
+
+
+def rows_figure(
+    names: Sequence[str],
+    panels: Sequence[Rows],
+    title: str,
+    footnote: str = "",
+    groups: Sequence[str] = (),
+    columns: int = 2,
+) -> Figure:
+    """Draw intervals in rows that all panels share, the first at the top.
+
+    Args:
+        names: of the rows.
+        panels: beside each other.
+        title: what the figure shows.
+        footnote: what it rests on.
+        groups: of the rows; every other group has a grey band.
+        columns: most panels in a row.
+
+    Example:
+        >>> style = Style("time", "#0072B2", "o", "-")
+        >>> panel = Rows({"time": (style, [Estimate(2.0, 1.0, 3.0)])}, "ms")
+        >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times").axes[0].get_yticklabels()]
+        ['paper']
+    """
+    layout = rows_of(list(range(len(panels))), columns)
+    size = 5.4 * len(layout[0]) + 0.6, len(layout) * (0.9 + LOOK.row_in * len(names)) + 1.1
+    styles = {name: style for panel in panels for name, (style, _) in panel.series.items()}
+    signs: list[Artist] = [
+        Line2D([], [], color=style.colour, marker=style.marker, label=name, linewidth=1.5)
+        for name, style in styles.items()
+    ]
+    if any(panel.stars for panel in panels):
+        signs.append(Line2D([], [], **_star(LOOK.quiet), label="quoted"))
+    figure, axes = sheet(layout, size, title, footnote, signs)
+    for place, panel in enumerate(panels):
+        draw_rows(axes[place], panel, len(names))
+        for row, group in enumerate(groups):
+            if list(dict.fromkeys(groups)).index(group) % 2 == 0:
+                axes[place].axhspan(row - 0.5, row + 0.5, color="#F6F7F9", zorder=0, linewidth=0)
+        first = place % len(layout[0]) == 0
+        axes[place].set_yticks(range(len(names)), names if first else [""] * len(names))
     return figure
+
+
+def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
+    """Draw one panel's intervals; a full marker says that the interval leaves out 0.
+
+    Args:
+        axes: empty axes.
+        panel: the intervals.
+        count: of rows.
+    """
+    quiet(axes, "x")
+    linear = {"linthresh": panel.linear} if panel.scale == "symlog" else {}
+    axes.set_xscale(panel.scale, **linear)
+    axes.set_title(panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink)
+    axes.set(xlabel=panel.x_label, ylim=(count - 0.5, -0.5))
+    axes.tick_params(axis="y", length=0)
+    if panel.scale == "symlog":
+        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
+    ends = [0.0] * count
+    for number, (style, estimates) in enumerate(panel.series.values()):
+        shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
+        for row, one in enumerate(estimates):
+            if one is None or (panel.scale == "log" and one.high <= 0):
+                continue
+            reach = [[one.value - one.low], [one.high - one.value]]
+            face = style.colour if one.real else "white"
+            look: dict[str, Any] = {"color": style.colour, "marker": style.marker, "capsize": 2}
+            axes.errorbar([one.value], [row + shift], xerr=reach, markerfacecolor=face, markersize=5, **look)
+            ends[row] = max(ends[row], one.high)
+    if panel.stars:
+        axes.plot(list(panel.stars.values()), list(panel.stars), **_star("white"))
+    for row, text in enumerate(panel.texts):
+        at = max(ends[row], panel.stars.get(row, 0.0))
+        axes.annotate(text, (at, row), (9, 0), textcoords="offset points", va="center", fontsize=9)
 
 
 def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> Figure:
@@ -237,23 +561,15 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
         2
     """
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
-    columns = min(3, len(names))
-    cell_in, margins_in = (4.1 if columns == 1 else 2.6, 2.4), (0.78, 0.15, 0.7, 0.55)
-    figure, grid = canvas.new_grid(len(names), columns, cell_in, (0.62, 0.95), margins_in)
-    for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
-        status_histogram(axes, values[:, number], on, name)
-        if number % columns:
-            axes.set_ylabel("")
-    canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
-    handles, _ = figure.axes[0].get_legend_handles_labels()
-    look = {"handlelength": 2.0, "loc": "upper right", "fontsize": 10.5}
-    canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / figure.get_figheight()), 2, **look)
+    layout = rows_of(list(range(len(names))), 3)
+    signs = [Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS]
+    title = f"Features of {count_text(len(values))} LEDs"
+    figure, axes = sheet(layout, panel_size(layout), title, signs=signs)
+    for place, name in enumerate(names):
+        status_histogram(axes[place], values[:, place], on, name)
+        if place % len(layout[0]):
+            axes[place].set_ylabel("")
     return figure
-
-
-OFF, ON = "#0072B2", "#D55E00"
-STATUS = ((False, "Off", OFF), (True, "On", ON))
-"""Both statuses of an LED, with their names and colours."""
 
 
 def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False) -> None:
@@ -276,106 +592,34 @@ def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: b
     axes.set_ylim(bottom=0)
     if log:
         axes.set(yscale="log", ylim=(least, 1.0))
-    canvas.quiet_axes(axes, "y")
+    quiet(axes, "y")
     axes.set(xlabel=label, ylabel="Share of LEDs")
 
 
-_FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
-_LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN, _LINE_IN = 0.8, 0.95, 0.36, 0.12, 0.17
-_LEAST_WIDTH_IN = 7.0
-"""A single facet is drawn as wide as its title, legend and footnote need."""
-_LETTER_IN, _NAME_IN = 0.077, 2.5
-"""Width of a letter of a facet's title, and of a name in its legend."""
-
-
-Facets = Sequence[Mapping[str, BerTable | str]]
-"""Rows of tables, or of why there is none, by the facet's title."""
-
-
-def facet_figure(
-    rows: Facets,
-    title: str,
-    footnote: str,
-    *,
-    axes_alike: bool = True,
-    styles: Looks | None = None,
-    rate: str = "Bit error rate",
-) -> Figure:
-    """Draw tables in a grid of facets with one vertical axis for all.
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as an image, complete or not at all; the suffix names the format.
 
     Args:
-        rows: rows of facets, each a mapping of the facet's title to its table, or to why it has none.
-        title: what the figure shows.
-        footnote: what it rests on.
-        axes_alike: whether all tables have one axis, which the last row names for all.
-        styles: by name in the tables; those of receivers by default.
-        rate: label of the vertical axis.
+        figure: any Matplotlib figure.
+        path: the file, replaced: ``.png``, ``.pdf`` or ``.svg``.
 
     Raises:
-        VoccError: no facet, or a table without points.
+        VoccError: an unknown format, or the file cannot be written.
 
     Example:
-        >>> from vocc_torch.measure.counts import Counts
-        >>> from vocc_torch.measure.curve import Point
-        >>> points = [Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")]
-        >>> len(facet_figure([{"25 mm": BerTable(points), "18 mm": "no panel"}], "Two", "").axes)
-        2
+        >>> save_figure(Figure(), "figure.xyz")
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: figure.xyz has no known image format: use .png, .pdf or .svg
     """
-    given = [one for row in rows for one in row.values()]
-    if not given or not all(map(len, given)):
-        raise VoccError("rows has no facet, or one without points: each needs at least one point")
-    tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
-    styles = styles or receiver_styles(name for table in tables for name in table.receivers)
-    shown = [point for table in tables for point in table]
-    figure, facets = facet_grid(rows, len(styles), axes_alike)
-    for (i, j), axes in facets.items():
-        one = list(rows[i].values())[j]
-        if isinstance(one, BerTable):
-            draw_rates(axes, one, styles, shown, 0.82)
-            lowest = not axes_alike or i == len(rows) - 1
-            canvas.label_edges(axes, lowest, j == 0, axis_label(one.axis), rate)
-        else:
-            axes.set(xticks=[], yticks=[])
-            axes.spines[:].set_color(canvas.GRID)
-            reason = textwrap.fill(one, int(axes.bbox.width / canvas.DPI / _LETTER_IN) - 6, max_lines=8)
-            text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
-            text.set(ha="center", va="center")
-    canvas.write_title(figure, title, footnote)
-    if styles:
-        lines = [receiver_line(style, size=0.9) for style in styles.values()]
-        width, height = figure.get_size_inches()
-        canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / height), int(width / _NAME_IN))
-    return figure
+    if Path(path).suffix not in (".png", ".pdf", ".svg"):
+        raise VoccError(f"{path} has no known image format: use .png, .pdf or .svg")
+    with atomic_file(path) as temporary:
+        figure.savefig(temporary, dpi=figure.dpi)
 
 
-def facet_grid(
-    rows: Sequence[Iterable[str]], names: int, axes_alike: bool
-) -> tuple[Figure, dict[tuple[int, int], Axes]]:
-    """Lay facets out in rows, with their titles.
-
-    Args:
-        rows: rows of titles.
-        names: how many names the legend has.
-        axes_alike: whether only the last row names its values.
-
-    Returns:
-        The figure, and its axes by row and column.
-    """
-    columns = max(len(list(row)) for row in rows)
-    rest_in = _LEFT_IN + (columns - 1) * _GAP_IN + _RIGHT_IN
-    wide = max(_FACET_WIDTH_IN, (_LEAST_WIDTH_IN - rest_in) / columns)
-    cut: dict[str, Any] = {"max_lines": 3, "placeholder": " \N{HORIZONTAL ELLIPSIS}"}
-    heads = [[textwrap.wrap(name, int(wide / _LETTER_IN), **cut) for name in row] for row in rows]
-    most_lines = max(len(head) for row in heads for head in row)
-    gap_in = _GAP_IN + _LINE_IN * (most_lines - 1) + (0.0 if axes_alike else 0.28)
-    above_in = 0.62 + 0.24 * math.ceil(names / int((rest_in + columns * wide) / _NAME_IN)) + gap_in
-    cell_in, margins_in = (wide, _FACET_HEIGHT_IN), (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN)
-    figure, grid = canvas.new_grid(len(rows) * columns, columns, cell_in, (_GAP_IN, gap_in), margins_in)
-    facets = dict(zip(np.ndindex(len(rows), columns), grid, strict=True))
-    for (i, j), axes in list(facets.items()):
-        if j < len(heads[i]):
-            head = axes.set_title("\n".join(heads[i][j]), loc="left", pad=5, fontsize=10.5)
-            head.set(fontweight="bold", color=canvas.INK)
-        else:
-            facets.pop((i, j)).remove()
-    return figure, facets
+def figure_pixels(figure: Figure) -> Pixels:
+    """Draw a figure into memory, (H,W,3) uint8."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=figure.dpi)
+    return np.array(Image.open(buffer).convert("RGB"))

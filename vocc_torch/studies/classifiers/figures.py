@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from vocc_torch.measure import curve, intervals
-from vocc_torch.report import canvas, heatmap, page, plots, styles
+from vocc_torch.report import canvas, heatmap, page, styles
+from vocc_torch.report import drawing as plots
 from vocc_torch.report.canvas import Figure, Line2D
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, Transfer, ratio_text
 

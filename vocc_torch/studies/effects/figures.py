@@ -12,7 +12,7 @@ from matplotlib import ticker
 from numpy.typing import NDArray
 
 from vocc_torch.measure import curve, estimate, stage_times
-from vocc_torch.report import canvas, page, plots
+from vocc_torch.report import canvas, drawing, page, plots
 from vocc_torch.report.canvas import INK, QUIET, Axes, Figure
 from vocc_torch.report.styles import Style, receiver_styles
 from vocc_torch.rng import BlockKey, FrameKey
@@ -106,7 +106,7 @@ def effects_figure(results: EffectResults) -> Figure:
             draw_changes(axes, results, series)
         set_rows(axes, rows, named=head == "Cost")
         axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
-        signs = [plots.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
+        signs = [drawing.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
         box = axes.get_position()
         at = box.x0 - 0.02 * box.width, box.y1
         canvas.write_legend(figure, signs, at, 2, handletextpad=0.5, columnspacing=1.0, **look)

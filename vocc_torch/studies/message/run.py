@@ -14,7 +14,8 @@ from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.messages.codes import code_of
 from vocc_torch.messages.layout import Layout
 from vocc_torch.messages.signalling import MessagePlan
-from vocc_torch.report import canvas, plots, terminal
+from vocc_torch.report import canvas, terminal
+from vocc_torch.report import drawing as plots
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
 from vocc_torch.studies.message import MessagesConfig
