@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from vocc_torch.app import cli
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.train import train
-from vocc_torch.simulation import Distribution
+from vocc_torch.simulation import Distribution, LedPanel
 
 settings.register_profile("quick", max_examples=20, deadline=None)
 settings.register_profile("long", max_examples=1000, deadline=None)
@@ -127,7 +127,7 @@ def photo_bits(photo):
 
 @pytest.fixture(scope="session")
 def make_plan():
-    """Make a plan; the paper's world, and a far panel in low light, where every receiver makes errors."""
+    """Make a plan: a far panel in low light, without a face between its LEDs, where every receiver errs."""
 
     def make(
         *,
@@ -144,6 +144,7 @@ def make_plan():
         if experiment is None:
             scene = {"ambient_lx": Distribution("constant", (1000.0,))}
             experiment = Experiment("far", "distance_m", (66.0,), scene)
+        world.setdefault("panel", LedPanel(board_reflectance=None))
         return Plan(
             world=World(device="cpu", **world),
             receiver=ReceiverPlan(names=names, locator=locator),

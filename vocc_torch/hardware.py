@@ -156,7 +156,8 @@ class LedPanel:
         led_gap_m: edge to edge between neighbouring LEDs, 0 to 1000; the pitch is diameter plus gap.
         led_reflectance: of the LED surface, 0 to 1.
         background_reflectance: of everything behind the panel, above 0 to 1; auto-ISO meters it.
-        board_reflectance: between the LEDs, 0 to 1, or None where the background shows through.
+        board_reflectance: of the panel's face between the LEDs, 0 to 1, or None where the background shows
+            through; the effect ``housing`` draws its own.
 
     Raises:
         VoccError: a value outside its range.
@@ -171,7 +172,7 @@ class LedPanel:
     led_gap_m: float = 0.03
     led_reflectance: float = 0.4
     background_reflectance: float = 0.18
-    board_reflectance: float | None = None
+    board_reflectance: float | None = 0.4
 
     def __post_init__(self) -> None:
         """Check every range."""

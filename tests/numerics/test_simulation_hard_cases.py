@@ -246,10 +246,10 @@ def touching_panel():
 
 @hard("a panel at 10 km and at 1e9 m")
 def far_panel():
-    camera = Camera(**LINEAR)
+    camera, panel = Camera(**LINEAR), LedPanel(board_reflectance=None)
     for distance in (500.0, 1e4, 1e5):
         scene = Scene.of(distance_m=distance, offset_x_m=0.7, ambient_lx=1.0)
-        frames = bare(camera).render(scene, all_on(scene))
+        frames = bare(camera, panel).render(scene, all_on(scene))
         area = 64 * math.pi * (0.015 * camera.focal_length_px / distance) ** 2
         on = 102 * (0.4 / math.pi + 3000) / (0.18 / math.pi)
         assert excess(frames, 102.0) == pytest.approx(area * (on - 102), rel=1e-9)

@@ -25,8 +25,9 @@ def keys(frames, seed=0):
 
 
 def shot(effects, bits=None, scene=NEAR, panel_only=False, seed=0, camera=LINEAR):
-    """Grey values in proportion to the light, 102 for the plain background."""
-    simulator = Simulator(effects=effects, camera=camera, dtype=torch.float64, framing="full")
+    """Grey values in proportion to the light, 102 for the plain background, which shows between the LEDs."""
+    panel = LedPanel(board_reflectance=None)
+    simulator = Simulator(panel=panel, effects=effects, camera=camera, dtype=torch.float64, framing="full")
     bits = torch.ones(len(scene), 8, 8, dtype=torch.bool) if bits is None else bits
     return simulator.render(scene, bits, keys=keys(len(scene), seed), panel_only=panel_only)
 
@@ -110,6 +111,19 @@ def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():
     assert inside.numpy() == pytest.approx(102 * 0.3 / 0.18, rel=1e-3)
     seen = shot({"led_look": BARE | {"invisible": 0, "reflectance": 0.6}, "housing": PLAIN}, off).grey
     assert float(seen.max()) == pytest.approx(102 * 0.6 / 0.18, rel=1e-3)
+
+
+def test_housing_replaces_the_panels_board():
+    camera = Camera(width_px=320, height_px=192)
+    bits = torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(0)) < 0.5
+    for housing in ({"board": 0.1, "boardless": 0.0}, {"boardless": 1.0}):
+        frames = [
+            Simulator(camera, LedPanel(board_reflectance=board), {"housing": housing, "led_look": {}})
+            .render(NEAR, bits, keys=keys(2, 0))
+            .grey
+            for board in (None, 0.4)
+        ]
+        assert torch.equal(*frames)
 
 
 @pytest.mark.parametrize("pose", [{}, {"pose": {"roll_deg": 5}}])

@@ -50,12 +50,13 @@ def paint(
     lit = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, share) for share in reflectances)
     background, surface, board = lit
     there, look = housing.present(context), housing.look(context)
+    has_board = panel.board_reflectance is not None and not housing.replaces_board(context)
     if look is not None:
         surface = photometry.reflected_luminance_cd_m2(scene.ambient_lx, 1.0) * look.reflectance
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
         canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
-    if panel.board_reflectance is None:
+    if not has_board:
         board = background
     else:
         under = canvas if behind else background.view(-1, 1, 1)
@@ -68,7 +69,7 @@ def paint(
         stamps = [(a[k], b[k], c[k], d[k]) for (a, b, c, d), k in zip(stamps, kept, strict=True)]
     added = surface - board if look is None else (surface - board) * look.visible
     if behind or before:
-        hidden = None if panel.board_reflectance is None else board.view(-1, 1, 1)
+        hidden = board.view(-1, 1, 1) if has_board else None
         canvas = _with_surfaces(canvas, stamps, leds, surface, hidden, look)
         for effect in before:
             canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()

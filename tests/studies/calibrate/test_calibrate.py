@@ -49,7 +49,7 @@ from vocc_torch.studies.calibrate.transfer import Curve, pattern, transfer
 from vocc_torch.types import Panels
 
 CAMERA = Camera(width_px=160, height_px=128, sensor_width_mm=13.2 * 160 / 1920)
-SMALL = LedPanel(shape=PanelShape(3, 4))
+SMALL = LedPanel(shape=PanelShape(3, 4), board_reflectance=None)
 AT = {"distance_m": 45.0, "offset_x_m": 0.11, "offset_y_m": -0.07}
 LIGHT = {"ambient_lx": 8000.0, "led_luminance_cd_m2": 3000.0, "background_grey": 100.0}
 

@@ -159,8 +159,8 @@ class Housing(street.Sketched):
     """What a panel is built into: a board behind its LEDs, dark or light or none, a rim, and cables.
 
     All lie in the panel's plane and are matt, in the scene's daylight. The board covers the LEDs' cells and
-    the rim surrounds it; either may be left out. Cables run off from the rim in bent strips. A board of the
-    panel's own covers the one here. A frame and its preambles share it. Sampled: not differentiable in the
+    the rim surrounds it; either may be left out. Cables run off from the rim in bent strips. The panel's
+    ``board_reflectance`` is replaced by the board here. A frame and its preambles share it. Sampled: not differentiable in the
     sizes; the light behind keeps its gradient.
 
     Source: matt surfaces as in Eqs 2 and 3; sizes and reflectances of panels on sale in broad strokes.
@@ -217,6 +217,11 @@ class Housing(street.Sketched):
         if not bare:
             made.box(-x, -y, x, y, max(white * board, 1e-6))
         return made
+
+
+def replaces_board(context: Context) -> bool:
+    """Whether the frames' boards are drawn by :class:`Housing` instead of the panel's own."""
+    return any(isinstance(effect, Housing) for effect in context.effects)
 
 
 def look(context: Context) -> Look | None:

@@ -192,10 +192,11 @@ def how_bright(curve: Curve | None, found: Findings) -> float:
         own = min(1.0, middle * panel.background_reflectance)
         found.panel = replace(panel, led_reflectance=round(own, 4))
         found.say("reflectance")
+    board = None
     if found.asked("panel.board_reflectance"):
         share = float((fit.level("board") / fit.level("background")).median())
-        board = min(max(share * panel.background_reflectance, 0.0), 1.0)
-        found.panel = replace(found.panel, board_reflectance=round(board, 4))
+        board = round(min(max(share * panel.background_reflectance, 0.0), 1.0), 4)
+    found.panel = replace(found.panel, board_reflectance=board)
     return efficiency
 
 
