@@ -32,6 +32,13 @@ from receivers_by_scene import PICTURES, panel_corners
 import vocc_torch as vt
 from vocc_torch import Scene
 from vocc_torch.api import load_scene
+from vocc_torch.extras.calibrate import CalibrateConfig
+from vocc_torch.extras.calibrate.fit import Turns, arrow_step, normal
+from vocc_torch.extras.calibrate.model import Noise, expected
+from vocc_torch.extras.calibrate.reading import Footage, agreeing
+from vocc_torch.extras.calibrate.report import write_page
+from vocc_torch.extras.calibrate.scene import Findings, of_size
+from vocc_torch.extras.calibrate.study import calibrate
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import World
@@ -44,13 +51,6 @@ from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso, transmission
-from vocc_torch.studies.calibrate import CalibrateConfig
-from vocc_torch.studies.calibrate.fit import Turns, arrow_step, normal
-from vocc_torch.studies.calibrate.model import Noise, expected
-from vocc_torch.studies.calibrate.reading import Footage, agreeing
-from vocc_torch.studies.calibrate.report import write_page
-from vocc_torch.studies.calibrate.scene import Findings, of_size
-from vocc_torch.studies.calibrate.study import calibrate
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")

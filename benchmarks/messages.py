@@ -19,21 +19,21 @@ import torch
 
 from vocc_torch import load_scene
 from vocc_torch.api import train
+from vocc_torch.extras.messages.clock import SymbolClock
+from vocc_torch.extras.messages.codes import code_of
+from vocc_torch.extras.messages.front import Front
+from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.packets import Assembly, packed, unpacked
+from vocc_torch.extras.messages.receive_task import receive
+from vocc_torch.extras.messages.reception import Reception, decoded, film_of
+from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
-from vocc_torch.messages.clock import SymbolClock
-from vocc_torch.messages.codes import code_of
-from vocc_torch.messages.front import Front
-from vocc_torch.messages.layout import Layout
-from vocc_torch.messages.packets import Assembly, packed, unpacked
-from vocc_torch.messages.reception import Reception, decoded, film_of
-from vocc_torch.messages.signalling import MessagePlan, Signalling
 from vocc_torch.receiver.recording import read_recording
 from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.scene import narrowed
-from vocc_torch.studies.message.receive import receive
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 SHAPE = PanelShape(8, 8)

@@ -403,5 +403,5 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     (tmp_path / "my" / "photographs").symlink_to(ROOT / "tests" / "data")
     monkeypatch.chdir(tmp_path)
     for words in (words for words, where in SHOWN.items() if where == page):
-        # The scene of a run that was calibrated before; tests/studies/calibrate has one.
+        # The scene of a run that was calibrated before; tests/extras/calibrate has one.
         built(composed(*(word for word in words if word != "scene=mine")))

@@ -12,13 +12,13 @@ from composing import NOWHERE, built, composed
 from vocc_torch.app.config import TASKS, AppConfig, keys_of
 from vocc_torch.app.resolve import refuse_ignored
 from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.transmit_task import plan_of
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
 from vocc_torch.studies.effects import Severity
 from vocc_torch.studies.export.run import identity_of
-from vocc_torch.studies.message.transmit import plan_of
 
 ROOT = Path(__file__).parents[2]
 LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
@@ -245,8 +245,9 @@ def test_every_key_is_here():
 def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     base = of(task)
     module, _, run = TASKS[task][0].partition(":")
-    place = import_module(f"vocc_torch.studies.{module}")
-    source = inspect.getsource(getattr(place, run) if module == "curve" else place)  # which is of two tasks
+    place = import_module(f"vocc_torch.{module}")
+    of_two = module == "studies.curve"
+    source = inspect.getsource(getattr(place, run) if of_two else place)
     usual, silent, refused = spent(base), [], []
     brought = FROM_OTHERS.get(task, {})
     others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None

@@ -25,7 +25,7 @@ from vocc_torch.errors import VoccError, printable, shown
 from vocc_torch.files import locked, sweep
 from vocc_torch.measure.config import as_yaml
 
-GRID = "curve:run_grid"
+GRID = "studies.curve:run_grid"
 """What runs ``task=test`` where the experiment has rows."""
 
 MULTIRUN = ("-m", "--multirun")
@@ -71,7 +71,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         place = GRID
     module, name = place.split(":")
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
-    run_it = getattr(import_module(f"vocc_torch.studies.{module}"), name)
+    run_it = getattr(import_module(f"vocc_torch.{module}"), name)
     run_it(settings, *([] if part is None else [getattr(settings, part)]), folder)
 
 

@@ -12,35 +12,35 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.errors import VoccError
+from vocc_torch.extras.calibrate import CalibrateConfig
+from vocc_torch.extras.messages.config import MessagesConfig, ReceiveConfig, RecordConfig, TransmitConfig
 from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
-from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.export import ExportConfig
-from vocc_torch.studies.message import MessagesConfig, ReceiveConfig, RecordConfig, TransmitConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
 TASKS = {
-    "train": ("curve:run_train", None),
-    "test": ("curve:run_test", None),
-    "decode": ("decode.run:run_decode", "decode"),
-    "figures": ("paper.run:run_figures", "figures"),
-    "effects": ("effects.run:run_effects_task", "effects"),
-    "tradeoff": ("tradeoff.run:run_tradeoff", "tradeoff"),
-    "classifiers": ("classifiers.run:run_classifiers", "rivals"),
-    "collect": ("collect:run_collect", None),
-    "export": ("export.run:run_export", "export"),
-    "export_receiver": ("export_receiver:run_export_receiver", None),
-    "transmit": ("message.transmit:run_transmit", "transmit"),
-    "record": ("message.record:run_record", "record"),
-    "receive": ("message.receive:run_receive", "receive"),
-    "messages": ("message.run:run_messages", "messages"),
-    "calibrate": ("calibrate.run:run_calibrate", "calibrate"),
+    "train": ("studies.curve:run_train", None),
+    "test": ("studies.curve:run_test", None),
+    "decode": ("studies.decode.run:run_decode", "decode"),
+    "figures": ("studies.paper.run:run_figures", "figures"),
+    "effects": ("studies.effects.run:run_effects_task", "effects"),
+    "tradeoff": ("studies.tradeoff.run:run_tradeoff", "tradeoff"),
+    "classifiers": ("studies.classifiers.run:run_classifiers", "rivals"),
+    "collect": ("studies.collect:run_collect", None),
+    "export": ("studies.export.run:run_export", "export"),
+    "export_receiver": ("studies.export_receiver:run_export_receiver", None),
+    "transmit": ("extras.messages.transmit_task:run_transmit", "transmit"),
+    "record": ("extras.messages.record_task:run_record", "record"),
+    "receive": ("extras.messages.receive_task:run_receive", "receive"),
+    "messages": ("extras.messages.comparison_task:run_messages", "messages"),
+    "calibrate": ("extras.calibrate.run:run_calibrate", "calibrate"),
 }
-"""What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
+"""What runs each task, below ``vocc_torch``, and the section that is its own."""
 
 
 @dataclass

@@ -1,0 +1,185 @@
+"""The symbol clock over ratios, drift and phase; and messages through cut, faulty and occluded recordings."""
+
+import numpy as np
+import pytest
+from channels import seen, through
+
+from vocc_torch.extras.messages.clock import DELAY, SymbolClock
+from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.packets import Assembly
+from vocc_torch.extras.messages.reception import Reception, film_of
+from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
+from vocc_torch.hardware import PanelShape
+
+PLAN = MessagePlan(PanelShape(8, 8), Signalling())
+MESSAGE = np.random.default_rng(16).bytes(1000)
+FILM = film_of(MESSAGE, PLAN)
+
+
+def slowly(*given):
+    return pytest.param(*given, marks=pytest.mark.slow)
+
+
+RATIOS = [slowly(ratio, drift, True) for ratio in (1.7, 2.0, 3.0, 4.0, 6.0) for drift in (-0.01, 0.0, 0.01)]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "drift", "timed"),
+    [(1.5, 0.01, True), (2.4, 0.005, False), slowly(1.5, -0.01, False), slowly(6.0, -0.01, False), *RATIOS],
+)
+def test_the_clock_finds_every_symbol_and_none_twice(ratio, drift, timed):
+    draws, layout = np.random.default_rng(3), Layout(PLAN)
+    for _ in range(1 if ratio < 3 else 2):
+        llr, times, stamps = seen(FILM, ratio, draws, drift=drift)
+        clock, said = SymbolClock(layout), []
+        for at in range(0, len(llr), 100):
+            own = [stamp / 100 if timed else None for stamp in stamps[at : at + 100]]
+            if (ticks := clock.push(llr[at : at + 100], own)) is not None:
+                said.append(ticks.symbol)
+        bands = np.concatenate([*said, clock.finish().symbol])
+        first, last = np.floor(times).astype(int), np.floor(times + 0.1).astype(int)
+        assert len(bands) == len(times)
+        assert (bands[0] % 128 == first[0] % 128).all() or (bands[0] % 128 == last[0] % 128).all()
+        bands = bands - bands[0, 0] + first[0]
+        right = (bands >= first[:, None]) & (bands <= last[:, None])
+        assert right.mean() > 0.995
+        assert {*range(first[0] + 1, last[-1])} <= {*bands[right].tolist()}
+
+
+@pytest.mark.parametrize("second", [0, 16])
+def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(second):
+    """Shorter runs of sync bits come twice in a block, so a jump fits as well some frames early or late.
+
+    The four symbols between two gaps may be taken for others, but the block is not counted twice for them.
+    """
+    astray = doubted = frames = 0
+    for begin in (20, 35, 45, 55, 65, 75):
+
+        def gaps(times, _, begin=begin):
+            lost = [(at < times) & (times < at + 12) for at in (begin, begin + second)]
+            return times[~(lost[0] | lost[1])]
+
+        llr, times, stamps = seen(FILM[:150], 2.4, np.random.default_rng(begin), faults=gaps, begin=0.0)
+        clock = SymbolClock(Layout(PLAN))
+        clock.push(llr, stamps[: len(llr)] / 100)  # the stamps know nothing of the gaps
+        ticks = clock.finish()
+        believed, off = ticks.agreement.any(axis=1), np.abs(ticks.symbol[:, 0] - times)
+        assert off[-60:].max() < 2
+        astray += int((off[believed] > 2).sum())
+        doubted += int((~believed).sum())
+        frames += len(times)
+    assert astray <= (4 * 2.4 * 6 if second else 0)  # the frames of four symbols, in six recordings
+    assert 0 < doubted < 0.08 * frames
+
+
+@pytest.mark.parametrize("begin", [104.2, 104.6, 105.0, 105.4, 105.8, 106.2])
+def test_frames_beside_a_gap_are_doubted_alike_where_those_before_it_are_settled(begin):
+    """The gap lies at the 256th frame, up to which frames are settled when 512 are there."""
+
+    def gap(times, _):
+        return times[(times < begin) | (times > begin + 12)]
+
+    llr, _, stamps = seen(FILM[:300], 2.4, np.random.default_rng(1), faults=gap, begin=0.0)
+    doubted = {}
+    for size in (64, len(llr)):
+        clock, ticks = SymbolClock(Layout(PLAN)), []
+        for at in range(0, len(llr), size):
+            ticks.append(clock.push(llr[at : at + size], stamps[at : at + len(llr[at : at + size])] / 100))
+        ticks.append(clock.finish())
+        agreement = np.concatenate([one.agreement for one in ticks if one is not None])
+        doubted[size] = np.flatnonzero(~agreement.any(axis=1)).tolist()
+    assert doubted[64] == doubted[len(llr)]
+    assert {255, 256, 257} & {*doubted[64]}
+
+
+def dropped(times, draws):
+    return times[draws.random(len(times)) > 0.1]
+
+
+def repeated(times, draws):
+    again = np.flatnonzero(draws.random(len(times)) < 0.1)
+    times[again] = times[np.maximum(again - 1, 0)]
+    return times
+
+
+def black(times, draws):
+    times[draws.random(len(times)) < 0.1] = np.nan
+    times[330:370] = np.nan
+    return times
+
+
+def received(llr, stamps, plan=PLAN):
+    reception = Reception(plan)
+    assembly = Assembly(reception.code.info_bytes - 16)
+    got = through(reception, llr, stamps / 100)
+    for one in got:
+        if one.packet:
+            assembly.add(one.packet)
+    return assembly, got, reception
+
+
+@pytest.mark.parametrize("faults", [dropped, slowly(repeated), slowly(None)])
+def test_the_message_arrives_through_faulty_recordings(faults):
+    llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(4), faults=faults, begin=0.0)
+    # The camera's own stamps know nothing of what was lost or repeated.
+    assembly, _, reception = received(llr, stamps)
+    assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
+    assert (
+        0.02
+        < reception.combiner.passed_over / (reception.combiner.passed_over + reception.combiner.used)
+        < 0.3
+    )
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0.0, 190.4), slowly(100.3, 256)])
+def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_named(begin, end):
+    llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(5), begin=begin, end=end)
+    assembly, got, reception = received(llr, stamps)
+    blocks = [b for b in range(len(FILM) // 128) if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1]
+    whole = {4 * block + place for block in blocks for place in range(4)}
+    count = -(-len(MESSAGE) // (reception.code.info_bytes - 16))
+    (message,) = assembly.messages
+    assert whole - {*range(count, 99)} <= set(message.parts)
+    assert message.complete == (len(message.parts) == count)
+    for number, part in message.parts.items():
+        assert part == MESSAGE[number * message.payload :][: message.payload]
+    assert all("no frame showed" in one.why for one in got if one.unseen > 0.5)
+
+
+def test_black_frames_cost_what_they_hide_and_nothing_else():
+    llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(6), faults=black, begin=0.0)
+    (message,) = received(llr, stamps)[0].messages
+    assert {*range(message.packets)} - {*message.parts} <= {4, 5, 6, 7}  # forty frames of the second block
+
+
+@pytest.mark.parametrize(
+    "dead", [(slice(2, 3), slice(None)), slowly((slice(0, 2), slice(0, 2))), slowly("clock")]
+)
+def test_a_row_or_a_corner_that_is_hidden_costs_no_packet(dead):
+    """Cells of a hidden part all decide Off with confidence; among them a clock cell."""
+    llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(7), begin=0.0, ber=0.005)
+    where = np.argwhere(Layout(PLAN).kind == "clock")[1] if dead == "clock" else dead
+    llr[(slice(None), *where)] = -6.0
+    assembly, _, _ = received(llr, stamps)
+    assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
+
+
+def test_nothing_is_received_where_nothing_was_sent():
+    draws = np.random.default_rng(8)
+    for llr in (4 * draws.standard_normal((330, 8, 8)), np.zeros((330, 8, 8)), np.full((330, 8, 8), -6.0)):
+        assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
+        assert not assembly.messages
+        assert all(one.why for one in got)
+
+
+def test_what_is_held_does_not_grow_with_the_recording():
+    draws, reception, held = np.random.default_rng(9), Reception(PLAN), []
+    llr, _, _ = seen(FILM, 2.4, draws, begin=0.0)
+    for turn in range(3):
+        for at in range(0, len(llr), 64):
+            times = [(turn * len(llr) + at + i) / 240 for i in range(len(llr[at : at + 64]))]
+            list(reception.push(llr[at : at + 64], times))
+            own = reception.combiner
+            held.append((len(own._waiting), len(own.clock._back), len(own._open)))
+    assert np.array(held).max(axis=0).tolist() <= [2 * DELAY + 64, 2 * DELAY + 64, 3]
+    assert held[-1][2] <= 3

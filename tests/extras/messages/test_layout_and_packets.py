@@ -1,0 +1,274 @@
+"""What is written where, what a checksum lets pass, and what the codes correct."""
+
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.codes import ReedSolomon, code_of
+from vocc_torch.extras.messages.layout import Layout, sync_bits
+from vocc_torch.extras.messages.packets import Assembly, packed, unpacked
+from vocc_torch.extras.messages.receive_task import doubts, lost, write_messages
+from vocc_torch.extras.messages.reception import film_of
+from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
+from vocc_torch.hardware import PanelShape
+
+CODES = ["rs", "none", "ldpc", "conv"]
+
+
+def plan(rows=8, columns=8, **options):
+    return MessagePlan(PanelShape(rows, columns), Signalling(**options))
+
+
+def layout(*args, **options):
+    return Layout(plan(*args, **options))
+
+
+@pytest.mark.parametrize("order", [5, 6, 7, 8])
+def test_a_few_sync_bits_tell_their_place(order):
+    bits = sync_bits(order)
+    windows = {tuple(np.roll(bits, -at)[:order]) for at in range(len(bits))}
+    assert len(bits) == len(windows) == 2**order
+
+
+@pytest.mark.parametrize(("rows", "columns", "bands"), [(8, 8, 4), (16, 16, 4), (4, 4, 2), (5, 9, 5)])
+@pytest.mark.parametrize("code", ["rs", "none"])
+def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
+    own = layout(rows, columns, bands=bands, code=code)
+    cells, places = own.symbols * (own.kind == "data").sum(), own.places.ravel()
+    assert len(set(places)) == len(places) == own.packets * own.word_bits
+    assert cells - len(places) < 8 * own.packets + 8 * own.unit
+    assert own.word_bits % 8 == 0
+    assert own.word_bits <= 8 * 255
+    words = np.random.default_rng(0).integers(2, size=(own.packets, own.word_bits), dtype=np.uint8)
+    film = own.write(words)
+    assert ((own.read(2 * film.astype(np.float32) - 1) > 0) == words).all()
+    corners = film[:, [0, 0, -1, -1], [0, -1, 0, -1]]
+    assert corners.all()
+    clocks = film[:, own.kind == "clock"]
+    assert clocks.shape[1] == bands
+    assert (np.roll(clocks, 1, axis=0) != clocks).all()  # each symbol, round the block
+
+
+def test_a_dead_row_or_corner_takes_no_more_of_any_word_than_its_share():
+    own = layout(code="rs")
+    for rows, columns in ((slice(3, 4), slice(None)), (slice(0, 3), slice(0, 3))):
+        dead = np.zeros((own.symbols, 8, 8), dtype=np.float32)
+        dead[:, rows, columns] = 1
+        by_byte = own.take(dead).reshape(own.packets, -1, 8)
+        assert (by_byte.any(axis=2) == by_byte.all(axis=2)).all()  # a byte keeps to its cell
+        share = dead[0][own.kind == "data"].mean()
+        assert by_byte.mean(axis=(1, 2)).max() < share + 0.08
+    plain = layout(code="rs", interleave=False)
+    early = np.zeros((plain.symbols, 8, 8), dtype=np.float32)
+    early[:16] = 1  # two of sixteen times eight symbols
+    assert plain.take(early).mean(axis=1).max() > 0.45
+    assert own.take(early).mean(axis=1).max() < 0.2
+
+
+def test_any_message_has_random_transitions_once_it_is_scrambled():
+    """Of a file of zeros all cells that carry data are Off without it."""
+    for scramble in (True, False):
+        film = film_of(bytes(1800), plan(code="none", scramble=scramble))
+        share = film.mean(axis=0)[layout().kind == "data"]
+        assert (0.3 < share.min() < share.max() < 0.7) if scramble else share.max() < 0.2
+
+
+@given(message=st.binary(min_size=1, max_size=400), size=st.integers(17, 200))
+def test_packets_in_any_order_are_the_message_again(message, size):
+    infos, assembly = list(packed(message, size)), Assembly(size - 16)
+    for info in reversed(infos):
+        assert not any(one.complete for one in assembly.messages)
+        assembly.add(unpacked(info))
+    (only,) = assembly.messages
+    assert only.complete
+    assert only.content == message
+    assert all(len(info) == size for info in infos)
+
+
+def test_any_wrong_bit_is_refused_by_the_checksum():
+    (info,) = packed(b"vouched for", 40)
+    for bit in range(8 * len(info)):
+        wrong = bytearray(info)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert unpacked(bytes(wrong)) is None
+
+
+def test_a_packet_whose_number_or_filling_does_not_fit_is_refused():
+    for sequence, payload in ((9, b"abcd"), (1, b"b\0\0\1")):
+        body = b"".join(n.to_bytes(4, "big") for n in (sequence, 5, zlib.crc32(b"abcdb"))) + payload
+        assert unpacked(body + zlib.crc32(body).to_bytes(4, "big")) is None
+
+
+def assembled(*infos, size=36):
+    """An assembly of packets, as they arrive."""
+    assembly = Assembly(size - 16)
+    for info in infos:
+        assembly.add(unpacked(info))
+    return assembly
+
+
+def forged(sequence, length, crc, payload):
+    """A packet with a right checksum that nobody sent."""
+    body = b"".join(n.to_bytes(4, "big") for n in (sequence, length, crc)) + payload
+    return body + zlib.crc32(body).to_bytes(4, "big")
+
+
+TEXT = bytes(range(1, 101))
+HONEST = list(packed(TEXT, 36))
+
+
+def test_a_partial_message_says_what_it_lacks(tmp_path):
+    assembly = assembled(HONEST[0], HONEST[2], HONEST[4])
+    (message,) = assembly.messages
+    assert (message.gaps, message.complete) == ([(1, 1), (3, 3)], False)
+    assert write_messages(assembly, tmp_path) == [
+        ("part", "message.partial"),
+        ("missing", "missing.csv"),
+    ]
+    assert (tmp_path / "message.partial").read_bytes() == TEXT[:20] + TEXT[40:60] + TEXT[80:]
+    lines = (tmp_path / "missing.csv").read_text().split()
+    assert lines[1:] == ["1,1,1,20,40", "1,3,3,60,80"]
+
+
+def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memory(tmp_path):
+    claims = [forged(9 * n, 1 << 31, 7, bytes([n + 1] * 20)) for n in range(12)]
+    tracemalloc.start()
+    assembly = assembled(*claims, *HONEST)
+    assert write_messages(assembly, tmp_path) == [("message", "message.bin")]
+    assert (tmp_path / "message.bin").read_bytes() == TEXT
+    assert list(doubts(assembly)) == ["12 packets of 1 other, incomplete messages are not written"]
+    alone = assembled(*claims)
+    write_messages(alone, tmp_path / "alone")
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+    assert sum(path.stat().st_size for path in (tmp_path / "alone").iterdir()) < 1000
+    assert "more than the 16 that the recording has time for" in lost(alone, 16, None)
+
+
+def test_messages_of_two_transmitters_are_written_both(tmp_path):
+    other = list(packed(b"another transmitter's text", 36))
+    assembly = assembled(*HONEST[:2], *other, *HONEST[2:])
+    places = write_messages(assembly, tmp_path)
+    assert places == [("message", "message.bin"), ("message", "message_2.bin")]
+    assert [(tmp_path / name).read_bytes() for _, name in places] == [TEXT, b"another transmitter's text"]
+    assert not list(doubts(assembly))
+
+
+def test_the_first_payload_of_a_packet_stays_and_a_contradiction_is_reported(tmp_path):
+    false = forged(1, len(TEXT), zlib.crc32(TEXT), bytes([99] * 20))
+    assembly = assembled(*HONEST[:3], false, *HONEST[3:])
+    write_messages(assembly, tmp_path)
+    assert (tmp_path / "message.bin").read_bytes() == TEXT
+    assert list(doubts(assembly)) == [
+        "1 packets have other content than the first packet of the same message and number: "
+        "they were passed over"
+    ]
+
+
+def test_leds_that_are_too_near_each_other_are_the_reason_that_no_packet_arrived():
+    assert "LEDs are 1.7 px apart, and 2 px are needed" in lost(Assembly(20), 4, 1.7)
+    assert "report.csv says why" in lost(Assembly(20), 4, 2.1)
+
+
+def coded(code):
+    if code in ("ldpc", "conv"):
+        pytest.importorskip("sionna")
+    own = layout(code=code)
+    return own, code_of(own)
+
+
+def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_known_to_be_lost():
+    code, draws = ReedSolomon(216, 150), np.random.default_rng(0)
+    info = draws.integers(256, size=(1, 150), dtype=np.uint8)
+    sure = 8.0 * code.encode(info).astype(np.float32) - 4
+    for wrong, unsure, right in ((33, False, True), (34, False, False), (58, True, True)):
+        given = sure.copy().reshape(216, 8)
+        at = draws.permutation(216)[:wrong]
+        given[at] *= -0.01 if unsure else -1
+        decoded = code.decode(given.reshape(1, -1))[0]
+        assert (decoded == info.tobytes()) == right
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.5, 0.7])
+def test_convolutional_words_are_those_of_the_tabled_generators(rate):
+    """Octal 133 and 171; 171, 145 and 133 below rate 1/2 (S. Lin, D. J. Costello, "Error Control Coding")."""
+    pytest.importorskip("sionna")
+    code, draws = code_of(layout(code="conv", code_rate=rate)), np.random.default_rng(3)
+    info = draws.integers(256, size=(2, code.info_bytes), dtype=np.uint8)
+    tabled = (0o133, 0o171) if rate >= 0.5 else (0o171, 0o145, 0o133)
+    taps = [[int(bit) for bit in f"{one:07b}"] for one in tabled]
+    sent = [[np.convolve(np.unpackbits(one), tap) % 2 for tap in taps] for one in info]
+    whole = np.array(sent).transpose(0, 2, 1).reshape(2, -1)
+    words = code.encode(info)
+    assert (words == whole[:, np.floor(np.arange(1728) * (whole.shape[1] / 1728) + 1e-9).astype(int)]).all()
+    llr = 8.0 * words.astype(np.float32) - 4
+    if rate == 0.5:  # at least 10 bits apart, so that any 4 wrong ones are corrected
+        llr[:, 200:204] *= -1
+    assert code.decode(llr) == [one.tobytes() for one in info]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "rate", "deviates", "least", "most"),
+    [("ldpc", 0.7, 1.645, 16, 1), ("conv", 0.5, 1.405, 10, 5)],
+)
+def test_soft_values_carry_what_hard_ones_lose(name, rate, deviates, least, most):
+    """At 5 and 8 % of wrong bits: most words or all by soft values, and hardly one by their signs."""
+    pytest.importorskip("sionna")
+    own, draws = layout(code=name, code_rate=rate), np.random.default_rng(1)
+    code = code_of(own)
+    info = draws.integers(256, size=(16, code.info_bytes), dtype=np.uint8)
+    sigma = 1 / deviates
+    y = 2.0 * code.encode(info) - 1 + sigma * draws.standard_normal((16, own.word_bits))
+    soft, hard = (2 * y / sigma**2).astype(np.float32), (2.9 * np.sign(y)).astype(np.float32)
+    right = [
+        sum(a == b.tobytes() for a, b in zip(code.decode(llr), info, strict=True)) for llr in (soft, hard)
+    ]
+    assert right[0] >= least
+    assert right[1] <= most
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [("rs", 10), ("none", 50), *(pytest.param(code, 1000, marks=pytest.mark.slow) for code in CODES)],
+)
+def test_noise_is_no_packet(code, words):
+    own, coder = coded(code)
+    draws = np.random.default_rng(2)
+    llr = (3 * draws.standard_normal((words, own.word_bits))).astype(np.float32)
+    infos = [info for info in coder.decode(llr) if info is not None]
+    assert [info for info in infos if unpacked(info)] == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"code": "turbo"}, "transmit.code is 'turbo': it must be one of rs, ldpc, conv, none"),
+        ({"code_rate": 1.0}, "transmit.code_rate is 1: it must be above 0 and below 1"),
+        ({"symbol_rate_hz": 0}, "transmit.symbol_rate_hz is 0: it must be above 0"),
+        ({"block_symbols": 100}, "transmit.block_symbols is 100: it must be 32, 64, 128 or 256"),
+        ({"bands": 9}, "transmit.bands is 9: it must be at most the panel's rows, 8"),
+        ({"rows": 1, "columns": 4, "bands": 1}, "panel of 1 x 4 LEDs is too small"),
+        ({"code_rate": 0.05}, "a packet of 10 bytes has no room beside 16"),
+    ],
+)
+def test_plans_that_cannot_be(options, said):
+    with pytest.raises(VoccError) as refused:
+        film_of(b"x", plan(**options))
+    assert str(refused.value).startswith(said)
+
+
+def test_a_plan_reads_back_and_a_strange_one_is_refused(tmp_path):
+    path = tmp_path / "plan.yaml"
+    path.write_text((own := plan(code="ldpc", bands=2)).text)
+    assert MessagePlan.read(path) == own
+    path.write_text("rows: 8")
+    with pytest.raises(VoccError, match="is no plan of task=transmit"):
+        MessagePlan.read(path)
+    with pytest.raises(VoccError, match="cannot be read"):
+        MessagePlan.read(tmp_path / "none.yaml")

@@ -1,0 +1,148 @@
+"""A recording read as a stream: some of its frames are kept, and the panel is found in those."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.calibrate import CalibrateConfig
+from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
+from vocc_torch.types import Frames, PanelShape
+
+BATCH = 8
+"""Frames located at a time."""
+ALIKE_SIZE, NEAR_PANELS, USUAL = 1.25, (0.5, 3.0), 5.0
+"""By how much panels of one recording differ at most from the next alike."""
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What is kept of a recording: frames spread evenly over it, in which the panel was found.
+
+    Args:
+        greys: (B,H,W), grey values.
+        numbers: (B,) each frame's number in the recording.
+        corners_px: (B,4,2) of the panel, clockwise from the top left.
+        read: frames that were read.
+        looked: frames in which the panel was looked for.
+        failures: what could not be read.
+        times_s: (B,) when each frame was taken, NaN where that is not known.
+    """
+
+    greys: NDArray[Any]
+    numbers: NDArray[np.int64]
+    corners_px: Tensor
+    read: int
+    looked: int
+    failures: list[str]
+    times_s: NDArray[np.float64]
+
+    def taken(self, rows: slice | NDArray[Any]) -> "Footage":
+        """Take some frames."""
+        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "corners_px", "times_s")}
+        return replace(self, **parts)
+
+    def doubts(self) -> list[str]:
+        """Say what these frames cannot tell."""
+        said, count = [], len(self)
+        if count < 4:
+            few = f"{count} frame{'s' * (count > 1)} with the panel"
+            said.append(f"{few}: noise and what moves cannot be told; give a recording")
+        if count < self.looked / 2:
+            said.append(f"the panel was found in {count} of {self.looked} frames: the scene is of these only")
+        return said
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return len(self.greys)
+
+
+def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[RecordedFrame], int]:
+    """Keep frames at equal steps, ``most`` to twice as many, however long the recording is; count all.
+
+    Raises:
+        VoccError: frames of several sizes.
+
+    Example:
+        >>> one = np.zeros((2, 2), np.uint8)
+        >>> many = (RecordedFrame("a", i, None, one, one) for i in range(1000))
+        >>> kept, read = thinned(many, 4)
+        >>> [frame.index for frame in kept], read
+        ([0, 256, 512, 768], 1000)
+    """
+    kept: list[RecordedFrame] = []
+    step, number = 1, 0
+    for number, frame in enumerate(recording, 1):
+        if kept and frame.grey.shape != kept[0].grey.shape:
+            (h, w), (height, width) = frame.grey.shape, kept[0].grey.shape
+            shown = f"{frame.source} is {w} x {h} px and {kept[0].source} is {width} x {height}"
+            raise VoccError(f"input: {shown}: all frames must be of one camera and one size")
+        if (number - 1) % step == 0:
+            kept.append(frame)
+        if len(kept) >= 2 * most:
+            kept, step = kept[::2], 2 * step
+    return kept, number
+
+
+def agreeing(corners_px: Tensor) -> Tensor:
+    """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool.
+
+    Two belong together whose sizes differ by less than a quarter and whose middles by less than five times
+    what is usual from one to the nearest other, half a panel to three: lamps taken for it stand farther off.
+    """
+    middle, size = corners_px.mean(1), (corners_px.amax(1) - corners_px.amin(1)).amax(1).clamp(min=1e-9)
+    ratio = (size / size.unsqueeze(1)).log().abs() < math.log(ALIKE_SIZE)
+    apart = torch.cdist(middle, middle) / torch.maximum(size, size.unsqueeze(1))
+    nearest = (apart + 1e9 * torch.eye(len(apart))).amin(1)
+    alike = ratio & (apart < (USUAL * nearest.median()).clamp(*NEAR_PANELS))
+    _, label = sparse.csgraph.connected_components(alike.numpy())
+    return torch.from_numpy(label == np.bincount(label).argmax())
+
+
+def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, shape: PanelShape) -> Footage:
+    """Read a recording and find the panel.
+
+    Args:
+        source: a picture, a folder of pictures, a video or an array.
+        config: how colour becomes grey, frames a second, and how many to keep, at most twice as many.
+        locator: what finds the panel.
+        shape: rows and columns.
+
+    Raises:
+        VoccError: nothing to read, no panel, or a picture that is white throughout.
+    """
+    failures: list[str] = []
+    frames = readable(read_recording(source, config.channel, grey_only=True), failures)
+    kept, read = thinned(frames, config.frames)
+    if not kept:
+        raise VoccError(failures[0])
+    greys = np.stack([frame.grey for frame in kept])
+    white = float((greys >= 255).mean())
+    if white > 0.9:
+        rule = "expose less, so that the panel is seen"
+        raise VoccError(f"input {source} is white in {white:.0%} of its pixels: {rule}")
+    batches = torch.split(torch.from_numpy(greys), BATCH)
+    located = [locator(Frames.whole(batch), shape) for batch in batches]
+    corners = torch.cat([part.corners_px.double().cpu() for part in located])
+    seen = torch.cat([part.found.cpu() for part in located])
+    if not bool(seen.any()):
+        hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
+        raise VoccError(f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}")
+    rows = seen.nonzero()[:, 0]
+    rows = rows[agreeing(corners[rows])]
+    if len(rows) == 1 and len(kept) > 1:
+        rule = "record slower, shorten the exposure, or give another receiver.locator"
+        raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
+    # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
+    numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
+    times = numbers / config.fps if config.fps else np.array([one.time_s for one in kept], dtype=np.float64)
+    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(rows.numpy())

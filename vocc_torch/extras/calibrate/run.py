@@ -1,0 +1,96 @@
+"""``task=calibrate``: a recording in, a scene and a page out."""
+
+import shlex
+import warnings
+from dataclasses import asdict
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.calibrate import CalibrateConfig
+from vocc_torch.extras.calibrate.reading import read_footage
+from vocc_torch.extras.calibrate.report import write_page
+from vocc_torch.extras.calibrate.scene import of_size
+from vocc_torch.extras.calibrate.study import calibrate
+from vocc_torch.files import write_atomically
+from vocc_torch.hardware import LedPanel, PanelShape
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
+
+
+def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> None:
+    """Write a recording's scene and its page.
+
+    Raises:
+        VoccError: the name of a scene that ships, no input, or one that cannot be calibrated from.
+    """
+    warnings.filterwarnings("ignore", category=FutureWarning, module="torch")  # of its own forward mode
+    run_folder.refuse_results(folder)
+    shipped = resources.files("vocc_torch.conf") / "scene" / f"{settings.name}.yaml"
+    if shipped.is_file():
+        rule = "another name than that of a scene that ships: the calibrated scene bears it"
+        raise VoccError.of("name", repr(settings.name), rule)
+    if settings.input is None:
+        raise VoccError("input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture")
+    plan, console = build_plan(settings, folder), Console()
+    receiver, panel, source = plan.receiver, plan.world.panel, Path(settings.input)
+    locator = receiver.finders([receiver.locator])[receiver.locator]
+    if locator is None:
+        raise VoccError.of("receiver.locator", "truth", "one that looks for the panel, for task=calibrate")
+    bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
+    footage = read_footage(source, config, locator, panel.shape)
+    camera, taken = of_size(plan.world.camera, *footage.greys.shape[1:])
+    if taken:
+        warnings.warn(taken, stacklevel=2)
+    for doubt in footage.doubts():
+        warnings.warn(f"input {source}: {doubt}", stacklevel=2)
+    study = calibrate(footage, camera, panel, config, bits)
+    path = folder / "scene" / f"{settings.name}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, study.text(path.stem, source.name).encode())
+    run_folder.write_config(settings, folder)
+    for doubt in study.doubts:
+        warnings.warn(doubt, stacklevel=2)
+    command = next_command(settings.name, study.panel)
+    write_page(study, source.name, command, folder)
+    named = [one.effect for one in study.effects if one.asked]
+    unknown = [f"not told: {one}" for one in study.unknown]
+    for text in (*unknown, f"effects: {', '.join(named)}", f"train: {command}"):
+        console.print(text, soft_wrap=True, markup=False, highlight=False)
+    places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
+    run_folder.print_places(console, folder, places)
+    if footage.failures:
+        raise VoccError(f"{footage.failures[0]}; the scene is of the frames that could be read")
+
+
+def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
+    """Read what the panel showed.
+
+    Raises:
+        VoccError: another file, or bits of another panel.
+    """
+    try:
+        with path.open("rb") as file:
+            bits: NDArray[np.bool_] = np.lib.format.read_array(file)
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())
+        raise VoccError(f"calibrate.bits {path} cannot be read as one array .npy ({why})") from None
+    if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
+        wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
+        given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
+        raise VoccError(f"{given}: it must be {wanted}")
+    return bits
+
+
+def next_command(name: str, fitted: LedPanel) -> str:
+    """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
+    usual, given = asdict(LedPanel()), asdict(fitted)
+    usual, given = usual | usual.pop("shape"), given | given.pop("shape")
+    told = {key: own for key, own in given.items() if own != usual[key]}
+    words = [f"panel.{key}={'null' if own is None else own}" for key, own in told.items()]
+    return shlex.join(["vocc-torch", f"scene={name}", *words, "task=train"])

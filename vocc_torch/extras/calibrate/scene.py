@@ -1,0 +1,236 @@
+"""A scene as it is written: values and effects, how sure they are, and what the recording does not tell."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+from scipy import stats
+
+from vocc_torch.extras.calibrate import CalibrateConfig
+from vocc_torch.extras.calibrate.fit import SURE, Derive, Derived, RecordingFit
+from vocc_torch.extras.calibrate.pace import Pace
+from vocc_torch.extras.calibrate.reading import Footage
+from vocc_torch.extras.calibrate.surround import Falloff, Surround
+from vocc_torch.extras.calibrate.transfer import Curve
+from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.report.page import render
+
+WORDS = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
+CODED = 12.0
+"""Standard deviations from which coefficients lie on multiples of their steps."""
+CODED_GAIN = 30.0
+"""Gain that an effect needs in coded pictures."""
+SURE_SIGMAS = 3.0
+"""Standard deviations from which motion, distortion and the rows' times are there."""
+
+
+class Value(NamedTuple):
+    """A value of the scene, as the recording tells it.
+
+    Args:
+        key: below ``scene``, such as ``effects.blooming.sigma_px``.
+        given: a number, or a distribution over the recording.
+        deviation: standard deviation of the number, or of the distribution's middle; NaN where it is taken
+            from the configuration.
+        note: what it explains, or where it is from.
+    """
+
+    key: str
+    given: float | Sequence[object]
+    deviation: float = math.nan
+    note: str = ""
+
+    @property
+    def middle(self) -> float:
+        """The number, or the middle of the distribution."""
+        if isinstance(self.given, Sequence):
+            return float(np.mean([v for v in self.given if isinstance(v, int | float)]))
+        return self.given
+
+    @property
+    def remark(self) -> str:
+        """The comment that stands above it."""
+        sure = f"+- {SURE * self.deviation:.2g} (95 %)" if math.isfinite(self.deviation) else ""
+        return "; ".join(part for part in (self.note, sure) if part)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % interval."""
+        return self.middle - SURE * self.deviation, self.middle + SURE * self.deviation
+
+
+class Named(NamedTuple):
+    """An effect that was tried, and whether the recording asks for it.
+
+    Args:
+        effect: its name.
+        asked: whether it is in the scene.
+        criterion: what was compared, in words.
+        gain: by how much the criterion favours the effect.
+        needed: the gain from which it is named.
+        explains: what it explains.
+    """
+
+    effect: str
+    asked: bool
+    criterion: str
+    gain: float = 0.0
+    needed: float = 0.0
+    explains: str = ""
+
+
+@dataclass
+class Findings:
+    """A scene from a recording, while it is found and when it is, with all that its page shows.
+
+    Args:
+        camera: whose picture it is.
+        panel: whose LEDs they are.
+        config: what the recording cannot tell.
+        footage: the frames.
+        fit: the last fit.
+        around: the picture around the panel.
+        fall: how light falls off there.
+        coded: the likeliest JPEG quality, and how sure it is.
+        curve: the photon transfer curve; None for too few frames.
+        loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
+        bound: where gamma ran to, if that is no camera's.
+        pace: the times of symbols and rows.
+        values: of the scene and its effects, each with what it explains.
+        effects: all that were tried.
+        unknown: what the recording does not tell, in sentences.
+        doubts: what the model does not explain, in sentences.
+    """
+
+    camera: Camera
+    panel: LedPanel
+    config: CalibrateConfig
+    footage: Footage
+    fit: RecordingFit
+    around: Surround
+    fall: Falloff
+    coded: tuple[int, float] = (0, 0.0)
+    curve: Curve | None = None
+    loose: bool = False
+    bound: float | None = None
+    pace: Pace | None = None
+    values: list[Value] = field(default_factory=list)
+    effects: list[Named] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    def text(self, name: str, source: str) -> str:
+        """Write the scene as YAML, each value beside what it explains and how sure it is."""
+        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
+
+    def of(self, effect: str) -> list[Value]:
+        """Give an effect's values."""
+        return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
+
+    def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
+        """Note an effect, and say whether the recording asks for it."""
+        criterion, explains = WORDS["effects"][effect]
+        self.effects.append(Named(effect, gain > needed, criterion, gain, needed, explains))
+        return gain > needed
+
+    def judge(
+        self, effect: str, simple: RecordingFit, rich: RecordingFit, sigmas: float = math.inf
+    ) -> RecordingFit:
+        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise.
+
+        A new value of so few standard deviations that it may be none gains nothing.
+        """
+        gain = (simple.misfit - rich.misfit) / rich.scale * (sigmas > SURE_SIGMAS)
+        gain -= (rich.values - simple.values) * math.log(rich.pixels)
+        # What coding leaves hangs together over its blocks.
+        return rich if self.tried(effect, gain, CODED_GAIN * self.is_coded) else simple
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether pictures are coded."""
+        return self.coded[1] > CODED
+
+    def derived(self, of: Derive) -> Derived:
+        """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
+        made, own, common = self.fit.derived(of)
+        return made, own, math.hypot(common, float(own.median()) * self.is_coded)
+
+    def tell(self, key: str, given: float, deviation: float = math.nan) -> None:
+        """Note a value."""
+        self.note(Value(key, given, deviation, WORDS["values"].get(key, "")))
+
+    def over(self, key: str, of: Derive, least: float = -math.inf) -> None:
+        """Note a value of every frame."""
+        self.note(spread(key, self.derived(of), WORDS["values"][key], least))
+
+    def note(self, value: Value) -> None:
+        """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
+        if value.key in WORDS["by_gamma"] and self.loose:
+            note = "; ".join(part for part in (value.note, "no interval: gamma is not told") if part)
+            value = value._replace(deviation=math.nan, note=note)
+        self.values.append(value)
+
+    def say(self, word: str, when: bool = True, **given: object) -> None:
+        """Note a sentence of ``sentences.yaml``, where it is so: what is not told, or not explained."""
+        if when:
+            doubt = WORDS["doubts"].get(word)
+            (self.doubts if doubt else self.unknown).append(
+                (doubt or WORDS["sentences"][word]).format(**given)
+            )
+
+    def asked(self, effect: str) -> bool:
+        """Say whether the recording asks for an effect."""
+        return any(one.effect == effect and one.asked for one in self.effects)
+
+
+def inline(value: object) -> str:
+    """Write a value on one line of YAML; seven digits are more than a recording tells."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(inline, value)) + "]"
+    if isinstance(value, float):
+        value = float(f"{value:.7g}")
+    text: str = yaml.safe_dump(value, default_flow_style=True)
+    return text.removesuffix("...\n").strip()
+
+
+def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> Value:
+    """Describe a value of every frame: a number where it stays, and where it moves a range of like scatter.
+
+    It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
+
+    Args:
+        key: of the value.
+        derived: the value of every frame, and how sure it is.
+        note: what it is.
+        least: the lowest value allowed.
+    """
+    each, deviation, common = derived
+    weights = 1 / deviation.clamp(min=1e-12).square()
+    middle, count = float((weights * each).sum() / weights.sum()), len(each)
+    misfit = float((weights * (each - middle).square()).sum())
+    if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
+        scatter = max(1.0, misfit / max(count - 1, 1)) / float(weights.sum())
+        return Value(key, max(middle, least), math.hypot(math.sqrt(scatter), common), note)
+    mean, half = float(each.mean()), math.sqrt(3) * float(each.std())  # a uniform one's of that scatter
+    ends = ["uniform", max(mean - half, least), max(mean + half, least)]
+    alone = float(each.std() / math.sqrt(count) * stats.t.ppf(0.975, count - 1)) / SURE
+    return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
+
+
+def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
+    """Give the camera whose whole picture has the recording's size, and say what was taken.
+
+    A recording of the same shape is the whole sensor, scaled; another one is a part of it about the middle.
+    """
+    if (camera.height_px, camera.width_px) == (height, width):
+        return camera, ""
+    told = f"the frames are {width} x {height} px and camera= says {camera.width_px} x {camera.height_px}: "
+    if camera.height_px * width == camera.width_px * height:
+        return replace(camera, width_px=width, height_px=height), told + "taken for the whole sensor, scaled"
+    wide = camera.sensor_width_mm * width / camera.width_px
+    made = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
+    return made, told + "taken for the middle of it, with pixels of the same size"

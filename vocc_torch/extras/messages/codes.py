@@ -1,0 +1,213 @@
+"""Forward error correction by the field's libraries: words of bits from information, and back."""
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.layout import LONGEST_WORD, Layout
+
+Bytes = NDArray[np.uint8]
+ITERATIONS = 20
+"""Of belief propagation."""
+
+MEMORY_BITS = 6
+"""Of the convolutional code."""
+
+ERASED = (0.0, 0.4, 0.8)
+"""Shares of the check bytes that are spent on erasures, tried in turn where a word does not decode."""
+
+
+class Code(Protocol):
+    """A code whose words have a fixed length.
+
+    ``decode`` gives what it believes, or None where it knows that it failed; a packet's checksum vouches.
+    """
+
+    @property
+    def info_bytes(self) -> int:
+        """Bytes of information in a word."""
+
+    def encode(self, info: Bytes) -> Bytes:
+        """Turn information (N,info_bytes) uint8 into words of bits (N,n), 0 and 1."""
+
+    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+        """Turn log-likelihood ratios of words, log P(1) / P(0), (N,n), into information."""
+
+
+@dataclass(frozen=True)
+class Uncoded:
+    """No code: bits as they are decided."""
+
+    info_bytes: int
+
+    def encode(self, info: Bytes) -> Bytes:
+        """Give the bits."""
+        return np.unpackbits(info, axis=1)
+
+    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+        """Decide bit by bit."""
+        return [np.packbits(word >= 0).tobytes() for word in llr]
+
+
+@dataclass(frozen=True)
+class ReedSolomon:
+    """Shortened Reed-Solomon words over bytes, by reedsolo.
+
+    Bits are decided first. Where a word has too many errors, its least sure bytes are taken for erased, which
+    cost one check byte instead of two.
+
+    Source: G. D. Forney, "Generalized minimum distance decoding", IEEE Trans. Inf. Theory 12(2), 1966.
+
+    Args:
+        word_bytes: at most 255.
+        info_bytes: of these.
+    """
+
+    word_bytes: int
+    info_bytes: int
+    codec: Any = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make the codec."""
+        try:
+            import reedsolo
+        except ImportError:
+            extra = "install the extra with pip install 'vocc-torch[messages]'"
+            raise VoccError(f"transmit.code is rs, which needs reedsolo: {extra}, or give none") from None
+        codec = reedsolo.RSCodec(self.word_bytes - self.info_bytes, nsize=LONGEST_WORD)
+        object.__setattr__(self, "codec", codec)
+
+    def encode(self, info: Bytes) -> Bytes:
+        """Append the check bytes, and give bits."""
+        words = [np.frombuffer(bytes(self.codec.encode(one.tobytes())), np.uint8) for one in info]
+        return np.unpackbits(np.stack(words), axis=1)
+
+    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+        """Decode words one by one."""
+        return [self._decoded(word) for word in llr]
+
+    def _decoded(self, word: NDArray[np.float32]) -> bytes | None:
+        """Decode one word, with the more erasures the worse it is."""
+        read = np.packbits(word >= 0).tobytes()
+        weakest = np.argsort(np.abs(word).reshape(-1, 8).min(axis=1), kind="stable")
+        for share in ERASED:
+            erased = weakest[: int(share * (self.word_bytes - self.info_bytes))].tolist()
+            try:
+                return bytes(self.codec.decode(read, erase_pos=erased)[0])
+            except Exception as error:  # the library is imported where it is needed, and its errors with it
+                if type(error).__name__ != "ReedSolomonError":
+                    raise
+        return None
+
+
+@dataclass(frozen=True)
+class Ldpc:
+    """The 5G code for data channels, decoded by belief propagation on soft values; by Sionna.
+
+    Source: 3GPP TS 38.212, section 5.3.2.
+
+    Args:
+        word_bits: length of a word.
+        info_bytes: bytes of information.
+    """
+
+    word_bits: int
+    info_bytes: int
+    coders: Any = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make encoder and decoder."""
+        fec = sionna("ldpc")
+        try:
+            encoder = fec.LDPC5GEncoder(8 * self.info_bytes, self.word_bits, device="cpu")
+        except ValueError as error:
+            raise VoccError(
+                f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}"
+            ) from None
+        decoder = fec.LDPC5GDecoder(encoder, num_iter=ITERATIONS, hard_out=True, device="cpu")
+        object.__setattr__(self, "coders", (encoder, decoder))
+
+    def encode(self, info: Bytes) -> Bytes:
+        """Encode bits."""
+        words = self.coders[0](torch.from_numpy(np.unpackbits(info, axis=1)).float())
+        bits: Bytes = words.numpy().astype(np.uint8)
+        return bits
+
+    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+        """Decode words together."""
+        with torch.inference_mode():
+            bits = self.coders[1](torch.from_numpy(llr)).numpy().astype(np.uint8)
+        return [one.tobytes() for one in np.packbits(bits, axis=1)]
+
+
+@dataclass(frozen=True)
+class Convolutional(Ldpc):
+    """A convolutional code of 64 states, brought back to the first, by Viterbi's algorithm; by Sionna.
+
+    A code of rate 1/2, below that of rate 1/3, is evenly punctured to the word's length; or some of its bits
+    are sent again.
+
+    Source: J. Hagenauer, "Rate-compatible punctured convolutional codes", IEEE Trans. Commun. 36(4), 1988.
+
+    Args:
+        word_bits: length of a word.
+        info_bytes: bytes of information.
+    """
+
+    kept: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make encoder and decoder."""
+        fec, info = sionna("conv"), 8 * self.info_bytes + MEMORY_BITS
+        parts = 2 if 2 * info >= self.word_bits else 3
+        encoder = fec.ConvEncoder(
+            rate=1 / parts, constraint_length=MEMORY_BITS + 1, terminate=True, device="cpu"
+        )
+        object.__setattr__(self, "coders", (encoder, fec.ViterbiDecoder(encoder=encoder, device="cpu")))
+        object.__setattr__(self, "kept", np.arange(self.word_bits) * parts * info // self.word_bits)
+
+    def encode(self, info: Bytes) -> Bytes:
+        """Encode bits, and leave some out."""
+        return super().encode(info)[:, self.kept]
+
+    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+        """Decode words together; nothing is known of the bits that were left out."""
+        parts = len(self.coders[0].gen_poly)
+        whole = np.zeros((len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32)
+        np.add.at(whole.T, self.kept, llr.T)
+        return super().decode(whole)
+
+
+def sionna(kind: str) -> Any:
+    """Import Sionna's codes of a kind, ldpc or conv.
+
+    Raises:
+        VoccError: it is not installed.
+    """
+    try:
+        return import_module(f"sionna.phy.fec.{kind}")
+    except ImportError:
+        extra = "install the extra with pip install 'vocc-torch[ldpc]'"
+        raise VoccError(f"transmit.code is {kind}, which needs sionna-no-rt: {extra}, or give rs") from None
+
+
+def code_of(layout: Layout) -> Code:
+    """Build the code that a plan names, for its words.
+
+    Raises:
+        VoccError: a library that is not installed, or a rate that leaves no room for information.
+    """
+    options, word_bytes = layout.plan.signalling, layout.word_bits // 8
+    if options.code == "none":
+        return Uncoded(word_bytes)
+    info_bytes = int(word_bytes * options.code_rate)
+    if not 0 < info_bytes < word_bytes:
+        raise VoccError.of("transmit.code_rate", options.code_rate, f"one that fits {word_bytes} bytes")
+    if options.code == "rs":
+        return ReedSolomon(word_bytes, info_bytes)
+    return (Ldpc if options.code == "ldpc" else Convolutional)(layout.word_bits, info_bytes)

@@ -1,0 +1,174 @@
+"""From soft values of camera frames to blocks of symbols: the frames of a symbol add up."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
+
+from vocc_torch.extras.messages.clock import SymbolClock, Ticks
+from vocc_torch.extras.messages.layout import Layout
+
+MIXED_SHARE = 0.3
+"""A band whose clock cell agrees less than this share of what is usual is taken to show two symbols."""
+
+DEAF_SHARE, NEARBY = 0.3, 32
+"""A clock cell whose agreement is less than this on average over so many frames is hidden or dead."""
+
+STUCK_SYMBOLS = 16
+"""A cell that decides alike in so many symbols in a row carries no scrambled data: it is hidden or dead."""
+
+LEAST_WORTH, MOST_WORTH = 0.01, 4.0
+"""Bounds of what ratios are multiplied by."""
+
+WEAK = 0.1
+"""What a band counts whose clock cell does not agree, in a frame that does."""
+
+HARDLY = 0.9
+"""Share of a block without any frame from which on it is no block, but the begin or end of a recording."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of P symbols, as all its frames together show it.
+
+    Args:
+        number: counted from the recording's begin.
+        time_s: when its first frame was taken, or None.
+        sums: (P,R,C) float32, the frames' ratios, added up by their weights.
+        counts: (P,bands) int32, how many frames there were.
+    """
+
+    number: int
+    time_s: float | None
+    sums: NDArray[np.float32]
+    counts: NDArray[np.int32]
+
+    def ratios(self, layout: Layout) -> NDArray[np.float32]:
+        """Give log-likelihood ratios (P,R,C); zeros for cells that are hidden or dead."""
+        sums = self.sums * self._worth(layout)
+        if layout.plan.signalling.scramble:
+            on = (sums >= 0).reshape(-1, STUCK_SYMBOLS, *sums.shape[1:])
+            stuck = (on == on[:, :1]).all(axis=1) & (layout.kind == "data")
+            sums[stuck.repeat(STUCK_SYMBOLS, axis=0)] = 0
+        return sums
+
+    def _worth(self, layout: Layout) -> float:
+        """Say by what the sums are to be multiplied to make the block's known cells likeliest.
+
+        Scores are of any size, and far from what a receiver learned, or where frames of a symbol err
+        together, ratios are too sure.
+        """
+        known, sums = layout.known, self.sums
+        still = ((sums > 0).all(axis=0) | (sums < 0).all(axis=0)) & (layout.kind != "anchor")
+        agreement = (known * sums)[(known != 0) & (sums != 0) & ~still]
+        if not len(agreement):
+            return 1.0
+
+        def unlikely(scale: float) -> float:
+            return float(np.logaddexp(0.0, -scale * agreement.astype(np.float64)).sum())
+
+        return float(minimize_scalar(unlikely, bounds=(LEAST_WORTH, MOST_WORTH), method="bounded").x)
+
+
+class Combiner:
+    """Adds the frames of each symbol up, and gives blocks that are over; it never holds more than three.
+
+    Args:
+        layout: where the known cells are, and what they show.
+
+    Attributes:
+        used: bands of frames that counted in full.
+        passed_over: the others.
+
+    Example:
+        >>> from vocc_torch.extras.messages.signalling import MessagePlan, PanelShape, Signalling
+        >>> layout = Layout(MessagePlan(PanelShape(8, 8), Signalling()))
+        >>> combiner, seen = Combiner(layout), 5.0 * layout.known.repeat(2, axis=0)  # two frames a symbol
+        >>> blocks = [*combiner.push(seen, [None] * 256), *combiner.finish()]
+        >>> [(block.number, float(block.counts.mean())) for block in blocks]
+        [(0, 2.0)]
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout, self.clock = layout, SymbolClock(layout)
+        self.used = self.passed_over = 0
+        self._waiting: list[tuple[NDArray[np.float32], float | None]] = []
+        self._open: dict[int, Block] = {}
+
+    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Iterator[Block]:
+        """Take frames in and give the blocks that are over.
+
+        Args:
+            llr: (F,R,C) log-likelihood ratios, log P(On) / P(Off); zeros for a frame that shows no panel.
+            times_s: when each was taken, s, or None.
+        """
+        # A copy: a batch's array would be kept for a frame of it.
+        self._waiting += zip(np.array(llr, dtype=np.float32), times_s, strict=True)
+        yield from self._combined(self.clock.push(llr, times_s))
+
+    def finish(self) -> Iterator[Block]:
+        """Give what is left."""
+        yield from self._combined(self.clock.finish())
+        yield from self._over()
+
+    def _combined(self, ticks: Ticks | None) -> Iterator[Block]:
+        """Add settled frames to their symbols."""
+        if ticks is None:
+            return
+        count, symbols, bands = len(ticks.symbol), self.layout.symbols, self.layout.bands
+        taken, self._waiting = self._waiting[:count], self._waiting[count:]
+        llr = np.stack([one for one, _ in taken])
+        weights = judged(ticks.agreement)
+        self.used += int((weights == 1).sum())
+        self.passed_over += int((weights < 1).sum())
+        blocks = ticks.symbol // symbols
+        for number in np.unique(blocks).tolist():
+            if number not in self._open:
+                begun = taken[int((blocks == number).any(axis=1).argmax())][1]
+                sums = np.zeros((symbols, *self.layout.kind.shape), dtype=np.float32)
+                self._open[number] = Block(number, begun, sums, np.zeros((symbols, bands), dtype=np.int32))
+            block = self._open[number]
+            for band in range(bands):
+                rows = self.layout.band_of_row == band
+                frames = np.flatnonzero((blocks[:, band] == number) & (weights[:, band] > 0))
+                index = ticks.symbol[frames, band] % symbols
+                np.add.at(block.counts[:, band], index, 1)
+                part = np.zeros((symbols, int(rows.sum()), llr.shape[2]), dtype=np.float32)
+                np.add.at(part, index, llr[np.ix_(frames, rows)] * weights[frames, band, None, None])
+                block.sums[:, rows] += part
+        yield from self._over(int(blocks[-1].min()))
+
+    def _over(self, before: int | None = None) -> Iterator[Block]:
+        """Give the blocks before one, or all; those of hardly any frame are none."""
+        for number in sorted(one for one in self._open if before is None or one < before):
+            block = self._open.pop(number)
+            if (block.counts == 0).mean() <= HARDLY:
+                yield block
+
+
+def judged(agreement: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Weigh the bands of frames by whether they show the one symbol that they are taken for, (F,B).
+
+    A band whose clock cell does not agree counts little, which matters only where no other frame shows its
+    symbol, and nothing where most of the frame's other bands do not agree either. Where a band's clock cell
+    is hidden or dead, the other bands speak for it.
+
+    Example:
+        >>> agreement = np.full((64, 3), 5.0, dtype=np.float32)
+        >>> agreement[8, :2], agreement[9, 0], agreement[:, 2] = 0.5, 0.5, 0.0  # and a dead clock cell
+        >>> judged(agreement)[7:10].tolist()
+        [[1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    """
+    weights = np.zeros(agreement.shape, dtype=np.float32)
+    if not agreement.any():
+        return weights
+    share = np.clip(agreement / np.median(np.abs(agreement[agreement != 0])), -1, 1)
+    good = share > MIXED_SHARE
+    heard = uniform_filter1d(share, NEARBY, axis=0, mode="nearest") > DEAF_SHARE
+    others = ((good & heard).sum(axis=1) > heard.sum(axis=1) / 2)[:, None]
+    weights[np.broadcast_to(others, good.shape)] = WEAK
+    weights[np.where(heard, good, others)] = 1.0
+    return weights

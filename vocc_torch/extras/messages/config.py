@@ -1,0 +1,203 @@
+"""``task=transmit``, ``task=record``, ``task=receive``, ``task=messages``: their sections, without torch."""
+
+import re
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+from vocc_torch.errors import VoccError, finite_number, whole_number
+from vocc_torch.extras.messages.signalling import Signalling
+
+CHANNELS = ("luma", "max", "red", "green", "blue")
+SOFT = ("scores", "calibrated", "hard")
+FOLLOWS = ("auto", "true", "false")
+PLAN, FRAMES = "plan.yaml", "frames.npy"
+"""What a receiver must know, and the film as an array, in the folder of ``task=transmit``."""
+
+
+@dataclass
+class TransmitConfig(Signalling):
+    """How ``task=transmit`` writes a message, and the film that it makes.
+
+    Args:
+        repeats: how often the message is shown, 1 to 1000.
+        cell_px: side of an LED's cell in the film, px, 1 to 256.
+    """
+
+    repeats: int = 1
+    cell_px: int = 32
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        super().__post_init__()
+        whole_number("transmit.repeats", self.repeats, 1, 1000)
+        whole_number("transmit.cell_px", self.cell_px, 1, 256)
+
+
+@dataclass
+class RecordConfig:
+    """The camera's time in ``task=record``.
+
+    Args:
+        fps: frames a second, above 0 to 1e6.
+        drift: share by which the panel's clock is slower than it says, -0.1 to 0.1.
+        start_s: when the first frame is taken, s from the film's begin, at least 0; null draws it within a
+            symbol.
+        readout_s: from the first row's exposure to the last row's, s, above 0 to 1.
+        dropped: chance that a frame is lost, 0 to below 1.
+        burst_frames: frames that are lost in a row, 1 to 10,000.
+        repeated: chance that a frame is the one before it once more, 0 to below 1.
+        black: chance that a frame is black, 0 to below 1.
+        speed_m_s: by which the distance grows, m/s.
+        margin: with framing=crop, how many times the panel's surroundings are recorded, 1 to 100.
+        quality: of the film, x264's rate factor from 0 (lossless) to 51.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    fps: float = 240.0
+    drift: float = 0.0
+    start_s: float | None = None
+    readout_s: float = 0.004
+    dropped: float = 0.0
+    burst_frames: int = 1
+    repeated: float = 0.0
+    black: float = 0.0
+    speed_m_s: float = 0.0
+    margin: float = 1.5
+    quality: int = 12
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        ranges = {"fps": (0, 1e6), "readout_s": (0, 1), "drift": (-0.1, 0.1), "margin": (1, 100)}
+        ranges |= dict.fromkeys(("dropped", "repeated", "black"), (0, 0.999))
+        ranges |= {"speed_m_s": (-1000, 1000), "start_s": (0, 1e6)}
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if name == "start_s" and value is None:
+                continue
+            number = finite_number(f"record.{name}", value)
+            if not low <= number <= high or (number == 0 and name in ("fps", "readout_s")):
+                least = "above 0" if name in ("fps", "readout_s") else f"at least {low:g}"
+                raise VoccError.of(f"record.{name}", f"{number:g}", f"{least} and at most {high:g}")
+        whole_number("record.quality", self.quality, 0, 51)
+        whole_number("record.burst_frames", self.burst_frames, 1, 10_000)
+
+
+@dataclass
+class ReceiveConfig:
+    """How ``task=receive`` reads a recording.
+
+    Args:
+        plan: the plan that task=transmit wrote; null takes the plan.yaml beside the input.
+        fps: frames a second; null takes the video's times, and without them the camera is taken to be faster
+            than the panel.
+        locate_every: look for the panel in each so manieth frame, 1 to 10000.
+        follow: ``auto``: the panel is followed from frame to frame from where it is seen to move; ``true``:
+            always; ``false``: it is looked for now and then alone.
+        channel: how colour becomes grey: ``luma``, ``max``, ``red``, ``green`` or ``blue``.
+        soft: soft values: ``scores`` (the receiver's own), ``calibrated`` (log-likelihood ratios) or
+            ``hard``.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    plan: str | None = None
+    fps: float | None = None
+    locate_every: int = 8
+    follow: str = "auto"
+    channel: str = "luma"
+    soft: str = "scores"
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        self.follow = self.follow.lower()  # true and false are written by YAML too
+        for name, known in (("channel", CHANNELS), ("soft", SOFT), ("follow", FOLLOWS)):
+            if getattr(self, name) not in known:
+                rule = f"one of {', '.join(known)}"
+                if getattr(self, name) == "auto":
+                    rule += "; task=decode decode.channel=auto says which of them suits the recording"
+                raise VoccError.of(f"receive.{name}", repr(getattr(self, name)), rule)
+        whole_number("receive.locate_every", self.locate_every, 1, 10000)
+        if self.fps is not None and not 0 < finite_number("receive.fps", self.fps) <= 1e6:
+            raise VoccError.of("receive.fps", f"{self.fps:g}", "above 0 and at most 1e6, or null")
+
+
+AXES = ("distance_m", "ambient_lx", "ratio")
+"""What a study of messages varies; ``ratio`` is the camera's frames a symbol."""
+
+MOST_RATIO = 100.0
+
+
+@dataclass
+class MessagesConfig:
+    """How far messages carry: what ``task=messages`` varies, and what it sends.
+
+    Args:
+        distance_m: distances of the panel, m, ascending; none leaves the axis out.
+        ambient_lx: illuminances of the ambient light, lx, ascending; none leaves the axis out.
+        ratio: frames of the camera a symbol, 1.5 to 100, ascending; none leaves the axis out.
+        at_distance_m: the distance where something else is varied, m.
+        at_ratio: the ratio where something else is varied.
+        codes: those compared: ``none``, or rs, ldpc or conv with a rate, such as ldpc-0.5.
+        soft: soft values compared: some of ``scores``, ``calibrated`` and ``hard``.
+        interleave: whether packets are interleaved: [true], [false] or both, to compare.
+        recordings: recordings of a point, each of a scene of its own, at least 2.
+        blocks: blocks in a recording, 1 to 1000.
+        signalling: how symbols are written, but for the code.
+        record: the camera's time, but for its rate.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    distance_m: list[float] = field(default_factory=lambda: [50.0, 70.0, 90.0])
+    ambient_lx: list[float] = field(default_factory=list)
+    ratio: list[float] = field(default_factory=list)
+    at_distance_m: float = 80.0
+    at_ratio: float = 2.4
+    codes: list[str] = field(default_factory=lambda: ["ldpc-0.7"])
+    soft: list[str] = field(default_factory=lambda: ["scores"])
+    interleave: list[bool] = field(default_factory=lambda: [True])
+    recordings: int = 6
+    blocks: int = 1
+    signalling: Signalling = field(default_factory=Signalling)
+    record: RecordConfig = field(default_factory=RecordConfig)
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name in (*AXES, "at_distance_m", "at_ratio"):
+            given = getattr(self, name)
+            values = given if name in AXES else [given]
+            low, high = (1.5, MOST_RATIO) if name.endswith("ratio") else (0.0, 1e6)
+            inside = all(low < finite_number(f"messages.{name}", one) <= high or one == 1.5 for one in values)
+            if not inside or not all(a < b for a, b in pairwise(values)):
+                least = "at least 1.5" if low else "above 0"
+                rule = f"{least} and at most {high:g}" + ", ascending" * (name in AXES)
+                raise VoccError.of(f"messages.{name}", given, rule)
+        if not any(getattr(self, axis) for axis in AXES):
+            raise VoccError(
+                "messages varies nothing: give values of messages.distance_m, ambient_lx or ratio"
+            )
+        for name, known in (("soft", SOFT), ("interleave", (True, False)), ("codes", None)):
+            given = getattr(self, name)
+            if not given or len({*given}) < len(given) or (known and not {*given} <= {*known}):
+                rule = f"some of {', '.join(map(str, known))}, each once" if known else "codes, each once"
+                raise VoccError.of(f"messages.{name}", given, rule)
+        for code in self.codes:
+            self.options(code)
+        whole_number("messages.recordings", self.recordings, 2, 100_000)
+        whole_number("messages.blocks", self.blocks, 1, 1000)
+
+    def options(self, code: str, interleave: bool = True) -> Signalling:
+        """Give how a code's packets are written.
+
+        Raises:
+            VoccError: another word than a code with its rate.
+        """
+        if not (found := re.fullmatch(r"none|(rs|ldpc|conv)-(0?\.\d*[1-9]\d*)", code)):
+            rule = "none, or rs, ldpc or conv with a rate above 0 and below 1, such as ldpc-0.5"
+            raise VoccError.of("messages.codes", repr(code), rule, "has")
+        rate, name = float(found[2] or 0.5), found[1] or "none"
+        return replace(self.signalling, code=name, code_rate=rate, interleave=interleave, scramble=True)

@@ -1,0 +1,157 @@
+"""Which cell of which symbol is known to the receiver, and which carries which bit of which packet."""
+
+import hashlib
+from copy import copy
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import max_len_seq
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.signalling import ORDERS, MessagePlan
+
+LONGEST_WORD = 255
+"""Most bytes of a Reed-Solomon word."""
+
+
+def stream(name: str, count: int) -> NDArray[np.uint8]:
+    """Give random bytes that everybody who knows a name has: SHAKE-128 of it.
+
+    Example:
+        >>> stream("scramble", 3).tolist()
+        [136, 5, 252]
+    """
+    return np.frombuffer(hashlib.shake_128(f"vocc_torch {name}".encode()).digest(count), np.uint8)
+
+
+def sync_bits(order: int) -> NDArray[np.bool_]:
+    """Give a de Bruijn sequence: of its 2^order bits in a circle any ``order`` in a row occur once.
+
+    Source: a maximal-length sequence (scipy.signal.max_len_seq) with a 0 added to its longest run of 0.
+
+    Example:
+        >>> "".join(map(str, sync_bits(3).astype(int)))
+        '00011101'
+    """
+    bits = max_len_seq(order)[0]
+    doubled = "".join(map(str, [*bits, *bits]))
+    begin = doubled.index("0" * (order - 1))
+    return np.array([0, *np.roll(bits, -begin)], dtype=bool)
+
+
+class Layout:
+    """Every cell of a block of P symbols: known ones, and the places of packets' bits.
+
+    - Anchors: the corners, always On. A receiver finds the panel's extent by them.
+    - Clock: a cell in each band of rows that is the other in each symbol. Where a camera's exposure caught
+      two symbols, or its shutter passes from one to the next, the bands say so.
+    - Sync: where in its block a symbol stands: cells with a sequence that is told by a few of its bits, and
+      each second one with that turned over in two symbols of four, so that a symbol that no frame shows is
+      missed at once. Either alone will do.
+    - The rest carries packets: ``packets`` words of ``word_bits`` each, spread over all of the block where
+      they are interleaved. The eight bits of a byte keep to one cell in eight symbols that follow each other
+      where the code corrects bytes: a dead cell then hits no more bytes than it must.
+
+    Args:
+        plan: the panel's shape and the options.
+
+    Raises:
+        VoccError: a panel too small for its known cells, or more bands than rows.
+
+    Example:
+        >>> from vocc_torch.extras.messages.signalling import PanelShape, Signalling
+        >>> layout = Layout(MessagePlan(PanelShape(8, 8), Signalling()))
+        >>> layout.packets, layout.word_bits, round(layout.shares["data"], 3)
+        (4, 1728, 0.844)
+    """
+
+    def __init__(self, plan: MessagePlan) -> None:
+        options, (rows, columns) = plan.signalling, (plan.shape.rows, plan.shape.columns)
+        self.plan, self.symbols, self.bands = plan, options.block_symbols, options.bands
+        self._scrambles = options.scramble
+        if self.bands > rows:
+            raise VoccError.of("transmit.bands", self.bands, f"at most the panel's rows, {rows}")
+        self.band_of_row = np.arange(rows) * self.bands // rows
+        kind = np.full((rows, columns), "data", dtype="<U6")
+        if options.anchors:
+            kind[[0, 0, -1, -1], [0, -1, 0, -1]] = "anchor"
+        syncs = [(2 * n + 1) * self.bands // (2 * options.sync_cells) for n in range(options.sync_cells)]
+        for name, bands in (("clock", range(self.bands)), ("sync", syncs)):
+            for number, band in enumerate(bands):
+                free = np.argwhere((kind == "data") & (self.band_of_row == band)[:, None])
+                if not len(free):
+                    cells = f"{self.bands} bands and {options.sync_cells} sync cells"
+                    raise VoccError(f"panel of {rows} x {columns} LEDs is too small: {cells} leave no data")
+                kind[tuple(free[(3 * number + 2) * len(free) // 7 % len(free)])] = name
+        self.kind = kind
+        self.data = np.flatnonzero(kind == "data")
+        capacity = self.symbols * len(self.data)
+        self.unit = 8 if options.code == "rs" else 1
+        groups = capacity // self.unit
+        self.packets = max(1, -(-(capacity // 8) // LONGEST_WORD))
+        self.word_bits = groups * self.unit // self.packets // 8 * 8
+        self.shares = {name: float((kind == name).mean()) for name in ("anchor", "clock", "sync", "data")}
+
+    @cached_property
+    def known(self) -> NDArray[np.int8]:
+        """What the known cells show, (P,R,C): 1 On, -1 Off, 0 a cell that carries data."""
+        index = np.arange(self.symbols)
+        shown = np.zeros((self.symbols, *self.kind.shape), dtype=np.int8)
+        shown[:, self.kind == "anchor"] = 1
+        shown[:, self.kind == "clock"] = (2 * (index % 2) - 1)[:, None]
+        places = sync_bits(ORDERS[self.symbols]).astype(np.int8)
+        both = places, places ^ (index // 2 % 2)
+        for number, (row, column) in enumerate(np.argwhere(self.kind == "sync")):
+            shown[:, row, column] = 2 * both[number % 2] - 1
+        return shown
+
+    @cached_property
+    def places(self) -> NDArray[np.int64]:
+        """Where the bits of the block's words stand, (packets, word_bits), in (P, data cells) flattened."""
+        cells = len(self.data)
+        each = np.arange(self.symbols * cells).reshape(self.symbols, cells)
+        groups = each.reshape(-1, self.unit, cells).transpose(0, 2, 1).reshape(-1, self.unit)
+        if self.plan.signalling.interleave:
+            groups = groups[np.argsort(stream("interleave", 8 * len(groups)).view("<u8"), kind="stable")]
+        used = self.packets * self.word_bits // self.unit
+        places: NDArray[np.int64] = groups[:used].reshape(self.packets, self.word_bits)
+        return places
+
+    @cached_property
+    def _stream(self) -> NDArray[np.uint8]:
+        """A random bit for each place, (P data cells,)."""
+        count = self.symbols * len(self.data)
+        return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
+
+    def write(self, words: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Write a block's words of bits (packets, word_bits) on its symbols, (P,R,C); the rest is random."""
+        carried = self._stream.copy()
+        carried[self.places] = words ^ self._stream[self.places] if self._scrambles else words
+        film: NDArray[np.bool_] = self.known.reshape(self.symbols, -1) > 0
+        film[:, self.data] = carried.reshape(self.symbols, -1)
+        return film.reshape(self.known.shape)
+
+    def rescrambled(self, words: NDArray[np.uint8], shown: NDArray[np.bool_]) -> Self:
+        """Give the layout with the scrambling by which a block that shows ``shown`` (P,R,C) has ``words``.
+
+        So any random film is the film of any code, and codes are compared on the same recordings.
+        """
+        twin = copy(self)
+        carried = shown.reshape(self.symbols, -1)[:, self.data].ravel().astype(np.uint8)
+        carried[self.places] ^= words
+        twin._stream = carried
+        return twin
+
+    def read(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Take the words' bits, as :meth:`write` wrote them, from soft values of a block's cells, (P,R,C)."""
+        found = self.take(cells)
+        if self._scrambles:
+            found = np.where(self._stream[self.places] == 1, -found, found)
+        return found
+
+    def take(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
+        found: NDArray[np.float32] = cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[self.places]
+        return found

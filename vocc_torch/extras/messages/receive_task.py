@@ -1,0 +1,217 @@
+"""``task=receive``: a recording in, the message out, or the parts of it that a checksum vouches for."""
+
+import warnings
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import chain, groupby, islice
+from pathlib import Path
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.config import PLAN, ReceiveConfig
+from vocc_torch.extras.messages.front import Front
+from vocc_torch.extras.messages.packets import Assembly, payload_bytes
+from vocc_torch.extras.messages.reception import COLUMNS, Received, Reception
+from vocc_torch.extras.messages.record_task import with_panel_of
+from vocc_torch.extras.messages.signalling import MessagePlan
+from vocc_torch.files import write_atomically
+from vocc_torch.measure import timing
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings
+from vocc_torch.measure.train import receiver_for, settings_used
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
+
+BATCH_FRAMES, BATCH_PIXELS = 64, 64_000_000
+"""Frames read at a time, and most pixels of them."""
+
+MOST_NAMED = 12
+"""Ranges of missing packets that a refusal names, and incomplete messages that are written."""
+
+NEAREST_LEDS_PX = 2.0
+"""LEDs nearer to each other than this share their pixels: the camera's sampling limit."""
+
+
+MISSING_COLUMNS = ("message", "first_sequence", "last_sequence", "first_byte", "end_byte")
+"""Columns of ``missing.csv``."""
+
+
+def receive(
+    receiver: Receiver,
+    reception: Reception,
+    front: Front,
+    recording: Iterable[RecordedFrame],
+    fps: float | None = None,
+) -> Iterator[Received]:
+    """Receive a recording packet by packet; what is held at a time does not grow with it.
+
+    Args:
+        receiver: reads the bits.
+        reception: finds the packets.
+        front: follows the panel.
+        recording: the frames.
+        fps: frames a second, or None for the recording's own times.
+    """
+    number, parts = 0, batches(recording)
+    # The next frames are decoded while these are read.
+    with ThreadPoolExecutor(1) as beside:
+        coming = beside.submit(next, parts, None)
+        while batch := coming.result():
+            coming = beside.submit(next, parts, None)
+            times = [frame.time_s for frame in batch]
+            if fps is not None:
+                times = [(number + i) / fps for i in range(len(batch))]
+            number += len(batch)
+            yield from reception.push(front([frame.grey for frame in batch]), times)
+    yield from reception.finish()
+
+
+def batches(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]:
+    """Batch frames of one size that are read together."""
+    for (height, width), run in groupby(recording, key=lambda frame: frame.grey.shape):
+        size = max(1, min(BATCH_FRAMES, BATCH_PIXELS // (height * width)))
+        while batch := list(islice(run, size)):
+            yield batch
+
+
+def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None:
+    """Receive a message and write it, or what arrived of it under another name, and a row a packet.
+
+    Raises:
+        VoccError: no input or plan; and, when everything is written, a message that is not whole.
+    """
+    run_folder.refuse_results(folder)
+    if settings.input is None:
+        raise VoccError("input is null: task=receive needs input=VIDEO, a folder of pictures or an array")
+    source, console = Path(settings.input), Console()
+    beside = (source if source.is_dir() else source.parent) / PLAN
+    plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
+    reception = Reception(plan)
+    assembly = Assembly(payload_bytes(reception.code.info_bytes))
+    failures: list[str] = []
+    recording = readable(read_recording(source, config.channel, grey_only=True), failures)
+    if not (first := list(islice(recording, 1))):
+        raise VoccError(failures[0])
+    model = None if settings.model is None else Path(settings.model)
+    study = build_plan(with_panel_of(settings, plan), folder)
+    # The panel is followed, so its corners are surer than those of single frames.
+    receiver = receiver_for(study, model, settings.plug_ins, at_truth=True)
+    front = Front(receiver, config.locate_every, config.soft, config.follow)
+    rows: list[run_folder.Cells] = [COLUMNS]
+
+    def take(packets: Iterable[Received]) -> None:
+        for one in packets:
+            rows.append(one.row())
+            if one.packet is not None:
+                assembly.add(one.packet)
+
+    try:
+        with timing.threads(1):  # the other cores decode: torch's threads would spin there
+            take(receive(receiver, reception, front, chain(first, recording), config.fps))
+    except KeyboardInterrupt:  # what arrived until then is written
+        failures.append(f"interrupted after {front.frames} frames")
+        take(reception.finish())
+    run_folder.write_rows(folder / "report.csv", rows)
+    run_folder.write_config(settings_used(settings, receiver), folder)
+    if model is None:
+        receiver.save(folder / "receiver.pt")
+    arrived, sent = sum(map(len, (one.parts for one in assembly.messages))), reception.packets_sent
+    shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
+    told = f"{arrived} of {sent} packets arrived in {front.frames} frames; {shown}"
+    if front.tracker is not None:
+        told += "; it was followed" + ", for it moves" * front.auto
+    console.print(told, soft_wrap=True, highlight=False)
+    places = [("packets", "report.csv"), *write_messages(assembly, folder)]
+    for what, name in places:
+        if what == "message":
+            size = (folder / name).stat().st_size
+            console.print(f"{name}: {size} bytes, all verified by their checksum", highlight=False)
+    run_folder.print_places(console, folder, places + [("receiver", "receiver.pt")] * (model is None))
+    for doubt in doubts(assembly):
+        warnings.warn(f"input {source}: {doubt}", stacklevel=2)
+    if not any(message.complete for message in assembly.messages):
+        failures.insert(0, f"input {source}: {lost(assembly, sent, front.led_pitch_px)}")
+    if failures:
+        raise VoccError("; ".join(failures))
+
+
+def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
+    """Write each complete message, and where there is none the parts of the others.
+
+    ``missing.csv`` has a row for each run of packets that did not arrive. Missing parts are left out of
+    ``message.partial``: a packet may claim any length.
+
+    Returns:
+        What was written and the name of its file.
+    """
+    messages = assembly.messages
+    if complete := [message for message in messages if message.complete]:
+        places = [("message", f"message{suffix(n)}.bin") for n in range(len(complete))]
+        for message, (_, name) in zip(complete, places, strict=True):
+            write_atomically(folder / name, message.content)
+        return places
+    places, gaps = [], list[run_folder.Cells]()
+    for n, message in enumerate(messages[:MOST_NAMED]):
+        places.append(("part", f"message{suffix(n)}.partial"))
+        write_atomically(folder / places[-1][1], message.content)
+        for first, last in message.gaps:
+            end = min(message.length, (last + 1) * message.payload)
+            gaps.append((n + 1, first, last, first * message.payload, end))
+    run_folder.write_rows(folder / "missing.csv", [MISSING_COLUMNS, *gaps])
+    return [*places, ("missing", "missing.csv")]
+
+
+def suffix(number: int) -> str:
+    """Tell the files of several messages apart.
+
+    Example:
+        >>> suffix(0), suffix(1)
+        ('', '_2')
+    """
+    return f"_{number + 1}" if number else ""
+
+
+def doubts(assembly: Assembly) -> Iterator[str]:
+    """Say where packets contradict each other, or belong to messages that are not written."""
+    if assembly.contradictions:
+        what = "other content than the first packet of the same message and number"
+        yield f"{assembly.contradictions} packets have {what}: they were passed over"
+    complete = sum(message.complete for message in assembly.messages)
+    if complete and complete < len(assembly.messages):
+        others = sum(len(message.parts) for message in assembly.messages[complete:])
+        count = len(assembly.messages) - complete
+        yield f"{others} packets of {count} other, incomplete messages are not written"
+
+
+def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
+    """Say in words why there is no message, and which packets are missing.
+
+    Args:
+        assembly: the packets.
+        sent: packets that the recording has time for.
+        led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
+
+    Example:
+        >>> from vocc_torch.extras.messages.packets import Message
+        >>> some = Assembly(2)
+        >>> some.by_message[14, 0] = Message(14, 0, 2, {0: b"12", 3: b"12", 4: b"12"})
+        >>> lost(some, 7, None)
+        'of 7 packets of the message 4 are missing (1-2, 5-6): message.partial has the others'
+    """
+    if not assembly.messages:
+        if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
+            near = f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed"
+            return f"none of {sent} packets arrived: {near}; come nearer or take a longer lens"
+        return f"none of {sent} packets arrived, so there is no message; report.csv says why"
+    message = assembly.messages[0]
+    if not message.gaps:
+        return "all packets arrived, but the message's own checksum does not fit: message.partial has them"
+    named = [str(a) if a == b else f"{a}-{b}" for a, b in message.gaps[:MOST_NAMED]]
+    further = len(message.gaps) - len(named)
+    where = ", ".join(named) + f" and {further} more places" * (further > 0)
+    missing = message.packets - len(message.parts)
+    told = f"of {message.packets} packets of the message {missing} are missing ({where})"
+    if message.packets > sent:
+        told += f", more than the {sent} that the recording has time for"
+    return f"{told}: message.partial has the others"

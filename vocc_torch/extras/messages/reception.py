@@ -1,0 +1,161 @@
+"""From soft values of camera frames to packets: blocks are decoded and checked."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from vocc_torch.extras.messages.codes import Code, code_of
+from vocc_torch.extras.messages.combine import Block, Combiner
+from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.packets import Packet, packed, unpacked
+from vocc_torch.extras.messages.signalling import MessagePlan
+
+UNSEEN = 0.1
+"""Share of a packet's bits that no frame showed clearly, from which on it is the reason of a loss."""
+
+COLUMNS = (
+    *("block", "packet", "time_s", "frames", "unseen", "sequence", "arrived"),
+    *("corrected", "expected_errors", "why"),
+)
+"""Columns of ``report.csv``."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """What happened to one packet.
+
+    Args:
+        block: number of its block since the recording's begin.
+        place: its number in the block.
+        time_s: when the block's first frame was taken, or None.
+        frames: frames that each of its bits was read from, on average.
+        unseen: share of its bits that no frame showed.
+        packet: what it holds, or None.
+        corrected: wrong bits before the code, counted where the packet arrived.
+        expected_errors: wrong bits before the code that the soft values let expect.
+        why: why it was lost; empty where it arrived.
+    """
+
+    block: int
+    place: int
+    time_s: float | None
+    frames: float
+    unseen: float
+    packet: Packet | None
+    corrected: int | None
+    expected_errors: float
+    why: str
+
+    def row(self) -> list[str | int | float | None]:
+        """The packet's row of ``report.csv``."""
+        time_s = None if self.time_s is None else f"{self.time_s:.4f}"
+        sequence = None if self.packet is None else self.packet.sequence
+        told = f"{self.frames:.2f}", f"{self.unseen:.4f}", sequence, int(self.packet is not None)
+        return [
+            *(self.block, self.place, time_s, *told),
+            *(self.corrected, f"{self.expected_errors:.1f}", self.why),
+        ]
+
+
+def film_of(message: bytes, plan: MessagePlan) -> NDArray[np.bool_]:
+    """Write a message as the symbols of a panel.
+
+    Args:
+        message: at least 1 byte.
+        plan: how.
+
+    Returns:
+        (N,R,C) bool, whole blocks; what is left of the last one repeats the first packets.
+
+    Example:
+        >>> from vocc_torch.extras.messages.signalling import PanelShape, Signalling
+        >>> film_of(b"hello", MessagePlan(PanelShape(8, 8), Signalling(code="none"))).shape
+        (128, 8, 8)
+    """
+    layout = Layout(plan)
+    code = code_of(layout)
+    infos = list(packed(message, code.info_bytes))
+    infos += [infos[n % len(infos)] for n in range(-len(infos) % layout.packets)]
+    words = code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
+    blocks = words.reshape(-1, layout.packets, layout.word_bits)
+    return np.concatenate([layout.write(block) for block in blocks])
+
+
+class Reception:
+    """Receives a message from soft values, as they come; what it holds does not grow with the recording.
+
+    Args:
+        plan: how the message was written.
+
+    Example:
+        >>> from vocc_torch.extras.messages.signalling import PanelShape, Signalling
+        >>> plan = MessagePlan(PanelShape(8, 8), Signalling(code="none"))
+        >>> seen = film_of(b"hello", plan).repeat(2, axis=0) * 12.0 - 6.0
+        >>> reception = Reception(plan)
+        >>> got = [*reception.push(seen, [None] * len(seen)), *reception.finish()]
+        >>> [one.packet.payload for one in got if one.packet][0]
+        b'hello'
+    """
+
+    def __init__(self, plan: MessagePlan) -> None:
+        self.plan, self.layout = plan, Layout(plan)
+        self.code: Code = code_of(self.layout)
+        self.combiner = Combiner(self.layout)
+        self._blocks: set[int] = set()
+        self._first_s: float | None = None
+        self._last_s: float | None = None
+
+    @property
+    def packets_sent(self) -> int:
+        """Packets that the recording has time for; without times, those of the blocks seen."""
+        if self._first_s is None or self._last_s is None:
+            return len(self._blocks) * self.layout.packets
+        symbols = (self._last_s - self._first_s) * self.plan.signalling.symbol_rate_hz
+        return max(1, round(symbols / self.layout.symbols)) * self.layout.packets
+
+    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Iterator[Received]:
+        """Take frames in and give the packets of blocks that are over, as :meth:`Combiner.push` does."""
+        known = [time_s for time_s in times_s if time_s is not None]
+        if known:
+            self._first_s = known[0] if self._first_s is None else self._first_s
+            self._last_s = known[-1]
+        yield from self._decoded(self.combiner.push(llr, times_s))
+
+    def finish(self) -> Iterator[Received]:
+        """Give the packets of what is left."""
+        yield from self._decoded(self.combiner.finish())
+
+    def _decoded(self, blocks: Iterator[Block]) -> Iterator[Received]:
+        """Decode blocks and count them."""
+        for block in blocks:
+            self._blocks.add(block.number)
+            yield from decoded(block, self.layout, self.code)
+
+
+def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
+    """Decode the packets of a block.
+
+    Args:
+        block: what its frames show.
+        layout: where its packets are.
+        code: of its words.
+    """
+    words = layout.read(block.ratios(layout))
+    each = block.counts[:, layout.band_of_row, None].repeat(layout.kind.shape[1], axis=2)
+    frames = layout.take(each.astype(np.float32))
+    for place, (info, word, seen) in enumerate(zip(code.decode(words), words, frames, strict=True)):
+        packet = None if info is None else unpacked(info)
+        unseen, expected = float((seen == 0).mean()), float(expit(-np.abs(word)).sum())
+        corrected, why = None, ""
+        if packet is not None and info is not None:
+            sent = code.encode(np.frombuffer(info, np.uint8)[None])[0]
+            corrected = int(((word >= 0) != sent.astype(bool))[: len(sent)].sum())
+        elif unseen > UNSEEN:
+            why = f"no frame showed {unseen:.0%} of its bits clearly"
+        else:
+            why = "too many wrong bits" if info is None else "its checksum does not fit"
+        mean = float(seen.mean())
+        yield Received(block.number, place, block.time_s, mean, unseen, packet, corrected, expected, why)

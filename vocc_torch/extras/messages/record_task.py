@@ -1,0 +1,110 @@
+"""``task=record``: a panel's film in, the recording of a simulated camera out, with its truth."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
+from vocc_torch.extras.messages.signalling import MessagePlan
+from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
+from vocc_torch.report.video import write_video
+from vocc_torch.rng import BlockKey
+from vocc_torch.simulation.effects.coding import Quantization
+from vocc_torch.simulation.recording import Shutter, further_films, record
+
+CORNERS = [f"{axis}_{corner}" for corner in ("tl", "tr", "br", "bl") for axis in "xy"]
+COLUMNS = ("frame", "taken_s", "symbol", "distance_m", *CORNERS)
+"""Columns of ``truth.csv``; corners in px of the recording."""
+
+
+def with_panel_of(settings: Settings, plan: MessagePlan) -> Settings:
+    """Give the settings with the plan's panel."""
+    sides: Any = asdict(plan.shape)  # the section has both, beside what LedPanel has
+    return replace(settings, panel=replace(settings.panel, **sides))
+
+
+def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
+    """Record a film, as an array and as a video, with the truth and the plan beside it.
+
+    Raises:
+        VoccError: no input, or one that task=transmit did not write.
+    """
+    run_folder.refuse_results(folder)
+    if settings.input is None:
+        raise VoccError("input is null: task=record needs input=FOLDER, that of task=transmit")
+    source = Path(settings.input)
+    plan = MessagePlan.read(source / PLAN)
+    try:
+        film = np.load(source / FRAMES, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise VoccError(f"input {source / FRAMES} cannot be read ({' '.join(str(error).split())})") from None
+    if film.dtype != np.bool_ or film.shape[1:] != (plan.shape.rows, plan.shape.columns) or not len(film):
+        raise VoccError(f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}")
+    study = build_plan(with_panel_of(settings, plan), folder)
+    simulator = study.world.simulator()
+    if not any(isinstance(effect, Quantization) and effect.bits == 8 for effect in simulator.effects):
+        raise VoccError("scene.effects.quantization must be {bits: 8}: task=record writes greys of 8 bits")
+    key, window = BlockKey(study.seed, "recording", 0), config.margin if settings.framing == "crop" else None
+    scene = study.world.scene.draw(key, plan.shape)[0][:1]
+    symbol_s = (1 + config.drift) / plan.signalling.symbol_rate_hz
+    start_s = config.start_s
+    if start_s is None:
+        start_s = float(key.generator("start").random()) * symbol_s
+    faults = config.dropped, config.repeated, config.black, config.burst_frames
+    shutter = Shutter(config.fps, start_s, config.readout_s, *faults)
+    parts = record(
+        simulator,
+        scene,
+        torch.from_numpy(film),
+        symbol_s,
+        shutter,
+        key,
+        speed_m_s=config.speed_m_s,
+        window=window,
+        batch=study.batch_frames,
+    )
+    rows: list[run_folder.Cells] = [COLUMNS]
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        for part in parts:
+            corners = (part.panels.corners_px - part.frames.origin_px[:, None]).flatten(1).tolist()
+            times = part.taken_s.tolist()
+            for time_s, symbol, where in zip(times, part.symbols, corners, strict=True):
+                told = (None, None, None) if symbol is None else (f"{time_s:.6f}", symbol)
+                away = float(scene.distance_m[0]) + config.speed_m_s * (0.0 if symbol is None else time_s)
+                cells = [*told[:2], f"{away:.3f}", *(f"{c:.3f}" for c in where)]
+                rows.append((len(rows) - 1, *cells))
+            kept = part.frames.grey[:, 0].cpu().numpy()
+            if not file.tell():
+                shape = (count, *kept.shape[1:])
+                head = {"descr": "|u1", "fortran_order": False, "shape": shape}
+                np.lib.format.write_array_header_1_0(file, head)
+            file.write(kept.tobytes())
+            yield from part.frames.pixels
+
+    count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
+    # To a file and not to a memory map, which a full disk would end with SIGBUS.
+    with atomic_file(folder / "recording.npy") as temporary, temporary.open("wb") as file:
+        write_video(folder / "recording.mp4", pictures(), config.fps, config.quality)
+    run_folder.write_rows(folder / "truth.csv", rows)
+    write_atomically(folder / PLAN, plan.text.encode())
+    for name, sent in further_films(simulator, torch.from_numpy(film), key).items():
+        with atomic_file(folder / f"frames{name}.npy") as temporary, temporary.open("wb") as file:
+            np.save(file, sent.numpy())
+    run_folder.write_config(settings, folder)
+    console = Console()
+    ratio = config.fps * symbol_s
+    told = f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m"
+    console.print(told, highlight=False)
+    places = {"recording": "recording.mp4", "frames": "recording.npy", "truth": "truth.csv", "plan": PLAN}
+    run_folder.print_places(console, folder, places.items())

@@ -1,0 +1,104 @@
+"""``task=transmit``: a file in, a panel's film out."""
+
+import stat
+from pathlib import Path
+
+import numpy as np
+
+from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.codes import code_of
+from vocc_torch.extras.messages.config import FRAMES, PLAN, TransmitConfig
+from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.packets import OVERHEAD_BYTES, payload_bytes
+from vocc_torch.extras.messages.reception import film_of
+from vocc_torch.extras.messages.signalling import FIELDS, MessagePlan, Signalling
+from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.hardware import PanelShape
+from vocc_torch.measure.config import Settings
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report.terminal import Console
+from vocc_torch.report.video import write_video
+
+LARGEST_BYTES = 1 << 24
+"""Of a message: its film of ten hours is held in memory."""
+
+LIT = 255
+DARK = 0
+
+
+def plan_of(settings: Settings, config: TransmitConfig) -> MessagePlan:
+    """Give the plan that a configuration describes."""
+    shape = PanelShape(settings.panel.rows, settings.panel.columns)  # type: ignore[attr-defined]  # of the schema
+    return MessagePlan(shape, Signalling(**{name: getattr(config, name) for name in FIELDS}))
+
+
+def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> None:
+    """Write the film of a file, as an array and as a video, and what a receiver must know.
+
+    Raises:
+        VoccError: no input, one that cannot be read or is empty, or a plan that leaves no room.
+    """
+    run_folder.refuse_results(folder)
+    if settings.input is None:
+        raise VoccError("input is null: task=transmit needs input=FILE, the message")
+    try:
+        message = file_bytes(Path(settings.input))
+    except OSError as error:
+        raise VoccError(f"input {settings.input} cannot be read: {error.strerror or error}") from None
+    plan, console = plan_of(settings, config), Console()
+    film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
+    pictures = (np.where(one, LIT, DARK).astype(np.uint8) for one in film)
+    large = (np.kron(one, np.ones((config.cell_px, config.cell_px), np.uint8)) for one in pictures)
+    write_video(folder / "film.mp4", large, config.symbol_rate_hz)
+    with atomic_file(folder / FRAMES) as temporary:
+        np.save(temporary, film)
+    write_atomically(folder / PLAN, plan.text.encode())
+    run_folder.write_config(settings, folder)
+    for line in costs(plan):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    seconds = len(film) / config.symbol_rate_hz
+    told = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
+    console.print(f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s", highlight=False)
+    places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
+    run_folder.print_places(console, folder, places.items())
+
+
+def file_bytes(path: Path) -> bytes:
+    """Read a message.
+
+    Raises:
+        OSError: the file cannot be read.
+        VoccError: no ordinary file, or one that is too large.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_BYTES:
+        rule = f"an ordinary file of at most {LARGEST_BYTES} bytes"
+        raise VoccError(f"input {path} must be {rule}")
+    with path.open("rb") as file:
+        return file.read(LARGEST_BYTES)
+
+
+def costs(plan: MessagePlan) -> list[str]:
+    """Say what each option takes of the panel's bits.
+
+    Example:
+        >>> print(costs(MessagePlan(PanelShape(8, 8), Signalling(code="none")))[-1])
+        left for the message: 78.1 %
+    """
+    layout, options = Layout(plan), plan.signalling
+    code, words = code_of(layout), layout.packets * layout.word_bits
+    cells = layout.symbols * plan.shape.leds
+    info = 8 * layout.packets * code.info_bytes
+    shares = {
+        "anchors": layout.shares["anchor"],
+        f"clock cells of {options.bands} bands": layout.shares["clock"],
+        "sync cells": layout.shares["sync"],
+        "rest of a block": layout.shares["data"] - words / cells,
+        f"code {options.code}": (words - info) / cells,
+        f"headers and checksums, {OVERHEAD_BYTES} bytes a packet": 8
+        * layout.packets
+        * OVERHEAD_BYTES
+        / cells,
+        "left for the message": 8 * layout.packets * payload_bytes(code.info_bytes) / cells,
+    }
+    return [f"{name}: {100 * share:.1f} %" for name, share in shares.items() if share]
