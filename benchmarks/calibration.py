@@ -45,7 +45,7 @@ from vocc_torch.measure.plan import World
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.recording import read_recording
+from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.effects import Context

@@ -27,8 +27,8 @@ from vocc_torch.receiver.calibration import calibration_error
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import read_recording
 from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import FrameKey
 from vocc_torch.types import Frames, Panels, PanelShape
 

@@ -25,8 +25,8 @@ from vocc_torch.receiver import learned
 from vocc_torch.receiver.learned import LearnedLocator, sighted
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
 from vocc_torch.studies.decode.reading import Reading

@@ -13,7 +13,7 @@ from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.reading import COLUMNS, decode
 

@@ -12,7 +12,7 @@ from scipy import integrate
 import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.receiver.recording import read_recording
+from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects.colour import (

@@ -14,6 +14,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig, model, surround
 from vocc_torch.extras.calibrate.describe import describe
 from vocc_torch.extras.calibrate.fit import (
+from vocc_torch.recordings.frames import RecordedFrame
     RecordingFit,
     arrow_step,
     corrected,
@@ -43,7 +44,7 @@ from vocc_torch.extras.calibrate.transfer import Curve, pattern, transfer
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
-from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.types import Panels

@@ -13,8 +13,8 @@ from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import read_recording
 from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.recordings.reading import read_recording
 
 TEXT = b"A message of some bytes that two commands carry. " * 12
 

@@ -21,8 +21,8 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import read_video
 from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.recordings.films import read_film
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.recording import Shutter, record
@@ -130,7 +130,7 @@ def test_greys_of_a_film_are_those_that_ffmpeg_gives(tmp_path, width, height):
     write_video(tmp_path / "a.mp4", list(draws.integers(256, size=(5, height, width), dtype=np.uint8)), 25.0)
     with av.open(str(tmp_path / "a.mp4")) as container:
         expected = [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
-    read = [one.grey for one in read_video(tmp_path / "a.mp4", "luma", grey_only=True)]
+    read = [one.grey for one in read_film(tmp_path / "a.mp4", "luma", grey_only=True)]
     assert len(read) == 5
     assert (np.stack(read) == np.stack(expected)).all()
     assert (read[2][5:19, 3:30] == expected[2][5:19, 3:30]).all()

@@ -13,8 +13,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.receiver.recording import RecordedFrame, read_recording
 from vocc_torch.receiver.rectification import rectify_takes
+from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.reading import read_recording
 from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed
 from vocc_torch.studies.decode.reading import decode
 from vocc_torch.studies.decode.run import in_best_channel, in_each_colour

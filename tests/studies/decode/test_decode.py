@@ -7,9 +7,6 @@ import io
 import json
 import os
 import pickle
-import re
-import struct
-from pathlib import Path
 
 import av
 import numpy as np
@@ -20,7 +17,7 @@ from PIL import Image
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import read_recording, to_grey
+from vocc_torch.recordings.reading import read_recording
 from vocc_torch.report.canvas import annotated
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
@@ -46,23 +43,6 @@ def near():
     grey = Simulator().render(scene[:8], bits[:8]).grey[:, 0].numpy()
     size = grey.shape[1] // 2 * 2
     return grey[:, :size, :size].repeat(4, axis=1).repeat(4, axis=2), bits[:8].numpy()
-
-
-@pytest.mark.parametrize(("matrix", "turns"), [((0, 1, -1, 0), -1), ((-1, 0, 0, -1), 2), ((0, -1, 1, 0), 1)])
-def test_a_film_is_read_as_its_header_turns_it(tmp_path, matrix, turns):
-    """The track's matrix (ISO 14496-12) takes (x, y) to (a x + c y, b x + d y), with y downwards."""
-    ramp = np.arange(0, 240, 4, dtype=np.uint8)[None].repeat(40, axis=0)
-    write_video(tmp_path / "film.mp4", np.stack([ramp, ramp]))
-    film = bytearray((tmp_path / "film.mp4").read_bytes())
-    at = film.index(b"tkhd") + 4 + 40
-    a, b, c, d = (65536 * number for number in matrix)
-    film[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
-    (tmp_path / "turned.mp4").write_bytes(film)
-    for grey_only in (False, True):
-        frame = next(read_recording(tmp_path / "turned.mp4", "luma", grey_only=grey_only))
-        grey, shown = np.asarray(frame.grey), np.rot90(ramp, turns)
-        assert grey.shape == frame.colour.shape[:2] == shown.shape
-        assert np.abs(grey.astype(int) - shown).max() < 12
 
 
 def text_of(bits):
@@ -104,16 +84,6 @@ def test_receiver_does_not_depend_on_the_experiments_training(make_plan):
 # Pictures
 
 
-def test_folder_is_read_in_the_order_of_names(receiver, near, tmp_path):
-    frames, bits = near
-    for index in (2, 0, 1):
-        save(tmp_path / f"{index}.{('png', 'BMP', 'tiff')[index]}", frames[index])
-    (tmp_path / "notes.txt").write_text("no picture")
-    readings = list(decode(receiver, read_recording(tmp_path, "luma")))
-    assert [reading.frame.source for reading in readings] == ["0.png", "1.BMP", "2.tiff"]
-    assert [reading.text for reading in readings] == [text_of(bits[index]) for index in range(3)]
-
-
 def test_folder_of_pictures_of_different_sizes(receiver, near, photo, photo_bits, tmp_path):
     frames, bits = near
     save(tmp_path / "a.png", frames[0])
@@ -136,27 +106,6 @@ def test_picture_without_a_panel_beside_one_with(receiver, near, tmp_path):
     assert float(full["margin"]) > 0
 
 
-def test_sixteen_bit_picture_reads_as_eight_bit(receiver, near, tmp_path):
-    frames, bits = near
-    deep = save(tmp_path / "deep.png", frames[0].astype(np.uint16) * 257)
-    with Image.open(deep) as image:
-        assert image.mode.startswith("I")
-    (reading,) = decode(receiver, read_recording(deep, "luma"))
-    assert np.array_equal(reading.frame.grey, frames[0])
-    assert reading.text == text_of(bits[0])
-
-
-@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "P", "LA", "CMYK"])
-def test_pictures_of_every_mode(near, tmp_path, mode):
-    """Grey pictures are the same grey in every mode."""
-    frames, _ = near
-    path = tmp_path / ("picture.tiff" if mode == "CMYK" else "picture.png")
-    Image.fromarray(frames[0]).convert(mode).save(path)
-    (frame,) = read_recording(path, "luma")
-    assert np.array_equal(frame.grey, frames[0])
-    assert frame.colour.shape == (*frames[0].shape, 3)
-
-
 @pytest.mark.parametrize("level", [0, 255])
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (2, 2), (40, 50)])
 def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, size, level):
@@ -164,40 +113,6 @@ def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, s
     (reading,) = decode(receiver, read_recording(path, "luma"))
     assert not reading.found
     assert (reading.text, reading.row()[12]) == ("", "")
-
-
-def test_grey_values_of_other_than_eight_or_sixteen_bits_are_refused(near, tmp_path):
-    """They would all be white."""
-    for value in (65536, -1):
-        deep = near[0][0].astype(np.int32)
-        deep[3, 4] = value
-        with pytest.raises(
-            VoccError, match=r"deep.tiff .*holds int32 grey values from .* it must have 8 or 16 bits"
-        ):
-            list(read_recording(save(tmp_path / "deep.tiff", deep), "luma"))
-    with pytest.raises(VoccError, match=r"float.tiff .*holds float32 grey values"):
-        list(read_recording(save(tmp_path / "float.tiff", near[0][0].astype(np.float32) / 255), "luma"))
-
-
-@pytest.mark.parametrize("name", ["cut.jpg", "cut.tiff", "cut.bmp", "cut.webp", "cut.pgm", "cut.png"])
-def test_truncated_pictures_are_refused_in_one_line(near, tmp_path, name):
-    path = save(tmp_path / name, near[0][0])
-    whole = path.read_bytes()
-    for share in (0.9, 0.5, 0.02):
-        path.write_bytes(whole[: int(share * len(whole))])
-        with pytest.raises(VoccError, match=rf"{name} cannot be read as a picture") as refused:
-            list(read_recording(path, "luma"))
-        assert "\n" not in str(refused.value)
-
-
-def test_picture_is_read_the_way_up_that_it_is_shown(receiver, near, tmp_path):
-    """A telephone held upright writes the picture on its side, with a note."""
-    frames, bits = near
-    exif = Image.Exif()
-    exif[0x0112] = 6  # show it turned a quarter to the right
-    path = save(tmp_path / "upright.jpg", np.ascontiguousarray(np.rot90(frames[0])), exif=exif, quality=98)
-    (reading,) = decode(receiver, read_recording(path, "luma"))
-    assert reading.text == text_of(bits[0])
 
 
 def test_channels_see_their_colour(receiver, near, tmp_path):
@@ -214,95 +129,7 @@ def test_channels_see_their_colour(receiver, near, tmp_path):
         assert not seen[name].found, name
 
 
-def test_grey_of_colours():
-    """Rec. 601: 0.299 R + 0.587 G + 0.114 B."""
-    colour = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
-    exact = colour @ np.array([0.299, 0.587, 0.114])
-    assert np.abs(to_grey(colour, "luma") - exact).max() <= 0.51
-    assert np.array_equal(to_grey(colour, "max"), colour.max(2))
-    for index, name in enumerate(("red", "green", "blue")):
-        assert np.array_equal(to_grey(colour, name), colour[..., index])
-
-
-@pytest.mark.parametrize(
-    "content", [b"no picture", b"", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n"]
-)
-def test_unreadable_pictures(tmp_path, content):
-    (tmp_path / "evil.png").write_bytes(content)
-    with pytest.raises(VoccError, match=r"evil.png cannot be read .*not a known picture format\)$"):
-        list(read_recording(tmp_path / "evil.png", "luma"))
-
-
-def test_picture_too_large_to_be_one(near, tmp_path, monkeypatch):
-    """Pillow's guard against pictures that unpack to gigabytes, at both of its levels."""
-    path = save(tmp_path / "huge.png", near[0][0])
-    for limit in (near[0][0].size - 1, near[0][0].size // 3):
-        monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
-        with pytest.raises(VoccError, match=r"huge.png cannot be read as a picture"):
-            list(read_recording(path, "luma"))
-
-
-def test_missing_and_empty_inputs(tmp_path):
-    with pytest.raises(VoccError, match=r"nowhere.png does not exist: give a picture"):
-        list(read_recording(tmp_path / "nowhere.png", "luma"))
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(VoccError, match=r"folder holds no picture: known endings are \.png"):
-        list(read_recording(tmp_path / "folder", "luma"))
-
-
-def test_a_pipe_is_no_recording(near, tmp_path):
-    """Reading one would wait for ever."""
-    os.mkfifo(tmp_path / "pipe.png")
-    with pytest.raises(VoccError, match=r"pipe.png is a pipe or a device: give a picture"):
-        list(read_recording(tmp_path / "pipe.png", "luma"))
-    save(tmp_path / "near.png", near[0][0])
-    assert [frame.source for frame in read_recording(tmp_path, "luma")] == ["near.png"]
-
-
-@pytest.mark.parametrize("name", ["film.gif", "film.webp", "pages.tiff", "film.png"])
-def test_all_frames_of_a_picture_are_read(receiver, near, tmp_path, name):
-    frames, bits = near
-    first, *rest = (Image.fromarray(frame) for frame in frames)
-    options = {"lossless": True} if name == "film.webp" else {}
-    first.save(tmp_path / name, save_all=True, append_images=rest, **options)
-    readings = list(decode(receiver, read_recording(tmp_path / name, "luma")))
-    assert [(one.frame.source, one.frame.index) for one in readings] == [(name, index) for index in range(8)]
-    assert [one.text for one in readings] == [text_of(frame) for frame in bits]
-
-
-def test_a_film_of_pictures_that_is_cut_says_so(near, tmp_path):
-    path = tmp_path / "film.gif"
-    first, *rest = (Image.fromarray(frame) for frame in near[0])
-    first.save(path, save_all=True, append_images=rest)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) * 2 // 3])
-    done, said = read_to_the_end(read_recording(path, "luma"))
-    assert 3 <= done < 8
-    assert f"cannot be read as a picture after {done} frames" in said
-    path.write_bytes(whole[:-1])
-    with pytest.warns(UserWarning, match="film.gif has no end: frames after the 8 read may be missing"):
-        assert read_to_the_end(read_recording(path, "luma")) == (8, "")
-
-
-def test_a_name_that_is_not_text_is_escaped(near, tmp_path):
-    for name in (b"\xff\xfe.png", b"\x1b[31mred.png"):
-        save(tmp_path / os.fsdecode(name), near[0][0])
-    named = [frame.source for frame in read_recording(tmp_path, "luma")]
-    assert named == ["\\x1b[31mred.png", "\\udcff\\udcfe.png"]
-
-
 # Videos
-
-
-def read_to_the_end(recording):
-    """How many frames there were, and what was said of the others at the end."""
-    done = 0
-    try:
-        for _ in recording:
-            done += 1
-    except VoccError as error:
-        return done, str(error)
-    return done, ""
 
 
 def write_video(path, frames, codec="mpeg4"):
@@ -346,58 +173,6 @@ def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
     frames, bits = near
     readings = list(decode(receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")))
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
-
-
-@pytest.mark.parametrize("name", ["12:30:05.mp4", "http:/127.0.0.1:8765/a.mp4", "pipe:0.mp4"])
-def test_a_name_that_reads_as_an_address_is_a_file(near, tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
-    path = Path(name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_video(tmp_path / "drive.mp4", near[0]).rename(path)
-    assert len(list(read_recording(path, "luma"))) == 8
-
-
-@pytest.mark.parametrize("name", ["drive.mkv", "drive.avi"])
-def test_of_a_video_that_is_cut_the_rest_is_read_and_the_end_is_missed(near, tmp_path, name):
-    path = write_video(tmp_path / name, near[0])
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    with pytest.warns(
-        UserWarning, match=rf"{name}: \d frames were read, . of them damaged, and its header speaks of 8"
-    ):
-        done, said = read_to_the_end(read_recording(path, "luma"))
-    assert 3 <= done < 8
-    assert not said or f"after {done} frames" in said
-
-
-def test_of_a_damaged_video_what_can_be_read_is_kept(near, tmp_path):
-    """The third frame's head is gone: the others stay, and the refusal comes at the end."""
-    path = write_video(tmp_path / "drive.mkv", near[0])
-    content = bytearray(path.read_bytes())
-    at = [place.start() for place in re.finditer(b"\0\0\1\xb6", content)][2]
-    content[at : at + 4] = bytes(4)
-    path.write_bytes(content)
-    with pytest.warns(UserWarning, match="7 frames were read, . of them damaged, and its header speaks of 8"):
-        done, said = read_to_the_end(read_recording(path, "luma"))
-    assert done == 7
-    assert "cannot be read as a video after 7 frames" in said
-
-
-def test_video_file_without_pictures(tmp_path):
-    with av.open(str(tmp_path / "sound.mkv"), "w") as container:
-        stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
-        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
-        sound.sample_rate = 8000
-        container.mux([*stream.encode(sound), *stream.encode()])
-    with pytest.raises(VoccError, match=r"sound.mkv cannot be read as a video after 0 frames"):
-        list(read_recording(tmp_path / "sound.mkv", "luma"))
-
-
-def test_broken_videos(near, tmp_path):
-    for name, content in (("noise.mp4", bytes(range(256)) * 20), ("nothing.mp4", b"")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(VoccError, match=rf"{name} cannot be read as a video after 0 frames") as refused:
-            list(read_recording(tmp_path / name, "luma"))
-        assert "\n" not in str(refused.value)
 
 
 # What is written

@@ -15,7 +15,8 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.receiver.outside_locator import PanelLocator
-from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
+from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.reading import read_recording, readable
 from vocc_torch.types import Frames, PanelShape
 
 BATCH = 8

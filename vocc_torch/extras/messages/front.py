@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.frame_fit import settled
 from vocc_torch.receiver.receiver import Decoded, Receiver
-from vocc_torch.receiver.recording import Grey
 from vocc_torch.receiver.tracker import Tracker
+from vocc_torch.recordings.frames import Grey
 from vocc_torch.types import Frames, Panels
 
 REMEMBERED = 5

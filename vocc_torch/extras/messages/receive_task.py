@@ -19,7 +19,8 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
+from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.reading import read_recording, readable
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console
 

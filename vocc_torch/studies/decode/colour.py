@@ -11,8 +11,8 @@ from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.lattice_model import GAMMA
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import to_grey
 from vocc_torch.receiver.rectification import cell_size_px, rectify_takes
+from vocc_torch.recordings.frames import to_grey
 from vocc_torch.studies.decode import CHANNELS
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -35,7 +35,7 @@ class Mix(NamedTuple):
     """One grey plane of a colour picture.
 
     Args:
-        name: a channel of :func:`~vocc_torch.receiver.recording.to_grey`, or of the mix.
+        name: a channel of :func:`~vocc_torch.recordings.frames.to_grey`, or of the mix.
         weights: of red, green and blue; none for a channel.
         offset: grey value of a black pixel.
         linear: whether light is mixed, grey values freed of the camera's gamma, 255 being white.

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Decoded, Receiver
-from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.receiver.tracker import Tracker
+from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames, StatedPanels
@@ -109,7 +109,7 @@ def decode(
 
     Args:
         receiver: a trained receiver.
-        recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
+        recording: its frames, as :func:`~vocc_torch.recordings.reading.read_recording` gives them.
         most: panels that are read in a frame, at most.
         follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
         lights: planes of the colours to read at each panel, where several are sent at once.

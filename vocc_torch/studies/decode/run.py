@@ -22,7 +22,8 @@ from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.locators import locator_words
 from vocc_torch.receiver.outside_locator import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
+from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.reading import read_recording, readable
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.canvas import annotated
 from vocc_torch.report.terminal import Console

@@ -1,0 +1,1 @@
+"""Pictures, films, arrays and live cameras as a sequence of frames."""

@@ -1,0 +1,167 @@
+"""Films as frames: upright, with each field of interlaced film as a frame of its own."""
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vocc_torch.errors import VoccError, printable
+from vocc_torch.recordings.frames import Bytes, FilmGrey, Grey, RecordedFrame, to_grey
+
+FULL_RANGE = 2
+"""FFmpeg's number for films whose greys use 0 to 255 (AVCOL_RANGE_JPEG)."""
+TURN_DEGREES = 90
+INTERLACED = "interlaced film: each of its two fields is read as a frame"
+
+
+def av_library(source: str) -> Any:
+    """Import PyAV, which reads films.
+
+    Raises:
+        VoccError: it is not installed.
+    """
+    try:
+        import av
+    except ImportError:
+        extra = "install the extra with pip install 'vocc-torch[video]'"
+        raise VoccError(f"input {source} is a film: {extra}") from None
+    return av
+
+
+def read_film(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[RecordedFrame]:
+    """Read a film's frames; a warning says how many are damaged or missing.
+
+    Args:
+        path: the film.
+        channel: how colour becomes grey.
+        grey_only: leave out the colour, which takes most of the time; greys are then the film's own, within
+            one grey value of ``luma``.
+
+    Raises:
+        VoccError: PyAV is not installed, or a file that is no film; at the end, frames that cannot be read.
+    """
+    av = av_library(str(path))
+    done = declared = damaged = fields = 0
+    reason = ""
+    try:
+        # The prefix keeps FFmpeg from reading a file's name as an address.
+        with av.open(f"file:{path.absolute()}") as container:
+            stream = container.streams.video[0]
+            if grey_only:
+                stream.thread_type = "AUTO"
+            declared = declared_frames(container, stream, av.time_base)
+            for packet in container.demux(stream):
+                try:
+                    pictures = packet.decode()
+                except av.error.FFmpegError as error:  # later frames may be whole
+                    reason = str(error)
+                    continue
+                for picture in pictures:
+                    for frame in frames_of(picture, printable(path.name), fields, channel, grey_only):
+                        yield frame
+                        fields += 1
+                    done += 1
+                    damaged += picture.is_corrupt
+    except (av.error.FFmpegError, IndexError, ValueError) as error:
+        reason = str(error)
+    if done and (done < declared or damaged):
+        counts = f"{done} frames were read, {damaged} of them damaged, and its header speaks of {declared}"
+        warnings.warn(f"input {path}: {counts}", stacklevel=2)
+    if reason:
+        raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
+    if done == 0:
+        raise VoccError(f"input {path} is a video without frames")
+
+
+def declared_frames(container: Any, stream: Any, ticks_per_s: int) -> int:
+    """Number of frames that a film's header speaks of, or that follow from its length and rate."""
+    length_s = (stream.duration or 0) * float(stream.time_base or 0)
+    length_s = length_s or (container.duration or 0) / ticks_per_s
+    return stream.frames or round(length_s * float(stream.average_rate or 0))
+
+
+def frames_of(
+    picture: Any, source: str, index: int, channel: str, grey_only: bool, arrived_s: float | None = None
+) -> Iterator[RecordedFrame]:
+    """Convert a frame of PyAV: one frame, or two fields where the film is interlaced.
+
+    Args:
+        picture: the frame of PyAV.
+        source: name of the film.
+        index: number of the first frame that comes of it.
+        channel: how colour becomes grey.
+        grey_only: whether the colour is left out.
+        arrived_s: monotonic clock when it arrived.
+    """
+    turns = round((picture.rotation or 0) / TURN_DEGREES)
+    if grey_only:
+        grey = grey_plane(picture)
+        colour = np.broadcast_to(np.uint8(0), (*grey.shape, 3))
+    else:
+        colour = np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8)
+        grey = to_grey(colour, channel)
+    if not picture.interlaced_frame:
+        shown = rotated(colour, turns), rotated_grey(grey, turns)
+        note = f"turned by {-turns * TURN_DEGREES % 360} degrees as the film's header says" if turns else ""
+        yield RecordedFrame(source, index, picture.time, *shown, note=note, arrived_s=arrived_s)
+        return
+    for parity in (0, 1):
+        field_grey = rotated(field(np.asarray(grey), parity), turns)
+        field_colour = rotated(field(colour, parity), turns)
+        time_s = field_time_s(picture, parity)
+        yield RecordedFrame(
+            source, index + parity, time_s, field_colour, field_grey, note=INTERLACED, arrived_s=arrived_s
+        )
+
+
+def field(plane: Bytes, parity: int) -> Bytes:
+    """Fill a field of an interlaced frame up to full height, by the mean of its lines above and below.
+
+    Args:
+        plane: (H,W) or (H,W,3) of the frame.
+        parity: 0 for the upper field, whose lines are even; 1 for the lower field.
+
+    Example:
+        >>> field(np.array([[10], [0], [30], [0]], dtype=np.uint8), 0).ravel().tolist()
+        [10, 20, 30, 30]
+    """
+    full = plane.copy()
+    lines = plane[parity::2].astype(np.uint16)
+    below = np.concatenate([lines[1:], lines[-1:]])
+    between = ((lines + below + 1) // 2).astype(np.uint8)
+    gaps = full[1 + parity :: 2]
+    gaps[:] = between[: len(gaps)]
+    if parity:
+        full[0] = plane[1] if len(plane) > 1 else plane[0]
+    return full
+
+
+def field_time_s(picture: Any, parity: int) -> float | None:
+    """When a field was taken: the second field half a frame after the first."""
+    if picture.time is None:
+        return None
+    length_s = float((picture.duration or 0) * (picture.time_base or 0))
+    return float(picture.time) + parity * length_s / 2
+
+
+def rotated(plane: Bytes, turns: int) -> Bytes:
+    """Turn a plane counterclockwise by quarter turns."""
+    return np.ascontiguousarray(np.rot90(plane, turns)) if turns % 4 else plane
+
+
+def rotated_grey(grey: Grey, turns: int) -> Grey:
+    """Turn greys counterclockwise by quarter turns; a film's are still converted where they are read."""
+    if isinstance(grey, FilmGrey):
+        return FilmGrey(rotated(grey.plane, turns))
+    return rotated(grey, turns)
+
+
+def grey_plane(picture: Any) -> Grey:
+    """Take the greys (H,W) of a frame of PyAV."""
+    if picture.format.name != "yuv420p" or picture.color_range == FULL_RANGE:
+        return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
+    plane = picture.planes[0]
+    lines = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
+    return FilmGrey(lines[: picture.height, : picture.width])

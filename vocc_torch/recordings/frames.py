@@ -1,0 +1,152 @@
+"""A recorded frame, and how colour, bit depth and the camera's position become one plane of greys."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from vocc_torch.errors import VoccError
+
+Bytes = NDArray[np.uint8]
+
+STUDIO_BLACK = 16
+"""Grey value of black in most films (ITU-R BT.601)."""
+STUDIO_RANGE = 219
+"""Grey values from black to white in most films (ITU-R BT.601)."""
+STUDIO_TO_FULL = np.rint((np.arange(256) - STUDIO_BLACK) * 255 / STUDIO_RANGE).clip(0, 255).astype(np.uint8)
+"""Full-range grey value of each grey value of a film."""
+QUARTER_TURNS = {0: 0, 90: 3, 180: 2, 270: 1}
+"""Turns of ``numpy.rot90`` for each clockwise angle in degrees."""
+WHITE_LEVELS = (1, 255, 1023, 4095, 16383, 65535)
+"""Grey value of white in pictures of floats and of 8, 10, 12, 14 and 16 bits."""
+
+
+class FilmGrey:
+    """Greys (H,W) of a film's frame, 16 to 235, converted to 0 to 255 only where they are read.
+
+    A window is read like that of a NumPy array; ``numpy.asarray`` reads the whole frame.
+
+    Args:
+        plane: (H,W) uint8 of the film.
+    """
+
+    def __init__(self, plane: Bytes) -> None:
+        self.plane = plane
+        self.shape = plane.shape
+
+    def __getitem__(self, window: tuple[slice, slice]) -> Bytes:
+        """Convert the greys of a window."""
+        part = self.plane[window]
+        converted = part.tobytes().translate(STUDIO_TO_FULL.tobytes())
+        return np.frombuffer(converted, np.uint8).reshape(part.shape)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Bytes:
+        """Convert all greys."""
+        return self[:, :]
+
+
+Grey = Bytes | FilmGrey
+"""Greys (H,W) of a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """One frame of a recording.
+
+    Args:
+        source: the file's name.
+        index: the frame's number in its file, from 0.
+        time_s: when the frame was taken, for a film or a camera; else None.
+        colour: (H,W,3) uint8, for drawing.
+        grey: (H,W) uint8, for decoding.
+        light: the colour of light that ``grey`` holds, where several are sent at once; else empty.
+        note: what the reader assumed about the file, such as its bit depth; else empty.
+        arrived_s: monotonic clock when a live frame arrived; else None.
+    """
+
+    source: str
+    index: int
+    time_s: float | None
+    colour: Bytes
+    grey: Grey
+    light: str = ""
+    note: str = ""
+    arrived_s: float | None = None
+
+
+def to_grey(colour: Bytes, channel: str) -> Bytes:
+    """Reduce colour (H,W,3) to grey (H,W): Rec. 601 luma, the brightest channel or one channel.
+
+    Example:
+        >>> to_grey(np.array([[[255, 0, 0]]], dtype=np.uint8), "luma").item()
+        76
+    """
+    if channel == "luma":
+        return np.asarray(Image.fromarray(colour).convert("L"), dtype=np.uint8)
+    if channel == "max":
+        brightest: Bytes = colour.max(axis=2)
+        return brightest
+    return np.ascontiguousarray(colour[..., ("red", "green", "blue").index(channel)])
+
+
+def to_bytes(values: NDArray[Any]) -> tuple[Bytes, str]:
+    """Scale grey values of any depth to 8 bits by the smallest usual white level that holds them.
+
+    Args:
+        values: integers from 0 to 65535, or floats from 0 to 1 or to one of the integer white levels.
+
+    Returns:
+        The 8-bit values, and a note where a white level other than that of the type was taken.
+
+    Raises:
+        ValueError: negative, infinite or larger values.
+
+    Example:
+        >>> to_bytes(np.array([[0, 1023]], dtype=np.uint16))
+        (array([[  0, 255]], dtype=uint8), 'grey values up to 1023 are read as 10 bits')
+    """
+    if values.dtype == np.uint8:
+        return values, ""
+    if values.dtype == np.bool_:
+        return values.astype(np.uint8) * 255, ""
+    if values.dtype.kind not in "iuf":
+        raise ValueError(f"it holds {values.dtype}: it must hold integers or floats")
+    lowest = values.min(initial=0)
+    highest = values.max(initial=0)
+    if not (lowest >= 0 and highest <= WHITE_LEVELS[-1]):
+        limits = f"from 0 to {WHITE_LEVELS[-1]}"
+        raise ValueError(f"it holds {values.dtype} from {lowest} to {highest}: it must hold values {limits}")
+    levels = WHITE_LEVELS if values.dtype.kind == "f" else WHITE_LEVELS[2:]
+    white = next(level for level in levels if highest <= level)
+    note = "" if white in (1, WHITE_LEVELS[-1]) else f"read as {white.bit_length()} bits"
+    scaled: Bytes = np.rint(values * (255.0 / white)).astype(np.uint8)
+    return scaled, f"grey values up to {highest:g} are {note}" if note else ""
+
+
+def turned(recording: Iterator[RecordedFrame], turn: int, mirror: bool) -> Iterator[RecordedFrame]:
+    """Turn each frame clockwise and then mirror it left to right, so that the panel stands upright.
+
+    Args:
+        recording: the frames.
+        turn: 0, 90, 180 or 270 degrees.
+        mirror: whether left and right are exchanged.
+
+    Raises:
+        VoccError: another angle.
+    """
+    if turn not in QUARTER_TURNS:
+        raise VoccError.of("decode.turn", turn, "0, 90, 180 or 270 degrees")
+    if not turn and not mirror:
+        return recording
+
+    def upright(plane: Bytes) -> Bytes:
+        rotated = np.rot90(plane, QUARTER_TURNS[turn])
+        return np.ascontiguousarray(rotated[:, ::-1] if mirror else rotated)
+
+    return (
+        replace(frame, colour=upright(frame.colour), grey=upright(np.asarray(frame.grey)))
+        for frame in recording
+    )

@@ -1,0 +1,204 @@
+"""Pictures and arrays, from files and from memory, as frames."""
+
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from vocc_torch.errors import VoccError, printable
+from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
+from vocc_torch.recordings.frames import Bytes, RecordedFrame, to_bytes, to_grey
+
+HEIF_SUFFIXES = (".heic", ".heif", ".hif")
+SIDECAR_SUFFIXES = (".csv", ".json", ".md", ".txt", ".xml", ".yaml", ".yml")
+"""Files that commonly lie beside pictures and are passed over silently."""
+MOST_FAILURES = 5
+"""Failures that one message names."""
+
+
+def natural_key(path: Path) -> list[tuple[int, str]]:
+    """Sort key of a file name in which numbers count as numbers: ``2.png`` before ``10.png``.
+
+    Example:
+        >>> [path.name for path in sorted([Path("10.png"), Path("2.png")], key=natural_key)]
+        ['2.png', '10.png']
+    """
+    parts = re.split(r"([0-9]+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]
+
+
+def read_folder(folder: Path, channel: str) -> Iterator[RecordedFrame]:
+    """Read the pictures of a folder in natural order of their names.
+
+    Raises:
+        VoccError: a folder without pictures, at once; at the end, files that cannot be read.
+    """
+    files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
+    pictures = [path for path in files if path.suffix.lower() in PICTURE_SUFFIXES]
+    if not pictures:
+        endings = " ".join(PICTURE_SUFFIXES)
+        raise VoccError(f"input {folder} holds no picture: known endings are {endings}")
+    known = (*PICTURE_SUFFIXES, *SIDECAR_SUFFIXES)
+    others = [p.name for p in files if p.suffix.lower() not in known and not p.name.startswith(".")]
+    return read_pictures(pictures, channel, others)
+
+
+def read_pictures(paths: Sequence[Path], channel: str, others: Sequence[str] = ()) -> Iterator[RecordedFrame]:
+    """Read pictures one after the other.
+
+    Args:
+        paths: of the pictures.
+        channel: how colour becomes grey.
+        others: names of files beside them that are no pictures.
+
+    Raises:
+        VoccError: at the end, which files are not read.
+    """
+    failures = []
+    for path in paths:
+        try:
+            yield from read_picture(path, channel)
+        except VoccError as error:
+            failures.append(str(error))
+    failures += [f"input {printable(name)} is not a known kind of picture" for name in others]
+    if failures:
+        further = f"; and {len(failures) - MOST_FAILURES} more" if len(failures) > MOST_FAILURES else ""
+        raise VoccError("; ".join(failures[:MOST_FAILURES]) + further)
+
+
+def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
+    """Read a picture upright as its EXIF orientation says, and all frames or pages of it.
+
+    Transparency is ignored. Of a JPEG with previews only the first picture is read.
+
+    Raises:
+        VoccError: a file that is no picture or is damaged, or grey values outside 0 to 65535.
+    """
+    formats = (*PICTURE_FORMATS, *heif_formats(path))
+    with ExitStack() as stack:
+        image = None
+        for index in count():
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # of files that are odd but readable
+                    warnings.simplefilter("error", Image.DecompressionBombWarning)
+                    image = image or stack.enter_context(Image.open(path, formats=formats))
+                    image.seek(index)
+                    colour, note = to_colour(image)
+            except Exception as error:  # Pillow's readers raise many kinds for damaged files
+                if image and index and isinstance(error, EOFError):
+                    warn_of_missing_end(path, image, index)
+                    return
+                raise refusal(path, error, index) from None
+            grey = to_grey(colour, channel)
+            yield RecordedFrame(printable(path.name), index, None, colour, grey, note=note)
+            if image.format == "MPO":
+                return
+
+
+def heif_formats(path: Path) -> tuple[str, ...]:
+    """Let Pillow read HEIC and HEIF where a file has that ending; give Pillow's names of the formats.
+
+    Raises:
+        VoccError: the library is not installed.
+    """
+    if path.suffix.lower() not in HEIF_SUFFIXES:
+        return ()
+    try:
+        import pillow_heif
+    except ImportError:
+        extra = "install the extra with pip install 'vocc-torch[heif]'"
+        raise VoccError(f"input {path} is a HEIC picture: {extra}") from None
+    pillow_heif.register_heif_opener()
+    return ("HEIF",)
+
+
+def warn_of_missing_end(path: Path, image: Image.Image, frames: int) -> None:
+    """Warn of an animation whose file is cut off after some frames."""
+    if image.format == "GIF" and not path.read_bytes().rstrip(b"\0").endswith(b";"):
+        text = f"input {path} has no end: frames after the {frames} read may be missing"
+        warnings.warn(text, stacklevel=3)
+
+
+def refusal(path: Path, error: Exception, frames: int) -> VoccError:
+    """Say in one line why a picture cannot be read."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, UnidentifiedImageError):
+        reason = "not a known picture format"
+    kind = f"a picture after {frames} frames" if frames else "a picture"
+    return VoccError(f"input {path} cannot be read as {kind} ({reason})")
+
+
+def to_colour(image: Image.Image) -> tuple[Bytes, str]:
+    """Take the picture that an opened file shows now, (H,W,3) uint8, and a note on its bit depth.
+
+    Raises:
+        ValueError: grey values that are not from 0 to 65535.
+    """
+    shown: Image.Image = ImageOps.exif_transpose(image)
+    note = ""
+    if image.mode[0] in "IF":
+        greys, note = to_bytes(np.asarray(shown))
+        shown = Image.fromarray(greys)
+    return np.asarray(shown.convert("RGB"), dtype=np.uint8), note
+
+
+def read_greys(path: Path) -> Iterator[RecordedFrame]:
+    """Read a NumPy file of greys frame by frame, without loading all of it.
+
+    Raises:
+        VoccError: another file, or an array of another kind.
+    """
+    try:
+        greys = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise VoccError(f"input {path} cannot be read as an array ({' '.join(str(error).split())})") from None
+    if greys.dtype != np.uint8 or greys.ndim != 3 or not greys.size:
+        found = f"{greys.dtype} of shape {greys.shape}"
+        raise VoccError(f"input {path} holds {found}: it must be uint8 of shape (N,H,W), not empty")
+    for index, plane in enumerate(greys):
+        grey = np.array(plane)
+        yield RecordedFrame(printable(path.name), index, None, grey_as_colour(grey), grey)
+
+
+def grey_as_colour(grey: Bytes) -> Bytes:
+    """View greys (H,W) as colour (H,W,3) without a copy."""
+    return np.broadcast_to(grey[..., None], (*grey.shape, 3))
+
+
+def read_array(values: NDArray[Any], channel: str) -> Iterator[RecordedFrame]:
+    """Read an array in memory as frames.
+
+    Args:
+        values: (H,W), (H,W,3), (H,W,4), (B,H,W) or (B,H,W,3), of integers or of floats from 0 to 1.
+        channel: how colour becomes grey.
+
+    Raises:
+        VoccError: another shape, an empty array or values that are no greys.
+
+    Example:
+        >>> frames = read_array(np.zeros((2, 4, 5)), "luma")
+        >>> [frame.grey.shape for frame in frames]
+        [(4, 5), (4, 5)]
+    """
+    try:
+        pictures, note = to_bytes(values)
+    except ValueError as error:
+        raise VoccError(f"the array cannot be read: {error}") from None
+    is_colour = values.ndim >= 3 and values.shape[-1] in (3, 4)
+    if values.ndim == 2 + is_colour:
+        pictures = pictures[None]
+    if pictures.ndim != 3 + is_colour or not pictures.size:
+        allowed = "(H,W), (H,W,3), (B,H,W) or (B,H,W,3), not empty"
+        raise VoccError.of("the array's shape", values.shape, allowed)
+    for index, picture in enumerate(pictures):
+        colour = np.ascontiguousarray(picture[..., :3]) if is_colour else grey_as_colour(picture)
+        grey = to_grey(colour, channel) if is_colour else picture
+        yield RecordedFrame("array", index, None, colour, grey, note=note)

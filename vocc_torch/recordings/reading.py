@@ -1,0 +1,78 @@
+"""Any input as frames: a path, an array, a picture in memory or a live source."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from vocc_torch.errors import VoccError, shown
+from vocc_torch.files import VIDEO_SUFFIXES
+from vocc_torch.recordings.films import read_film
+from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.pictures import read_array, read_folder, read_greys, read_picture, to_colour
+from vocc_torch.recordings.streams import LiveStream, is_stream
+
+ARRAY_SUFFIX = ".npy"
+"""A NumPy file of greys (N,H,W) uint8."""
+ALLOWED = "give a picture, a folder of pictures, a video, camera:0, an rtsp:// address or -"
+
+
+def read_recording(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[RecordedFrame]:
+    """Read the frames of a file or folder one by one.
+
+    Files that cannot be read are named at the end, after all frames that can be read.
+
+    Args:
+        path: a picture, which may have several frames or pages, a folder of pictures, a film or an array.
+        channel: how colour becomes grey.
+        grey_only: leave out the colour of films, which takes most of the time.
+
+    Raises:
+        VoccError: an input that is missing or empty, at once; at the end, what cannot be read.
+    """
+    if not path.exists():
+        raise VoccError(f"input {path} does not exist: {ALLOWED}")
+    if path.is_dir():
+        return read_folder(path, channel)
+    if not path.is_file():
+        raise VoccError(f"input {path} is a pipe or a device: {ALLOWED}")
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        return read_film(path, channel, grey_only=grey_only and channel == "luma")
+    if path.suffix.lower() == ARRAY_SUFFIX:
+        return read_greys(path)
+    return read_picture(path, channel)
+
+
+def read_source(source: object, channel: str) -> Iterator[RecordedFrame]:
+    """Read the frames of anything that a user has.
+
+    Args:
+        source: a path, a live source (``camera:0``, ``rtsp://...``, ``-``), a Pillow picture, or an array or
+            tensor of greys or colours.
+        channel: how colour becomes grey.
+
+    Raises:
+        VoccError: another type, or an input that cannot be read.
+    """
+    if isinstance(source, str) and is_stream(source):
+        return iter(LiveStream(source, channel))
+    if isinstance(source, str | Path):
+        return read_recording(Path(source), channel)
+    if isinstance(source, Image.Image):
+        colour, _ = to_colour(source)
+        return read_array(colour, channel)
+    array: Any = source.detach().cpu() if hasattr(source, "detach") else source
+    if not hasattr(array, "__array__"):
+        allowed = "a path, a picture, an array (H,W), (H,W,3), (B,H,W) or (B,H,W,3), or a live source"
+        raise VoccError.of("the input", shown(source), allowed)
+    return read_array(np.asarray(array), channel)
+
+
+def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:
+    """Pass on the frames that can be read, and append to ``failures`` what cannot."""
+    try:
+        yield from recording
+    except VoccError as error:
+        failures.append(str(error))
