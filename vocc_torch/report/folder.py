@@ -33,6 +33,9 @@ SAMPLES = "samples.png"
 LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
 
+MANIFEST = "manifest.json"
+"""What lists the files of a folder that can be checked when a run goes on."""
+
 LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
 
@@ -87,7 +90,7 @@ def resumable(settings: config.Settings, folder: Path, console: Console) -> Iter
     try:
         yield
     except BaseException as error:
-        if any(folder.rglob(f"*{SUFFIX}")):
+        if any(path for end in (f"*{SUFFIX}", MANIFEST) for path in folder.rglob(end)):
             if isinstance(error, KeyboardInterrupt):
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
                 console.print(text, soft_wrap=True, markup=False, highlight=False)
@@ -117,10 +120,12 @@ def print_places(
     console: Console, folder: Path, places: Iterable[tuple[str, str]], board: bool = False
 ) -> None:
     """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
-    said = [(what, str(folder / name)) for what, name in places]
-    for what, where in [*said, *([("board", board_hint(folder / "tensorboard"))] if board else [])]:
-        text = f"{what:<9} {printable(where)}"
-        console.print(text, soft_wrap=True, markup=False, highlight=False)
+    lines = [f"{what:<9} {printable(str(folder / name))}" for what, name in places]
+    if board:
+        command, address = board_hint(folder / "tensorboard").splitlines()
+        lines += [f"{'board':<9} {printable(command)}", f"{'':<9} {address}"]
+    for line in lines:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 def board_hint(folder: str | Path) -> str:

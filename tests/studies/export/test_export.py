@@ -2,14 +2,14 @@
 
 import csv
 import json
+import os
 import re
+import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
 import tracemalloc
-from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -52,9 +52,9 @@ def rows_of(path):
 
 
 def files_in(folder):
-    """Every file but the ledger and the configuration, which say what ran and by how many workers."""
+    """Every file but the configuration, which says by how many workers."""
     every = (path for path in folder.rglob("*") if path.is_file())
-    own = ("ledger.sqlite", "config.yaml")
+    own = ("config.yaml",)
     return {str(path.relative_to(folder)): path.read_bytes() for path in every if path.name not in own}
 
 
@@ -145,33 +145,77 @@ LONG = "export.frames=1000"
 
 @pytest.mark.slow
 def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturbed_one(app, tmp_path):
-    """Also a shard that was written and not recorded is written again."""
     assert app(*words_of(LONG, name="y")).status == 0
     begin = [sys.executable, "-m", "vocc_torch", *words_of(LONG, "workers=2")]
     process = subprocess.Popen(begin, cwd=tmp_path, stdout=subprocess.DEVNULL)
     folder = tmp_path / "runs" / "x"
-    while len(rows_in(folder / "ledger.sqlite")) < 1 and process.poll() is None:
+    while not list(folder.glob("frames/**/manifest.json")) and process.poll() is None:
         time.sleep(0.005)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not (folder / "truth.csv").exists()
-    unrecorded, half = folder / "frames/train/0000960", folder / "frames/train/.0000896.999999999-0.tmp"
-    for place in (unrecorded, half):  # the second as a worker leaves it
-        place.mkdir(exist_ok=True)
-        (place / "0000960.png").write_bytes(b"another")
-    assert len(rows_in(folder / "ledger.sqlite")) < 16
+    half = folder / "frames/train/.0000896.999999999-0.tmp"  # as a worker leaves it
+    half.mkdir(exist_ok=True)
+    (half / "0000960.png").write_bytes(b"another")
     assert "resuming" in app(*words_of(LONG)).out
     assert files_in(folder) == files_in(tmp_path / "runs" / "y")
-    assert len(files_in(folder)) == 1000 + 16 + len(("truth.csv", "coco.json", "samples.png"))
+    assert len(list(folder.rglob("*.png"))) == 1000 + 1
 
 
-def rows_in(ledger):
-    """The blocks that a ledger holds; none where it is not there yet, or locked."""
-    try:
-        with closing(sqlite3.connect(f"file:{ledger}?mode=ro&immutable=1", uri=True)) as connection:
-            return connection.execute("SELECT block FROM blocks").fetchall()
-    except sqlite3.Error:
-        return []
+def run_folder(tmp_path):
+    return tmp_path / "runs" / "x"
+
+
+def shorten(path):
+    path.write_bytes(path.read_bytes()[:100])
+
+
+DAMAGES = {
+    "a picture is deleted": lambda folder: (folder / "frames/train/0000064/0000070.png").unlink(),
+    "a picture is empty": lambda folder: (folder / "frames/train/0000064/0000070.png").write_bytes(b""),
+    "a picture has another content": lambda folder: (folder / "frames/train/0000064/0000070.png").write_bytes(
+        (folder / "frames/train/0000064/0000071.png").read_bytes()
+    ),
+    "a shard's truth is cut": lambda folder: shorten(folder / "frames/train/0000000/truth.csv"),
+    "a shard is deleted": lambda folder: shutil.rmtree(folder / "frames/train/0000064"),
+    "a stranger is among the pictures": lambda folder: (folder / "frames/train/0000064/a.png").touch(),
+    "a manifest is damaged": lambda folder: shorten(folder / "frames/train/0000128/manifest.json"),
+    "a manifest names another folder": lambda folder: (
+        folder / "frames/train/0000128/manifest.json"
+    ).write_text('{"../0000064/0000070.png": [1, "a"]}'),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_what_is_missing_or_damaged_is_rendered_again(app, tmp_path, damage):
+    words = words_of("export.frames=130", "scene.distance_m=70")
+    assert app(*words).status == 0
+    folder = run_folder(tmp_path)
+    before = files_in(folder)
+    times = {path: path.stat().st_mtime_ns for path in folder.rglob("*.png")}
+    damage(folder)
+    again = app(*words)
+    assert again.status == 0
+    assert "resuming: 2 of 3 folders are complete" in again.out
+    assert files_in(folder) == before
+    rewritten = {path.parent for path, at in times.items() if path.stat().st_mtime_ns != at}
+    assert len(rewritten - {folder}) == 1
+
+
+def test_pictures_are_flushed_before_the_manifest_says_that_they_are_there(app, tmp_path, monkeypatch):
+    flushed, fsync = [], os.fsync
+
+    def watched(handle):
+        flushed.append(str(Path(f"/proc/self/fd/{handle}").readlink()))
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    assert app(*words_of("export.frames=3")).status == 0
+    names = [Path(path).name for path in flushed if "0000000" in path]
+    pictures = [names.index(f"000000{number}.png") for number in range(3)]
+    assert max(*pictures, names.index("truth.csv")) < min(
+        place for place, name in enumerate(names) if "manifest" in name
+    )
 
 
 def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothing(app, tmp_path):
@@ -187,7 +231,7 @@ def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothi
         said = app(*words_of(*words)).complaint
         assert why in said
         assert "give another name=" in said
-    assert "give another name=" in app("name=x").complaint  # a ledger of another kind
+    assert "already holds" in app("name=x").complaint
     assert app(*words_of("export.frames=3", "batch_frames=2")).status == 0
     assert files_in(tmp_path) == before
 

@@ -1,8 +1,10 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
+import json
 import shutil
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,132 +12,173 @@ from typing import Any
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_folder
+from vocc_torch.files import atomic_folder, write_atomically
 from vocc_torch.measure import build, sweep, workers
-from vocc_torch.measure.config import Budget, Settings
-from vocc_torch.measure.ledger import Label, Ledger, Tally
+from vocc_torch.measure.config import Settings
+from vocc_torch.measure.ledger import what_changed
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
-from vocc_torch.measure.point_work import Part, PointWork
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import samples, terminal
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.studies.export import ExportConfig, truth
+from vocc_torch.studies.export import ExportConfig, manifest, truth
 
 FRAMES = "frames"
 """The folder of all pictures."""
+
+IDENTITY = "export.json"
+"""What the files depend on."""
 
 
 def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     """Write the frames shard by shard, and then one table and one COCO file of all.
 
+    A shard is a folder with a manifest of its files. A shard that agrees with its manifest is not rendered
+    again.
+
     Raises:
-        VoccError: frames that are not of 8 bits, or whatever a stage refuses.
+        VoccError: frames that are not of 8 bits, files of other settings, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder, run_folder.LEDGER)
+    run_folder.refuse_results(folder, IDENTITY)
     plan, console = build.build_plan(settings, folder), terminal.Console()
     simulator = plan.world.simulator()
     if not any(isinstance(effect, Quantization) and effect.bits == 8 for effect in simulator.effects):
         raise VoccError("scene.effects.quantization must be {bits: 8}: task=export writes greys of 8 bits")
     kind: sweep.Kind = "test" if config.points == "test" else "train"
-    shards = [Shards(plan, point, model, config) for point, model in sweep.scenes_of(plan, kind).items()]
-    pool = workers.Workers.of(settings)
-    with (
-        run_folder.resumable(settings, folder, console),
-        run_folder.open_ledger(folder / run_folder.LEDGER, identity_of(plan, config), console) as ledger,
-    ):
-        for one in shards:  # what workers had begun that were killed
-            for left in (folder / one.place(0)).parent.glob(".*.tmp"):
-                shutil.rmtree(left, ignore_errors=True)
+    scenes = sweep.scenes_of(plan, kind).items()
+    shards = [
+        Shard(plan, point, model, config, first)
+        for point, model in scenes
+        for first in range(0, config.frames, config.shard_frames)
+    ]
+    with run_folder.resumable(settings, folder, console), nothing_half_written(folder):
+        demand_identity(folder / IDENTITY, identity_of(plan, config))
+        for left in (folder / FRAMES).glob("**/.*.tmp"):
+            shutil.rmtree(left, ignore_errors=True)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan, [kind])
-        frames = config.frames * len(shards)
-        try:
-            render(shards, ledger, pool, console)
-        except BaseException:
-            if not len(ledger):  # nothing to go on from
-                shutil.rmtree(folder / FRAMES, ignore_errors=True)
-            raise
-        files = [folder / place / truth.NAME for one in shards for place in one.places]
-        truth.write_truth(folder / truth.NAME, files)
-        truth.write_coco(folder / "coco.json", files, simulator.panel.shape)
-    console.print(f"{frames} frames", highlight=False)
+        complete = render(shards, workers.Workers.of(settings), console)
+        if complete:
+            console.print(f"resuming: {complete} of {len(shards)} folders are complete", highlight=False)
+        tables = [folder / shard.place / truth.NAME for shard in shards]
+        truth.write_truth(folder / truth.NAME, tables)
+        truth.write_coco(folder / "coco.json", tables, simulator.panel.shape)
+    console.print(f"{config.frames * len(scenes)} frames", highlight=False)
     places = {"frames": FRAMES, "truth": truth.NAME, "COCO": "coco.json", "samples": run_folder.SAMPLES}
     run_folder.print_places(console, folder, places.items())
 
 
-def render(
-    shards: Sequence["Shards"], ledger: Ledger, pool: workers.Workers, console: terminal.Console
-) -> None:
-    """Write what is not yet written, shared out over workers."""
-    config = shards[0].config
-    at_once, rule = config.shard_frames // BLOCK_FRAMES, Budget(config.frames)
-    with pool, terminal.ProgressView(config.frames * len(shards), console, "rendering") as view:
+@contextmanager
+def nothing_half_written(folder: Path) -> Iterator[None]:
+    """Remove what a run leaves that ended before its first shard was complete."""
+    try:
+        yield
+    except BaseException:
+        if not any(folder.glob(f"{FRAMES}/**/{manifest.NAME}")):
+            shutil.rmtree(folder / FRAMES, ignore_errors=True)
+            for name in (IDENTITY, run_folder.CONFIG, run_folder.SAMPLES):
+                (folder / name).unlink(missing_ok=True)
+        raise
 
-        def told(more: int, _: object) -> None:
-            view.advance("rendering", more)
 
-        works = [PointWork(one.point, one, rule, ledger, told) for one in shards]
-        with workers.worker_losses_told():
-            deque(pool.run(works, at_once), maxlen=0)
+def render(shards: Sequence["Shard"], pool: workers.Workers, console: terminal.Console) -> int:
+    """Write the shards that are not complete, shared out over workers; give how many were complete."""
+    complete = 0
+    frames = sum(shard.frames for shard in shards)
+    with pool, terminal.ProgressView(frames, console, "rendering") as view, workers.worker_losses_told():
+        calls: deque[Any] = deque()
+        waiting = deque(shards)
+        while waiting or calls:
+            while waiting and len(calls) < pool.window:
+                shard = waiting.popleft()
+                calls.append((shard, pool.submit(Shard.write, shard)))
+            shard, call = calls.popleft()
+            complete += not call.result()
+            view.advance("rendering", shard.frames)
+    return complete
+
+
+def demand_identity(path: Path, settings: dict[str, Any]) -> None:
+    """Write what the files of a run depend on, or refuse a run of other settings.
+
+    Raises:
+        VoccError: files of other settings, with what changed, or a file that does not say.
+    """
+    text = json.dumps(settings, sort_keys=True)
+    if path.exists():
+        try:
+            known = json.loads(path.read_text("utf-8"))
+        except (OSError, ValueError):
+            raise VoccError(f"{path} is damaged: give another name=, or delete the folder") from None
+        if changed := what_changed(known, json.loads(text)):
+            raise VoccError(f"{path} is of other settings: {', '.join(changed[:3])}: give another name=")
+    write_atomically(path, text.encode())
 
 
 def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
     """Name what the files depend on: of a study's identity all but the receivers."""
-    told, experiment = identity(plan, ()), plan.experiment
-    scenes = {"training": told["experiment"]["training"]}
+    study, experiment = identity(plan, ()), plan.experiment
+    scenes = {"training": study["experiment"]["training"]}
     if config.points == "test":
         axes = {"values": experiment.values, "row_axis": experiment.row_axis, "rows": experiment.rows}
-        scenes = {**told["experiment"], "training": None, **axes}
-    kept = {name: told[name] for name in ("seed", "world", "made_with")}
+        scenes = {**study["experiment"], "training": None, **axes}
+    kept = {name: study[name] for name in ("seed", "world", "made_with")}
     return {**kept, "experiment": scenes, "export": asdict(config)}
 
 
 @dataclass(frozen=True)
-class Shards:
-    """Writes the shards of one point, each a folder of pictures and their truth; picklable for workers.
+class Shard:
+    """A folder of pictures and their truth; picklable for workers.
 
     Args:
         plan: world, seed, folder and batch size.
         point: name that keys the random draws.
         model: the scenes.
         config: how many frames, and how many of them in a folder.
+        first: number of its first frame.
     """
 
     plan: Plan
     point: str
     model: SceneModel
     config: ExportConfig
+    first: int
 
     @property
-    def places(self) -> list[str]:
-        """The folders below the run's, in order; each is named by its first frame."""
-        return [self.place(first) for first in range(0, self.config.frames, self.config.shard_frames)]
+    def place(self) -> str:
+        """Its folder below the run's."""
+        return f"{FRAMES}/{self.point}/{self.first:07d}"
 
-    def place(self, first: int) -> str:
-        """The folder of the shard that begins with a frame."""
-        return f"{FRAMES}/{self.point}/{first:07d}"
+    @property
+    def frames(self) -> int:
+        """How many frames it has."""
+        return min(self.config.shard_frames, self.config.frames - self.first)
 
-    def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Tally]]:
-        """Write the shard that some blocks belong to, whole or not at all; nothing is counted."""
-        most, plan = self.config.shard_frames, self.plan
-        first = parts[0].block * BLOCK_FRAMES // most * most
-        place, frames = self.place(first), min(most, self.config.frames - first)
-        keys = block_keys(plan.seed, self.point, first + frames)[first // BLOCK_FRAMES :]
-        rows: list[run_folder.Cells] = [truth.COLUMNS]
+    def write(self) -> bool:
+        """Write the shard unless it is complete, and say whether it was written."""
+        target = self.plan.folder / self.place
+        if manifest.agrees(target):
+            return False
+        with atomic_folder(target) as folder:
+            run_folder.write_rows(folder / truth.NAME, [truth.COLUMNS, *self.render(folder)])
+            manifest.write(folder)
+        return True
+
+    def render(self, folder: Path) -> Iterable[run_folder.Cells]:
+        """Render the pictures into a folder; yield the row of each."""
+        plan, number = self.plan, self.first
+        keys = block_keys(plan.seed, self.point, self.first + self.frames)[self.first // BLOCK_FRAMES :]
         simulator = plan.world.simulator()
-        batches, crop = range(0, frames, plan.batch_frames), plan.world.framing == "crop"
-        with atomic_folder(plan.folder / place) as made:
-            for scene, bits, names, (seen,) in rendered(simulator, self.model, keys, batches, False, crop):
-                panels = simulator.true_panels(scene, names, rendered=True)
-                further = simulator.further_bits(scene, names).items()
-                sent = {"bits": bits} | {f"bits_{name}": one for name, one in further}
-                told = truth.rows_of(scene, sent, names, seen, panels)
-                for shown, row in zip(seen.pixels, told, strict=True):
-                    name = f"{first + len(rows) - 1:07d}.png"
-                    Image.fromarray(shown).save(made / name)
-                    rows.append((f"{place}/{name}", *row))
-            run_folder.write_rows(made / truth.NAME, rows)
-        return [{} for _ in parts]
+        batches, crop = range(0, self.frames, plan.batch_frames), plan.world.framing == "crop"
+        for scene, bits, names, (seen,) in rendered(simulator, self.model, keys, batches, False, crop):
+            panels = simulator.true_panels(scene, names, rendered=True)
+            further = simulator.further_bits(scene, names).items()
+            sent = {"bits": bits} | {f"bits_{name}": values for name, values in further}
+            rows = truth.rows_of(scene, sent, names, seen, panels)
+            for pixels, row in zip(seen.pixels, rows, strict=True):
+                name = f"{number:07d}.png"
+                Image.fromarray(pixels).save(folder / name)
+                yield (f"{self.place}/{name}", *row)
+                number += 1
