@@ -14,7 +14,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig, model, surround
 from vocc_torch.extras.calibrate.describe import describe
 from vocc_torch.extras.calibrate.fit import (
-from vocc_torch.recordings.frames import RecordedFrame
     RecordingFit,
     arrow_step,
     corrected,

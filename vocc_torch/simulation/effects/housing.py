@@ -160,8 +160,8 @@ class Housing(street.Sketched):
 
     All lie in the panel's plane and are matt, in the scene's daylight. The board covers the LEDs' cells and
     the rim surrounds it; either may be left out. Cables run off from the rim in bent strips. The panel's
-    ``board_reflectance`` is replaced by the board here. A frame and its preambles share it. Sampled: not differentiable in the
-    sizes; the light behind keeps its gradient.
+    ``board_reflectance`` is replaced by the board here. A frame and its preambles share it. Sampled: not
+    differentiable in the sizes; the light behind keeps its gradient.
 
     Source: matt surfaces as in Eqs 2 and 3; sizes and reflectances of panels on sale in broad strokes.
 
