@@ -25,7 +25,7 @@ from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, World
-from vocc_torch.plugins import is_target
+from vocc_torch.plugins import TARGET, demand_plain, is_target
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder, plots, styles, terminal
 from vocc_torch.rng import BLOCK_FRAMES
@@ -48,7 +48,7 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
         overrides: as on the command line, such as ``camera.focal_length_mm=25`` and ``panel.rows=16``.
 
     Raises:
-        VoccError: an unknown scene or key, or a value outside its range.
+        VoccError: an unknown scene or key, a value outside its range, or an interpolation (``${``).
 
     Example:
         >>> world = load_scene({"distance_m": 40, "effects": {"saturation": {}}}, "panel.rows=4")
@@ -64,6 +64,7 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
     demand_kind("scene", given, Mapping)
+    demand_plain("scene", given, allowed=(TARGET,))
     world = build_plan(_composed(overrides, given), NOWHERE).world
     world.simulator()  # a wrong effect is refused now
     return world

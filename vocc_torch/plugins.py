@@ -7,25 +7,29 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import pkgutil
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from hydra.utils import get_object, instantiate
-
 from vocc_torch.errors import VoccError, shown
-
-OWN = "vocc_torch.receiver.classifiers."
-"""Where the package's own classifiers are, and nothing else that could be called."""
 
 TARGET = "_target_"
 """The key that names a class or function."""
 
+ARGUMENTS = "_args_"
+"""The key of arguments without a name."""
+
+PARTIAL = "_partial_"
+"""The key that asks for a function with some of its arguments set, and no call."""
+
+DIRECTIVES = (TARGET, ARGUMENTS, PARTIAL, "_recursive_", "_convert_")
+"""Keys that ask for a call, which no file may do."""
 
 PREFIX = "vocc_torch_file_"
 """What the names of modules begin with that are files of the user's."""
@@ -246,34 +250,51 @@ class PlugIn:
         return {"name": self.name, **made_of, "maker": self.maker}
 
     @classmethod
-    def admitted(cls, key: str, settings: Mapping[str, Any], admitted: Sequence[str]) -> Self:
+    def admitted(
+        cls, key: str, settings: Mapping[str, Any], admitted: Sequence[str], shipped: Collection[str] = ()
+    ) -> Self:
         """Read back what a model file keeps, if the user names where its code comes from.
-
-        A file orders nothing: of the classes that it names only the package's own are built unasked.
 
         Args:
             key: for refusals.
             settings: as the file has them.
             admitted: Python files and packages that the user names.
+            shipped: targets that need no permission.
 
         Raises:
-            VoccError: code that nobody named, or that is not what the model was made with.
+            VoccError: code that nobody named, that has changed or that only imports the target, or arguments
+                that are no plain values.
         """
-        target, rest = str(settings[TARGET]), dict(settings["arguments"])
+        target, arguments = str(settings[TARGET]), dict(settings["arguments"])
+        demand_plain(f"{key}.arguments", arguments)
         path, colon, word = target.rpartition(":")
-        files = {Path(one).name: one for one in admitted if one.endswith(".py")}
-        for one in (*targets(rest), *([] if colon and Path(path).name in files else [target])):
-            ours = one.startswith(OWN) and "." not in one.removeprefix(OWN)
-            if not ours and one.startswith("vocc_torch."):
-                raise VoccError(f"{key} comes from {shown(one)}, which is no part of a receiver")
-            if not ours and one.partition(".")[0] not in admitted:
-                needed = Path(one.rpartition(":")[0]).name if ":" in one else one.partition(".")[0]
-                raise VoccError(f"{key} comes from {shown(one)}: add plug_ins=[{needed}] to run its code")
-        plug_in = cls(key, settings["name"], f"{files[Path(path).name]}:{word}" if colon else target, rest)
+        file = next((name for name in admitted if colon and Path(name).name == Path(path).name), None)
+        if file is None and target not in shipped:
+            package = target.partition(".")[0]
+            if package == __package__:
+                raise VoccError(f"{key} comes from {shown(target)}, which is no part of a receiver")
+            if colon or package not in admitted:
+                needed = Path(path).name if colon else package
+                raise VoccError(f"{key} comes from {shown(target)}: add plug_ins=[{needed}] to run its code")
+        plug_in = cls(key, settings["name"], f"{file}:{word}" if colon else target, arguments)
         if plug_in.maker != settings["maker"]:
             made = "another text than" if colon else "another release than"
             raise VoccError(f"{key}: {target} has {made} the model was made with: train it again")
+        if not plug_in.defined_there:
+            raise VoccError(
+                f"{key}: {target} is imported there and not defined: name the file that defines it"
+            )
         return plug_in
+
+    @property
+    def defined_there(self) -> bool:
+        """Whether its file, one beside it, or its package defines the target, and does not only import it."""
+        module = sys.modules.get(getattr(self.found(), "__module__", None) or "")
+        if self.file is None:
+            return module is not None and module.__name__.partition(".")[0] == self.target.partition(".")[0]
+        place = Path(getattr(module, "__file__", None) or "")
+        text = self.file.texts.get(place.name)
+        return text is not None and text == place.read_bytes()
 
     @property
     def file(self) -> ModuleFile | None:
@@ -290,8 +311,7 @@ class PlugIn:
         try:
             if self.file:
                 return self.file.named(self.target.rpartition(":")[2])
-            found: object = get_object(self.target)
-            return found
+            return pkgutil.resolve_name(self.target)
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
@@ -319,7 +339,7 @@ class PlugIn:
         if not callable(kind):
             raise VoccError(f"{self.key}: {self.target} is neither a class nor a function")
         try:
-            return kind(**instantiate(dict(arguments), _convert_="all"))
+            return kind(**assembled(arguments))
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
@@ -342,7 +362,7 @@ class PlugIn:
         if self.file:
             return self.file.digest
         try:
-            module = importlib.import_module(get_object(self.target).__module__)
+            module = importlib.import_module(pkgutil.resolve_name(self.target).__module__)
         except Exception:
             return ""  # it cannot be built, which is told when it is
         if module.__name__.startswith("vocc_torch."):
@@ -390,3 +410,64 @@ def targets(build: object) -> Iterator[str]:
             yield str(value)
         elif isinstance(value, Mapping | list | tuple):
             yield from targets(value)
+
+
+def demand_plain(key: str, value: object, allowed: Collection[str] = ()) -> None:
+    """Refuse in a value from a file what could ask for a call: interpolations, and keys as ``_target_``.
+
+    Args:
+        key: its place, for refusals.
+        value: numbers, texts, lists and mappings.
+        allowed: such keys that are read otherwise.
+
+    Raises:
+        VoccError: there is one.
+
+    Example:
+        >>> demand_plain("locator", {"min_share": "${oc.env:HOME}"})
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: locator.min_share is '${oc.env:HOME}': it must be a value without ${
+    """
+    if isinstance(value, str) and "${" in value:
+        raise VoccError.of(key, shown(value), "a value without ${")
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            if name in DIRECTIVES and name not in allowed:
+                raise VoccError.of(
+                    f"{key}.{name}", shown(item), "left out: a file holds values and calls nothing"
+                )
+            demand_plain(key, name)
+            demand_plain(f"{key}.{name}", item, allowed)
+    elif isinstance(value, list | tuple):
+        for place, item in enumerate(value):
+            demand_plain(f"{key}.{place}", item, allowed)
+
+
+def assembled(value: object) -> Any:
+    """Build the parts that a configuration describes within a value, the inner ones first.
+
+    Args:
+        value: plain values; a mapping with ``_target_`` is a call, with ``_args_`` and ``_partial_``.
+
+    Raises:
+        VoccError: a directive that there is not.
+
+    Example:
+        >>> assembled({"size": {"_target_": "vocc_torch.types.PanelShape", "rows": 2, "columns": 3}})
+        {'size': PanelShape(rows=2, columns=3)}
+    """
+    if isinstance(value, list | tuple):
+        return [assembled(item) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    parts = {name: assembled(item) for name, item in value.items()}
+    target = parts.pop(TARGET, None)
+    if target is None:
+        return parts
+    positional, partial = parts.pop(ARGUMENTS, ()), parts.pop(PARTIAL, False)
+    path, colon, name = target.rpartition(":")
+    call: Any = ModuleFile(path).named(name) if colon else pkgutil.resolve_name(target)
+    if unknown := [key for key in DIRECTIVES if key in parts]:
+        raise VoccError(f"{target}: {unknown[0]} is no key of a part: known are {', '.join(DIRECTIVES[:3])}")
+    return functools.partial(call, *positional, **parts) if partial else call(*positional, **parts)

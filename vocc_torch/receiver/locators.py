@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from vocc_torch.errors import VoccError, shown
-from vocc_torch.plugins import TARGET, ModuleFile, PlugIn
+from vocc_torch.plugins import TARGET, ModuleFile, PlugIn, demand_plain
 from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.outside_locator import OutsideLocator, PanelLocator
@@ -137,6 +137,7 @@ def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> P
     if TARGET in settings:
         return OutsideLocator(PlugIn.admitted("receiver.locator", settings, admitted))
     rest = dict(settings)
+    demand_plain("receiver.locator", rest)
     name = rest.pop("name", "paper")
     if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}")

@@ -23,6 +23,21 @@ SKOPS = "skops"
 TRUSTED = ("sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",)
 """Classes of estimators that ship, arrays alone, which skops does not trust by itself."""
 
+SHIPPED = tuple(
+    f"vocc_torch.receiver.classifiers.{kind}"
+    for kind in (
+        "FldaClassifier",
+        "LmmseEqualizer",
+        "Mlp",
+        "PanelKMeans",
+        "PanelOtsu",
+        "PatchCnn",
+        "TagPlanes",
+        "scaled",
+    )
+)
+"""The classifiers that ship: a model file may name them without permission."""
+
 NUMPY = "numpy"
 """The name under which it is said which arrays are NumPy's."""
 
@@ -145,8 +160,8 @@ def admitted(
     """
     key = f"classifiers.{settings['name']}"
     if SKOPS in arrays:
-        return PlugIn.admitted(key, settings, (*plug_ins, "sklearn"))
-    return PlugIn.admitted(key, settings, plug_ins)
+        return PlugIn.admitted(key, {**settings, "arguments": {}}, (*plug_ins, "sklearn"), SHIPPED)
+    return PlugIn.admitted(key, settings, plug_ins, SHIPPED)
 
 
 def restored(
