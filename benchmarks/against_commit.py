@@ -29,7 +29,7 @@ import sys, time, torch
 torch.set_num_threads(1)
 from vocc_torch import PanelShape, Scene, Simulator
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey

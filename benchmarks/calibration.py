@@ -42,8 +42,7 @@ from vocc_torch.extras.calibrate.study import calibrate
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import World
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.locators import PaperLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import BlockKey, FrameKey

@@ -33,7 +33,7 @@ from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.measure.link import rendered
 from vocc_torch.measure.plan import World
 from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, read_table, write_table
-from vocc_torch.receiver.learned import LearnedLocator, sighted
+from vocc_torch.receiver.locators.learned import LearnedLocator, sighted
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import Frames
 

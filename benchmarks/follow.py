@@ -21,8 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 import vocc_torch as vt
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.locators import PaperLocator, locator_named
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.types import Scene

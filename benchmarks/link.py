@@ -30,7 +30,7 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure.timing import describe_machine, settle_memory
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel

@@ -18,10 +18,14 @@ import torch
 import vocc_torch as vt
 from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.plugins import PlugIn, is_target
-from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LOCATORS, locator_named
-from vocc_torch.receiver.outside_locator import OutsideLocator, PanelLocator
+from vocc_torch.receiver.locators import (
+    LOCATORS,
+    LearnedLocator,
+    OutsideLocator,
+    PanelLocator,
+    PaperLocator,
+    locator_named,
+)
 from vocc_torch.receiver.rectification import cell_size_px
 
 SMALL = ("camera.width_px=960", "camera.height_px=540")

@@ -11,8 +11,7 @@ import torch
 
 from vocc_torch import PanelShape, Simulator
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

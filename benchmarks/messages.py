@@ -28,7 +28,7 @@ from vocc_torch.extras.messages.receive_task import receive
 from vocc_torch.extras.messages.reception import Reception, decoded, film_of
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
-from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey

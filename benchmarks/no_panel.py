@@ -20,8 +20,7 @@ from skimage import color, data
 from sklearn.datasets import load_sample_images
 
 import vocc_torch as vt
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LOCATORS, locator_named
+from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
 from vocc_torch.studies.decode.reading import decode

@@ -7,7 +7,7 @@ Photo-like: of 8 to 40 px an LED, cut so that the panel fills 40 to 100 % of eit
 shrunk to 2.2 to 4.5 px an LED. Counted are panels that can be read: of 2 px an LED and more, whole in the
 picture, and at the true corners two patterns of cells give their bits, but for one of 128. Located: within
 0.25 pitches and at most 1e-3 false alarms. Lost by place: no lattice comes near the truth; by placing: none
-of those that are judged twice; by fit: none of the sightings is right; by score: one is, and states more
+of those that are judged twice; by fit: none of the candidates is right; by score: one is, and states more
 false alarms. Prints a table.
 """
 
@@ -29,10 +29,10 @@ from torch import Tensor
 from train_panel_net import in_cells
 
 from vocc_torch import PanelShape
-from vocc_torch.receiver import learned
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells
 from vocc_torch.receiver.false_alarms import demand_stated
 from vocc_torch.receiver.lattice_search import Pyramid
+from vocc_torch.receiver.locators import learned
 from vocc_torch.types import Frames
 
 SHAPES = ((4, 4), (8, 8), (8, 8), (8, 16), (16, 16), (32, 32), (16, 64), (4, 8))

@@ -43,7 +43,7 @@ from vocc_torch.receiver.features import (
     neighbour_greyscale_ratio,
 )
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import Distribution, SceneModel

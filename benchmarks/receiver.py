@@ -32,9 +32,7 @@ from torch import Tensor
 from vocc_torch import Simulator
 from vocc_torch.measure.timing import Timing, describe_machine, interleaved, median_of, settle_memory
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_named
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.locators import PanelLocator, PaperLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey, FrameKey

@@ -24,10 +24,9 @@ from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.calibration import calibration_error
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import FrameKey
 from vocc_torch.types import Frames, Panels, PanelShape

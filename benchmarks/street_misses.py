@@ -22,7 +22,7 @@ from PIL import Image
 from streets import NEAR, pitch_of
 
 import vocc_torch as vt
-from vocc_torch.receiver.learned import LearnedLocator
+from vocc_torch.receiver.locators import LearnedLocator
 
 SHEET = Path(__file__).resolve().parents[1] / "docs" / "images" / "street-misses.png"
 SCENES = ("street", "street_night")

@@ -26,8 +26,7 @@ import torch
 
 import vocc_torch as vt
 from vocc_torch.measure.intervals import clopper_pearson
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LOCATORS, locator_named
+from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
 from vocc_torch.types import Panels, StatedPanels
 
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results" / "streets.csv"

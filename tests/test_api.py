@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import vocc_torch as vt
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 
 

@@ -329,8 +329,8 @@ class StatedPanels(Panels):
 
 
 @dataclass(frozen=True, slots=True)
-class Sightings(Batched):
-    """Every panel that a locator saw in some frames, N in all, in the frames' order, the best of each first.
+class Candidates(Batched):
+    """Every candidate for a panel in some frames, N in all, in the frames' order, the best of each first.
 
     Args:
         frame: (N,) int64, index of the frame.
@@ -345,6 +345,20 @@ class Sightings(Batched):
     score: Tensor
     false_alarms: Tensor
 
+    @classmethod
+    def of(cls, corners_px: Tensor, score: Tensor) -> Self:
+        """Take one candidate of each frame, (B,4,2) corners and (B,) scores, without stated false alarms."""
+        frame = torch.arange(len(score), device=score.device)
+        return cls(frame, corners_px.double(), score.double(), torch.full_like(score.double(), math.nan))
+
+    @classmethod
+    def of_panels(cls, panels: Panels) -> Self:
+        """Take the panels that were found."""
+        frame = panels.found.nonzero()[:, 0]
+        nothing = torch.full_like(panels.score, math.nan)
+        alarms = panels.false_alarms if isinstance(panels, StatedPanels) else nothing
+        return cls(frame, panels.corners_px[frame], panels.score[frame], alarms[frame])
+
     def panels(self, frames: int, most_false_alarms: float, most: int = 1) -> tuple[Tensor, StatedPanels]:
         """Take up to ``most`` panels of each of B frames, where no more false alarms are expected than that.
 
@@ -356,8 +370,8 @@ class Sightings(Batched):
 
         Example:
             >>> one = torch.tensor([0.5], dtype=torch.float64)
-            >>> seen = Sightings(torch.tensor([1]), torch.ones(1, 4, 2).double(), one, one / 1000)
-            >>> frame, panels = seen.panels(2, 1e-3)
+            >>> found = Candidates(torch.tensor([1]), torch.ones(1, 4, 2).double(), one, one / 1000)
+            >>> frame, panels = found.panels(2, 1e-3)
             >>> frame.tolist(), panels.found.tolist()
             ([0, 1], [False, True])
         """

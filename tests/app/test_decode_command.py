@@ -21,11 +21,9 @@ from vocc_torch import Scene, Simulator, train
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, PanelShape
-from vocc_torch.receiver import learned
-from vocc_torch.receiver.learned import LearnedLocator, sighted
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator, learned
+from vocc_torch.receiver.locators.learned import LearnedLocator, sighted
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted

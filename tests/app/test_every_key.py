@@ -22,7 +22,7 @@ from vocc_torch.studies.export.run import identity_of
 
 ROOT = Path(__file__).parents[2]
 LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
-PART = {"_target_": "vocc_torch.receiver.location.PaperLocator"}
+PART = {"_target_": "vocc_torch.receiver.locators.paper.PaperLocator"}
 FAR = Experiment("far", "distance_m", (60.0, 70.0))
 DIM = Experiment("dim", "ambient_lx", (1000.0, 2000.0))
 GRID = Experiment("dim", "ambient_lx", (2000.0,), row_axis="led_luminance_cd_m2", rows=(1000.0,))

@@ -20,7 +20,7 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.train import train, trained_receiver, training_key
 from vocc_torch.receiver.calibration import Calibration, calibration_error
 from vocc_torch.receiver.classifiers import FldaClassifier, Guarded, Inputs
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
@@ -42,7 +42,7 @@ for path in sys.argv[3:]:
 """
 MINE = """
 import torch
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 
 
 class Level:

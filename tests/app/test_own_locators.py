@@ -16,10 +16,11 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.plan import identity
 from vocc_torch.plugins import PlugIn
-from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import (
-    STATING,
+    LOCATORS,
+    LearnedLocator,
+    PaperLocator,
+    RefinedLocator,
     locator_from,
     locator_named,
     locator_settings,
@@ -28,39 +29,38 @@ from vocc_torch.receiver.locators import (
 )
 from vocc_torch.receiver.panel_net import SHIPPED, PanelNet, save_weights
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.types import PanelShape
 
-OWN = "+locators.mine={_target_: vocc_torch.receiver.learned.LearnedLocator, weights: mine.json}"
+OWN = "+locators.mine={_target_: vocc_torch.receiver.locators.LearnedLocator, weights: mine.json}"
 FEW = ("budget.training_frames=16", "receiver=street", "decode.annotate=false")
 SIGHTER = """
 from dataclasses import dataclass
 import torch
-from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.types import Sightings
+from vocc_torch.receiver.locators import LearnedLocator, PanelLocator
+from vocc_torch.types import Candidates
 
 @dataclass(frozen=True)
-class Own:
+class Own(PanelLocator):
+    name = "own"
+    finds_several = True
+    states_false_alarms = True
     wrong: str = ""
-    false_alarms: float = 1e-3
+    most_false_alarms: float = 1e-3
 
-    def __call__(self, frames, shape):
-        return LearnedLocator(false_alarms=self.false_alarms)(frames, shape)
-
-    def sightings(self, frames, shape):
-        seen = LearnedLocator().sightings(frames, shape)
+    def locate(self, frames, shape):
+        found = LearnedLocator().locate(frames, shape)
         if self.wrong == "corners":
-            seen.corners_px[:] = torch.nan
+            found.corners_px[:] = torch.nan
         if self.wrong == "frames":
-            seen.frame[:] = 9
+            found.frame[:] = 9
         if self.wrong == "turned":
-            seen.corners_px[:] = seen.corners_px.flip(1)
+            found.corners_px[:] = found.corners_px.flip(1)
         if self.wrong == "alarms":
-            seen = Sightings(seen.frame, seen.corners_px, seen.score, seen.false_alarms[:-1])
+            found = Candidates(found.frame, found.corners_px, found.score, found.false_alarms[:-1])
         if self.wrong == "unstated":
-            seen = Sightings(seen.frame, seen.corners_px, seen.score, None)
-        return None if self.wrong == "none" else seen
+            found = Candidates(found.frame, found.corners_px, found.score, None)
+        return None if self.wrong == "none" else found
 """
 
 
@@ -115,8 +115,8 @@ def test_what_own_weights_cannot_do_is_refused(here):
     ):
         LearnedLocator("mine.json", 0.1)
     noise = torch.randint(0, 256, (1, 90, 120), dtype=torch.uint8)
-    every = LearnedLocator("mine.json", torch.inf).sightings(noise, PanelShape(8, 8))
-    assert len(every.score) > len(LearnedLocator("mine.json").sightings(noise, PanelShape(8, 8)).score)
+    every = LearnedLocator("mine.json", torch.inf).locate(noise, PanelShape(8, 8))
+    assert len(every.score) > len(LearnedLocator("mine.json").locate(noise, PanelShape(8, 8)).score)
     arguments = {"wieghts": "mine.json"}
     with pytest.raises(
         VoccError, match=r"cannot be built \(it takes no wieghts, but weights, false_alarms\)"
@@ -169,7 +169,7 @@ def test_a_locator_from_outside_may_see_several(here, photo_bits):
     ):
         bad = plugged_locator(PlugIn("receiver.locator", "Own", "mine.py:Own", {"wrong": wrong}))
         with pytest.raises(VoccError, match=said):
-            bad.sightings(torch.from_numpy(grey), shape)
+            bad.locate(torch.from_numpy(grey), shape)
 
 
 def test_several_are_refused_before_anything_is_learned(here, monkeypatch):
@@ -180,7 +180,7 @@ def test_several_are_refused_before_anything_is_learned(here, monkeypatch):
 
 def test_a_limit_of_its_own_holds_for_one_panel_and_for_several(here):
     """1e-5 is less than what either panel states."""
-    strict = "+locators.mine={_target_: mine.py:Own, false_alarms: 1e-5}"
+    strict = "+locators.mine={_target_: mine.py:Own, most_false_alarms: 1e-5}"
     for name, most in (("a", 1), ("b", 2)):
         with pytest.raises(VoccError, match=r"one surely enough: check panel.rows") as said:
             rows_of(here / name, strict, "receiver.locator=mine", f"decode.most={most}", *FEW)
@@ -188,8 +188,8 @@ def test_a_limit_of_its_own_holds_for_one_panel_and_for_several(here):
 
 
 def test_a_limit_that_is_no_number_is_refused(here):
-    own = plugged_locator(PlugIn("receiver.locator", "Own", "mine.py:Own", {"false_alarms": "few"}))
-    with pytest.raises(VoccError, match="its false_alarms is 'few': it must be a number above 0"):
+    own = plugged_locator(PlugIn("receiver.locator", "Own", "mine.py:Own", {"most_false_alarms": "few"}))
+    with pytest.raises(VoccError, match="its most_false_alarms is 'few': it must be a number above 0"):
         Tracker(own, PanelShape(8, 8))(np.asarray(Image.open("two.png")))
 
 
@@ -252,7 +252,8 @@ def test_words_of_a_locator_give_it_back(here):
         else:
             built = locator_named(name, PaperLocator(), getattr(locator, "false_alarms", 1e-3))
         assert built == locator
-    assert STATING == resolve.STATING
+    stating = [name for name in LOCATORS if locator_named(name, PaperLocator()).states_false_alarms]
+    assert (*stating,) == resolve.STATING
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import torch
 
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames

@@ -4,7 +4,7 @@ import torch
 from one_point import sweep_point
 
 from vocc_torch.measure.link import Link
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator

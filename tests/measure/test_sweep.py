@@ -20,6 +20,7 @@ from vocc_torch.measure.point_work import Outcome, Part
 from vocc_torch.measure.sweep import Study, count_parts
 from vocc_torch.measure.train import Training, train, train_each
 from vocc_torch.measure.workers import Workers
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.types import Panels, Scene
@@ -155,11 +156,11 @@ def test_framing_changes_no_count(make_plan, trained):
 def test_missed_panels_count_half_wrong(make_plan, trained):
     plan = make_plan(locator="paper", frames=64)
 
-    class Blind:
+    class Blind(PaperLocator):
         """A locator that misses every other frame."""
 
         def __call__(self, frames, shape):
-            panels = plan.receiver.location(frames, shape)
+            panels = super().__call__(frames, shape)
             found = panels.found & (torch.arange(len(frames)) % 2 == 0)
             return Panels(panels.corners_px, found, panels.score, panels.candidates)
 

@@ -19,7 +19,7 @@ from vocc_torch.receiver.features import (
     preamble_threshold,
     radial_inward_field,
 )
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.rectification import centre_greys

@@ -13,7 +13,7 @@ from fuzzing import CAMERA, LOCATION, PANEL, SCENE, Case, case_of, words_of
 
 from vocc_torch.app.config import AppConfig, keys_of
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, effects
 from vocc_torch.types import PanelShape
 

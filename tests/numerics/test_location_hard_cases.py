@@ -16,10 +16,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import close_mask
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, search_lattice
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.rectification import cell_homography, centre_greys, rectify
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.types import Frames, Panels, PanelShape
 
 hard = HardCases("Location")

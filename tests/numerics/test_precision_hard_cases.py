@@ -16,10 +16,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

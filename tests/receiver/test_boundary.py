@@ -10,9 +10,8 @@ from PIL import Image
 
 from vocc_torch import FLDA, Frames, LedPanel, Panels, PanelShape, Receiver, Scene, Simulator, VoccError
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.refined import RefinedLocator
 
 SCENE, SHAPE = Scene.of(2), PanelShape()
 BITS = torch.from_numpy(np.random.default_rng(0).random((2, 8, 8)) < 0.5)

@@ -11,7 +11,7 @@ from vocc_torch import PanelShape
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver import false_alarms
 from vocc_torch.receiver.false_alarms import FalseAlarms
-from vocc_torch.receiver.learned import LearnedLocator
+from vocc_torch.receiver.locators import LearnedLocator
 
 SHAPE = PanelShape(8, 8)
 

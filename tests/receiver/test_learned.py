@@ -10,15 +10,14 @@ from skimage.filters import threshold_otsu
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_search import Pyramid
-from vocc_torch.receiver.learned import (
+from vocc_torch.receiver.locators import PaperLocator, locator_from, locator_named, locator_settings
+from vocc_torch.receiver.locators.learned import (
     LearnedLocator,
     distinct,
     is_whole,
     placings,
     with_missed_lines,
 )
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.panel_evidence import alignment, bright_cells, clues_of, evidence, two_levels
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, save_weights
 from vocc_torch.receiver.spot_fit import fitted_spots
@@ -68,7 +67,7 @@ def test_weights_of_ones_own_are_followed_and_state_no_false_alarms(noisy, tmp_p
     mine = tmp_path / "mine.json"
     mine.write_bytes(resources.files("vocc_torch.receiver").joinpath(SHIPPED).read_bytes())
     locator, frame = LearnedLocator(weights=str(mine)), noisy[0][:1]
-    seen = locator.sightings(frame, SHAPE)
+    seen = locator.locate(frame, SHAPE)
     assert (seen.score >= 0.5).all()
     assert seen.false_alarms.isnan().all()
     assert seen.panels(1, 1e-3)[1].found.tolist() == [True]
@@ -340,7 +339,7 @@ def test_points_of_light_part_in_two_levels_where_they_are_read_finely():
 def test_panels_of_a_line_or_two_have_evidence(shape):
     """Of pairs of LEDs that are two apart a panel of two rows has none."""
     noise = torch.randint(0, 256, (1, 90, 120), generator=torch.Generator().manual_seed(0)).to(torch.uint8)
-    assert LearnedLocator(false_alarms=torch.inf).sightings(noise, PanelShape(*shape)).score.isfinite().all()
+    assert LearnedLocator(false_alarms=torch.inf).locate(noise, PanelShape(*shape)).score.isfinite().all()
 
 
 def drawn_spots(bits: torch.Tensor, pitch_px: float, noise_dn: float) -> tuple[Pyramid, torch.Tensor]:

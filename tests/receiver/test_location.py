@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver import location
-from vocc_torch.receiver.location import PaperLocator, paper_stages
+from vocc_torch.receiver.locators import paper
+from vocc_torch.receiver.locators.paper import PaperLocator, paper_stages
 from vocc_torch.types import Frames, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -73,13 +73,13 @@ def assert_same(ours, theirs):
 def levels_run(monkeypatch):
     """Note the level of each frame each time one is run."""
     levels: list[int] = []
-    collect = location.components.collect_blobs
+    collect = paper.components.collect_blobs
 
     def spy(runs, *args, min_area_px, level):
         levels.extend([level] * runs.size[0])
         return collect(runs, *args, min_area_px=min_area_px, level=level)
 
-    monkeypatch.setattr(location.components, "collect_blobs", spy)
+    monkeypatch.setattr(paper.components, "collect_blobs", spy)
     return levels
 
 

@@ -6,12 +6,10 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator, locator_named
 from vocc_torch.receiver.model_file import read_model, write_model
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 
@@ -47,8 +45,11 @@ def test_the_model_file_names_the_refined_locator(tmp_path):
 
 
 def test_files_without_a_name_hold_the_papers_locator(tmp_path):
-    fitted(PaperLocator()).save(tmp_path / "receiver.pt")
-    assert read_model(tmp_path / "receiver.pt")[0]["locator"] == dataclasses.asdict(PaperLocator())
+    fitted(RefinedLocator()).save(tmp_path / "receiver.pt")
+    settings, state = read_model(tmp_path / "receiver.pt")
+    settings["locator"] = dataclasses.asdict(PaperLocator(closing_px=9))
+    write_model(tmp_path / "receiver.pt", settings, state)
+    assert Receiver.load(tmp_path / "receiver.pt").locator == PaperLocator(closing_px=9)
 
 
 def test_an_unknown_locator_in_a_file_is_refused(tmp_path):

@@ -8,9 +8,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.foreground import bright_regions, local_background, ring_statistics
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.rectification import map_points
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

@@ -9,8 +9,7 @@ import torch
 from vocc_torch import PanelShape
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import LearnedLocator, PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame
@@ -43,7 +42,7 @@ def two():
 
 
 def test_panels_darker_than_the_wall_are_seen_both(two):
-    seen = ANY.sightings(two[None], SHAPE)
+    seen = ANY.locate(two[None], SHAPE)
     for x, y in ((50, 60), (200, 130)):
         apart = (seen.corners_px[:2] - corners_at(x, y, 72.0)).abs().amax((1, 2))
         assert float(apart.min()) < 0.25 * 9

@@ -8,7 +8,7 @@ from vocc_torch.receiver import rectification
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS, RECEIVER_NAMES, Preambles, ReceiverBank
 from vocc_torch.receiver.classifiers import Guarded, Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver, StagedReceiver
 from vocc_torch.rng import BlockKey

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,11 +7,12 @@ import torch
 import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.frame_fit import fit, settled
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import Panels, PanelShape, Scene
+from vocc_torch.types import Candidates, PanelShape, Scene
 
 SHAPE = PanelShape(8, 8)
 CAMERA = Camera(width_px=240, height_px=200, sensor_width_mm=240 * 13.2 / 1920)
@@ -39,19 +39,17 @@ def approach():
     return grey, simulator.true_panels(scene).corners_px.numpy()
 
 
-class Told:
+class Told(PanelLocator):
     """A locator that is told where panels are, and counts how often it is asked."""
 
     def __init__(self, corners, first=None):
         self.corners, self.frame, self.asked, self.first = corners, 0, 0, first
 
-    def __call__(self, frames, shape):
+    def locate(self, frames, shape):
         self.asked += 1
-        if self.corners is None:
-            return Panels.known(torch.zeros(0, 4, 2))
-        panels = Panels.known(torch.from_numpy(self.corners[self.frame])[None])
-        panels.found[:] = not HIDDEN.start <= self.frame < HIDDEN.stop
-        return panels
+        shown = self.corners is not None and not HIDDEN.start <= self.frame < HIDDEN.stop
+        corners = torch.from_numpy(self.corners[self.frame])[None] if shown else torch.zeros(0, 4, 2)
+        return Candidates.of(corners, torch.ones(len(corners)))
 
 
 def errors_cells(tracker, locator, grey, corners):
@@ -175,9 +173,11 @@ def test_a_panel_whose_leds_stand_still_is_followed_on():
 class Doubting(Told):
     """A locator that sees the panel and is never sure of it."""
 
-    def sightings(self, frames, shape):
-        known = torch.from_numpy(self.corners[self.frame])[None]
-        return SimpleNamespace(corners_px=known, score=torch.ones(1), false_alarms=torch.ones(1))
+    finds_several, most_false_alarms = True, 1e-3
+
+    def locate(self, frames, shape):
+        one = torch.ones(1, dtype=torch.float64)
+        return Candidates(one.long() - 1, torch.from_numpy(self.corners[self.frame])[None], one, one)
 
 
 def test_where_corners_shake_by_most_of_a_cell_no_line_is_missed():
@@ -225,12 +225,11 @@ def test_a_second_panel_is_seen_at_the_next_full_search(approach):
     both, second = np.concatenate([grey, grey], 2)[:16], corners + np.array([240, 0])
 
     class Two(Told):
-        def sightings(self, frames, shape):
+        finds_several = True
+
+        def locate(self, frames, shape):
             known = [self.corners[self.frame]] + [second[self.frame]] * (self.frame >= 8)
-            sure = torch.ones(len(known))
-            return SimpleNamespace(
-                corners_px=torch.from_numpy(np.stack(known)), score=sure, false_alarms=sure * 1e-4
-            )
+            return Candidates.of(torch.from_numpy(np.stack(known)), torch.ones(len(known)))
 
     locator = Two(corners)
     tracker, seen = Tracker(locator, SHAPE, every=6), []

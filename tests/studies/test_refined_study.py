@@ -6,8 +6,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import ReceiverPlan
 from vocc_torch.measure.train import Training, train, train_each, trained_receiver
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 
 
 def test_the_plan_names_what_finds_the_panel():

@@ -12,9 +12,10 @@ from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
 from vocc_torch.plugins import TARGET, PlugIn, is_target
-from vocc_torch.receiver import bank, location, reader
+from vocc_torch.receiver import bank, reader
 from vocc_torch.receiver.classifiers import Inputs, training
 from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.simulation.scene import SCENE_FIELDS, SceneModel, parsed_scene
 from vocc_torch.types import resolve_device
 
@@ -111,7 +112,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         names=(*receiver.names, *(one.name for one in plugged_in)),
         classifiers=tuple(plugged_in),
         locator=locator,
-        location=location.PaperLocator(**asdict(receiver.location)),
+        location=PaperLocator(**asdict(receiver.location)),
         reader=own,
         save=save,
         locators=locators,

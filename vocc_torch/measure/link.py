@@ -9,7 +9,7 @@ import torch
 
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.bank import Preambles
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.reader import Greys, Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator

@@ -15,10 +15,7 @@ from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.receiver.false_alarms import demand_stated
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LOCATORS, STATING, locator_named, plugged_locator
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.locators import LOCATORS, PanelLocator, PaperLocator, locator_named, plugged_locator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
@@ -195,8 +192,9 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Check every range, that auto-ISO can expose every scene, and that the locator knows such panels."""
-        if self.receiver.locator in STATING:
-            demand_stated(self.receiver.locator, self.world.panel.shape)
+        if (receiver := self.receiver).locator in LOCATORS:
+            locator = LOCATORS[receiver.locator].of(receiver.location, receiver.false_alarms)
+            locator.demand_shape(self.world.panel.shape)
         tested = {f"{at:g}": self.experiment.model_at(self.world, at) for at in self.experiment.values}
         for value, model in (*tested.items(), ("", self.experiment.training_model(self.world))):
             if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:

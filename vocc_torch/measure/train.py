@@ -24,8 +24,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indice
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import locator_settings, locator_words
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.locators import PanelLocator, locator_settings, locator_words
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, training_point
 from vocc_torch.simulation.scene import SceneModel, narrowed

@@ -14,7 +14,6 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.receiver.classifiers import Guarded, SklearnClassifier
-from vocc_torch.receiver.outside_locator import OutsideLocator, PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.types import Frames, Panels
 
@@ -33,15 +32,6 @@ def demand_extra() -> None:
         lacking.append("torch 2.7")
     if lacking:
         raise VoccError(f"an ONNX graph needs {' and '.join(lacking)}: pip install 'vocc-torch[onnx]'")
-
-
-def is_exportable(locator: PanelLocator) -> bool:
-    """Whether a locator says of itself, by ``exportable = True``, that it can be in a graph.
-
-    Those that ship do not: how many blobs a frame has decides what they do next.
-    """
-    made = locator.plug_in.made if isinstance(locator, OutsideLocator) else locator
-    return getattr(made, "exportable", False) is True
 
 
 class TensorReceiver(torch.nn.Module):

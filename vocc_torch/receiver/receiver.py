@@ -13,9 +13,8 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank, fea
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
 from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import locator_from, locator_settings
+from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
-from vocc_torch.receiver.outside_locator import PanelLocator, allowed_by
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
 
@@ -154,8 +153,8 @@ class Receiver(torch.nn.Module):
     ) -> None:
         super().__init__()
         self.calibration, self.trained_on = calibration, trained_on or {}
-        if not callable(locator):
-            raise VoccError.of("locator", shown(locator), "a locator, called with frames and a panel's shape")
+        if not isinstance(locator, PanelLocator):
+            raise VoccError.of("locator", shown(locator), "a PanelLocator of vocc_torch.receiver.locators")
         demand_kind("reader", reader, Reader)
         demand_kind("classifier", classifier, torch.nn.Module, Guarded)
         if isinstance(classifier, Guarded):
@@ -203,12 +202,12 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: as :meth:`decode`, or a locator that sees one panel alone.
         """
-        frames, sightings = Frames.of(images, "images"), getattr(self.locator, "sightings", None)
-        if sightings is None:
+        frames = Frames.of(images, "images")
+        if not self.locator.finds_several:
             raise VoccError("this receiver's locator sees one panel in a frame: learned sees several")
         with torch.inference_mode():
-            seen = sightings(frames, self.shape)
-            whose, panels = seen.panels(len(frames), allowed_by(self.locator), most)
+            found = self.locator.locate(frames, self.shape)
+            whose, panels = found.panels(len(frames), self.locator.most_false_alarms, most)
             decoded = self.forward(frames[whose], panels)
         return whose.tolist(), Decoded(*(one.clone() for one in decoded))
 

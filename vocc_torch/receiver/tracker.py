@@ -21,12 +21,12 @@ from vocc_torch.receiver.frame_fit import (
     read_cells,
     spot_energy,
 )
-from vocc_torch.receiver.outside_locator import PanelLocator, allowed_by
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.track import STANDS, Track
-from vocc_torch.types import Frames, Panels, PanelShape, StatedPanels
+from vocc_torch.types import Frames, PanelShape, StatedPanels
 
-# Of less likely sightings so many are watched at a time.
+# Of less likely candidates so many are watched at a time.
 _WATCHED = 3
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
@@ -41,10 +41,10 @@ class Tracker:
     A full search begins, goes on while nothing is seen, and comes again every ``every`` frames: it finds new
     panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost, and one
     beyond whose side lights change as its LEDs do is dropped at once: it was not the whole of it. While
-    there is none, sightings that a search is not sure of are watched: panels once their LEDs change.
+    there is none, candidates that a search is not sure of are watched: panels once their LEDs change.
 
     Args:
-        locator: does the full search; of one with ``sightings`` every panel is followed, else the best.
+        locator: does the full search; of one that finds several every panel is followed, else the best.
         shape: rows and columns.
         every: frames between full searches, at least 1.
         patience: frames that a panel may be out of sight.
@@ -130,16 +130,15 @@ class Tracker:
     def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, float, bool]]:
         """Search a whole frame: corners, score, false alarms, and whether it is surely a panel."""
         frames = Frames.whole(torch.from_numpy(plane))
-        sightings = getattr(self.locator, "sightings", None)
-        found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
-        most = allowed_by(self.locator)
-        kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
-        stated = getattr(found, "false_alarms", torch.full_like(found.score, math.nan))
-        given = (one.tolist() for one in (found.score, stated, kept))
+        found = self.locator.locate(frames, self.shape)
+        if not self.locator.finds_several:
+            found = found[:1]
+        sure = ~(found.false_alarms > self.locator.most_false_alarms)
+        given = (part.tolist() for part in (found.score, found.false_alarms, sure))
         rows = zip(found.corners_px.cpu().numpy(), *given, strict=True)
         for corners, score, alarms, good in sorted(rows, key=lambda row: not row[3]):
             cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
-            if (good or sightings) and cell >= 1:
+            if cell >= 1:
                 yield corners, score, alarms, good
 
     def _anchored(

@@ -51,7 +51,7 @@ def run_export_receiver(settings: config.Settings, folder: Path) -> None:
     study = replace(study, experiment=replace(study.experiment, training={}))
     model = None if settings.model is None else Path(settings.model)
     receiver = train.receiver_for(study, model, settings.plug_ins).cpu()
-    finds = onnx_graph.is_exportable(receiver.locator)
+    finds = receiver.locator.exportable
     if not finds:
         console.print("the graph is told the corners: this locator cannot be in one", highlight=False)
     for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):

@@ -41,8 +41,7 @@ from vocc_torch.extras.calibrate.study import calibrate, demand_contrast, fittin
 from vocc_torch.extras.calibrate.surround import compression
 from vocc_torch.extras.calibrate.transfer import Curve, pattern, transfer
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.locators import PaperLocator, locator_named
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.recording import Shutter, record

@@ -11,9 +11,9 @@ from composing import complaint_of, composed
 
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.recordings.reading import read_recording
 
 TEXT = b"A message of some bytes that two commands carry. " * 12

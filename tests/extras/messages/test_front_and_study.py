@@ -19,9 +19,9 @@ from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.recordings.films import read_film
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey

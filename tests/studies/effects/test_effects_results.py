@@ -17,7 +17,7 @@ from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, Worl
 from vocc_torch.measure.timing import Timing
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel, Simulator

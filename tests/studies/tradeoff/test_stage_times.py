@@ -11,10 +11,9 @@ from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

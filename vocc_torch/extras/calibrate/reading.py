@@ -14,7 +14,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording, readable
 from vocc_torch.types import Frames, PanelShape

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.calibration import APPEARANCE, outside
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import RecordedFrame
@@ -117,7 +118,7 @@ def decode(
     Raises:
         VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
     """
-    demand_sightings(receiver.locator, most)
+    demand_several(receiver.locator, most)
     tracker = Tracker(receiver.locator, receiver.shape)
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         tracker = Tracker(receiver.locator, receiver.shape, number=tracker.number)
@@ -150,13 +151,13 @@ def decode(
                     yield from (replace(one[light], panel=number) for number, one in several)
 
 
-def demand_sightings(locator: object, most: int) -> None:
+def demand_several(locator: PanelLocator | None, most: int) -> None:
     """Refuse several panels of a frame where a locator sees one.
 
     Raises:
         VoccError: several are asked of such a one.
     """
-    if most > 1 and not hasattr(locator, "sightings"):
+    if most > 1 and (locator is None or not locator.finds_several):
         rule = "1 where the locator sees one panel: learned sees several"
         raise VoccError.of("decode.most", most, rule)
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, count, islice
 from pathlib import Path
-from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,7 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
-from vocc_torch.receiver.learned import LearnedLocator
-from vocc_torch.receiver.locators import locator_words
-from vocc_torch.receiver.outside_locator import PanelLocator
+from vocc_torch.receiver.locators import LOCATORS, PanelLocator, locator_words
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording, readable
@@ -29,7 +26,7 @@ from vocc_torch.report.canvas import annotated
 from vocc_torch.report.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
-from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode, demand_sightings
+from vocc_torch.studies.decode.reading import COLUMNS, Reading, decode, demand_several
 
 BY_CHANCE = 0.3
 """False alarms in as many frames as were read from which on the likeliest place is not worth a word. In one
@@ -158,11 +155,11 @@ class Summary:
         tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
         if config.follow == "true" or (config.follow == "auto" and math.isnan(self.least_alarms)):
             return " or ".join(["try decode.follow=false, which searches every frame,", *tries])
-        if math.isnan(self.least_alarms) and not hasattr(receiver.locator, "sightings"):
+        if math.isnan(self.least_alarms) and not receiver.locator.finds_several:
             return " and ".join(["see receiver.location for the locator's limits", *tries])
         tries += ["receiver=recommended for one bright panel that is surely there"] * is_trained
         expected, frames = self.least_alarms * self.frames, self.frames
-        if not expected < BY_CHANCE or not states(receiver.locator):
+        if not expected < BY_CHANCE or not is_adjustable(receiver.locator):
             tries = ["check panel.rows and panel.columns", *tries]
             return "no place looks like one surely enough: " + ", or try ".join(tries)
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
@@ -211,8 +208,9 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     plan = build_plan(replace(settings, receiver=named), folder)
     (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
     if model is None:
-        demand_sightings(finder, config.most)
-    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=hasattr(finder, "sightings"))
+        demand_several(finder, config.most)
+    at_truth = finder is not None and finder.finds_several
+    receiver = receiver_for(plan, model, settings.plug_ins, at_truth=at_truth)
     if model is not None and settings.receiver.false_alarms is not None:
         receiver.locator = at_rate(receiver.locator, settings.receiver.false_alarms)
     recording = chain(first, recording)
@@ -254,15 +252,15 @@ def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
     Raises:
         VoccError: a locator that states none, or a rate that is none.
     """
-    if not states(locator):
+    if not is_adjustable(locator):
         rule = f"only learned states them, and the model's locator is {locator_words(locator)[0]}"
         raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
-    return replace(locator, false_alarms=false_alarms)
+    return locator.at_rate(false_alarms)
 
 
-def states(locator: PanelLocator) -> TypeGuard[LearnedLocator]:
-    """Whether a locator is one of the package's that state false alarms."""
-    return isinstance(locator, LearnedLocator) and not getattr(locator, "weights", None)
+def is_adjustable(locator: PanelLocator) -> bool:
+    """Whether ``receiver.false_alarms`` holds for a locator: it ships, and states false alarms."""
+    return LOCATORS.get(locator.name) is type(locator) and locator.states_false_alarms
 
 
 def in_best_channel(

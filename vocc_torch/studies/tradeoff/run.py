@@ -19,7 +19,7 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.receiver import Receiver, StagedReceiver
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import tensorboard, terminal

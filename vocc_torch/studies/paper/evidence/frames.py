@@ -11,8 +11,9 @@ from matplotlib.patches import Rectangle
 
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure import stage_times, timing, train
-from vocc_torch.receiver import bank, foreground, location, receiver
+from vocc_torch.receiver import bank, foreground, receiver
 from vocc_torch.receiver.features import image_gradient, radial_inward_field
+from vocc_torch.receiver.locators.paper import paper_stages, quantised
 from vocc_torch.report import timing_figure
 from vocc_torch.report.canvas import GRID, INK, QUIET, Axes, Figure
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
@@ -167,7 +168,7 @@ class FrameHistogram(evidence.PaperFigure):
         plan, scene, bits = source.plan, evidence.paper_scene(), source.bits("histogram")
         shape, simulator, locate = plan.world.panel.shape, plan.world.simulator(), plan.receiver.location
         seen = simulator.render(scene, bits)
-        frames = Frames(location.quantised(seen.grey), seen.origin_px, seen.sensor_px, seen.surround)
+        frames = Frames(quantised(seen.grey), seen.origin_px, seen.sensor_px, seen.surround)
         corners, located = simulator.true_panels(scene).corners_px, locate(frames, shape)
         # Whose cell the centre of each pixel lies in: 1 On, 0 Off, -1 none.
         (left, top), (right, bottom) = (corners[0, [0, 2]] - frames.origin_px[0]).tolist()
@@ -179,7 +180,7 @@ class FrameHistogram(evidence.PaperFigure):
         counts = (np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1))
         self.off_counts, self.on_counts = counts
         self.counts = foreground.sensor_histogram(frames)[0].double().cpu().numpy()
-        self.threshold = int(location.paper_stages(frames, locate.closing_px).threshold[0])
+        self.threshold = int(paper_stages(frames, locate.closing_px).threshold[0])
         self.levels = grey_levels(plan, scene)
         (self.picture,) = evidence.cut_out(frames, corners, shape, margin_cells=2.0)
         cell = (corners[0, 2] - corners[0, 0]).cpu().numpy() / (shape.columns, shape.rows)

@@ -1,24 +1,28 @@
 """A small learned locator: a network judges placings of lattices that show in spectra, and a fit follows."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver import lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
-from vocc_torch.receiver.location import exact_frames
+from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
+from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.receiver.panel_evidence import SURE_SHARES, clues_of, evidence
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, load_weights
 from vocc_torch.receiver.rectification import map_points
 from vocc_torch.receiver.spot_fit import fitted_spots
-from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
+from vocc_torch.types import Candidates, Frames, Images, PanelShape
 
 # From so many LEDs on windows are turned, so many of a level: four lamps in a square are few bits on a turned
 # lattice.
@@ -38,11 +42,11 @@ _AROUND_PX = 24
 _WORTH_A_FIT, _MOST_LEDS, _CELL_STEPS, _BEST_SHARE, _FAR_MORE = -1.0, 16, 4, 0.9999, 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class LearnedLocator:
+@dataclass(frozen=True)
+class LearnedLocator(PanelLocator):
     """Find panels by a network that has seen simulated frames only, then fit the lattice of LEDs.
 
-    - Places: lattices in the spectra of windows of much texture, as of the ``lattice`` locator.
+    - Places: lattices in the spectra of windows of much texture.
     - Placings: the network sees the cells of each with their surroundings, and tells which placing by whole
       cells is a panel, how likely, and how its corners are off. The likeliest are seen once more.
     - Fits: of up to 16 x 16 LEDs by round spots, and where these explain too little by two patterns of cells;
@@ -63,6 +67,9 @@ class LearnedLocator:
         VoccError: a number out of its range; when called, weights that are missing or damaged.
     """
 
+    name: ClassVar[str] = "learned"
+    finds_several: ClassVar[bool] = True
+
     weights: str | None = None
     false_alarms: float = 1e-3
 
@@ -76,8 +83,13 @@ class LearnedLocator:
             raise VoccError.of("location.false_alarms", most, rule)
 
     @property
-    def allowed_false_alarms(self) -> float:
-        """False alarms at which a panel is found; NaN of weights of one's own, of which none are stated."""
+    def states_false_alarms(self) -> bool:
+        """Whether its weights ship: of others nothing is stated."""
+        return self.weights is None
+
+    @property
+    def most_false_alarms(self) -> float:
+        """The most at which a candidate is a panel; NaN of weights of one's own, of which none are stated."""
         return self.false_alarms if self.weights is None else math.nan
 
     def net(self, device: torch.device) -> PanelNet:
@@ -87,33 +99,71 @@ class LearnedLocator:
         with resources.as_file(resources.files("vocc_torch.receiver") / SHIPPED) as path:
             return load_weights(path, device)
 
-    def __call__(self, frames: Images, shape: PanelShape) -> StatedPanels:
-        """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+    def demand_shape(self, shape: PanelShape) -> None:
+        """Refuse a panel so small that no false alarms are stated of it."""
+        if self.weights is None and self.false_alarms != math.inf:
+            demand_stated(self.name, shape)
+
+    def at_rate(self, false_alarms: float) -> "LearnedLocator":
+        """Give the same locator with another rate of false alarms."""
+        return replace(self, false_alarms=false_alarms)
+
+    def check(self) -> None:
+        """Refuse weights that cannot be read."""
+        self.net(torch.device("cpu"))
+
+    @classmethod
+    def of(cls, paper: PaperLocator, false_alarms: float) -> "LearnedLocator":
+        """Build it with a rate of false alarms."""
+        return cls(false_alarms=false_alarms)
+
+    @property
+    def follows_configuration(self) -> bool:
+        """Whether :meth:`of` can build it."""
+        return self.weights is None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What a model file keeps of it: weights of one's own by their place and digest."""
+        values = {"name": self.name, **asdict(self)}
+        if self.weights is None:
+            return values
+        file = str(Path(self.weights).resolve())
+        return {**values, "weights": file, "digest": ModuleFile(file).digest}
+
+    @classmethod
+    def from_settings(cls, values: Mapping[str, Any]) -> "LearnedLocator":
+        """Build it from its settings without the name.
 
         Raises:
-            VoccError: what :meth:`sightings` refuses.
+            VoccError: weights that have changed.
         """
-        frames = Frames.of(frames)
-        return self.sightings(frames, shape).panels(len(frames), self.allowed_false_alarms)[1]
+        values = dict(values)
+        digest = values.pop("digest", "")
+        if digest and ModuleFile(str(values["weights"])).digest != digest:
+            raise VoccError(
+                f"receiver.locator: {values['weights']} holds other weights than it was made with"
+            )
+        return cls(**values)
 
-    def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
-        """See every panel of ``shape``, those too that are likely false; the best of each frame first.
+    def locate(self, frames: Images, shape: PanelShape) -> Candidates:
+        """Give every candidate, those too that are likely false; the best of each frame first.
 
         Raises:
-            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, damaged weights, or a
-                panel so small that no false alarms are stated of it.
+            VoccError: what :func:`~vocc_torch.receiver.locators.paper.exact_frames` refuses, damaged weights,
+                or a panel so small that no false alarms are stated of it.
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
         device, table = exact.grey.device, None
         if self.weights is None:
-            any_rate = self.false_alarms == math.inf
-            table = calibrated("learned", shape) if any_rate else demand_stated("learned", shape)
+            self.demand_shape(shape)
+            table = calibrated(self.name, shape)
         net = self.net(device)
         with torch.inference_mode(), torch.autocast(device.type, enabled=False):
             corners = torch.zeros(0, 4, 2, dtype=torch.float64, device=device)
             none = corners[:, 0, 0]
-            seen = [Sightings(none.long(), corners, none, none)]
+            seen = [Candidates(none.long(), corners, none, none)]
             # Frame by frame: what is found must not depend on how many are computed together.
             for i in range(len(exact) if exact.grey.numel() else 0):
                 quads, logit = sighted(net, exact[i : i + 1], shape)
@@ -123,11 +173,11 @@ class LearnedLocator:
                     quads, logit = quads[kept], logit[kept]
                     alarms = torch.full_like(logit, torch.nan)
                 rows = torch.full_like(logit, i, dtype=torch.int64)
-                seen.append(Sightings(rows, quads, logit.sigmoid(), alarms))
-            names = Sightings.__dataclass_fields__
-            found = Sightings(*(torch.cat([getattr(one, name) for one in seen]) for name in names))
+                seen.append(Candidates(rows, quads, logit.sigmoid(), alarms))
+            names = Candidates.__dataclass_fields__
+            found = Candidates(*(torch.cat([getattr(one, name) for one in seen]) for name in names))
             found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
-        return Sightings(*(getattr(found, name).clone() for name in names))
+        return Candidates(*(getattr(found, name).clone() for name in names))
 
 
 def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tensor]:

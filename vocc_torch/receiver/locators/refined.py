@@ -1,14 +1,17 @@
 """The refined locator: a low threshold over the local background, then a fit of the lattice of LEDs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
-from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.receiver.locators.paper import Choice, PaperLocator, exact_frames
+from vocc_torch.receiver.locators.protocol import PanelLocator
+from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -24,8 +27,8 @@ _PARTS_PER_PX = 1024.0
 _TIE_DEG = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class RefinedLocator:
+@dataclass(frozen=True)
+class RefinedLocator(PanelLocator):
     """Find the panel by a low threshold over the local background, then fit the lattice of its LEDs.
 
     - Region: blocks brighter than the local background by 8 of their own standard deviations; pixels above
@@ -56,6 +59,8 @@ class RefinedLocator:
         [[59.8, 59.8], [99.8, 99.8]]
     """
 
+    name: ClassVar[str] = "refined"
+
     paper: PaperLocator = field(default_factory=PaperLocator)
     min_share: float = 0.97
 
@@ -65,11 +70,34 @@ class RefinedLocator:
         if not 0 <= finite_number("location.min_share", self.min_share) <= 1:
             raise VoccError.of("location.min_share", self.min_share, "0 to 1")
 
+    @classmethod
+    def of(cls, paper: PaperLocator, false_alarms: float) -> "RefinedLocator":
+        """Build it on the limits of blobs."""
+        return cls(paper)
+
+    @property
+    def follows_configuration(self) -> bool:
+        """Whether :meth:`of` can build it."""
+        return self == RefinedLocator(self.paper)
+
+    @classmethod
+    def from_settings(cls, values: Mapping[str, Any]) -> "RefinedLocator":
+        """Build it from its settings without the name."""
+        return cls(**{**values, "paper": PaperLocator(**values["paper"])})
+
+    def locate(self, frames: Images, shape: PanelShape) -> Candidates:
+        """Give the panel of each frame.
+
+        Raises:
+            VoccError: what :func:`vocc_torch.receiver.locators.paper.exact_frames` refuses.
+        """
+        return Candidates.of_panels(self(frames, shape))
+
     def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
-            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
+            VoccError: what :func:`vocc_torch.receiver.locators.paper.exact_frames` refuses.
         """
         # In half precision a fit would find no lattice.
         demand_kind("shape", shape, PanelShape)

@@ -1,7 +1,7 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import scipy.ndimage
@@ -12,8 +12,9 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver import components, foreground
 from vocc_torch.receiver.limits import LocatorLimits
+from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
 _PASS_PX, _SMALL_PASS_PX = 1 << 21, 1 << 18
@@ -98,8 +99,8 @@ class Choice(Panels):
         return cls(corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone())
 
 
-@dataclass(frozen=True, slots=True)
-class PaperLocator(LocatorLimits):
+@dataclass(frozen=True)
+class PaperLocator(LocatorLimits, PanelLocator):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
 
     Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``
@@ -148,6 +149,21 @@ class PaperLocator(LocatorLimits):
         >>> panels.corners_px[0].tolist(), panels.score.item(), panels.candidates.item()
         ([[15.0, 10.0], [35.0, 10.0], [35.0, 30.0], [15.0, 30.0]], 1.0, 1)
     """
+
+    name: ClassVar[str] = "paper"
+
+    @classmethod
+    def of(cls, paper: "PaperLocator", false_alarms: float) -> "PaperLocator":
+        """Take the limits of blobs."""
+        return paper
+
+    def locate(self, frames: Images, shape: PanelShape) -> Candidates:
+        """Give the chosen blob of each frame.
+
+        Raises:
+            VoccError: what :func:`exact_frames` refuses.
+        """
+        return Candidates.of_panels(self(frames, shape))
 
     @torch.no_grad()
     def __call__(self, frames: Images, shape: PanelShape) -> Panels:

@@ -1,0 +1,18 @@
+"""What finds the panel in frames: one protocol, the locators that ship, and those from outside."""
+
+from .learned import LearnedLocator
+from .outside import OutsideLocator
+from .paper import PaperLocator
+from .protocol import PanelLocator
+from .refined import RefinedLocator
+from .registry import (
+    LOCATORS,
+    locator_from,
+    locator_named,
+    locator_settings,
+    locator_words,
+    plugged_locator,
+)
+
+__all__ = ["LOCATORS", "LearnedLocator", "OutsideLocator", "PanelLocator", "PaperLocator", "RefinedLocator"]
+__all__ += ["locator_from", "locator_named", "locator_settings", "locator_words", "plugged_locator"]
