@@ -28,7 +28,7 @@ COLUMNS = [
     *("experiment", "axis", "value", "receiver", "locator", "frames", "bits", "bit_errors"),
     *("ber", "ber_low", "ber_high", "frame_errors", "panels_missed", "stopped_by"),
     *("trainings", "ber_mean", "ber_sd", "ber_best", "ber_worst", "algorithm_low", "algorithm_high"),
-    *("method", "effective_frames", "unseen_below"),
+    *("method", "effective_frames", "unseen_below", "location_share"),
 ]
 TINY = ("budget.frames=2", "budget.training_frames=16")
 QUICK = (*TINY, "experiment.values=[4000]", "receiver.names=[flda_3]", "tensorboard=false")

@@ -20,7 +20,7 @@ def point(value=50.0, receiver="flda_3", counts=WRONG, locator="truth", experime
 def test_the_row_has_exactly_the_columns_that_others_rely_on():
     names = "experiment axis value receiver locator frames bits bit_errors ber ber_low ber_high frame_errors"
     later = "trainings ber_mean ber_sd ber_best ber_worst algorithm_low algorithm_high"
-    last = "method effective_frames unseen_below"
+    last = "method effective_frames unseen_below location_share"
     assert (*names.split(), "panels_missed", "stopped_by", *later.split(), *last.split()) == COLUMNS
 
 
@@ -75,3 +75,12 @@ def test_the_limit_of_a_clean_point_takes_wrong_frames_to_be_as_at_the_other_poi
     )
     assert both.rows[0].ber_high == pytest.approx(10 * alone.rows[0].ber_high)
     assert both.rows[0].ber_high == pytest.approx(10 * (1 - 0.05 ** (1 / 1000)) / 64)
+
+
+def test_location_has_a_share_where_a_locator_looked_and_bits_were_wrong():
+    misplaced = Counts(10, 640, 8, 40, 2, 1, misplaced=1, misplaced_half_errors=6)
+    assert point(counts=misplaced, locator="paper").stated().location_share == 0.75
+    assert point(counts=misplaced).stated().location_share is None
+    assert point(counts=CLEAN, locator="paper").stated().location_share is None
+    with pytest.raises(VoccError, match=r"^counts.misplaced_half_errors is 9: .*at most 8"):
+        Counts(10, 640, 8, 40, 2, 1, misplaced=1, misplaced_half_errors=9)

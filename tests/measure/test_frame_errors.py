@@ -10,9 +10,12 @@ from made_up_tallies import tallies
 from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.estimate import Estimate, may_be_least
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
+from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.rng import BlockKey
+from vocc_torch.simulation.scene import narrowed
 
 LEDS = 64
 
@@ -133,3 +136,32 @@ def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):
         assert np.array_equal(alone(range(100)).half_errors, errors.half_errors[place])
     assert errors.paired(1, 1).discordant == 0
     assert errors.paired(3, 1) == errors.paired(1, 3).swapped()
+
+
+def test_errors_of_misplaced_panels_are_those_off_the_pinhole_camera_s_corners(job):
+    """Corners by the pinhole's own formula, a quarter of a cell by hand; blocks add."""
+    job = replace(job, model=narrowed(job.model, {"distance_m": 45.0}))
+    errors, off = job(range(150)), []
+    link, camera, panel = Link.of(job.plan), job.plan.world.camera, job.plan.world.panel
+    finders = job.plan.receiver.finders(["paper"])
+    keys = [BlockKey(job.plan.seed, "p", block) for block in range(3)]
+    pixel_m = camera.sensor_width_mm / 1e3 / camera.width_px
+    for views in link.observe_each(finders, job.model, keys, preambles=False, frames=150):
+        panels, scene = views["paper"].panels, views["paper"].scene
+        for i, found in enumerate(panels.found.tolist()):
+            cell_px = panel.pitch_m * camera.focal_length_mm / 1e3 / float(scene.distance_m[i]) / pixel_m
+            shift = [float(scene.offset_x_m[i]), float(scene.offset_y_m[i])]
+            centre = (
+                np.array([camera.width_px, camera.height_px]) / 2 + np.array(shift) / panel.pitch_m * cell_px
+            )
+            corners = centre + np.array([(-4, -4), (4, -4), (4, 4), (-4, 4)]) * cell_px
+            apart = np.linalg.norm(panels.corners_px[i].numpy() - corners, axis=1).max()
+            off.append(not found or apart > cell_px / 4)
+    assert 10 < sum(off) < 140
+    assert errors.counts[2].misplaced == sum(off)
+    expected = errors.half_errors[2][off].sum()
+    assert errors.counts[2].misplaced_half_errors == expected > 0
+    assert errors.counts[2].location_share == expected / errors.half_errors[2].sum()
+    assert errors.counts[0].misplaced_half_errors == errors.counts[3].misplaced_half_errors == 0
+    parts = job(range(64)).counts[2], job(range(64, 150)).counts[2]
+    assert sum(parts, Counts()) == errors.counts[2]

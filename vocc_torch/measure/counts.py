@@ -67,6 +67,8 @@ class Counts(Tally):
             ``half_errors`` it gives the spread of errors between frames, which the interval needs.
         frame_errors: frames with at least one wrong bit, frames without a panel among them.
         panels_missed: frames whose panel was not found.
+        misplaced: frames whose panel was missed, or located off its place.
+        misplaced_half_errors: ``half_errors`` in those.
 
     Raises:
         VoccError: a count is not an integer, is below 0, or contradicts another.
@@ -82,6 +84,8 @@ class Counts(Tally):
     half_errors_squared: int = 0
     frame_errors: int = 0
     panels_missed: int = 0
+    misplaced: int = 0
+    misplaced_half_errors: int = 0
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
@@ -95,6 +99,8 @@ class Counts(Tally):
             ("half_errors_squared", self.half_errors**2, "half_errors squared"),
             ("frame_errors", min(self.frames, self.half_errors), "frames and half_errors"),
             ("panels_missed", self.frame_errors, "frame_errors"),
+            ("misplaced", self.frames, "frames"),
+            ("misplaced_half_errors", self.half_errors if self.misplaced else 0, "half_errors"),
         )
         for name, limit, reason in limits:
             if getattr(self, name) > limit:
@@ -134,6 +140,11 @@ class Counts(Tally):
     def bit_errors(self) -> float:
         """Wrong bits, a multiple of one half."""
         return self.half_errors / 2
+
+    @property
+    def location_share(self) -> float | None:
+        """Share of the wrong bits in frames whose panel was missed or misplaced; None without errors."""
+        return self.misplaced_half_errors / self.half_errors if self.half_errors else None
 
     @property
     def ber(self) -> float:

@@ -58,6 +58,8 @@ class Row(PointKey):
         effective_frames: of ``rare``, how many counted frames would tell the rate as well.
         unseen_below: of ``rare``, the share of frames below which a kind of wrong frame that was not sought
             may have gone unseen (95 %).
+        location_share: share of the wrong bits in frames whose panel was missed, or has a corner more than a
+            quarter of a cell off; None at the true corners, without errors, and for ``rare``.
 
     Raises:
         VoccError: a value that is not finite, or rates out of order.
@@ -87,6 +89,7 @@ class Row(PointKey):
     method: str = "counting"
     effective_frames: float | None = None
     unseen_below: float | None = None
+    location_share: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be placed on an axis."""
@@ -160,6 +163,8 @@ class Point(PointKey):
             unseen = -math.log(1 - CONFIDENCE) / counts.nominal_frames
             row = replace(row, effective_frames=counts.effective_frames, unseen_below=min(1.0, unseen))
             return replace(row, method="rare")
+        if self.locator != "truth":
+            row = replace(row, location_share=counts.location_share)
         if (of := self.trained) is None:
             return row
         found, least, most = of.interval(errors_per_frame_error=size), min(of.rates), max(of.rates)

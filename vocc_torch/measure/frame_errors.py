@@ -36,6 +36,7 @@ class FrameErrors:
         found: (L,N) bool, whether the receiver's locator found the panel.
         leds: bits in a frame, at least 1.
         groups: (N,) int64, what the frames were sorted by, or None.
+        misplaced: (L,N) bool, whether the panel was missed or located off its place, or None if unknown.
 
     Raises:
         VoccError: frames of so many bits that 64 bits do not hold the sum of squared errors.
@@ -53,6 +54,7 @@ class FrameErrors:
     found: NDArray[np.bool_]
     leds: int
     groups: NDArray[np.int64] | None = None
+    misplaced: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Refuse more than 64 bits can count."""
@@ -67,7 +69,10 @@ class FrameErrors:
         halves, found = ([getattr(one, name) for one in every] for name in ("half_errors", "found"))
         groups = [one.groups for one in every if one.groups is not None]
         sorted_by = np.concatenate(groups) if groups else None
-        return cls(np.concatenate(halves, axis=1), np.concatenate(found, axis=1), every[0].leds, sorted_by)
+        misplaced = [one.misplaced for one in every if one.misplaced is not None]
+        off = np.concatenate(misplaced, axis=1) if misplaced else None
+        joined = np.concatenate(halves, axis=1), np.concatenate(found, axis=1)
+        return cls(*joined, every[0].leds, sorted_by, off)
 
     def first(self, frames: int) -> Self:
         """Give the same of the first frames alone, 1 to N of them."""
@@ -78,7 +83,9 @@ class FrameErrors:
     ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
         halves, found = self.half_errors[receivers][:, frames], self.found[receivers][:, frames]
-        return type(self)(halves, found, self.leds, None if self.groups is None else self.groups[frames])
+        groups = None if self.groups is None else self.groups[frames]
+        off = None if self.misplaced is None else self.misplaced[receivers][:, frames]
+        return type(self)(halves, found, self.leds, groups, off)
 
     @classmethod
     def pooled(cls, trainings: Sequence[Self]) -> Self:
@@ -90,14 +97,16 @@ class FrameErrors:
         first = trainings[0]
         halves = np.sum([one.half_errors for one in trainings], axis=0)
         found = np.all([one.found for one in trainings], axis=0)
-        return cls(halves, found, first.leds * len(trainings), first.groups)
+        return cls(halves, found, first.leds * len(trainings), first.groups, first.misplaced)
 
     @cached_property
     def counts(self) -> list[Counts]:
         """Errors of each receiver, as :meth:`Counts.of` counts them."""
         frames = self.half_errors.shape[1]
         missed = frames - self.found.sum(axis=1, keepdims=True)
-        rows = np.hstack([_sums(self.half_errors), missed]).tolist()
+        off = np.zeros_like(self.found) if self.misplaced is None else self.misplaced
+        of_location = np.stack([off.sum(axis=1), (self.half_errors * off).sum(axis=1)], axis=1)
+        rows = np.hstack([_sums(self.half_errors), missed, of_location]).tolist()
         return [Counts(frames, frames * self.leds, *sums) for sums in rows]
 
     @cached_property
@@ -140,11 +149,11 @@ def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.stack([errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1)
 
 
-Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[torch.Tensor, torch.Tensor]]]
+Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[torch.Tensor, Observation]]]
 """What decides one batch, given what was observed of its frames by locator; picklable where workers do it.
 
-It yields for each receiver, in the same order every time, its bits (B,R,C) bool and where its panels were
-found, (B,) bool.
+It yields for each receiver, in the same order every time, its bits (B,R,C) bool and the observation that it
+decided on.
 """
 
 
@@ -159,12 +168,12 @@ class Banks:
 
     banks: Sequence[tuple[str, ReceiverBank]]
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, Observation]]:
         """Decide one batch, as ``Receivers`` says."""
         for locator, bank in self.banks:
             seen = views[locator]
             for scores in bank.scores(seen.readings, seen.preambles).values():
-                yield scores >= 0, seen.panels.found
+                yield scores >= 0, seen
 
     @property
     def needs_preambles(self) -> bool:
@@ -224,18 +233,22 @@ class FrameJob:
         """
         link, keys = Link.of(self.plan), [BlockKey(self.plan.seed, self.point, block) for block in blocks]
         finders, preambles = self.plan.receiver.finders(self.locators), self.preambles
-        wrong, found, groups = [], [], []
+        wrong, found, off, groups = [], [], [], []
         every = link.observe_each(finders, self.model, keys, preambles=preambles, frames=frames, first=first)
         for views in every:
             seen = next(iter(views.values()))
             decided = list(self.receivers(views))
-            wrong.append(torch.stack([half_errors(bits, seen.bits, where) for bits, where in decided]))
-            found.append(torch.stack([where for _, where in decided]))
+            halves = [half_errors(bits, view.bits, view.panels.found) for bits, view in decided]
+            wrong.append(torch.stack(halves))
+            found.append(torch.stack([view.panels.found for _, view in decided]))
+            off.append(torch.stack([view.misplaced for _, view in decided]))
             if self.sorter is not None:
                 groups.append(self.sorter(link, seen))
-        halves, located = torch.cat(wrong, dim=1).cpu().numpy(), torch.cat(found, dim=1).cpu().numpy()
+        wrong_there, located, misplaced = (
+            torch.cat(parts, dim=1).cpu().numpy() for parts in (wrong, found, off)
+        )
         sorted_by = torch.cat(groups).cpu().numpy() if groups else None
-        return FrameErrors(halves, located, link.reader.shape.leds, sorted_by)
+        return FrameErrors(wrong_there, located, link.reader.shape.leds, sorted_by, misplaced)
 
     def __call__(self, frames: range) -> FrameErrors:
         """Count some of the point's frames, which are named by their indices, from 0 on."""

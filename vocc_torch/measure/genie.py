@@ -347,11 +347,11 @@ def decide_part(
     """Decide some of a point's frames."""
     genie, decisions = Genie(plan.world.simulator()), []
 
-    def decide(views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+    def decide(views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, link.Observation]]:
         (seen,) = views.values()
         # One thread, whose clock then knows of all the work, and whose sums have one order.
         with timing.threads(1), torch.autocast(seen.bits.device.type, enabled=False):
             decisions.append(genie.decide(seen.frames, seen.scene))
-        yield decisions[-1].bits, seen.panels.found
+        yield decisions[-1].bits, seen
 
     return frame_errors.FrameJob(plan, model, point, ("truth",), decide)(frames), decisions

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import Self, TypeVar, cast
 
 import torch
 
+from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.bank import Preambles
 from vocc_torch.receiver.locators import PanelLocator
@@ -18,6 +19,8 @@ from vocc_torch.types import Frames, Panels, Scene
 MOST_SAMPLES = 1 << 26
 """Most samples of rectified panels in a batch: 512 MiB where frames are float64."""
 
+MOST_OFF_CELLS = 0.25
+"""How far a located corner may be off, in cells: features are those of the right LED up to about there."""
 
 T = TypeVar("T")
 
@@ -35,6 +38,7 @@ class Observation:
         panels: where the panel was located.
         takes: the frames; where they were asked for, the all-On and the all-Off frames of the same scenes.
         reader: measures the LEDs.
+        truth: gives the true panels; no receiver may call it.
     """
 
     scene: Scene
@@ -42,12 +46,18 @@ class Observation:
     panels: Panels
     takes: tuple[Frames, ...]
     reader: Reader
+    truth: Callable[[], Panels]
     _kept: dict[Hashable, object] = field(default_factory=dict, repr=False)
 
     @property
     def frames(self) -> Frames:
         """The frames."""
         return self.takes[0]
+
+    @cached_property
+    def misplaced(self) -> torch.Tensor:
+        """Whether a panel in the frame was missed, or located off its place, (B,) bool."""
+        return misplaced(self.panels, self.truth(), self.reader.shape)
 
     @cached_property
     def _read(self) -> tuple[Readings, list[Greys]]:
@@ -143,15 +153,38 @@ class Link:
         # Nobody who knows the corners looks anywhere else.
         panel_only = all(locator is None for locator in locators.values())
         for scene, bits, names, takes in rendered(simulator, model, keys, every, preambles, panel_only):
-            seen = {}
+            seen, truth = {}, cache(partial(simulator.true_panels, scene, names, rendered=True))
             for name, locator in locators.items():
                 with torch.autocast(simulator.device.type, enabled=False):
-                    if locator is None:
-                        panels = simulator.true_panels(scene, names, rendered=True)
-                    else:
-                        panels = locator(takes[0], self.reader.shape)
-                seen[name] = Observation(scene, bits, panels, takes, self.reader)
+                    panels = truth() if locator is None else locator(takes[0], self.reader.shape)
+                seen[name] = Observation(scene, bits, panels, takes, self.reader, truth)
             yield seen
+
+
+def misplaced(panels: Panels, truth: Panels, shape: PanelShape) -> torch.Tensor:
+    """Say in which frames the panel was missed, or a corner lies more than a quarter of a cell off.
+
+    Args:
+        panels: as located.
+        truth: the true panels; a frame that has none has no misplaced one.
+        shape: the panel's.
+
+    Returns:
+        (B,) bool.
+
+    Example:
+        >>> square = torch.tensor([[[0.0, 0.0], [80.0, 0.0], [80.0, 80.0], [0.0, 80.0]]])
+        >>> moved, truth = Panels.known(square + torch.tensor([2.0, 0.0])), Panels.known(square)
+        >>> [misplaced(moved, truth, PanelShape(side, 8)).item() for side in (8, 20)]
+        [False, True]
+    """
+    if panels is truth:
+        return torch.zeros_like(truth.found)
+    sides = (truth.corners_px - truth.corners_px.roll(-1, dims=1)).norm(dim=-1)
+    cells = sides.new_tensor([shape.columns, shape.rows] * 2)
+    off = (panels.corners_px - truth.corners_px).norm(dim=-1).amax(1)
+    near: torch.Tensor = panels.found & (off <= MOST_OFF_CELLS * (sides / cells).amin(1))
+    return truth.found & ~near
 
 
 Batch = tuple[Scene, torch.Tensor, list[FrameKey], tuple[Frames, ...]]

@@ -90,7 +90,8 @@ def run_test(settings: config.Settings, folder: Path) -> None:
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
         write_results(settings, plan, training, curves, folder)
     terminal.print_table(curves.table(), console)
-    for line in (*left_out(plan, curves), *compared(curves, plan.receiver.reference)):
+    notes = *left_out(plan, curves), *location_note(curves), *compared(curves, plan.receiver.reference)
+    for line in notes:
         console.print(line, soft_wrap=True, highlight=False)
     console.print(kept(plan), highlight=False, soft_wrap=True)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
@@ -161,6 +162,31 @@ def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     if empty := [f"{value:g}" for value in sweep.axis_values(plan.experiment) if value not in table.values]:
         lines.append(f"no frame fell into the bins about {', '.join(empty)}: they are not in the results")
     return lines
+
+
+LEAST_WRONG_FRAMES = 10
+"""Fewer wrong frames say too little of where errors come from."""
+
+
+def location_note(curves: curve.Curves) -> list[str]:
+    """Say what to try where the receiver with the fewest errors has most of them from location.
+
+    Args:
+        curves: an experiment.
+    """
+    if curves.locator == "truth":
+        return []
+    totals = {name: curves.total(name) for name in curves.receivers}
+    best = min(totals, key=lambda name: totals[name].ber)
+    counts, share = totals[best], totals[best].location_share
+    if counts.frame_errors < LEAST_WRONG_FRAMES or share is None or share < 0.5:
+        return []
+    frames = counts.misplaced / counts.frames
+    if share * (1 - frames) < 2 * frames * (1 - share):  # then they are hardly worse than the other frames
+        return []
+    remedy = "refined" if curves.locator == "paper" else "truth, to see the rest"
+    where = f"{100 * frames:.1f} % of the frames, located over a quarter of a cell off"
+    return [f"{100 * share:.0f} % of {best}'s wrong bits are in {where}: try receiver.locator={remedy}"]
 
 
 def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:

@@ -119,7 +119,7 @@ class Apart:
 
     def __call__(
         self, views: Mapping[str, link.Observation], /
-    ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    ) -> Iterator[tuple[torch.Tensor, link.Observation]]:
         """Decide one batch; receivers that rectify alike share it."""
         for locator, one in self.receivers:
             seen, patches, preambles = views[locator], None, None
@@ -129,7 +129,7 @@ class Apart:
             if needs_preambles(one.bank.names):
                 preambles = one.preambles(seen.takes[1], seen.takes[2], seen.panels)
             (scores,) = one.decide(one.measure(seen.frames, seen.panels, patches), preambles).values()
-            yield scores >= 0, seen.panels.found
+            yield scores >= 0, seen
 
 
 def count_receivers(
