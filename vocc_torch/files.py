@@ -1,15 +1,18 @@
-"""Writing files whole or not at all, and holding a folder that is written to."""
+"""Reading ordinary files alone, writing them whole or not at all, and locking a folder that is written to."""
 
+import hashlib
 import itertools
 import os
 import re
 import shutil
+import stat
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, printable
 
 PICTURE_SUFFIXES = (
     *(".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif", ".pgm", ".ppm"),
@@ -18,6 +21,71 @@ PICTURE_SUFFIXES = (
 PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "GIF", "PPM", "AVIF", "JPEG2000")
 """What a picture may be, whatever its name says: others of Pillow's readers run programs."""
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
+
+MOST_BYTES = 1 << 30
+"""Most bytes of a file that is read at once, unless its reader allows fewer: more fills a laptop's memory."""
+
+
+@contextmanager
+def ordinary_file(
+    path: str | Path, what: str = "file", most_bytes: int = MOST_BYTES
+) -> Iterator[BufferedReader]:
+    """Open a file for reading; a pipe, a device, a folder or a file beyond the size is refused unread.
+
+    Args:
+        path: the file; a link is followed.
+        what: it is, for refusals.
+        most_bytes: of it.
+
+    Yields:
+        The open file.
+
+    Raises:
+        VoccError: it cannot be opened, is no ordinary file or is too large.
+
+    Example:
+        >>> with ordinary_file("/dev/null", "model"):
+        ...     pass
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: model /dev/null cannot be read: it must be an ordinary file
+    """
+    try:
+        # A pipe without a writer would wait for ever, were it opened otherwise.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        file = os.fdopen(handle, "rb")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise VoccError(f"{what} {printable(str(path))} cannot be read: {reason}") from None
+    with file:
+        about, refused = os.fstat(handle), ""
+        if not stat.S_ISREG(about.st_mode):
+            refused = "it must be an ordinary file"
+        elif about.st_size > most_bytes:
+            refused = f"it has {about.st_size} bytes, and at most {most_bytes} are read"
+        if refused:
+            raise VoccError(f"{what} {printable(str(path))} cannot be read: {refused}")
+        yield file
+
+
+def read_file(path: str | Path, what: str = "file", most_bytes: int = MOST_BYTES) -> bytes:
+    """Read a file at once, as :func:`ordinary_file` opens it.
+
+    Raises:
+        VoccError: as :func:`ordinary_file`.
+    """
+    with ordinary_file(path, what, most_bytes) as file:
+        return file.read()
+
+
+def file_digest(path: str | Path) -> str:
+    """Give the start of a file's SHA-256, in hexadecimal.
+
+    Raises:
+        VoccError: as :func:`ordinary_file`.
+    """
+    with ordinary_file(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 @contextmanager

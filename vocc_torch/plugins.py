@@ -3,7 +3,6 @@
 import ast
 import atexit
 import functools
-import hashlib
 import importlib
 import importlib.util
 import inspect
@@ -18,6 +17,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from vocc_torch.errors import VoccError, shown
+from vocc_torch.files import file_digest
+from vocc_torch.sources import digest_of, package_digest
 
 TARGET = "_target_"
 """The key that names a class or function."""
@@ -30,6 +31,9 @@ PARTIAL = "_partial_"
 
 DIRECTIVES = (TARGET, ARGUMENTS, PARTIAL, "_recursive_", "_convert_")
 """Keys that ask for a call, which no file may do."""
+
+RELEASED = ("sklearn",)
+"""Packages that are known by their release: their files differ between platforms."""
 
 PREFIX = "vocc_torch_file_"
 """What the names of modules begin with that are files of the user's."""
@@ -71,7 +75,7 @@ class ModuleFile:
         Raises:
             VoccError: the file cannot be read.
         """
-        return hashlib.sha256(b"".join(self.texts.values())).hexdigest()[:16]
+        return digest_of(self.texts)
 
     @property
     def place(self) -> Path:
@@ -80,15 +84,15 @@ class ModuleFile:
 
     @property
     def texts(self) -> dict[str, bytes]:
-        """Its text, and those that it imports from its own folder, by name, in the order they are met.
+        """Its text, and those of modules and packages that it imports from its own folder, by their paths.
 
         Raises:
             VoccError: the file cannot be read.
         """
-        texts, files = dict[str, bytes](), [self.place]
+        texts, files, folder = dict[str, bytes](), [self.place], self.place.parent
         for path in files:
             try:
-                text = texts[path.name] = path.read_bytes()
+                text = texts[path.relative_to(folder).as_posix()] = path.read_bytes()
                 nodes = list(ast.walk(ast.parse(text)))
             except OSError as error:
                 raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
@@ -96,8 +100,9 @@ class ModuleFile:
                 nodes = []  # told of when the file is run
             names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
             names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
-            beside = [files[0].parent / f"{name.split('.')[0]}.py" for name in names]
-            files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
+            for name in {name.partition(".")[0] for name in names} - {__package__}:
+                beside = [folder / f"{name}.py", *(folder / name).rglob("*.py")]
+                files += [found for found in beside if found.is_file() and found not in files]
         return texts
 
     @property
@@ -172,6 +177,7 @@ def receive(files: Mapping[str, Mapping[str, bytes]]) -> None:
         folder = Path(tempfile.mkdtemp(prefix="vocc-torch-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         for name, text in texts.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(text)
         COPIES[path] = folder / Path(path).name
         sys.path.append(str(folder))  # for what it imports from beside it
@@ -278,8 +284,7 @@ class PlugIn:
                 raise VoccError(f"{key} comes from {shown(target)}: add plug_ins=[{needed}] to run its code")
         plug_in = cls(key, settings["name"], f"{file}:{word}" if colon else target, arguments)
         if plug_in.maker != settings["maker"]:
-            made = "another text than" if colon else "another release than"
-            raise VoccError(f"{key}: {target} has {made} the model was made with: train it again")
+            raise VoccError(f"{key}: {target} has other source than the model was made with: train it again")
         if not plug_in.defined_there:
             raise VoccError(
                 f"{key}: {target} is imported there and not defined: name the file that defines it"
@@ -293,8 +298,7 @@ class PlugIn:
         if self.file is None:
             return module is not None and module.__name__.partition(".")[0] == self.target.partition(".")[0]
         place = Path(getattr(module, "__file__", None) or "")
-        text = self.file.texts.get(place.name)
-        return text is not None and text == place.read_bytes()
+        return place.name in self.file.texts and self.file.texts[place.name] == place.read_bytes()
 
     @property
     def file(self) -> ModuleFile | None:
@@ -358,18 +362,15 @@ class PlugIn:
 
     @property
     def maker(self) -> str:
-        """What tells its code from another's: a file's digest or a package's release; empty for ours."""
+        """What tells its code from another's: a digest of its file or package; empty for ours."""
         if self.file:
             return self.file.digest
         try:
-            module = importlib.import_module(pkgutil.resolve_name(self.target).__module__)
+            home = getattr(pkgutil.resolve_name(self.target), "__module__", None) or self.target
+            names = {name.partition(".")[0] for name in (self.target, home)} - {__package__}
+            return " ".join(package_maker(name) for name in sorted(names))
         except Exception:
             return ""  # it cannot be built, which is told when it is
-        if module.__name__.startswith("vocc_torch."):
-            return ""
-        package = importlib.import_module(module.__name__.partition(".")[0])
-        version = getattr(package, "__version__", None)
-        return str(version) if version else ModuleFile(str(module.__file__)).digest
 
     def __hash__(self) -> int:
         """Hash what tells it from most others; arguments may be lists."""
@@ -379,11 +380,21 @@ class PlugIn:
     def files(self) -> dict[str, str]:
         """What tells the files that its arguments name from others, by argument."""
         texts = {key: one for key, one in self.arguments.items() if isinstance(one, str)}
-        return {key: ModuleFile(one).digest for key, one in texts.items() if Path(one).is_file()}
+        return {key: file_digest(one) for key, one in texts.items() if Path(one).is_file()}
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""
         return type(self), (self.key, self.name, self.target, dict(self.arguments))
+
+
+def package_maker(name: str) -> str:
+    """Tell the code of a package from another's: a digest of its files, or scikit-learn's release."""
+    package = importlib.import_module(name)
+    if name in RELEASED:
+        return str(package.__version__)
+    if hasattr(package, "__path__"):
+        return package_digest(name)
+    return ModuleFile(str(package.__file__)).digest
 
 
 def is_target(text: str) -> bool:

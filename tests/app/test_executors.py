@@ -106,16 +106,6 @@ def test_a_node_of_another_release_is_refused_by_its_name():
     assert (well, type(error), str(error)) == (False, VoccError, told)
 
 
-def test_the_code_of_the_package_tells_nodes_apart(monkeypatch, tmp_path):
-    (tmp_path / "a.py").write_text("A = 1")
-    monkeypatch.setattr(executors.vocc_torch, "__file__", str(tmp_path / "__init__.py"))
-    found = []
-    for text in ("A = 1", "A = 1", "A = 2"):
-        (tmp_path / "a.py").write_text(text)
-        found.append(executors.releases.__wrapped__()["code of vocc_torch"])
-    assert found[0] == found[1] != found[2]
-
-
 class StubbornError(Exception):
     """An error that no other process can read."""
 

@@ -174,7 +174,7 @@ def test_code_from_outside_runs_only_where_it_is_named_and_unchanged(kept, mine,
     assert "add plug_ins=[mine.py]" in refused(path, "other.py")
     changed = tmp_path / "mine.py"
     changed.write_text(f"{MINE}# another\n")
-    assert "has another text than the model was made with: train it again" in refused(path, str(changed))
+    assert "has other source than the model was made with: train it again" in refused(path, str(changed))
     changed.write_text(MINE)  # the same text elsewhere will do
     assert Receiver.load(path, [str(changed)]).name == "level"
 

@@ -5,7 +5,6 @@ those of the run, so that no node counts with other code; what comes back are by
 """
 
 import functools
-import hashlib
 import multiprocessing.connection
 import os
 import pickle
@@ -18,7 +17,6 @@ from collections.abc import Callable
 from concurrent import futures
 from contextlib import closing
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +26,7 @@ import vocc_torch
 from vocc_torch import plugins
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
+from vocc_torch.sources import package_digest
 
 ELSEWHERE = ("ray", "dask")
 """Kinds of executors that may be on other machines."""
@@ -266,12 +265,9 @@ def demand_answer(address: str, hello: bytes = _PREFACE) -> None:
 @functools.cache
 def releases() -> dict[str, str]:
     """Tell what counts here: releases, and a digest of this package's code."""
-    told, root = hashlib.sha256(), Path(vocc_torch.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        told.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
     short = {"torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}
     rest = {name: ".".join(release.split(".")[:2]) for name, release in short.items()}
-    return {"vocc_torch": vocc_torch.__version__, "code of vocc_torch": told.hexdigest()[:12], **rest}
+    return {"vocc_torch": vocc_torch.__version__, "code of vocc_torch": package_digest("vocc_torch"), **rest}
 
 
 def about_run(kind: str) -> bytes:

@@ -19,6 +19,7 @@ from vocc_torch.measure.counts import Counts, WeightedCounts
 from vocc_torch.measure.counts import Tally as Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.sources import package_digest
 
 Label: TypeAlias = tuple[str | int, ...]
 """What is counted: its last part is the group of frames (a contrast bin; 0 where frames are not sorted)."""
@@ -133,7 +134,7 @@ class Ledger(AbstractContextManager["Ledger"]):
             for statement in _SCHEMA:
                 self._run(statement)
             self._run(f"PRAGMA application_id={_APPLICATION}")
-            self._run("INSERT INTO identity VALUES (?, ?)", (self._settings, __version__))
+            self._run("INSERT INTO identity VALUES (?, ?)", (self._settings, _code()))
         self._run("COMMIT")
 
     def _check(self, schema: tuple[str, ...]) -> None:
@@ -144,8 +145,14 @@ class Ledger(AbstractContextManager["Ledger"]):
         if schema not in (_SCHEMA, (*_SCHEMA, _TRAINED)):
             raise self._refusal("has another format than that of this release", release)
         ((there, package),) = self._run("SELECT settings, package FROM identity").fetchall()
-        if package != __version__:
-            raise self._refusal(f"is of vocc-torch {package} and this is {__version__}", release)
+        version, _, source = package.partition(" ")
+        if version != __version__:
+            raise self._refusal(f"is of vocc-torch {version} and this is {__version__}", release)
+        if package != _code():
+            told = (
+                f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})"
+            )
+            raise self._refusal(told, "go back to that code, or give another name=")
         if there != self._settings:
             changes = what_changed(json.loads(there), json.loads(self._settings))
             raise self._refusal("; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}")
@@ -247,6 +254,11 @@ class Ledger(AbstractContextManager["Ledger"]):
         if not added and self.find(point, block, frames) != dict(counts):
             told = f"has other counts for block {block} of {point}"
             raise self._refusal(told, f"its settings miss what they depend on, {_ANOTHER}")
+
+
+def _code() -> str:
+    """Give the release and a digest of the source: rows of two algorithms do not add."""
+    return f"{__version__} {package_digest('vocc_torch')}"
 
 
 def _read(point: object, block: object, frames: object, text: str) -> dict[Label, Tally]:

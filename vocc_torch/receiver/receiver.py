@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 
 import torch
 
+from vocc_torch import __version__
 from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank, feature_indices
@@ -16,6 +17,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
+from vocc_torch.sources import package_digest
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
 
 
@@ -262,6 +264,7 @@ class Receiver(torch.nn.Module):
         if not Path(path).name:
             raise VoccError.of("path", shown(str(path)), "that of a file")
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
+        settings["package"] = {"version": __version__, "source": package_digest("vocc_torch")}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
         seen = [one.settings for one in self.reader.more if one.name in self.inputs.features]
         settings["features"] = seen

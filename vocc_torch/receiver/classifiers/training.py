@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
+from vocc_torch.sources import package_digest
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
 
@@ -92,6 +93,7 @@ class Checkpoint:
     ) -> None:
         settings, place = replace(recipe, checkpoints=None), data[0].device.type
         told = hashlib.sha256(f"{module!r} {settings!r} {place} {torch.__version__}".encode())
+        told.update(package_digest("vocc_torch").encode())
         for kind in dict.fromkeys(type(part) for part in module.modules()):
             source = ""
             with contextlib.suppress(OSError, TypeError, UnicodeDecodeError):

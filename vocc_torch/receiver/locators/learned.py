@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
-from vocc_torch.plugins import ModuleFile
+from vocc_torch.files import file_digest
 from vocc_torch.receiver import lattice_model, rectification
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
@@ -129,7 +129,7 @@ class LearnedLocator(PanelLocator):
         if self.weights is None:
             return values
         file = str(Path(self.weights).resolve())
-        return {**values, "weights": file, "digest": ModuleFile(file).digest}
+        return {**values, "weights": file, "digest": file_digest(file)}
 
     @classmethod
     def from_settings(cls, values: Mapping[str, Any]) -> "LearnedLocator":
@@ -140,7 +140,7 @@ class LearnedLocator(PanelLocator):
         """
         values = dict(values)
         digest = values.pop("digest", "")
-        if digest and ModuleFile(str(values["weights"])).digest != digest:
+        if digest and file_digest(str(values["weights"])) != digest:
             raise VoccError(
                 f"receiver.locator: {values['weights']} holds other weights than it was made with"
             )
