@@ -1,6 +1,8 @@
 """The public functions: what they give is what the command line gives."""
 
 import csv
+from importlib import import_module
+from types import FunctionType
 
 import pytest
 import torch
@@ -13,6 +15,12 @@ from vocc_torch.receiver.reader import Reader
 def test_what_is_public():
     assert {"load_scene", "train", "measure", "simulate", "Receiver"} <= set(dir(vt))
     assert all(getattr(vt, name).__doc__ for name in dir(vt) if name != "__version__")
+
+
+def test_measure_is_a_function_although_a_package_has_its_name():
+    import_module("vocc_torch.measure.counts")
+    assert isinstance(vt.measure, FunctionType)
+    assert vt.Decoded._fields[0] == "bits"
 
 
 def test_measure_counts_what_the_command_line_counts(app, tmp_path):

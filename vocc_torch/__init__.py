@@ -4,7 +4,9 @@ The names below are imported when they are first used, so that the command line 
 loading torch.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -12,19 +14,35 @@ if TYPE_CHECKING:
     from vocc_torch.errors import VoccError
     from vocc_torch.hardware import Camera, LedPanel
     from vocc_torch.receiver.flda import FLDA
-    from vocc_torch.receiver.receiver import Receiver
+    from vocc_torch.receiver.receiver import Decoded, Receiver
     from vocc_torch.simulation.simulator import Simulator
     from vocc_torch.types import Frames, Panels, PanelShape, Scene
 
 __version__ = "0.1.0"
 
-__all__ = ["FLDA", "Camera", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene"]
+__all__ = ["FLDA", "Camera", "Decoded", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene"]
 __all__ += ["Simulated", "Simulator", "Table", "VoccError", "load_scene", "measure", "simulate", "train"]
 
-_HOMES = {"errors": ["VoccError"], "receiver.flda": ["FLDA"], "receiver.receiver": ["Receiver"]}
+_HOMES = {"errors": ["VoccError"], "receiver.flda": ["FLDA"], "receiver.receiver": ["Decoded", "Receiver"]}
 _HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
 _HOMES |= {"api": ["Simulated", "Table", "load_scene", "measure", "simulate", "train"]}
 _HOMES |= {"types": ["Frames", "PanelShape", "Panels", "Scene"]}
+
+
+class _Package(ModuleType):
+    """The package's module, whose ``measure`` is the function although a subpackage has that name."""
+
+    @property
+    def measure(self) -> object:
+        """Import and return the public function."""
+        return __getattr__("measure")
+
+    @measure.setter
+    def measure(self, subpackage: ModuleType) -> None:
+        """Ignore the subpackage that the import system binds here; ``sys.modules`` has it."""
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> object:

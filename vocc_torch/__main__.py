@@ -3,6 +3,9 @@
 import os
 import signal
 import sys
+from importlib.metadata import version
+
+from vocc_torch import __version__
 
 
 def stop(*_: object) -> None:
@@ -16,6 +19,9 @@ def stop(*_: object) -> None:
 
 def main() -> None:
     """Run the command line; Ctrl-C ends it in one line, also while it loads and while it ends."""
+    if "--version" in sys.argv[1:]:
+        print(f"vocc-torch {__version__}, hydra-core {version('hydra-core')}")
+        return
     # Threads that wait for each other sleep, where they would spin beside other work; torch reads it once.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("KMP_BLOCKTIME", "0")

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ import yaml
 from composing import built, composed
 from PIL import Image
 
+import vocc_torch as vt
 from vocc_torch.app import cli
 from vocc_torch.app.config import NAMES
 from vocc_torch.measure.plan import OWN_LOCATORS
@@ -95,11 +97,9 @@ def test_written_configuration_gives_the_same_run_again_and_a_name_is_used_once(
         assert "give another name=" in ran.complaint
         assert ran.out == ""
         assert files_in(tmp_path) == before
-    settings = yaml.safe_load((first / "config.yaml").read_text()) | {"name": "second"}
-    (tmp_path / "again").mkdir()
-    text = yaml.safe_dump({"defaults": ["config", "_self_"], **settings})
-    (tmp_path / "again" / "whole.yaml").write_text(text)
-    assert app("--config-dir", tmp_path / "again", "--config-name", "whole").status == 0
+    saved = ("--config-path", first, "--config-name", "config")
+    assert app(*saved, "name=second").status == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
     assert (tmp_path / "runs/second/ber.csv").read_bytes() == (first / "ber.csv").read_bytes()
 
 
@@ -349,6 +349,11 @@ def test_help_describes_keys_and_lists_what_is_there_by_name_and_needs_no_torch(
     for what, names in NAMES.items():
         assert f"{what} by name: {names}" in text
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_version_is_the_packages_and_hydras(command, tmp_path):
+    said = command("--version", cwd=tmp_path).out
+    assert said == f"vocc-torch {vt.__version__}, hydra-core {version('hydra-core')}\n"
 
 
 def test_misspelled_key_needs_no_torch(command, tmp_path):

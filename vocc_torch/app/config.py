@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from hydra.conf import HydraConf, JobConf, RunDir, SweepDir
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
@@ -281,6 +282,25 @@ def schema(kind: type[AppConfig] = AppConfig) -> DictConfig:
     return made
 
 
+def hydra_settings() -> HydraConf:
+    """Give Hydra's own settings, which hold for every primary configuration, a run's saved one too."""
+    quiet = {"job_logging": "disabled", "hydra_logging": "disabled"}
+    defaults = [
+        {group: quiet.get(group, option) for group, option in choice.items()}
+        for choice in HydraConf().defaults
+    ]
+    return HydraConf(
+        defaults=defaults,
+        output_subdir=None,  # the run's config.yaml has the whole configuration
+        # The resolvers refuse a name that leads out of runs/ before anything is made.
+        run=RunDir("${run_folder:${name}}"),
+        sweep=SweepDir("${run_folder:${name}}", "${job_folder:${name},${hydra.job.num}}"),
+        job=JobConf(chdir=False),
+    )
+
+
 def register_schema() -> None:
-    """Make the schema known to Hydra; calling it again changes nothing."""
-    ConfigStore.instance().store(name="schema", node=schema(Composed))
+    """Make the schema and the run's folder known to Hydra; calling it again changes nothing."""
+    store = ConfigStore.instance()
+    store.store(name="schema", node=schema(Composed))
+    store.store(group="hydra", name="config", node=hydra_settings(), provider="vocc_torch")
