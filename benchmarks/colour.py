@@ -22,7 +22,7 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import Reading, decode

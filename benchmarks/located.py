@@ -26,7 +26,7 @@ from vocc_torch.receiver.locators import (
     PaperLocator,
     locator_named,
 )
-from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.resample import cell_size_px
 
 SMALL = ("camera.width_px=960", "camera.height_px=540")
 

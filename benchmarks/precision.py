@@ -35,7 +35,7 @@ from vocc_torch import PanelShape, Scene, Simulator
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.receiver import rectification
+from vocc_torch.receiver import resample
 from vocc_torch.receiver.features import (
     average_greyscale_ratio,
     cell_means,
@@ -132,20 +132,20 @@ def read_in_half(frames: Frames, panels: Panels, dtype: torch.dtype) -> Tensor:
 
     Near panels cannot be read so: positions round beyond the window's end. What is given then is NaN.
     """
-    sample = rectification._sample  # the one place where the reader's precision can be changed
+    sample = resample._read  # the one place where the reader's precision can be changed
 
-    def in_half(*given: Any) -> list[Tensor]:
-        *others, x, y, working = given
-        return [one.to(working) for one in sample(*others, x.to(dtype), y.to(dtype), dtype)]
+    def in_half(*places: Any) -> Tensor:
+        *others, x, y = places
+        return sample(*others, x.to(dtype), y.to(dtype)).to(x.dtype)
 
     try:
-        with mock.patch.object(rectification, "_sample", in_half):
-            patches = rectification.rectify(frames, panels, SHAPE, Reader(SHAPE).samples_per_led).to(dtype)
+        with mock.patch.object(resample, "_read", in_half):
+            patches = resample.rectify(frames, panels, SHAPE, Reader(SHAPE).samples_per_led).to(dtype)
     except RuntimeError as error:
         if "out of bounds" not in str(error):
             raise
         return torch.full((len(frames), SHAPE.rows, SHAPE.columns, 3), torch.nan, dtype=torch.float64)
-    means, size = cell_means(patches, SHAPE), rectification.cell_size_px(panels.corners_px, SHAPE)
+    means, size = cell_means(patches, SHAPE), resample.cell_size_px(panels.corners_px, SHAPE)
     gri = gradient_radial_inwardness(patches, SHAPE, *size)
     found = torch.stack([average_greyscale_ratio(means), gri, neighbour_greyscale_ratio(means)], dim=-1)
     assert found.dtype == dtype

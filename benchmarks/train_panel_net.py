@@ -23,11 +23,10 @@ import vocc_torch as vt
 from vocc_torch import PanelShape
 from vocc_torch.api import Simulated
 from vocc_torch.receiver.cell_model import Cells, read_cells
-from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.receiver.locators.learned import spectral_places, surrounded
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, PanelNet, save_weights
-from vocc_torch.receiver.rectification import cell_homography, cell_size_px, map_points
+from vocc_torch.receiver.resample import cell_homography, cell_size_px, corner_cells, map_points
 from vocc_torch.types import Frames
 
 REACH = 2

@@ -22,7 +22,7 @@ from vocc_torch.receiver.features import (
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.rectification import centre_greys
+from vocc_torch.receiver.resample import centre_greys
 from vocc_torch.types import Frames, Panels, PanelShape
 
 hard = HardCases("Features and decision")

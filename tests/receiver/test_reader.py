@@ -11,7 +11,7 @@ from vocc_torch.receiver.features import (
     neighbour_greyscale_ratio,
 )
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
+from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Panels, PanelShape

@@ -9,7 +9,7 @@ from vocc_torch.receiver.foreground import bright_regions, local_background, rin
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
-from vocc_torch.receiver.rectification import map_points
+from vocc_torch.receiver.resample import map_points
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver import rectification
+from vocc_torch.receiver import resample
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS, RECEIVER_NAMES, Preambles, ReceiverBank
 from vocc_torch.receiver.classifiers import Guarded, Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.flda import FLDA
@@ -54,7 +54,7 @@ def test_one_receiver_alone_decides_as_among_all_and_measures_no_more(link, name
     wanted = ReceiverBank([name], flda, {"otsu": OTSU}).scores(readings, Preambles(on, off))[name]
     staged = StagedReceiver(ReceiverBank([name], flda, {"otsu": OTSU}), Reader())
     if name == "center_greyscale":
-        monkeypatch.setattr(rectification, "_sample", None)  # no panel is resampled for single pixels
+        monkeypatch.setattr(resample, "_read", None)  # no panel is resampled for single pixels
     patches = staged.rectify(takes[0], panels)
     measured = staged.measure(takes[0], panels, patches)
     given = Preambles(on, off) if name in GREYSCALE_RECEIVERS else None

@@ -12,9 +12,8 @@ from functools import lru_cache
 import torch
 from torch import Tensor, nn
 
-from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import PITCHES_PX, Pyramid
-from vocc_torch.receiver.rectification import cell_homography, cell_size_px, map_points
+from vocc_torch.receiver.resample import cell_homography, cell_size_px, corner_cells, map_points
 from vocc_torch.types import Batched, PanelShape
 
 # Samples along a cell's side, where places are compared and where they are fitted.

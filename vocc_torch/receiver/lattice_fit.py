@@ -6,8 +6,9 @@ from typing import Any, Protocol, Self
 
 import torch
 
-from vocc_torch.receiver import lattice_model, rectification
-from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model, corner_cells, grey_values
+from vocc_torch.receiver import lattice_model, resample
+from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model, grey_values
+from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
 
 # Steps in all; those that begin with bits from amplitudes of the LEDs' own, while those after turn single
@@ -136,7 +137,7 @@ def _improved(frames: Pictures, lattice: Lattice, number: int) -> tuple[Lattice,
     step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
     cells, fields = _fields(lattice.shape, step.device)
     moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
-    corners_px = rectification.map_points(lattice.corners_px, cells + moves, lattice.shape)
+    corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
     blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
     background = (lattice.background + step[:, 12]).clamp(0, 1)
     after = replace(lattice, corners_px=corners_px, blur=blur, levels=levels, background=background)
@@ -244,7 +245,7 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
     options = []
     for axis, spots, others in ((1, model.rows, model.columns), (2, model.columns, model.rows)):
         leds = int(amplitude.shape[axis])
-        samples = lattice_model.sample_cells(leds, MARGIN).to(amplitude)
+        samples = sample_cells(leds, SAMPLES, MARGIN).to(amplitude)
         blur = lattice.blur[:, 2 - axis, None].float()
         off = lattice.levels[:, :1].float() * others.value.sum(2)
         for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
@@ -264,7 +265,7 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
         bits.select(axis, -1 if by > 0 else 0).fill_(False)
         cells = corner_cells(lattice.shape).to(bits.device, copy=True)
         cells[:, 2 - axis] += by
-        corners = rectification.map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
+        corners = resample.map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
         there = (chosen == option)[:, None, None]
         bits, corners = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
         found = replace(found, bits=bits, corners_px=corners)

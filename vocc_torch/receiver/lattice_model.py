@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.rectification import map_points, rectify
+from vocc_torch.receiver.resample import corner_cells, map_points, rectify, sample_cells
 from vocc_torch.types import Batched, Frames, Panels, PanelShape
 
 GAMMA = 2.2
@@ -92,38 +92,9 @@ def grey_values(light: Tensor) -> Tensor:
     return 255 * light.clamp(1e-5, 1.0) ** (1 / GAMMA)
 
 
-@lru_cache(maxsize=64)
-@torch.inference_mode(False)
-def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
-    """Return the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
-
-    Example:
-        >>> corner_cells(PanelShape(4, 8)).tolist()
-        [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [0.0, 4.0]]
-    """
-    least, right, low = 0 - beyond, shape.columns + beyond, shape.rows + beyond
-    ends = [[least, least], [right, least], [right, low], [least, low]]
-    return torch.tensor(ends, dtype=torch.float64)
-
-
-def sample_cells(leds: int, margin: int) -> Tensor:
-    """Return the cell coordinates of an axis's samples, ``margin`` cells beyond either end included.
-
-    Example:
-        >>> sample_cells(1, 0).tolist()
-        [0.125, 0.375, 0.625, 0.875]
-    """
-    return (torch.arange((leds + 2 * margin) * SAMPLES, dtype=torch.float64) + 0.5) / SAMPLES - margin
-
-
 def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: int) -> Tensor:
     """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``SAMPLES``."""
-    beyond = margin - 1
-    if beyond:
-        cells = corner_cells(shape, beyond).to(corners_px.device).expand(len(corners_px), 4, 2)
-        corners_px = map_points(corners_px, cells, shape)
-    wide = PanelShape(shape.rows + 2 * beyond, shape.columns + 2 * beyond)
-    return rectify(frames, Panels.known(corners_px), wide, SAMPLES)[:, 0].to(torch.float32)
+    return rectify(frames, Panels.known(corners_px), shape, SAMPLES, margin=margin)[:, 0].to(torch.float32)
 
 
 class Spots(NamedTuple):
@@ -160,7 +131,7 @@ class Spots(NamedTuple):
 def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
     centre = torch.arange(leds, dtype=torch.float32) + 0.5
-    apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre
+    apart = sample_cells(leds, SAMPLES, MARGIN).to(centre)[:, None] - centre
     return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
@@ -240,7 +211,7 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
     blur = torch.tensor(_BLURS, dtype=torch.float64)
     p, s, g = (grid.flatten()[:, None, None] for grid in torch.meshgrid(pitch, shift, blur, indexing="ij"))
     centre = leds / 2 + s + p * (torch.arange(leds, dtype=torch.float64) + 0.5 - leds / 2)
-    spots = torch.exp(-(((sample_cells(leds, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2)
+    spots = torch.exp(-(((sample_cells(leds, SAMPLES, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2)
     basis = torch.linalg.qr(spots)[0]
     row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)

@@ -10,7 +10,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
-from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
+from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape, holds, without_autocast
 
 _GREYS = ("average", "centre")
@@ -134,7 +134,7 @@ class Reader:
     def rectify(
         self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None
     ) -> list[Tensor]:
-        """Resample the panel in each take, as :func:`vocc_torch.receiver.rectification.rectify` does.
+        """Resample the panel in each take, as :func:`vocc_torch.receiver.resample.rectify` does.
 
         Raises:
             VoccError: what :meth:`read_takes` refuses.

@@ -60,7 +60,7 @@ class StagedReceiver:
         bank: the receivers by name, and how they decide.
         reader: the panel's shape, samples of an LED and gradient.
         locator: finds the panel, or None where corners are known.
-        dtype: working precision of rectification; see :func:`vocc_torch.receiver.rectification.rectify`.
+        dtype: working precision of rectification; see :func:`vocc_torch.receiver.resample.rectify`.
 
     Example:
         >>> frames = Frames.whole(torch.full((1, 40, 40), 50, dtype=torch.uint8))

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver import lattice_fit, lattice_model, rectification
+from vocc_torch.receiver import lattice_fit, lattice_model, resample
 from vocc_torch.receiver.cell_model import Cells, read_cells
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.types import PanelShape
@@ -45,7 +45,7 @@ def fitted_spots(
         # What the last of those steps scored is what it began with: it is taken again.
         steps = range(_ROUGH_STEPS - 1, _STEPS)
         lattice = lattice_fit.fit_lattice(seen[best], rough[best], steps)
-        cell = torch.maximum(*rectification.cell_size_px(start[rows], shape)).clamp(min=1e-6)
+        cell = torch.maximum(*resample.cell_size_px(start[rows], shape)).clamp(min=1e-6)
         moved = (lattice.corners_px - start[rows]).norm(dim=2).amax(1) / cell
         good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
         rows, lattice = rows[good], lattice[good]

@@ -22,7 +22,7 @@ from vocc_torch.receiver.frame_fit import (
     spot_energy,
 )
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.receiver.track import STANDS, Track
 from vocc_torch.types import Frames, PanelShape, StatedPanels
 

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.locators import LearnedLocator
-from vocc_torch.receiver.rectification import rectify_takes
+from vocc_torch.receiver.resample import rectify_takes
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed

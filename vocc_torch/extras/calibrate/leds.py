@@ -12,7 +12,7 @@ from torch import Tensor
 from vocc_torch.extras.calibrate import model
 from vocc_torch.extras.calibrate.fit import RecordingFit, settled
 from vocc_torch.extras.calibrate.model import LEVELS, OF_FRAME, PLACED, TURNED, Windows
-from vocc_torch.receiver.rectification import map_points
+from vocc_torch.receiver.resample import map_points
 from vocc_torch.simulation import raster
 
 BEGUN_WITH = 3

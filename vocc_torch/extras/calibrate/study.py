@@ -20,7 +20,7 @@ from vocc_torch.extras.calibrate.scene import WORDS, Findings
 from vocc_torch.extras.calibrate.surround import Falloff, Surround, compression, falloff, natural, tiled
 from vocc_torch.extras.calibrate.transfer import transfer
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
-from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.resample import cell_size_px
 
 GRID_PX = 8
 """Windows begin on multiples of it, as JPEG's blocks do."""

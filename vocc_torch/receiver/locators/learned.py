@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.files import file_digest
-from vocc_torch.receiver import lattice_model, rectification
+from vocc_torch.receiver import resample
 from vocc_torch.receiver.cell_model import Cells, best_places, fit_cells, read_cells
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypotheses
@@ -20,7 +20,7 @@ from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.receiver.panel_evidence import SURE_SHARES, clues_of, evidence
 from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, load_weights
-from vocc_torch.receiver.rectification import map_points
+from vocc_torch.receiver.resample import map_points
 from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.types import Candidates, Frames, Images, PanelShape
 
@@ -214,7 +214,7 @@ def with_missed_lines(scales: Pyramid, quads: Tensor, spots: Tensor, shape: Pane
 
     How likely they are stays as it is: what is known of false alarms is known of the places as they were.
     """
-    quads, cells = quads.clone(), lattice_model.corner_cells(shape).to(quads)
+    quads, cells = quads.clone(), resample.corner_cells(shape).to(quads)
     # Left, right, top and bottom, each out or in.
     sides = torch.cat([torch.eye(4), -torch.eye(4)]).to(quads)
     starts = cells + torch.stack([sides[:, [0, 1, 1, 0]], sides[:, [2, 2, 3, 3]]], 2)
@@ -264,7 +264,7 @@ def _better_fitted(
 def is_whole(scales: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
     """Whether panels (n,4,2) px lie in the picture, but for half a cell: of LEDs beyond nothing is known."""
     beyond = torch.maximum(-quads, quads - quads.new_tensor(scales.levels[0].shape[::-1])).flatten(1).amax(1)
-    return beyond <= _HIDDEN * torch.maximum(*rectification.cell_size_px(quads, shape))
+    return beyond <= _HIDDEN * torch.maximum(*resample.cell_size_px(quads, shape))
 
 
 def reach(shape: PanelShape) -> tuple[int, int]:
@@ -280,14 +280,14 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     # As many cells as a window shows.
     core = PanelShape(min(shape.rows, MOST_CELLS), min(shape.columns, MOST_CELLS))
     middle = centre.new_tensor([core.columns // 2, core.rows // 2])
-    cell = lattice_model.corner_cells(core).to(centre) - middle - 0.5
+    cell = resample.corner_cells(core).to(centre) - middle - 0.5
     quads = (centre[:, None] + cell @ basis.mT).double()
     if core == shape or not len(quads):
         return quads
     cells = best_places(scales, Cells.at(scales, quads, core), core, 0, by_light=True)
     fit = fit_cells(scales, cells, core, _CELL_STEPS, most_random=0.0)
     more = fit.level.new_tensor([(shape.columns - core.columns) // 2, (shape.rows - core.rows) // 2])
-    quads = map_points(fit.corners_px, lattice_model.corner_cells(shape).to(quads) - more, core)
+    quads = map_points(fit.corners_px, resample.corner_cells(shape).to(quads) - more, core)
     return quads * 2.0 ** fit.level.double()[:, None, None]
 
 
@@ -311,7 +311,7 @@ def placings(
     cells = Cells.at(scales, quads, shape)
     down, right = (reach, reach) if isinstance(reach, int) else reach
     patches = read_cells(scales, cells, shape, SAMPLES, (down + CONTEXT, right + CONTEXT))
-    pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt()
+    pitch = torch.stack(resample.cell_size_px(quads, shape)).prod(0).sqrt()
     judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape, moved).flatten(2)
     logit, place = judged[:, 0].max(1)
     wide = 2 * right + 1
@@ -319,7 +319,7 @@ def placings(
     if moved:
         moves = judged[torch.arange(len(place), device=place.device), 1:, place].view(-1, 4, 2)
         shift = shift + moves.clamp(-_MOST_MOVE, _MOST_MOVE)
-    return map_points(quads, lattice_model.corner_cells(shape).to(quads) + shift, shape), logit
+    return map_points(quads, resample.corner_cells(shape).to(quads) + shift, shape), logit
 
 
 def distinct(
@@ -380,7 +380,7 @@ def _likelier(
     """Take the corners of a fit that is ``sure`` (n,), or left the panel about as likely, with its logit."""
     safe = torch.where(again.isfinite(), again, before[0])
     _, logit = placings(net, scales, safe, shape, 0)
-    cell = torch.maximum(*rectification.cell_size_px(before[0], shape))
+    cell = torch.maximum(*resample.cell_size_px(before[0], shape))
     good = ((logit > before[1] - _MOST_LOST) | sure) & (
         (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
     )

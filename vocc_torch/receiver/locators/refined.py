@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
-from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
+from vocc_torch.receiver import foreground, lattice_fit, lattice_model, resample
 from vocc_torch.receiver.locators.paper import Choice, PaperLocator, exact_frames
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
@@ -188,10 +188,10 @@ def _fitted(
     if not len(poor):
         return lattice
     seen, level = frames[poor], background[poor]
-    cells = lattice_model.corner_cells(shape).to(start.device)
+    cells = resample.corner_cells(shape).to(start.device)
     middle = cells.mean(0)
     sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in _SIZES]
-    others = [(rectification.map_points(start[poor], to, shape), blur[poor]) for to in sized]
+    others = [(resample.map_points(start[poor], to, shape), blur[poor]) for to in sized]
     others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
     for again, width in others:
         found = lattice_fit.fit_lattice(seen, lattice_model.Lattice.at(again, width, level, shape))
@@ -208,9 +208,9 @@ def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
 
 def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
     """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
-    cell = torch.maximum(*rectification.cell_size_px(corners_px, lattice.shape))
+    cell = torch.maximum(*resample.cell_size_px(corners_px, lattice.shape))
     strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > _FARTHEST_CELLS * cell
-    pitch = torch.minimum(*rectification.cell_size_px(lattice.corners_px, lattice.shape))
+    pitch = torch.minimum(*resample.cell_size_px(lattice.corners_px, lattice.shape))
     sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
     return sane
 

@@ -11,7 +11,7 @@ from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.lattice_model import GAMMA
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.rectification import cell_size_px, rectify_takes
+from vocc_torch.receiver.resample import cell_size_px, rectify_takes
 from vocc_torch.recordings.frames import to_grey
 from vocc_torch.studies.decode import CHANNELS
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted

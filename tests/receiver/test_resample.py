@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from vocc_torch.receiver.rectification import cell_homography, cell_size_px, centre_greys, rectify
+from vocc_torch.receiver.resample import cell_homography, cell_size_px, centre_greys, rectify
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(4, 5)

@@ -1,0 +1,370 @@
+"""Panels resampled to one fixed grid of K x K samples a cell, with cells of margin, bilinearly.
+
+The projective maps between cells and pixels are those of Heckbert (1989).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import checked_greys
+from vocc_torch.types import Frames, Panels, PanelShape, holds, is_exporting
+
+
+@dataclass(frozen=True)
+class ResampleSettings:
+    """Limits of resampling."""
+
+    most_px: float = 1e15  # corners farther than this from the sensor's corner are no corners
+    most_readings: int = 1 << 22  # of one frame: what 8 x 8 LEDs of 200 px with K = 8 take
+    chunk_readings: int = 1 << 18  # on a CPU, whose cache holds so many
+    most_factor: int = 64  # readings along a sample's side
+    flat_px2: float = 1e-9  # least cross product of neighbouring sides where a corner parts them
+    flat_share: float = 1e-12  # the same, of the longest side's square
+
+
+SETTINGS = ResampleSettings()
+
+
+@lru_cache(maxsize=64)
+@torch.inference_mode(False)
+def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
+    """Return the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
+
+    Example:
+        >>> corner_cells(PanelShape(4, 8)).tolist()
+        [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [0.0, 4.0]]
+    """
+    least, right, low = 0 - beyond, shape.columns + beyond, shape.rows + beyond
+    ends = [[least, least], [right, least], [right, low], [least, low]]
+    return torch.tensor(ends, dtype=torch.float64)
+
+
+def sample_cells(leds: int, samples: int, margin: int) -> Tensor:
+    """Return the cell coordinates (N,) float64 of an axis's samples, ``margin`` cells at both ends included.
+
+    Example:
+        >>> sample_cells(1, 4, 0).tolist()
+        [0.125, 0.375, 0.625, 0.875]
+    """
+    return (torch.arange((leds + 2 * margin) * samples, dtype=torch.float64) + 0.5) / samples - margin
+
+
+@lru_cache(maxsize=64)
+@torch.inference_mode(False)
+def _axes(
+    shape: PanelShape, samples: int, margin: int, dtype: torch.dtype, device: torch.device
+) -> list[Tensor]:
+    """Give the samples' cell coordinates along the rows (w,) and down the columns (h,)."""
+    return [sample_cells(leds, samples, margin).to(device, dtype) for leds in (shape.columns, shape.rows)]
+
+
+def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Projective map from cell coordinates (column, row; 0 to C, 0 to R) to pixels.
+
+    Args:
+        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left, within 1e15 px. Where
+            they are not strictly convex (collinear, coincident, crossed or concave) they are no picture of a
+            panel: everything maps onto the first.
+        shape: rows and columns.
+
+    Returns:
+        (B,3,3) float64 homographies, finite.
+
+    Raises:
+        VoccError: a corner that is not finite, or beyond 1e15 px.
+
+    Example:
+        >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]])
+        >>> cell_homography(corners, PanelShape(8, 8))[0].round(decimals=6).tolist()
+        [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
+    """
+    corners = corners_px.to(torch.float64)
+    if not holds(corners.abs() <= SETTINGS.most_px):
+        most = float(corners.abs().max())
+        raise VoccError(
+            f"corners_px reaches {most:g} px: corners must be finite and within {SETTINGS.most_px:g} px"
+        )
+    side = corners.roll(-1, 1) - corners
+    skew = corners[:, 2:3] - side[:, :1] - corners[:, 3:]
+    # How each side turns to the next; what is askew to the third side; and the second side to what is askew.
+    before = torch.cat([side, skew, -side[:, 1:2]], 1)
+    after = torch.cat([side.roll(-1, 1), side[:, 2:3], skew], 1)
+    turn = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
+    least = SETTINGS.flat_px2 + SETTINGS.flat_share * side.square().sum(2).amax(1)
+    low, high = turn[:, :4].aminmax(dim=1)
+    convex = (low > least) | (high < -least)
+    gh = turn[:, 4:] / torch.where(convex, -turn[:, 1], 1.0)[:, None]
+    ends = nn.functional.pad(corners, (0, 1), value=1.0)
+    first, second, _, fourth = ends.unbind(1)
+    to_x = (second - first + gh[:, :1] * second) * (1 / shape.columns)
+    to_y = (fourth - first + gh[:, 1:] * fourth) * (1 / shape.rows)
+    # With zero added, no zero is negative.
+    return torch.stack([to_x * convex[:, None] + 0.0, to_y * convex[:, None] + 0.0, first], 2)
+
+
+def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+    """Mean width and height of an LED cell in the image, (B,) each, px: the gradients' resampling scale.
+
+    Example:
+        >>> corners = torch.tensor([[[0.0, 0.0], [16.0, 0.0], [16.0, 24.0], [0.0, 24.0]]])
+        >>> [float(size) for size in cell_size_px(corners, PanelShape(8, 8))]
+        [2.0, 3.0]
+    """
+    corners = corners_px.to(torch.float64)
+    length = (corners.roll(-1, 1) - corners).square().sum(2).sqrt()
+    width, height = ((length[:, :2] + length[:, 2:]) / 2).unbind(1)
+    return width / shape.columns, height / shape.rows
+
+
+def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
+    """Map points in cell coordinates, (B,P,2) columns and rows, into the image, (B,P,2) px, finite.
+
+    Example:
+        >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]]).double()
+        >>> point = torch.tensor([[[8.0, -1.0]]]).double()
+        >>> map_points(corners, point, PanelShape(8, 8)).round(decimals=9).tolist()
+        [[[10.0, 2.0]]]
+    """
+    columns = cell_homography(corners_px, shape).mT[:, None]
+    mapped = cells[..., :1] * columns[:, :, 0] + cells[..., 1:] * columns[:, :, 1] + columns[:, :, 2]
+    # A point on the horizon is as far away as a corner may be.
+    return (mapped[..., :2] / mapped[..., 2:]).nan_to_num().clamp(-SETTINGS.most_px, SETTINGS.most_px)
+
+
+def _places(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Map the grid of cell coordinates x (w,) by y (h,), or (n,w) and (n,h), to pixels, (n,2,h,w).
+
+    From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
+    """
+    across = homography[:, :, :1] * x[..., None, :] + homography[:, :, 2:]
+    mapped = across[:, :, None, :] + (homography[:, :, 1:2] * y[..., None, :])[..., None]
+    return mapped[:, :2] / mapped[:, 2:].clamp(min=torch.finfo(mapped.dtype).tiny)
+
+
+def _read(frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Read frames ``rows`` (n,) bilinearly at cell coordinates x by y, as :func:`_places` has them: (n,h,w).
+
+    Positions count from a whole sensor pixel at the panel, so a crop and the full frame give the same values
+    to the last bit. Beyond the frame its border pixels go on.
+    """
+    origin = homography[:, :2, 2].detach().floor()
+    # Half a pixel off, so that whole numbers are pixel centres.
+    moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
+    moved = torch.cat([moved, homography[:, 2:]], 1).to(x.dtype)
+    begin = origin.long() - frames.origin_px[rows]
+    turned = is_exporting() or moved.requires_grad or bool(moved[:, (0, 1, 2, 2), (1, 0, 0, 1)].any())
+    if turned:
+        at = _places(moved, x, y).unbind(1)
+    else:
+        at = (
+            (moved[:, 0, :1] * x + moved[:, 0, 2:])[:, None],
+            (moved[:, 1, 1:2] * y + moved[:, 1, 2:])[..., None],
+        )
+    wholes, shares, firsts = [], [], []
+    for axis, (places, size) in enumerate(zip(at, frames.grey.shape[:1:-1], strict=True)):
+        from_first = begin[:, axis, None, None].to(x.dtype)
+        places = places.clamp(-1 - from_first, size - 1 - from_first)
+        whole = places.detach().floor()
+        first = (-1 - from_first) if is_exporting() else whole.amin((1, 2), keepdim=True)
+        wholes.append(whole - first)
+        shares.append(places - whole)
+        firsts.append((first + from_first)[:, 0, 0])
+    windows = _windows(frames, rows, firsts, wholes).to(x.dtype)
+    if turned:
+        wide = windows.shape[2]
+        index = wholes[1] * wide + wholes[0]
+        if not is_exporting() and windows[0].numel() > 1 << 24:  # beyond what float32 counts
+            index = wholes[1].double() * wide + wholes[0]
+        index, flat = index.long().flatten(1), windows.flatten(1)
+        near = [flat[:, by:].gather(1, index).view_as(shares[0]) for by in (0, 1, wide, wide + 1)]
+        upper, lower = (torch.lerp(near[line], near[line + 1], shares[0]) for line in (0, 2))
+        return torch.lerp(upper, lower, shares[1])
+    # A column of samples is a column of the image: pixels are mixed along the rows, and these once.
+    count, tall, _ = windows.shape
+    columns = wholes[0].long().expand(-1, tall, -1).contiguous()
+    left, right = (windows[..., by:].gather(2, columns) for by in (0, 1))
+    mixed = torch.lerp(left, right, shares[0]).flatten(0, 1)
+    lines = (wholes[1][..., 0].long() + torch.arange(count, device=rows.device)[:, None] * tall).flatten()
+    upper, lower = (mixed.index_select(0, lines + by).view(count, len(y), len(x)) for by in (0, 1))
+    return torch.lerp(upper, lower, shares[1])
+
+
+def _windows(frames: Frames, rows: Tensor, firsts: list[Tensor], wholes: list[Tensor]) -> Tensor:
+    """Cut windows (n,tall,wide) that hold the pixels read and their next ones; border pixels go on.
+
+    Args:
+        frames: whole or crops.
+        rows: n frames.
+        firsts: first column and first row of each window, (n,) both.
+        wholes: columns and rows that are read, from the window's first.
+    """
+    if is_exporting():
+        return nn.functional.pad(frames.grey.float(), (1, 1, 1, 1), mode="replicate")[:, 0]
+    height, width = frames.grey.shape[-2:]
+    columns, lines = (
+        (first.long()[:, None] + torch.arange(int(whole.amax()) + 2, device=rows.device)).clamp(0, size - 1)
+        for first, whole, size in zip(firsts, wholes, (width, height), strict=True)
+    )
+    index = ((rows[:, None] * height + lines) * width)[..., None] + columns[:, None]
+    return frames.grey.reshape(-1).take(index)
+
+
+def rectify(
+    frames: Frames,
+    panels: Panels,
+    shape: PanelShape,
+    samples_per_led: int,
+    dtype: torch.dtype | None = None,
+    margin: int = 1,
+) -> Tensor:
+    """Resample each panel to K x K samples an LED cell, bilinearly, with cells of margin on every side.
+
+    Where a sample stands for several pixels (a near panel) it is the mean of as many bilinear readings, so
+    that detail finer than the grid is averaged and not aliased. Beyond the frame its border pixels go on. A
+    panel whose corners enclose nothing (see :func:`cell_homography`) reads one grey value everywhere.
+
+    Args:
+        frames: B frames or crops, not empty.
+        panels: B located panels; a panel not found is read at its zero corners and means nothing.
+        shape: rows and columns.
+        samples_per_led: K, at least 1.
+        dtype: working precision, float32 or float64; by default float64 for float64 frames, else float32.
+        margin: m, cells around the panel.
+
+    Returns:
+        (B,1,(R+2m)K,(C+2m)K) grey values; positions need float32 at least.
+
+    Raises:
+        VoccError: empty frames, another number of panels, or corners that are not finite.
+
+    Example:
+        >>> ramp = torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16)
+        >>> corners = torch.tensor([[[4.0, 4.0], [12.0, 4.0], [12.0, 12.0], [4.0, 12.0]]])
+        >>> patches = rectify(Frames.whole(ramp), Panels.known(corners), PanelShape(4, 4), 2)
+        >>> tuple(patches.shape), patches[0, 0, 0, :4].tolist()
+        ((1, 1, 12, 12), [2.0, 3.0, 4.0, 5.0])
+    """
+    _check(frames, panels)
+    grey = frames.grey
+    dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
+    homography = cell_homography(panels.corners_px, shape)
+    cells = (shape.rows + 2 * margin) * (shape.columns + 2 * margin)
+    most = max(1, math.isqrt(SETTINGS.most_readings // cells) // samples_per_led)
+    pixels = torch.maximum(*cell_size_px(panels.corners_px, shape)).detach() / samples_per_led
+    factors = pixels.round().clamp(1, min(SETTINGS.most_factor, most)).long()
+    if is_exporting():
+        return _rectified_in_graph(frames, homography, factors, shape, samples_per_led, margin, dtype)
+    patches: list[tuple[Tensor, Tensor]] = []
+    for factor in sorted(set(factors.tolist())):
+        x, y = _axes(shape, samples_per_led * factor, margin, dtype, grey.device)
+        chunk = SETTINGS.chunk_readings if grey.device.type == "cpu" else SETTINGS.most_readings
+        for rows in (factors == factor).nonzero()[:, 0].split(max(1, chunk // (len(x) * len(y)))):
+            read = _read(frames, rows, homography[rows], x, y)[:, None]
+            patches.append((rows, nn.functional.avg_pool2d(read, factor) if factor > 1 else read))
+    if len(patches) == 1:
+        return patches[0][1]
+    order = torch.cat([rows for rows, _ in patches]).argsort()
+    return torch.cat([patch for _, patch in patches])[order]
+
+
+def rectify_takes(
+    takes: Sequence[Frames],
+    panels: Panels,
+    shape: PanelShape,
+    samples_per_led: int,
+    dtype: torch.dtype | None = None,
+) -> list[Tensor]:
+    """Resample several takes of the same scenes at the same corners, as :func:`rectify` does.
+
+    Args:
+        takes: frames or crops of one size, such as test frames and their preambles; at least one.
+        panels: see :func:`rectify`.
+        shape: rows and columns.
+        samples_per_led: K, at least 1.
+        dtype: see :func:`rectify`.
+
+    Raises:
+        VoccError: takes of different sizes, and what :func:`rectify` refuses.
+
+    Example:
+        >>> frames = Frames.whole(torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16))
+        >>> panels = Panels.known(torch.tensor([[[4.0, 4.0], [12.0, 4.0], [12.0, 12.0], [4.0, 12.0]]]))
+        >>> len(rectify_takes([frames, frames], panels, PanelShape(4, 4), 2))
+        2
+    """
+    shapes = [tuple(take.grey.shape) for take in takes]
+    if len(set(shapes)) > 1:
+        raise VoccError(f"takes have shapes {', '.join(map(str, shapes))}: they must be of one shape")
+    return [rectify(take, panels, shape, samples_per_led, dtype) for take in takes]
+
+
+def _rectified_in_graph(
+    frames: Frames,
+    homography: Tensor,
+    factors: Tensor,
+    shape: PanelShape,
+    samples: int,
+    margin: int,
+    dtype: torch.dtype,
+) -> Tensor:
+    """Do what :func:`rectify` does without a loop over the factors (B,).
+
+    Every sample is the mean of as many readings as the largest factor asks for; those that a frame's own
+    factor has none of weigh nothing.
+    """
+    most: Any = factors.amax(0).item()  # in a graph no number yet
+    torch._check(most >= 1)
+    factor, within = factors[:, None, None], torch.arange(most)
+    axes = []
+    for leds in (shape.columns, shape.rows):
+        places = torch.arange((leds + 2 * margin) * samples)[:, None] * factor
+        places = places + torch.minimum(within, factor - 1)
+        axes.append((((places.double() + 0.5) / (samples * factor)) - margin).flatten(1).to(dtype))
+    rows = torch.arange(len(factors), device=factors.device)
+    read = _read(frames, rows, homography, axes[0][:, None], axes[1][:, None])
+    weight = (within < factor).to(dtype)
+    sides = ((leds + 2 * margin) * samples for leds in (shape.rows, shape.columns))
+    high, wide = sides
+    read = read.view(-1, high, most, wide, most)
+    summed = (read * weight[:, :, :, None, None] * weight[:, :, None, None, :]).sum((2, 4))
+    return (summed / factor.square())[:, None]
+
+
+def _check(frames: Frames, panels: Panels) -> None:
+    """Refuse frames that cannot be read at the panels."""
+    size, corners = tuple(frames.grey.shape), tuple(panels.corners_px.shape)
+    if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
+        raise VoccError(f"frames.grey has shape {size}: it must be (B,1,H,W), not empty")
+    if corners != (size[0], 4, 2):
+        raise VoccError.of("panels.corners_px", f"shape {corners}", f"({size[0]},4,2), one a frame", "has")
+
+
+def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
+    """Grey value of the pixel that holds each LED cell's centre, (B,R,C); beyond the frame its border's.
+
+    Raises:
+        VoccError: what :func:`rectify` refuses, or a value that is no grey value.
+
+    Example:
+        >>> ramp = torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16)
+        >>> corners = torch.tensor([[[4.0, 4.0], [13.0, 4.0], [13.0, 13.0], [4.0, 13.0]]])
+        >>> centre_greys(Frames.whole(ramp), Panels.known(corners), PanelShape(3, 3))[0, 0].tolist()
+        [5.0, 8.0, 11.0]
+    """
+    _check(frames, panels)
+    homography = cell_homography(panels.corners_px, shape)
+    middles = (torch.arange(leds).to(homography) + 0.5 for leds in (shape.columns, shape.rows))
+    height, width = frames.grey.shape[-2:]
+    place = _places(homography, *middles).floor() - frames.origin_px.view(-1, 2, 1, 1)
+    # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
+    column, row = place[:, 0].clamp(0, width - 1).long(), place[:, 1].clamp(0, height - 1).long()
+    read = frames.grey.flatten(1).gather(1, (row * width + column).flatten(1)).view(row.shape)
+    dtype = torch.float64 if read.dtype == torch.float64 else torch.float32
+    return checked_greys(read.to(dtype), "frames.grey at the LEDs' centres")
