@@ -1,6 +1,5 @@
 """How long each stage of a receiver takes a frame; several receivers are timed in the same rounds."""
 
-import copy
 import itertools
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -259,7 +258,4 @@ def _on(frames: Frames, device: torch.device) -> Frames:
 
 def on_device(receiver: StagedReceiver, device: torch.device) -> StagedReceiver:
     """Copy a receiver to a device, with every tensor that its classifiers hold."""
-    bank = copy.copy(receiver.bank)
-    bank.classifiers = {name: copy.deepcopy(one).to(device) for name, one in bank.classifiers.items()}
-    bank.plugged_in = {name: one.to(device) for name, one in receiver.bank.plugged_in.items()}
-    return replace(receiver, bank=bank)
+    return replace(receiver, bank=receiver.bank.to(device))

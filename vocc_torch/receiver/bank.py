@@ -1,29 +1,20 @@
 """The receivers by name, all deciding on the same readings."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Self
 
+import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.features import FEATURE_NAMES, greyscale_scores, preamble_threshold
+from vocc_torch.receiver.deciders import FLDA_FEATURES as FLDA_FEATURES
+from vocc_torch.receiver.deciders import GREYSCALE_RECEIVERS as GREYSCALE_RECEIVERS
+from vocc_torch.receiver.deciders import Decider, FldaDecider, GreyDecider
+from vocc_torch.receiver.deciders import Preambles as Preambles
+from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.reader import Greys, Readings
-from vocc_torch.types import PanelShape
-
-FLDA_FEATURES: dict[str, tuple[str, ...]] = {
-    "flda_agr": ("agr",),
-    "flda_gri": ("gri",),
-    "flda_ngr": ("ngr",),
-    "flda_agr_ngr": ("agr", "ngr"),
-    "flda_2": ("agr", "gri"),
-    "flda_3": ("agr", "gri", "ngr"),
-}
-"""Features of each FLDA receiver."""
-
-GREYSCALE_RECEIVERS = {"center_greyscale": "centre", "average_greyscale": "average"}
-"""The paper's baselines, which need preambles."""
+from vocc_torch.receiver.reader import Readings
 
 RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
 """Every receiver that can be named."""
@@ -72,13 +63,6 @@ def feature_indices(name: str) -> list[int]:
     return [FEATURE_NAMES.index(feature) for feature in FLDA_FEATURES[name]]
 
 
-class Preambles(NamedTuple):
-    """Grey levels of the all-On and the all-Off frame of the same scenes."""
-
-    on: Greys
-    off: Greys
-
-
 class ReceiverBank:
     """Named receivers that share one pass of location and measurement.
 
@@ -92,6 +76,8 @@ class ReceiverBank:
         VoccError: an unknown name.
     """
 
+    deciders: dict[str, Decider]
+
     def __init__(
         self,
         names: Sequence[str],
@@ -100,22 +86,39 @@ class ReceiverBank:
         more: "Sequence[ReceiverBank]" = (),
     ) -> None:
         demand_kind("flda", flda, FLDA)
-        self.plugged_in, self.more = dict(plugged_in or {}), tuple(more)
-        self.names = check_receivers(names, tuple(self.plugged_in))
-        chosen = [name for name in self.names if name in FLDA_FEATURES]
-        self.classifiers = {name: flda.select(feature_indices(name)) for name in chosen}
+        plugged_in, self.more = plugged_in or {}, tuple(more)
+        self.deciders = {}
+        for name in check_receivers(names, tuple(plugged_in)):
+            if name in FLDA_FEATURES:
+                self.deciders[name] = FldaDecider(name, flda.select(feature_indices(name)))
+            else:
+                self.deciders[name] = plugged_in[name] if name in plugged_in else GreyDecider(name)
+
+    @classmethod
+    def of(cls, deciders: Mapping[str, Decider], more: "Sequence[ReceiverBank]" = ()) -> Self:
+        """Put what decides together, by name."""
+        bank = cls.__new__(cls)
+        bank.deciders, bank.more = dict(deciders), tuple(more)
+        return bank
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The receivers, in the order of the results."""
+        return tuple(self.deciders)
 
     @property
     def needed(self) -> frozenset[str]:
         """What is measured for them: some of ``agr``, ``gri``, ``ngr``, ``average``, ``centre``."""
-        read = {**FLDA_FEATURES, **{name: (level,) for name, level in GREYSCALE_RECEIVERS.items()}}
-        parts = (read.get(name) or self.plugged_in[name].inputs.features for name in self.names)
-        return frozenset(what for part in parts for what in part)
+        return frozenset(name for decider in self.deciders.values() for name in decider.features)
 
     @property
     def needs_patches(self) -> bool:
         """Whether any receiver reads the whole panel, and not single pixels."""
-        return any(name != "center_greyscale" for name in self.names)
+        return any(decider.needs_patches for decider in self.deciders.values())
+
+    def to(self, device: torch.device) -> Self:
+        """Copy them to a device."""
+        return self.of({name: decider.to(device) for name, decider in self.deciders.items()}, self.more)
 
     def scores(self, readings: Readings, preambles: Preambles | None) -> dict[str, Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On.
@@ -123,20 +126,4 @@ class ReceiverBank:
         Raises:
             VoccError: a greyscale receiver without preambles.
         """
-        found: dict[str, Tensor] = {}
-        shape = PanelShape(*readings.features.shape[1:3])
-        for name in self.names:
-            if name in FLDA_FEATURES:
-                features = readings.features[..., feature_indices(name)]
-                found[name] = self.classifiers[name].decision_function(features)
-            elif name in self.plugged_in:
-                classifier = self.plugged_in[name]
-                seen = classifier.inputs.of(readings, readings.cell_px, shape)
-                found[name] = classifier.decision_function(seen)
-            elif preambles is None:
-                raise VoccError(f"receiver {name} needs preamble frames, and none were given")
-            else:
-                takes = (preambles.on, preambles.off, readings.greys)
-                on, off, greys = (getattr(take, GREYSCALE_RECEIVERS[name]) for take in takes)
-                found[name] = greyscale_scores(greys, preamble_threshold(on, off))
-        return found
+        return {name: decider.score(readings, preambles) for name, decider in self.deciders.items()}

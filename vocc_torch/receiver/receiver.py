@@ -10,9 +10,11 @@ import torch
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.plugins import PlugIn
-from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank, feature_indices
+from vocc_torch.receiver.bank import Preambles, ReceiverBank
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
-from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
+from vocc_torch.receiver.classifiers import Guarded, plugged
+from vocc_torch.receiver.classifiers.inputs import demand_features
+from vocc_torch.receiver.deciders import FldaDecider, decider_of, flda_decider
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
@@ -95,15 +97,18 @@ class StagedReceiver:
             return None
         return self.reader.rectify([frames], panels, self.dtype)[0]
 
-    def measure(self, frames: Frames, panels: Panels, patches: torch.Tensor | None) -> Readings:
+    def measure(
+        self, frames: Frames, panels: Panels, patches: torch.Tensor | None, also: Sequence[str] = ()
+    ) -> Readings:
         """Measure what the receivers decide on; features and grey values that none needs are zeros.
 
         Args:
             frames: B frames.
             panels: where the panel is in each.
             patches: what :meth:`rectify` gave.
+            also: what is measured besides.
         """
-        return self.reader.measure(frames, panels, patches, self.bank.needed)
+        return self.reader.measure(frames, panels, patches, {*self.bank.needed, *also})
 
     def preambles(self, on: Frames, off: Frames, panels: Panels) -> Preambles:
         """Measure the grey levels of the all-On and the all-Off frame of the same scenes."""
@@ -149,29 +154,29 @@ class Receiver(torch.nn.Module):
         name: str,
         locator: PanelLocator,
         reader: Reader,
-        classifier: FLDA | Guarded,
+        classifier: FLDA | FldaDecider | Guarded,
         calibration: Calibration | None = None,
         trained_on: Ranges | None = None,
     ) -> None:
         super().__init__()
-        self.calibration, self.trained_on = calibration, trained_on or {}
         if not isinstance(locator, PanelLocator):
             raise VoccError.of("locator", shown(locator), "a PanelLocator of vocc_torch.receiver.locators")
         demand_kind("reader", reader, Reader)
-        demand_kind("classifier", classifier, torch.nn.Module, Guarded)
-        if isinstance(classifier, Guarded):
-            if name != classifier.name:
-                raise VoccError.of("receiver name", repr(name), f"its classifier's, {classifier.name!r}")
-            classifier.inputs.demand_features(reader.names)
-            self.inputs = classifier.inputs
-        else:
-            if name not in tuple(FLDA_FEATURES):
-                raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
-            if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
-                raise VoccError(f"classifier has {classifier.n_features} features: {name} needs {needed}")
-            self.inputs = Inputs(FLDA_FEATURES[name])
-        self.name, self.locator, self.reader, self.classifier = name, locator, reader, classifier
+        self.decider = decider_of(name, classifier)
+        demand_features(self.decider.features, reader.names)
+        self.name, self.locator, self.reader = name, locator, reader
+        self.calibration, self.trained_on = calibration, trained_on or {}
         self.register_buffer("_place", torch.empty(0), persistent=False)
+
+    @property
+    def classifier(self) -> FLDA | Guarded:
+        """What decides: FLDA, or another classifier."""
+        return self.decider if isinstance(self.decider, Guarded) else self.decider.classifier
+
+    @property
+    def stages(self) -> StagedReceiver:
+        """Its stages."""
+        return StagedReceiver(ReceiverBank.of({self.name: self.decider}), self.reader, self.locator)
 
     @property
     def device(self) -> torch.device:
@@ -223,10 +228,9 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
-        frames = Frames.of(frames)
-        where = self.locator(frames, self.shape) if panels is None else panels
-        patches = self.reader.rectify([frames], where)[0]
-        readings = self.reader.measure(frames, where, patches, {*self.inputs.features, "average"})
+        frames, stages = Frames.of(frames), self.stages
+        where = stages.locate(frames) if panels is None else panels
+        readings = stages.measure(frames, where, stages.rectify(frames, where), ("average",))
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found
@@ -239,19 +243,12 @@ class Receiver(torch.nn.Module):
 
     def score(self, readings: Readings) -> torch.Tensor:
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
-        if isinstance(self.classifier, Guarded):
-            return self.classifier.decision_function(self.inputs.of(readings, readings.cell_px, self.shape))
-        features, chosen = readings.features, feature_indices(self.name)
-        if list(chosen) != list(range(features.shape[-1])):
-            features = features[..., chosen]
-        scores: torch.Tensor = self.classifier.decision_function(features)
-        return scores
+        return self.decider.score(readings)
 
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
-        """Follow moves between devices with a classifier that is no module too."""
+        """Follow moves between devices with what decides, which is no module."""
         super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
-        if isinstance(self.classifier, Guarded):
-            self.classifier = self.classifier.to(self.device)
+        self.decider = self.decider.to(self.device)
         return self
 
     def save(self, path: str | Path) -> None:
@@ -266,19 +263,13 @@ class Receiver(torch.nn.Module):
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
         settings["package"] = {"version": __version__, "source": package_digest("vocc_torch")}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
-        seen = [one.settings for one in self.reader.more if one.name in self.inputs.features]
+        seen = [one.settings for one in self.reader.more if one.name in self.decider.features]
         settings["features"] = seen
         settings["locator"] = locator_settings(self.locator)
         settings["trained_on"] = self.trained_on
         settings["calibration"] = None if self.calibration is None else asdict(self.calibration)
-        if not isinstance(self.classifier, Guarded):
-            write_model(Path(path), settings, self.classifier.state_dict())
-            return
-        if self.classifier.plug_in is None:
-            raise VoccError(f"classifier {self.name} was not built from settings: it cannot be saved")
-        values, arrays = plugged.state_of(self.classifier)
-        own = {**self.classifier.plug_in.settings, "inputs": asdict(self.inputs), "values": values}
-        write_model(Path(path), {**settings, "classifier": own}, arrays)
+        own, arrays = self.decider.model()
+        write_model(Path(path), settings | ({"classifier": own} if own else {}), arrays)
 
     @classmethod
     def load(cls, path: str | Path, plug_ins: Sequence[str] = ()) -> Self:
@@ -305,17 +296,9 @@ class Receiver(torch.nn.Module):
             worth, ranges = settings.get("calibration"), settings.get("trained_on") or {}
             calibration = None if worth is None else Calibration.read(worth)
             trained_on = {one: (float(ranges[one][0]), float(ranges[one][1])) for one in APPEARANCE if ranges}
-            if (own := settings.get("classifier")) is not None:
-                patch = own["inputs"]["patch"]
-                inputs = Inputs(tuple(own["inputs"]["features"]), None if patch is None else Patch(**patch))
-                plug_in = plugged.admitted(own, state, plug_ins)
-                learned = plugged.restored(plug_in, inputs, own["values"], state)
-                return cls(name, locator, reader, learned, calibration, trained_on)
-            classifier = FLDA(n_features=len(FLDA_FEATURES[name]))
-            classifier.load_state_dict(state)
-            if not bool(classifier.direction.isfinite().all()):
-                raise VoccError("its statistics are not finite")
-            return cls(name, locator, reader, classifier, calibration, trained_on)
+            own = settings.get("classifier")
+            decider = flda_decider(name, state) if own is None else plugged.loaded(own, state, plug_ins)
+            return cls(name, locator, reader, decider, calibration, trained_on)
         except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             if isinstance(error, VoccError):
                 raise VoccError(f"model {path}: {error}") from None

@@ -13,7 +13,7 @@ from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
-from vocc_torch.receiver.classifiers import Inputs, Patch
+from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.report.terminal import Stopwatch
 from vocc_torch.simulation import Camera, Distribution, SceneModel
@@ -137,7 +137,11 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
         bank = train(dataclasses.replace(plan, receiver=own)).bank(EVERY)
         for setting in base:
             # Trained by the very same recipe.
-            bank.plugged_in |= receivers[setting].bank.plugged_in
+            bank.deciders |= {
+                name: decider
+                for name, decider in receivers[setting].bank.deciders.items()
+                if isinstance(decider, Guarded)
+            }
         deciding = frame_errors.Banks([(locator, bank)])
         kind = study.model("far"), study.point("far"), (locator,)
         job = frame_errors.FrameJob(plan, *kind, deciding, deciding.needs_preambles)
@@ -220,9 +224,12 @@ def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
             preambles = receiver.preambles(*seen.preambles, seen.truth)
             ends += receiver(seen.frames, seen.truth, preambles).values()
         assert torch.equal(*ends)
-        for mine, its in ((one.bank.classifiers, moved.bank.classifiers),
-                          (one.bank.plugged_in, moved.bank.plugged_in)):  # fmt: skip
-            assert all(mine[name] is not its[name] for name in mine)
+        mine, its = one.bank.deciders, moved.bank.deciders
+        assert all(
+            mine[name] is not its[name]
+            for name in mine
+            if mine[name].needs_patches and name != "average_greyscale"
+        )
 
 
 def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study):

@@ -146,8 +146,7 @@ class Inputs:
         Raises:
             VoccError: with the features that are.
         """
-        if not {*self.features} <= {*known}:
-            raise VoccError.of("inputs.features", [*self.features], f"of {', '.join(known)}, each once")
+        demand_features(self.features, known)
 
     @property
     def size(self) -> int:
@@ -174,3 +173,13 @@ class Inputs:
         if self.patch is None:
             return features
         return torch.cat([features, self.patch.of(readings, cell_px, shape)], dim=-1)
+
+
+def demand_features(features: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a feature that is not measured.
+
+    Raises:
+        VoccError: with the features that are.
+    """
+    if not {*features} <= {*known}:
+        raise VoccError.of("inputs.features", [*features], f"of {', '.join(known)}, each once")

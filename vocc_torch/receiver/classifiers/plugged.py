@@ -13,7 +13,7 @@ from torch import nn
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers import adapters
-from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 
@@ -223,3 +223,16 @@ def _skops(name: str) -> tuple[Any, str]:
     import sklearn
 
     return skops.io, str(sklearn.__version__)
+
+
+def loaded(
+    settings: Mapping[str, Any], arrays: Mapping[str, torch.Tensor], plug_ins: Sequence[str]
+) -> Guarded:
+    """Build a classifier from what :meth:`Guarded.model` gave.
+
+    Raises:
+        VoccError: as :func:`admitted` and :func:`restored`.
+    """
+    seen, patch = settings["inputs"], settings["inputs"]["patch"]
+    inputs = Inputs(tuple(seen["features"]), None if patch is None else Patch(**patch))
+    return restored(admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays)

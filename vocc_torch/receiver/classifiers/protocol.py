@@ -3,7 +3,8 @@
 import io
 import pickle
 from collections.abc import Callable, Iterator
-from typing import Protocol, TypeVar, runtime_checkable
+from dataclasses import asdict
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -11,7 +12,8 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.types import holds
+from vocc_torch.receiver.reader import Readings
+from vocc_torch.types import PanelShape, holds
 
 R = TypeVar("R")
 
@@ -77,6 +79,18 @@ class Guarded:
         self.classifier: Classifier = classifier  # type: ignore[assignment]  # checked just above
         self._agreed = False
 
+    needs_patches = True
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """What is measured for it."""
+        return self.inputs.features
+
+    def score(self, readings: Readings, preambles: object = None) -> Tensor:
+        """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
+        shape = PanelShape(*readings.features.shape[1:3])
+        return self.decision_function(self.inputs.of(readings, readings.cell_px, shape))
+
     def fit(self, x: Tensor, bits: Tensor) -> None:
         """Train on panels held in memory.
 
@@ -135,6 +149,19 @@ class Guarded:
         if not isinstance(answer, Tensor) or given != wanted:
             raise VoccError(f"classifier {self.name}: {what} gave {given}, not a tensor of shape {wanted}")
         return answer
+
+    def model(self) -> tuple[dict[str, Any], dict[str, Tensor]]:
+        """What a model file keeps of it: settings and arrays.
+
+        Raises:
+            VoccError: it was not built from settings, or an attribute that cannot be kept.
+        """
+        if self.plug_in is None:
+            raise VoccError(f"classifier {self.name} was not built from settings: it cannot be saved")
+        from vocc_torch.receiver.classifiers import plugged  # which builds what this file defines
+
+        values, arrays = plugged.state_of(self)
+        return {**self.plug_in.settings, "inputs": asdict(self.inputs), "values": values}, arrays
 
     def to(self, device: torch.device) -> "Guarded":
         """Copy it to a device, with every tensor that the classifier holds."""

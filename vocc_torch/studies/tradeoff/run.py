@@ -1,6 +1,5 @@
 """``task=tradeoff``: receivers trained, counted on the same frames, timed when nothing else runs."""
 
-import copy
 import itertools
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -248,8 +247,8 @@ def whole_receiver(name: str, one: StagedReceiver) -> Receiver:
     """
     if needs_preambles([name]):
         raise VoccError(f"receiver {name} needs frames of known bits: no ONNX graph has these")
-    classifier = one.bank.plugged_in.get(name) or copy.deepcopy(one.bank.classifiers[name])
-    return Receiver(name, one.locator or PaperLocator(), one.reader, classifier).cpu()
+    decider: Any = one.bank.deciders[name].to(torch.device("cpu"))
+    return Receiver(name, one.locator or PaperLocator(), one.reader, decider)
 
 
 def measure_references(
