@@ -9,7 +9,7 @@ read noise, and where the scene has them pattern noise and vignetting. The senso
 px, with pixels of the scene's own size. The tables in ``docs/results`` grow by a recording at a time:
 ``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there,
 which were named, and of those there and not named how much the frames hold. What is in them is not done
-again; delete them where the fit changes. ``python docs/update_calibration.py`` writes them into the page.
+again; delete them where the fit changes.
 
 The second command trains receivers on the paper's scene, on the one that was found and on the true one, and
 counts their errors in fresh frames of the last: ``calibration_receivers.csv``. The third fits the photographs

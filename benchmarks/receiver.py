@@ -24,7 +24,6 @@ import cv2
 import numpy as np
 import torch
 from link import SHAPE, scenes, train
-from locators import NOISE
 from numpy.typing import NDArray
 from peer_receiver import PeerReceiver
 from torch import Tensor
@@ -38,6 +37,13 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Frames
+
+NOISE = {
+    "photoelectrons": {"quantum_efficiency": 0.6},
+    "shot_noise": {},
+    "read_noise": {"electrons": 3.0},
+    "gain": {},
+}
 
 STANDARD = "OpenCV"
 SKIPPING = "OpenCV, our shortcut"

@@ -1,7 +1,6 @@
 """Every shipped classifier, trained on the paper's scenes, in every shipped scene and on real pictures.
 
     python benchmarks/receivers_by_scene.py
-    python docs/update_receivers.py
 
 A killed run goes on: trained receivers are kept in ``--models``, and each finished part is in its table.
 """

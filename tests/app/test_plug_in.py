@@ -3,7 +3,6 @@
 import csv
 import pickle
 import random
-import re
 import sys
 from pathlib import Path
 
@@ -45,14 +44,12 @@ def own(path, target):
 
 
 def test_classes_of_others_and_of_the_user_are_measured(app, tmp_path):
-    """A torch module and a class from files, and the estimator that the example of a shell line names."""
-    script = (EXAMPLES / "sklearn_on_the_command_line.sh").read_text()
-    (words,) = re.findall(r"^vocc-torch (.*) \"\$@\"$", script, flags=re.MULTILINE)
-    module = own(EXAMPLES / "attention_net.py", "NeighbourNet")[1:]
+    """A torch module and a class from files, and an estimator of scikit-learn."""
+    module = own(ROOT / "tests" / "data" / "attention_net.py", "NeighbourNet")[1:]
     patch = "+classifiers.own.inputs.patch={cells: 3, samples: 1}"
     training = "+classifiers.own.training={frames: 192, epochs: 12}"
     mean = f"+classifiers.mean.build._target_={CLASSIFIER}"
-    shell = [word.replace("classifier=sklearn", "classifier=[sklearn,own]") for word in words.split()]
+    shell = ["classifier=[sklearn,own]", "classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB"]
     ran = app(*TINY, *shell, *module, patch, training, mean, "name=x")
     assert ran.status == 0, ran.err
     found = receivers(tmp_path / "runs" / "x")

@@ -176,7 +176,7 @@ def test_what_cannot_be_of_the_same_trainings_is_refused():
 @pytest.mark.slow
 @pytest.mark.parametrize(("scatter", "trainings"), [(0.2, 2), (0.2, 8), (0.6, 3), (0.6, 8), (0.0, 5)])
 def test_the_algorithms_interval_covers(scatter, trainings):
-    """On made-up trainings with known truth; benchmarks/trainings.py does it on real ones.
+    """On made-up trainings with known truth.
 
     A log-normal scatter of 60 % is more skewed than that of FLDA with 125 frames, and costs two points.
     """

@@ -1,11 +1,9 @@
 """Fisher's discriminant on training sets that determine it badly, hugely, or not at all."""
 
-import importlib
 import itertools
 import re
-import sys
-from pathlib import Path
 
+import exact_flda
 import mpmath
 import numpy as np
 import pytest
@@ -18,8 +16,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.discriminant import FLDAWarning, discriminant
 from vocc_torch.receiver.flda import FLDA
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-exact_flda = importlib.import_module("exact_flda")
 EPS = float(np.finfo(np.float64).eps)
 
 hard = HardCases("FLDA")

@@ -1,6 +1,6 @@
 """Whole studies and command lines drawn from all that may be said, and those that once failed.
 
-benchmarks/fuzz.py runs a hundred thousand; here are a few dozen, always the same.
+These are a few dozen, always the same.
 """
 
 import math
@@ -45,7 +45,7 @@ def test_a_fuzzed_scene_is_answered_or_refused_in_one_line(block):
         try:
             outcomes[index] = run(case)
         except DefectError as error:
-            pytest.fail(f"python benchmarks/fuzz.py --seed {SEED} --one {index}: {error}\n{case}")
+            pytest.fail(f"seed {SEED}, scene {index}: {error}\n{case}")
     kinds = [outcome.kind for outcome in outcomes.values()]
     # Scenes that all were refused would show nothing.
     assert kinds.count("answered") >= len(kinds) // 5

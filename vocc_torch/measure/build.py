@@ -22,7 +22,7 @@ from vocc_torch.types import resolve_device
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 HALF_PRECISIONS = ("bfloat16", "float16", "half")
-"""Known to torch and not offered: they change pixels and decided bits (benchmarks/precision.py)."""
+"""Known to torch and not offered: they change pixels and decided bits."""
 
 RESERVED = (*bank.RECEIVER_NAMES, "flda", "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
