@@ -130,7 +130,8 @@ class RefinedLocator(PanelLocator):
         """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
         regions = foreground.bright_regions(frames.grey)
         found = Choice.none(len(regions.frame), frames.grey.device)
-        background, noise = torch.zeros(2, len(regions.frame), device=frames.grey.device)
+        size = 2, len(regions.frame)
+        background, noise = torch.zeros(size, dtype=torch.float32, device=frames.grey.device)
         for side, rows in _by_side(regions.side_px):
             windows = foreground.cut_windows(frames, regions, rows, side)
             background[rows], noise[rows] = foreground.ring_statistics(windows.grey)

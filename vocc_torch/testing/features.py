@@ -1,0 +1,107 @@
+"""The tests that every feature passes."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import ClassVar
+
+import pytest
+import torch
+from torch import Tensor
+
+from vocc_torch.types import PanelShape
+
+Feature = Callable[[Tensor, PanelShape], Tensor]
+
+
+class FeatureCase:
+    """Tests of a feature; a subclass named ``Test...`` writes :meth:`feature` and :meth:`patches`.
+
+    Attributes:
+        tells_on_from_off: whether an LED that shines has another value than one that does not.
+    """
+
+    tells_on_from_off: ClassVar[bool] = True
+
+    @abstractmethod
+    def feature(self) -> Feature:
+        """Give the feature: a function of (B,1,(R+2)K,(C+2)K) grey values and the panel's shape."""
+
+    def patches(self, shape: PanelShape, samples: int) -> Tensor:
+        """Draw three rectified panels with one On LED in three, (3,1,(R+2)K,(C+2)K) float32."""
+        generator = torch.Generator().manual_seed(3)
+        bits = torch.arange(shape.leds).view(1, shape.rows, shape.columns) % 3 == 0
+        light = torch.nn.functional.pad(60 + 120.0 * bits, (1, 1, 1, 1), value=50.0)
+        high = light.repeat_interleave(samples, 1).repeat_interleave(samples, 2).expand(3, -1, -1)
+        return (high + torch.rand(high.shape, generator=generator))[:, None].contiguous()
+
+    def measured(self) -> Tensor:
+        """Measure three panels of 6 x 6 LEDs."""
+        shape = PanelShape(6, 6)
+        return self.feature()(self.patches(shape, 8), shape)
+
+    @pytest.mark.parametrize("size", [(1, 1), (2, 3), (4, 4), (8, 8), (5, 16)])
+    @pytest.mark.parametrize("samples", [2, 5, 8])
+    def test_every_led_has_a_finite_value(self, size: tuple[int, int], samples: int) -> None:
+        """Values are (B,R,C), floating and finite, for any panel and grid."""
+        shape = PanelShape(*size)
+        values = self.feature()(self.patches(shape, samples), shape)
+        assert values.shape == (3, *size)
+        assert values.is_floating_point()
+        assert values.isfinite().all()
+
+    def test_on_differs_from_off(self) -> None:
+        """The values of On and Off LEDs lie apart by more than they spread, if the case says so."""
+        values = self.measured()[0].flatten().double()
+        on = torch.arange(len(values)) % 3 == 0
+        apart = (values[on].mean() - values[~on].mean()).abs()
+        assert not self.tells_on_from_off or apart > values[on].std() + values[~on].std()
+
+    @pytest.mark.parametrize("level", [0.0, 1e-3, 90.0, 255.0])
+    def test_panels_of_one_grey_have_finite_values(self, level: float) -> None:
+        """Black, dim and white panels are measured; 0/0 has an answer."""
+        shape = PanelShape(3, 4)
+        assert self.feature()(torch.full((2, 1, 25, 30), level), shape).isfinite().all()
+
+    def test_a_panel_alone_is_measured_as_in_a_batch(self) -> None:
+        """The batch changes no bit."""
+        shape = PanelShape(6, 6)
+        patches = self.patches(shape, 8)
+        for row in range(3):
+            alone = self.feature()(patches[row : row + 1], shape)
+            assert torch.equal(alone, self.measured()[row : row + 1])
+
+    def test_it_measures_alike_twice(self) -> None:
+        """Measuring leaves no trace."""
+        assert torch.equal(self.measured(), self.measured())
+
+    def test_patches_stay_as_they_are(self) -> None:
+        """Nothing is written into the patches."""
+        shape = PanelShape(6, 6)
+        patches = self.patches(shape, 8)
+        before = patches.clone()
+        self.feature()(patches, shape)
+        assert torch.equal(patches, before)
+
+    def test_nothing_is_drawn_from_the_global_generator(self) -> None:
+        """The state of torch's generator stays."""
+        before = torch.get_rng_state()
+        self.measured()
+        assert torch.equal(torch.get_rng_state(), before)
+
+    def test_inference_mode_changes_nothing(self) -> None:
+        """Within inference mode the values are the same."""
+        with torch.inference_mode():
+            inside = self.measured()
+        assert torch.equal(inside.clone(), self.measured())
+
+    def test_double_precision_gives_the_same_values(self) -> None:
+        """float64 patches have the values of float32 ones, but for rounding."""
+        shape = PanelShape(6, 6)
+        double = self.feature()(self.patches(shape, 8).double(), shape)
+        torch.testing.assert_close(double.float(), self.measured().float(), rtol=1e-3, atol=1e-3)
+
+    def test_strided_patches_are_taken(self) -> None:
+        """Patches need not be contiguous."""
+        shape = PanelShape(6, 6)
+        strided = self.patches(shape, 8).mT.contiguous().mT
+        torch.testing.assert_close(self.feature()(strided, shape), self.measured())

@@ -1,0 +1,194 @@
+"""The tests that every locator passes."""
+
+import pickle
+from abc import abstractmethod
+from typing import ClassVar
+
+import pytest
+import torch
+from torch import Tensor
+
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.resample import cell_size_px
+from vocc_torch.types import Frames, Panels, PanelShape
+
+
+def equal(first: Panels, second: Panels) -> bool:
+    """Whether two sets of panels are the same to the last bit."""
+    return all(torch.equal(getattr(first, name), getattr(second, name)) for name in Panels.__slots__)
+
+
+class LocatorCase:
+    """Tests of a locator; a subclass named ``Test...`` writes :meth:`locator` and :meth:`scenes`.
+
+    Attributes:
+        shape: of the panels in the scenes.
+        tolerance_cells: how far a corner may lie from the truth, in LED cells.
+        finds_nothing_in_noise: whether noise without a panel holds none for it.
+
+    Example:
+        >>> class TestMine(LocatorCase):
+        ...     def locator(self):
+        ...         return PaperLocator()
+        ...
+        ...     def scenes(self):
+        ...         return frames, corners_px  # what it must find
+    """
+
+    shape: ClassVar[PanelShape] = PanelShape()
+    tolerance_cells: ClassVar[float] = 0.5
+    finds_nothing_in_noise: ClassVar[bool] = False
+
+    @abstractmethod
+    def locator(self) -> PanelLocator:
+        """Build the locator."""
+
+    @abstractmethod
+    def scenes(self) -> tuple[Frames, Tensor]:
+        """Give at least three whole uint8 frames with a panel each, and the corners (B,4,2), px."""
+
+    def located(self) -> tuple[Frames, Panels]:
+        """Locate the panels of the scenes."""
+        frames, _ = self.scenes()
+        return frames, self.locator()(frames, self.shape)
+
+    def test_panels_are_found(self) -> None:
+        """Every panel is found."""
+        assert self.located()[1].found.all()
+
+    def test_corners_are_near_the_truth(self) -> None:
+        """Every corner lies within the tolerance."""
+        _, corners_px = self.scenes()
+        cell_px = torch.maximum(*cell_size_px(corners_px, self.shape))
+        apart = (self.located()[1].corners_px - corners_px).norm(dim=2).amax(1)
+        assert (apart <= self.tolerance_cells * cell_px).all(), (apart / cell_px).tolist()
+
+    def test_answers_have_the_right_kind(self) -> None:
+        """Shapes and dtypes are those of ``Panels``."""
+        frames, panels = self.located()
+        assert panels.corners_px.shape == (len(frames), 4, 2)
+        assert [panels.corners_px.dtype, panels.score.dtype] == [torch.float64] * 2
+        assert (panels.found.dtype, panels.candidates.dtype) == (torch.bool, torch.int64)
+        assert len(panels.found) == len(panels.score) == len(panels.candidates) == len(frames)
+
+    def test_corners_are_clockwise(self) -> None:
+        """Corners go around an area, clockwise as seen."""
+        x, y = self.located()[1].corners_px.unbind(2)
+        assert ((x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(1) > 0).all()
+
+    def test_scores_are_finite(self) -> None:
+        """A score is a finite number."""
+        assert self.located()[1].score.isfinite().all()
+
+    def test_a_frame_alone_gives_what_it_gives_in_a_batch(self) -> None:
+        """The batch changes no bit."""
+        frames, panels = self.located()
+        for row in range(len(frames)):
+            rows = slice(row, row + 1)
+            assert equal(self.locator()(frames[rows], self.shape), panels[rows])
+
+    def test_the_order_of_frames_changes_nothing(self) -> None:
+        """Frames in reverse give the answers in reverse."""
+        frames, panels = self.located()
+        back = torch.arange(len(frames) - 1, -1, -1)
+        assert equal(self.locator()(frames[back], self.shape), panels[back])
+
+    def test_it_answers_alike_twice(self) -> None:
+        """One object and two objects say the same."""
+        frames, panels = self.located()
+        locator = self.locator()
+        assert equal(locator(frames, self.shape), panels)
+        assert equal(locator(frames, self.shape), panels)
+
+    def test_a_picture_that_is_moved_moves_the_corners(self) -> None:
+        """With border pixels added on the left and above, corners move by as much."""
+        frames, panels = self.located()
+        wide = torch.nn.functional.pad(frames.grey.float(), (16, 0, 8, 0), mode="replicate")
+        moved = self.locator()(Frames.whole(wide.to(torch.uint8)), self.shape)
+        expected = panels.corners_px + torch.tensor([16.0, 8.0])
+        cell_px = torch.maximum(*cell_size_px(panels.corners_px, self.shape))
+        assert ((moved.corners_px - expected).norm(dim=2).amax(1) <= self.tolerance_cells * cell_px).all()
+
+    def test_arrays_are_taken(self) -> None:
+        """A NumPy array is as good as a tensor."""
+        frames, panels = self.located()
+        assert equal(self.locator()(frames.grey[:, 0].numpy(), self.shape), panels)
+
+    def test_frames_stay_as_they_are(self) -> None:
+        """Nothing is written into the frames."""
+        frames, _ = self.scenes()
+        before = frames.grey.clone()
+        self.locator()(frames, self.shape)
+        assert torch.equal(frames.grey, before)
+
+    def test_nothing_is_drawn_from_the_global_generator(self) -> None:
+        """The state of torch's generator stays."""
+        before = torch.get_rng_state()
+        self.located()
+        assert torch.equal(torch.get_rng_state(), before)
+
+    def test_inference_mode_changes_nothing(self) -> None:
+        """Within inference mode the answers are the same."""
+        frames, panels = self.located()
+        with torch.inference_mode():
+            inside = self.locator()(frames, self.shape)
+        assert equal(inside, panels)
+
+    def test_the_default_dtype_changes_nothing(self) -> None:
+        """Torch's default dtype is not looked at."""
+        frames, panels = self.located()
+        before = torch.get_default_dtype()
+        torch.set_default_dtype(torch.float64)
+        try:
+            assert equal(self.locator()(frames, self.shape), panels)
+        finally:
+            torch.set_default_dtype(before)
+
+    def test_no_answer_asks_for_a_gradient(self) -> None:
+        """Corners are plain tensors."""
+        assert not self.located()[1].corners_px.requires_grad
+
+    @pytest.mark.parametrize("level", [0, 90, 255])
+    def test_nothing_is_found_in_a_constant_frame(self, level: int) -> None:
+        """One grey value shows no panel: corners and score are zeros."""
+        panels = self.locator()(torch.full((2, 96, 128), level, dtype=torch.uint8), self.shape)
+        assert not panels.found.any()
+        assert not panels.corners_px.any()
+        assert not panels.score.any()
+
+    @pytest.mark.parametrize("size", [(1, 1), (3, 40), (12, 12)])
+    def test_small_frames_are_taken(self, size: tuple[int, int]) -> None:
+        """Frames of few pixels give finite answers."""
+        noise = torch.randint(0, 256, (2, *size), generator=torch.Generator().manual_seed(1))
+        assert self.locator()(noise.to(torch.uint8), self.shape).corners_px.isfinite().all()
+
+    def test_noise_gives_finite_answers(self) -> None:
+        """Noise breaks nothing, and shows no panel where the case says so."""
+        noise = torch.randint(0, 256, (2, 90, 120), generator=torch.Generator().manual_seed(2))
+        panels = self.locator()(noise.to(torch.uint8), self.shape)
+        assert panels.corners_px.isfinite().all()
+        assert panels.score.isfinite().all()
+        assert not (self.finds_nothing_in_noise and panels.found.any())
+
+    def test_the_best_candidate_is_the_panel(self) -> None:
+        """The first candidate of each frame has the panel's corners and score."""
+        frames, panels = self.located()
+        candidates = self.locator().locate(frames, self.shape)
+        assert torch.equal(candidates.frame, candidates.frame.sort().values)
+        for row in range(len(frames)):
+            best = candidates[candidates.frame == row][:1]
+            assert torch.equal(best.corners_px[0], panels.corners_px[row])
+            assert torch.equal(best.score[0], panels.score[row])
+
+    def test_it_is_hashed_and_compared_by_its_settings(self) -> None:
+        """Receivers that share a locator locate once."""
+        assert self.locator() == self.locator()
+        assert hash(self.locator()) == hash(self.locator())
+
+    def test_it_can_be_sent_to_another_process(self) -> None:
+        """Pickled and read back it is the same."""
+        assert pickle.loads(pickle.dumps(self.locator())) == self.locator()
+
+    def test_its_name_is_a_word(self) -> None:
+        """Configurations and results name it."""
+        assert self.locator().label.isidentifier()
