@@ -8,7 +8,7 @@ Each recording is of a scene that ships, with values drawn at random: those of t
 read noise, and where the scene has them pattern noise and vignetting. The sensor is a part of 320 x 240
 px, with pixels of the scene's own size. The tables in ``docs/results`` grow by a recording at a time:
 ``calibration.csv`` has every value beside its truth, ``calibration_effects.csv`` which effects were there,
-which were named, and of those there and not named how much the frames hold. What is in them is not done
+and which were named. What is in them is not done
 again; delete them where the fit changes.
 
 The second command trains receivers on the paper's scene, on the one that was found and on the true one, and
@@ -33,8 +33,6 @@ import vocc_torch as vt
 from vocc_torch import Scene
 from vocc_torch.api import load_scene
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.fit import Turns, arrow_step, normal
-from vocc_torch.extras.calibrate.model import Noise, expected
 from vocc_torch.extras.calibrate.reading import Footage, agreeing
 from vocc_torch.extras.calibrate.report import write_page
 from vocc_torch.extras.calibrate.scene import Findings, of_size
@@ -47,9 +45,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.sensor import Photoelectrons
-from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso, transmission
+from vocc_torch.simulation.photometry import transmission
 from vocc_torch.types import Frames
 
 SCENES = ("paper", "highway", "fog", "low_sun", "night", "tunnel", "dashcam")
@@ -63,11 +59,11 @@ ALIKE = {"airlight": "veiling_glare"}
 """Effects that a recording does not tell from others, which stand for them."""
 NOISES = ("shot_noise", "prnu", "dsnu", "read_noise")
 UNTOLD = {"attenuation": "the air: ", "bayer": "the sensor's colours", "demosaicing": "the sensor's colours"}
-UNTOLD |= {"read_noise": "read noise: ", "prnu": "(prnu)", "dsnu": "(dsnu)"}
+UNTOLD |= {"read_noise": "read noise: ", "prnu": "(prnu", "dsnu": "dsnu", "row_noise": "row_noise"}
+UNTOLD |= dict.fromkeys(("lamps", "led_scatter"), "what else there may be")
+UNTOLD |= dict.fromkeys(("motion_blur", "lens_distortion"), "motion and the lens's distortion")
 CODED = "the sensor's noise: "
 """How sentences begin, or what is in them, that say of effects that the recording does not tell them."""
-TRACED = ("motion_blur", "lens_distortion", "vignetting", "pose", "full_well", "veiling_glare", "read_noise")
-"""Effects for which it is asked how much of them the frames hold, where they are not named."""
 COMPARED = tuple(
     f"effects.{key}"
     for key in (
@@ -146,8 +142,9 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
     )
     panels = locator_named("refined", PaperLocator())(Frames.whole(greys[:, 0]), world.panel.shape)
     rows = panels.found.nonzero()[:, 0]
-    rows = rows[agreeing(panels.corners_px[rows].double())][:FRAMES]
-    seen = greys[rows, 0].numpy(), rows.numpy(), panels.corners_px[rows].double()
+    corners = panels.corners_px.double().numpy()
+    rows = rows[agreeing(corners[rows])][:FRAMES]
+    seen = greys[rows, 0].numpy(), rows.numpy(), corners[rows]
     footage = Footage(*seen, taken, taken, [], np.full(len(rows), math.nan))
     return footage, bits[rows], scene[rows]
 
@@ -193,78 +190,18 @@ def compared(study: Findings, world: World, scene: Scene) -> list[Row]:
     return rows
 
 
-def judged(
-    study: Findings, world: World, scene: Scene, bits: torch.Tensor, keys: list[FrameKey]
-) -> list[Row]:
-    """Say of each effect that was there or tried: was it there, named, said not to be told, and its trace."""
+def judged(study: Findings, world: World) -> list[Row]:
+    """Say of each effect that was there or tried: was it there, named, said not to be told."""
     true = {ALIKE.get(effect, effect): effect for effect in world.effects}
     asked = {one.effect: one.asked for one in study.effects}
     coded, rows = any(one.startswith(CODED) for one in study.unknown), []
     for effect in dict.fromkeys((*true, *asked)):
-        there, named, untold, held = effect in true, asked.get(effect, False), False, math.nan
+        there, named, untold = effect in true, asked.get(effect, False), False
         if there and not named:
             word = CODED if coded and effect in (*NOISES, "photoelectrons", "gain") else UNTOLD.get(effect)
             untold = word is not None and any(word in one for one in study.unknown)
-            if effect in TRACED and not (coded and untold):
-                held = trace(true[effect], study, world, scene, bits, keys)
-        rows.append([effect, *map(int, (there, named, untold)), "" if math.isnan(held) else held])
+        rows.append([effect, *map(int, (there, named, untold))])
     return rows
-
-
-def trace(
-    effect: str,
-    study: Findings,
-    world: World,
-    scene: Scene,
-    bits: torch.Tensor,
-    keys: list[FrameKey],
-) -> float:
-    """Say how much of an effect frames hold, over what it takes to be named: below 1 it cannot be seen.
-
-    What twice the log-likelihood of the true pictures gains at most by the effect (Kullback and Leibler's
-    divergence from the pictures without it), less what the values of place, levels, blur, gamma and
-    photon noise take up of it, over Schwarz's log(pixels).
-    """
-    gamma, fit = world.camera.gamma, study.fit
-    still = {
-        name: given for name, given in world.effects.items() if name not in (*NOISES, "quantization", "jpeg")
-    }
-
-    def drawn(effects: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor]:
-        named = {name: given for name, given in still.items() if name in effects}
-        simulator = Simulator(world.camera, world.panel, named, framing="full", dtype=torch.float64)
-        grey = simulator.render(scene, bits, keys=keys).grey[:, 0]
-        if "shot_noise" not in effects:
-            return grey, torch.full_like(grey, 1 / 12)
-        context = Context(scene, world.camera, effects=simulator.effects, panel=world.panel)
-        efficiency = Photoelectrons(**effects["photoelectrons"]).electrons_per_lx_s(world.camera)
-        counted = efficiency * 10 / float(auto_iso(context).mean())  # electrons of the grey value 118
-        floor = (effects.get("read_noise", {"electrons": 0.0})["electrons"] / counted) ** 2
-        light = (grey / MIDDLE_GREY) ** gamma
-        return grey, expected(light, torch.tensor(gamma), Noise(1 / counted, floor))[1]
-
-    (mean, variance), (bare, bare_variance) = (
-        drawn({one: given for one, given in world.effects.items() if one != left}) for left in (None, effect)
-    )
-    ratio = variance / bare_variance
-    apart = (mean - bare).square() / bare_variance + ratio - 1 - ratio.log()
-    height, width = fit.windows.size_px
-    change, weight = (
-        torch.stack(
-            [
-                one[y : y + height, x : x + width]
-                for one, (x, y) in zip(plane, fit.windows.origin_px, strict=True)
-            ]
-        )
-        for plane in (mean - bare, 1 / bare_variance)
-    )
-    turns = Turns.of(fit.free)
-    blocks = normal(fit.slopes(turns)[1], change, weight, len(turns.own))
-    own, shared = arrow_step(*blocks, 0.0)
-    taken_up = float((own * blocks[3]).sum() + (shared * blocks[4]).sum())
-    photons = 1 - 1 / 12 / bare_variance  # more photon noise takes up what other noise adds
-    taken_up += float(((ratio - 1) * photons).sum() ** 2 / photons.square().sum().clamp(min=1e-9)) / 2
-    return (float(apart.sum()) - taken_up) / math.log(fit.pixels)
 
 
 def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
@@ -276,14 +213,13 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
     camera = replace(world.camera, gamma=2.2, iso_limits=None)
     study = calibrate(footage, camera, world.panel, CalibrateConfig(frames=FRAMES))
     fitted = torch.from_numpy(np.isin(footage.numbers, study.footage.numbers)).nonzero()[:, 0]
-    bits, scene, footage = bits[fitted], scene[fitted], study.footage
-    wrong = int((study.fit.bits != bits.flatten(1)).sum())
+    bits, scene = bits[fitted], scene[fitted]
+    wrong = int((study.fit.bits != bits.flatten(1).numpy()).sum())
     path = SCENES_MADE / f"{name}_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(study.text(path.stem, "a recording"))
     rows = compared(study, world, scene)
-    keys = [FrameKey(BlockKey(seed, "recording", 0), int(number)) for number in footage.numbers]
-    effects = judged(study, world, scene, bits, keys)
+    effects = judged(study, world)
     off = ", ".join(f"{key} {(est - is_) / (high - low) * 3.92:+.1f}" for key, is_, est, low, high in rows)
     missed = [row for row in effects if row[1] and not row[2]]
     many = [effect for effect, there, named, *_ in effects if named and not there]
@@ -312,8 +248,8 @@ def main() -> None:
             rows, effects, text = run(name, seed)
             print(f"{name} {seed}: {text}", flush=True)
             append("calibration.csv", "key truth estimate low high", name, seed, rows)
-            columns = "effect present named untold trace"
-            append("calibration_effects.csv", columns, name, seed, effects or [["none", 0, 0, 0, ""]])
+            columns = "effect present named untold"
+            append("calibration_effects.csv", columns, name, seed, effects or [["none", 0, 0, 0]])
 
 
 def receivers(name: str, seed: int) -> list[Row]:
@@ -329,7 +265,7 @@ def receivers(name: str, seed: int) -> list[Row]:
     known = replace(true.camera, gamma=2.2, iso_limits=None)
     study = calibrate(footage, known, true.panel, CalibrateConfig(frames=FRAMES))
     bits = bits[torch.from_numpy(np.isin(footage.numbers, study.footage.numbers))]
-    wrong_leds = int((study.fit.bits != bits.flatten(1)).sum())
+    wrong_leds = int((study.fit.bits != bits.flatten(1).numpy()).sum())
     print(f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong", flush=True)
     path = SCENES_MADE / f"{name}_far_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -358,13 +294,19 @@ def pictures() -> None:
         (picture,) = read_recording(PICTURES / name, "max")
         corners = panel_corners(one["corner_led_centres_px"], PanelShape(one["rows"], one["columns"]))
         footage = Footage(
-            picture.grey[None], np.zeros(1, np.int64), corners.double(), 1, 1, [], np.full(1, math.nan)
+            picture.grey[None],
+            np.zeros(1, np.int64),
+            corners.double().numpy(),
+            1,
+            1,
+            [],
+            np.full(1, math.nan),
         )
         panel = replace(LedPanel(), shape=PanelShape(one["rows"], one["columns"]))
         camera, _ = of_size(Camera(), *picture.grey.shape)
         began, bits = time.process_time(), np.array([[bit == "1" for bit in row] for row in one["bits"]])
         study = calibrate(footage, camera, panel, CalibrateConfig(frames=2))
-        wrong = int((study.fit.bits.numpy() != bits.reshape(1, -1)).sum())
+        wrong = int((study.fit.bits != bits.reshape(1, -1)).sum())
         folder = SCENES_MADE / Path(name).stem
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "scene.yaml").write_text(study.text(folder.name, name))

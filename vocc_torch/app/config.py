@@ -39,7 +39,7 @@ TASKS = {
     "record": ("extras.messages.record_task:run_record", "record"),
     "receive": ("extras.messages.receive_task:run_receive", "receive"),
     "messages": ("extras.messages.comparison_task:run_messages", "messages"),
-    "calibrate": ("extras.calibrate.run:run_calibrate", "calibrate"),
+    "calibrate": ("extras.calibrate.task:run_calibrate", "calibrate"),
 }
 """What runs each task, below ``vocc_torch``, and the section that is its own."""
 

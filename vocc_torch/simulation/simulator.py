@@ -105,6 +105,44 @@ class Simulator:
         corners, each = panels.corners_px * there.view(-1, 1, 1), there.double()
         return Panels(corners, there, panels.score * each, panels.candidates * there)
 
+    def led_centres_px(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> torch.Tensor:
+        """Where the centres of the LEDs are on the sensor, (B,R*C,2) px in raster order.
+
+        Example:
+            >>> Simulator().led_centres_px(Scene.of(distance_m=50.0))[0, 0].round().tolist()
+            [945.0, 525.0]
+        """
+        context = self._context(self._checked(scene), keys)
+        return view.view_of(context).points_px(view.led_centres_m(self.panel).to(self.device))
+
+    def render_window(
+        self,
+        scene: Scene,
+        bits: torch.Tensor,
+        origin_px: torch.Tensor,
+        size_px: tuple[int, int],
+        keys: Sequence[FrameKey] = (),
+    ) -> Frames:
+        """Render a window of the sensor that stays where it is, wherever the panel is.
+
+        Args:
+            scene: B scenes, at least 1.
+            bits: (B,R,C) bool, True = On.
+            origin_px: (B,2) int64, the sensor coordinates ``(x, y)`` of each window's top left pixel.
+            size_px: height and width of the windows; they lie on the sensor.
+            keys: as for :meth:`render`.
+
+        Example:
+            >>> bits, origin = torch.ones(1, 8, 8, dtype=torch.bool), torch.tensor([[940, 520]])
+            >>> tuple(Simulator().render_window(Scene.of(), bits, origin, (30, 40)).grey.shape)
+            (1, 1, 30, 40)
+        """
+        context = self._context(self._checked(scene), keys)
+        placed = replace(context, origin_px=origin_px.to(self.device), iso=photometry.auto_iso(context))
+        centre_px = framing.panel_centre_px(placed.scene, self.camera)
+        batch = framing.Batch(placed, bits.to(self.device), centre_px, size_px)
+        return Frames(self.expose(batch, window=True), placed.first_px, self.camera.sensor_px)
+
     def further_bits(self, scene: Scene, keys: Sequence[FrameKey]) -> dict[str, torch.Tensor]:
         """Bits (B,R,C) bool of LEDs of further colours, ``second`` and ``third``, by keys as for render.
 

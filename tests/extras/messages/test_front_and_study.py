@@ -157,9 +157,7 @@ def test_any_film_is_that_of_any_code(code, interleave):
 def result(receiver, distance, each, code="ldpc-0.5", packets=4):
     lost = counted(each, packets)
     variant = Variant(receiver, "scores", True, code)
-    return Carried(
-        SweepPoint("distance_m", distance), variant, lost, lost, tuple(each), 800, 4.0, 9, 1.0, 1.0, 0
-    )
+    return Carried(SweepPoint("distance_m", distance), variant, lost, lost, tuple(each), 3.2, 9, 0)
 
 
 def test_packets_are_counted_by_recording_and_compared_on_the_same():

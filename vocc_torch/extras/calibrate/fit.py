@@ -1,44 +1,51 @@
-"""Maximum likelihood by damped Gauss-Newton steps: values of each frame beside values of all frames."""
+"""Maximum likelihood by ``scipy.optimize.least_squares``: values of each frame beside those of all."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-import torch
-from scipy import stats
-from torch import Tensor, nn
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, sparse, stats
 
-from vocc_torch.extras.calibrate import model
-from vocc_torch.extras.calibrate.model import LEVELS, OF_ALL, OF_FRAME, Noise, Windows
+from vocc_torch.extras.calibrate.drawing import LEVELS, OF_ALL, OF_FRAME, PLACED, TURNED, Array, Drawing
+from vocc_torch.extras.calibrate.noise import ROUNDING, Noise, expected, linear
 
-CLEAR_SIGMAS = 4.0
-"""A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
-STEPS = 15
-OWN_ROUNDING = 2.0
-"""Grey values from a pixel to the next from which on its rounding tells nothing of theirs."""
-FIRST_DAMPING, LOOSE = 1e-6, 1e6
-"""Share of the diagonal that the first step adds, and beyond which no step helps."""
-ROUNDED, TINY = 1e-10, 1e-12
-"""What double precision leaves of a diagonal, of each value its own share: units differ. The least of it."""
-UNDITHERED = 0.1
-"""Variance of noise, in grey values, below which pixels of one light are rounded alike."""
-SETTLED = 0.01
-"""Twice the log-likelihood that a step must promise: no value then moves by a tenth of its deviation."""
-CORRECTIONS = 40
-"""Steps in which rounding is taken out."""
-GRID_PX = 8
-"""Side of the blocks in which residuals hang together: JPEG's."""
-SURE = 1.96
-"""Standard deviations to either side of a 95 % interval."""
-RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
-RANGES |= dict.fromkeys(("yaw", "pitch"), (-1.3, 1.3)) | dict.fromkeys(LEVELS, (1e-2, 5000.0))
+SURE = 1.959963985
+"""Standard deviations of a normal 95 % interval."""
+
+BASE = (*PLACED, *LEVELS[:3], "gamma", "blur_px")
+POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur_px")
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit is made."""
+
+    clear_sigmas: float = 4.0  # a pixel farther off counts less: reflections are not in the model
+    evaluations: int = 12  # of the picture and its derivatives, at most
+    tolerance: float = 1e-6  # change of values or misfit that ends a fit
+    block_px: int = 8  # neighbours within such a block may hang together
+    undithered: float = 0.1  # variance of noise below which pixels of one light are rounded alike
+    steep_grey: float = 2.0  # from a pixel to the next, from which on each rounds for itself
+
+
+SETTINGS = FitSettings()
+
+RANGES = {
+    "gamma": (1.0, 4.0),
+    "blur_px": (0.02, 30.0),
+    "yaw_deg": (-75.0, 75.0),
+    "pitch_deg": (-75.0, 75.0),
+    **dict.fromkeys(LEVELS, (0.01, 1e5)),
+}
 """Where values mean something."""
-STRIDE = 1.0
-"""Share of a level and a grey value by which it changes at most in a step."""
-Derive = Callable[[Mapping[str, Tensor], Tensor], Tensor]
-"""Makes (B,) of what frames have by name, (B,) each, and of what all share, (B,4)."""
-Derived = tuple[Tensor, Tensor, float]
-"""A value of every frame (B,), its own standard deviation (B,), and what that adds which all share."""
+
+STEPS = {"log_pitch_px": 1e-5, "yaw_deg": 1e-3, "pitch_deg": 1e-3, "roll_deg": 1e-3}
+"""Steps of the finite differences; of other values 1e-4."""
+
+Of = Callable[[Array, Array], Array]
+"""Makes a value of each frame (B,) from (B,10) and (2,)."""
 
 
 @dataclass(frozen=True)
@@ -46,304 +53,265 @@ class RecordingFit:
     """Values that explain a recording, and how well.
 
     Args:
-        windows: what is known of the frames.
+        drawing: the windows, camera and panel.
         grey: (B,H,W) measured.
-        of_frame: (B,10).
-        of_all: (4,).
+        own: (B,10) as :data:`OF_FRAME`.
+        shared: (2,) as :data:`OF_ALL`.
         lit: (B,R*C) share of On's light of each LED.
         noise: of the light.
-        trust: (B,H,W) how much each pixel counts, as :func:`trusted` says; all alike where it is one number.
+        trust: (B,H,W) or (1,1,1), how much each pixel counts.
         free: names of the values that were fitted.
         misfit: weighted sum of squared residuals, in units of the noise.
         scale: variance of the residuals over that of the noise.
-        shared: (3,M,M) covariances of the fitted values that all share, of which the widest counts: by the
-            curvature of the likelihood times ``scale``, by the scatter of its slopes from block to block of 8
-            x 8 px, and by that from frame to frame (sandwiches), with Student's t for the frames there are.
-        alone: (2,B,N,N) of each frame's values, were those that all share known: by curvature, by blocks.
-        lead: (B,N,M) by how much a frame's values follow those that all share.
+        covariances: (3,P,P) of the fitted values, each frame's in turn and then the shared ones, by the
+            curvature of the likelihood and by the scatter of its slopes between blocks and between frames
+            (sandwiches); the widest counts.
     """
 
-    windows: Windows
-    grey: Tensor
-    of_frame: Tensor
-    of_all: Tensor
-    lit: Tensor
+    drawing: Drawing
+    grey: Array
+    own: Array
+    shared: Array
+    lit: Array
     noise: Noise = field(default_factory=Noise)
-    trust: Tensor = field(default_factory=lambda: torch.ones(1, 1, 1).double())
+    trust: Array = field(default_factory=lambda: np.ones((1, 1, 1)))
     free: tuple[str, ...] = ()
     misfit: float = math.inf
     scale: float = 1.0
-    shared: Tensor = field(default_factory=lambda: torch.zeros(3, 0, 0))
-    alone: Tensor = field(default_factory=lambda: torch.zeros(2, 0, 0, 0))
-    lead: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
+    covariances: Array = field(default_factory=lambda: np.zeros((3, 0, 0)))
 
     @property
-    def bits(self) -> Tensor:
+    def bits(self) -> NDArray[np.bool_]:
         """Which LEDs are On, (B,R*C)."""
-        return self.lit > 0
+        return np.asarray(self.lit > 0)
+
+    @property
+    def has_board(self) -> bool:
+        """Whether a board stands behind the LEDs."""
+        return self.drawing.panel.board_reflectance is not None
+
+    @property
+    def of_frame(self) -> list[int]:
+        """Columns of the fitted values that each frame has."""
+        return [OF_FRAME.index(name) for name in self.free if name in OF_FRAME]
+
+    @property
+    def of_all(self) -> list[int]:
+        """Places of the fitted values that all share."""
+        return [OF_ALL.index(name) for name in self.free if name in OF_ALL]
 
     @property
     def values(self) -> int:
         """How many values were fitted."""
-        own = sum(name in OF_FRAME for name in self.free)
-        return own * len(self.grey) + len(self.free) - own
+        return len(self.of_frame) * len(self.grey) + len(self.of_all)
 
     @property
     def pixels(self) -> float:
         """How many pixels count."""
-        return float(self.trust.expand_as(self.grey).sum())
+        return float(np.broadcast_to(self.trust, self.grey.shape).sum())
+
+    @property
+    def gamma(self) -> float:
+        """The fitted gamma."""
+        return float(self.shared[0])
+
+    def value(self, name: str) -> Array:
+        """A value: of each frame (B,), or of all ()."""
+        if name in OF_FRAME:
+            return np.asarray(self.own[:, OF_FRAME.index(name)])
+        return np.asarray(self.shared[OF_ALL.index(name)])
+
+    def level(self, name: str) -> Array:
+        """A level of each frame as light, (B,)."""
+        return linear(self.value(name), self.gamma)
+
+    def taken(self, frames: slice) -> "RecordingFit":
+        """Take some frames."""
+        trust = self.trust if len(self.trust) == 1 else self.trust[frames]
+        drawing = self.drawing.taken(frames)
+        grey, own, lit = self.grey[frames], self.own[frames], self.lit[frames]
+        return replace(self, drawing=drawing, trust=trust, grey=grey, own=own, lit=lit)
+
+    def set(self, name: str, value: Array | float) -> "RecordingFit":
+        """Set a value."""
+        own, shared = self.own.copy(), self.shared.copy()
+        if name in OF_FRAME:
+            own[:, OF_FRAME.index(name)] = value
+        else:
+            shared[OF_ALL.index(name)] = value
+        return replace(self, own=own, shared=shared)
+
+    def parts(self) -> list[Array]:
+        """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
+        drawing, where = self.drawing, (self.own, self.shared)
+        drawn = [drawing.base(self.own), drawing.cover(*where), drawing.cover(*where, self.lit)]
+        return drawn + ([drawing.board(*where)] if self.has_board else [])
+
+    def light(self, parts: Sequence[Array] | None = None) -> Array:
+        """Linear light of the frames, (B,H,W); ``parts`` are those of the same geometry and LEDs."""
+        base, leds, lit, *board = parts or self.parts()
+        background, off, on, behind = (self.level(name)[:, None, None] for name in LEVELS)
+        surface = behind if board else background
+        x = background * base + (off - surface) * leds + (on - off) * lit
+        for cover in board:
+            x = x + (behind - background) * cover
+        return np.maximum(x, 1e-9)
+
+    def predicted(self, parts: Sequence[Array] | None = None) -> tuple[Array, Array]:
+        """Mean and variance of the grey values, (B,H,W) each."""
+        return expected(self.light(parts), self.gamma, self.noise)
+
+    def packed(self) -> Array:
+        """The fitted values in one vector: each frame's in turn, and the shared ones."""
+        return np.concatenate([self.own[:, self.of_frame].ravel(), self.shared[self.of_all]])
+
+    def moved(self, packed: Array) -> "RecordingFit":
+        """Take the fitted values from a vector."""
+        own, shared = self.own.copy(), self.shared.copy()
+        count = len(own) * len(self.of_frame)
+        own[:, self.of_frame] = packed[:count].reshape(len(own), -1)
+        shared[self.of_all] = packed[count:]
+        return replace(self, own=own, shared=shared)
+
+    def slopes(self) -> Array:
+        """Derivatives of the mean grey values by the fitted values, (D,B,H,W), by finite differences."""
+        parts = self.parts()
+        mean, slopes = self.predicted(parts)[0], []
+        for name in self.free:
+            step = STEPS.get(name, 1e-4)
+            other = self.set(name, self.value(name) + step)
+            same = parts if name in (*LEVELS, "gamma") else None
+            slopes.append((other.predicted(same)[0] - mean) / step)
+        return np.stack(slopes)
+
+    def jacobian(self, slopes: Array) -> sparse.csr_matrix:
+        """Lay derivatives out by pixel and fitted value."""
+        names = [name in OF_FRAME for name in self.free]
+        flat = slopes.reshape(len(slopes), len(self.grey), -1)
+        own = sparse.block_diag([flat[names, frame].T for frame in range(len(self.grey))])
+        shared = flat[np.logical_not(names)].reshape(len(self.of_all), self.grey.size).T
+        return sparse.hstack([own, shared], format="csr")
 
     def deviation(self, name: str) -> float:
         """Standard deviation of a value that all share; NaN where it was not fitted."""
         if name not in self.free:
             return math.nan
-        at = [one for one in self.free if one not in OF_FRAME].index(name)
-        return math.sqrt(max(0.0, float(self.shared[:, at, at].max())))
+        at = self.values - len(self.of_all) + self.of_all.index(OF_ALL.index(name))
+        return math.sqrt(max(0.0, float(self.covariances[:, at, at].max())))
 
-    def derived(self, of: Derive) -> Derived:
+    def derived(self, of: Of) -> tuple[Array, Array, float]:
         """Derive a value of every frame from the fitted ones, and how sure it is.
 
         Returns:
-            the values (B,), their standard deviations (B,) were that known which all share, and the standard
-            deviation that this adds to their mean.
+            the values (B,), their standard deviations (B,) but for what all frames have in common, and the
+            standard deviation of that.
         """
-        own = self.of_frame.clone().requires_grad_()
-        all_ = self.of_all.expand(len(own), -1).clone().requires_grad_()
-        made = of(model.columns(own), all_)
-        own_slope, all_slope = torch.autograd.grad(made.sum(), (own, all_), materialize_grads=True)
-        turns = Turns.of(self.free)
-        (frame, shared), count = turns.along, len(turns.own)
-        a, b = own_slope @ frame[:count].mT, all_slope @ shared[count:].mT
-        variance = torch.einsum("bi,wbij,bj->wb", a, self.alone, a).amax(0)
-        pulled = (b - torch.einsum("bi,bij->bj", a, self.lead)).mean(0)
-        added = float((pulled @ self.shared @ pulled).max())
-        return made.detach(), variance.clamp(min=0).sqrt(), math.sqrt(max(0.0, added))
-
-    def sure(self, blocks: "Blocks", scores: Tensor) -> "RecordingFit":
-        """Note how sure the values are, by the normal equations and what each pixel adds (D,B,H,W)."""
-        shared, alone, lead = covariances(*blocks[:3], scores, self.scale)
-        return replace(self, shared=shared, alone=alone, lead=lead)
-
-    def value(self, name: str) -> Tensor:
-        """A value: of each frame (B,), or of all."""
-        own = name in OF_FRAME
-        return self.of_frame[:, OF_FRAME.index(name)] if own else self.of_all[OF_ALL.index(name)]
-
-    def level(self, name: str) -> Tensor:
-        """A level of each frame as light, (B,)."""
-        return model.linear(self.value(name), self.of_all[0])
-
-    def bent(self, step: float) -> "RecordingFit":
-        """Move gamma, and with it what each frame has of its own."""
-        turns = Turns.of(self.free)
-        own = -step * self.lead[..., turns.shared.index("gamma")] @ turns.along[0][: len(turns.own)]
-        shared = step * model.directions(["gamma"])[1][0]
-        return replace(self, of_frame=self.of_frame + own, of_all=self.of_all + shared)
-
-    def taken(self, rows: slice) -> "RecordingFit":
-        """Take some frames."""
-        parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}
-        parts["trust"] = self.trust if len(self.trust) == 1 else self.trust[rows]
-        return replace(self, windows=self.windows.taken(rows), **parts)
-
-    def light(self) -> Tensor:
-        """Linear light of the fitted frames, (B,H,W)."""
-        return model.light(self.windows, self.of_frame, self.of_all, self.lit)
-
-    def predicted(self) -> tuple[Tensor, Tensor]:
-        """Mean and variance of the grey values, (B,H,W) each."""
-        return model.expected(self.light(), self.of_all[0], self.noise)
-
-    def slopes(self, turns: "Turns") -> tuple[Tensor, Tensor]:
-        """Give that mean, and its derivatives (D,B,H,W)."""
-        return model.slopes(self.windows, self.of_frame, self.of_all, self.lit, self.noise, turns.along)
+        packed, made = self.packed(), of(self.own, self.shared)
+        turns = []
+        for at in range(len(packed)):
+            step = np.zeros(len(packed))
+            step[at] = 1e-5 * max(1.0, abs(packed[at]))
+            other = self.moved(packed + step)
+            turns.append((of(other.own, other.shared) - made) / step[at])
+        slope = np.stack(turns, 1)
+        spreads = slope @ self.covariances @ slope.T
+        frames = len(made)
+        every = spreads.diagonal(axis1=1, axis2=2).max(0)
+        pairs = (spreads.sum((1, 2)) - spreads.trace(axis1=1, axis2=2)) / max(frames * (frames - 1), 1)
+        common = max(0.0, float(pairs.max())) if frames > 1 else 0.0
+        return made, np.sqrt((every - common).clip(min=1e-3 * every)), math.sqrt(common)
 
 
 def settled(
-    fit: RecordingFit, free: Sequence[str], steps: int = STEPS, *, robust: bool = True
+    fit: RecordingFit, free: Sequence[str], evaluations: int = SETTINGS.evaluations, *, robust: bool = True
 ) -> RecordingFit:
-    """Take damped Gauss-Newton steps until the misfit settles (Levenberg and Marquardt).
-
-    The frames' own values are eliminated first, so that the work grows with the number of frames only.
+    """Fit values by least squares, pixels weighed by the noise that is expected of them.
 
     Args:
         fit: where to begin.
-        free: names of the values to fit; ``blur`` is both axes alike.
-        steps: most steps.
+        free: names of the values to fit.
+        evaluations: of the picture, at most.
         robust: whether far residuals count less.
     """
-    turns, variance, damping = Turns.of(free), fit.predicted()[1], FIRST_DAMPING
-    own = len(turns.own)
-    for step in range(steps + 1):
-        mean, slopes = fit.slopes(turns)
-        residual = fit.grey - mean
-        weights = fit.trust / variance * (calmed(residual, variance) if robust else 1.0)
-        misfit = float((weights * residual.square()).sum())
-        counted = max(fit.pixels - own * len(fit.grey) - len(turns.shared), 1.0)
-        scale = max(misfit / counted, 1e-12)
-        blocks = normal(slopes, residual, weights, own)
-        if step == steps:
-            break
-        held = turns.held(fit, blocks)
-        while True:
-            taken, new = arrow_step(*held, damping), math.inf
-            if float((taken[0] * held[3]).sum() + (taken[1] * held[4]).sum()) < SETTLED * scale:
-                break
-            other = turns.moved(fit, *taken)
-            new = float((weights * (fit.grey - other.predicted()[0]).square()).sum())
-            if new <= misfit or damping > LOOSE:
-                break
-            damping *= 8
-        if not new < misfit:
-            break
-        fit, damping = other, max(damping / 10, 1e-10)
-    made = replace(fit, free=tuple(free), misfit=misfit, scale=scale)
-    return made.sure(blocks, slopes * (weights * residual))
+    fit = replace(fit, free=tuple(free))
+    mean, variance = fit.predicted()
+    weights = fit.trust / variance
+    if robust:
+        weights = weights * calmed(fit.grey - mean, variance)
+    root = np.sqrt(weights)
+    ends = [RANGES.get(name, (-math.inf, math.inf)) for name in (*OF_FRAME, *OF_ALL)]
+    own = [ends[at] for at in fit.of_frame] * len(fit.grey)
+    bounds = np.array(own + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
+
+    def residual(packed: Array) -> Array:
+        return np.asarray((root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel())
+
+    def jacobian(packed: Array) -> sparse.csr_matrix:
+        there = fit.moved(packed)
+        return there.jacobian(root * there.slopes())
+
+    begun = np.clip(fit.packed(), bounds[0] + 1e-6, bounds[1] - 1e-6)
+    tolerance = dict.fromkeys(("ftol", "xtol"), SETTINGS.tolerance)
+    found = optimize.least_squares(
+        residual, begun, jacobian, bounds, x_scale="jac", max_nfev=evaluations, **tolerance, gtol=None
+    )
+    return certain(fit.moved(found.x), weights)
 
 
-def corrected(fit: RecordingFit, free: Sequence[str], sigma: float) -> RecordingFit:
-    """Compare the frames with what rounding makes of the expected ones, so that it moves no value.
-
-    Rounding without noise is no random error: it has the same sign wherever the picture is alike. At the true
-    values the rounded picture differs from the measured one by noise alone, so the steps of :func:`settled`
-    are taken on with that difference. Intervals keep the width that they had with rounding
-    as noise, or take that of the slopes' scatter where it is wider.
-
-    Args:
-        fit: a settled one.
-        free: names of the values to fit.
-        sigma: standard deviation of the noise, in grey values.
-    """
-    turns, (mean, variance) = Turns.of(free), fit.predicted()
-    weights = fit.trust / variance * calmed(fit.grey - mean, variance)
-    slopes = fit.slopes(turns)[1]
-    for _ in range(CORRECTIONS):
-        residual = fit.grey - model.written(fit.predicted()[0], sigma)
-        blocks = normal(slopes, residual, weights, len(turns.own))
-        fit = turns.moved(fit, *arrow_step(*blocks, FIRST_DAMPING))
-    return replace(fit, free=tuple(free)).sure(blocks, slopes * (weights * residual))
+def calmed(residual: Array, variance: Array) -> Array:
+    """Weigh residuals: 1 up to four standard deviations of the bulk, and less beyond."""
+    off = np.abs(residual) / np.sqrt(variance)
+    bulk = np.quantile(off.reshape(len(off), -1), 0.68, axis=1).clip(min=0.5)
+    weights: Array = (SETTINGS.clear_sigmas * bulk[:, None, None] / off.clip(min=1e-9)).clip(max=1)
+    return weights
 
 
-@dataclass(frozen=True)
-class Turns:
-    """The ways in which values are changed.
+def certain(fit: RecordingFit, weights: Array) -> RecordingFit:
+    """Note how well values explain the frames, and how sure they are."""
+    residual = fit.grey - fit.predicted()[0]
+    slopes = fit.slopes()
+    misfit = float((weights * residual**2).sum())
+    scale = max(misfit / max(fit.pixels - fit.values, 1.0), 1e-12)
+    spread = covariances(fit, slopes, weights, residual, scale)
+    return replace(fit, misfit=misfit, scale=scale, covariances=spread)
+
+
+def covariances(fit: RecordingFit, slopes: Array, weights: Array, residual: Array, scale: float) -> Array:
+    """Say how sure the values are; see :class:`RecordingFit`.
 
     Args:
-        own: names of those that each frame has.
-        shared: names of those that all share.
-        along: (D,10) the change of a frame's values by each, ``own`` first, and (D,4) of what all share.
+        fit: whose values.
+        slopes: (D,B,H,W) derivatives of the mean grey values.
+        weights: (B,H,W) of the pixels.
+        residual: (B,H,W).
+        scale: variance of the residuals over that of the noise.
     """
-
-    own: tuple[str, ...]
-    shared: tuple[str, ...]
-    along: tuple[Tensor, Tensor]
-
-    @classmethod
-    def of(cls, free: Sequence[str]) -> "Turns":
-        """Sort names: each frame's first."""
-        own, shared = (tuple(n for n in free if (n in OF_FRAME) == is_own) for is_own in (True, False))
-        return cls(own, shared, model.directions((*own, *shared)))
-
-    def moved(self, fit: RecordingFit, own: Tensor, shared: Tensor) -> RecordingFit:
-        """Take a step, and hold values where they mean something."""
-        (frame, all_), count = self.along, len(self.own)
-        of_frame, of_all = fit.of_frame + own @ frame[:count], fit.of_all + shared @ all_[count:]
-        made = replace(fit, of_frame=of_frame, of_all=of_all)
-        levels = slice(OF_FRAME.index(LEVELS[0]), None)  # near black a level has next to no slope
-        old, new = fit.of_frame[:, levels], made.of_frame[:, levels]
-        new.clamp_(old - STRIDE * (1 + old), old + STRIDE * (1 + old))
-        for name, ends in RANGES.items():
-            made.value(name).clamp_(*ends)
-        return made
-
-    def held(self, fit: RecordingFit, blocks: "Blocks") -> "Blocks":
-        """Take values out of the normal equations that are at the end of their range and would leave it."""
-        own, mixed, shared, *right = blocks
-        a, b = free = [torch.ones_like(part) for part in right]
-        for names, part, pulls in zip((self.own, self.shared), free, right, strict=True):
-            for at, name in enumerate(names):
-                if name in RANGES:
-                    (low, high), value, pull = RANGES[name], fit.value(name), pulls[..., at]
-                    part[..., at] = ~(((value <= low) & (pull < 0)) | ((value >= high) & (pull > 0)))
-        own = own * a.unsqueeze(-1) * a.unsqueeze(-2) + torch.diag_embed(1 - a)
-        shared = shared * b.unsqueeze(-1) * b + torch.diag(1 - b)
-        return own, mixed * a.unsqueeze(-1) * b, shared, right[0] * a, right[1] * b
+    matrix = fit.jacobian(slopes)
+    normal = (matrix.T @ matrix.multiply(weights.reshape(-1, 1))).toarray()
+    unit = np.sqrt(normal.diagonal().clip(min=1e-12))
+    inverse = np.linalg.pinv(normal / np.outer(unit, unit), rcond=1e-10, hermitian=True)
+    inverse = inverse / np.outer(unit, unit)
+    scores = matrix.multiply((weights * residual).reshape(-1, 1)).tocsr()
+    frames, height, width = fit.grey.shape
+    down, across = (np.arange(side) // SETTINGS.block_px for side in (height, width))
+    frame = np.arange(frames)[:, None, None]
+    block = (frame * height + down[:, None]) * width + across
+    freedom = max(frames - 1, 1)
+    wide = frames / freedom * (float(stats.t.ppf(0.975, freedom)) / SURE) ** 2
+    found = [inverse * scale]
+    for groups, factor in ((block, 1.0), (frame, wide)):
+        index = np.broadcast_to(groups, fit.grey.shape).ravel()
+        rows = sparse.csr_matrix((np.ones(len(index)), (index, np.arange(len(index)))))
+        pulls = (rows @ scores) @ inverse
+        found.append(factor * pulls.T @ pulls)
+    return np.stack(found)
 
 
 def trusted(fit: RecordingFit) -> RecordingFit:
-    """Let pixels without noise count less the flatter the picture is there: neighbours are rounded alike.
-
-    Where the picture rises by two grey values a pixel, each pixel's rounding is its own; a flat area of the
-    recording, where all are rounded alike, counts as one pixel. Noise of a third of a grey value rounds each
-    pixel by itself, and then all count.
-    """
+    """Let pixels without noise count less the flatter the picture is there: neighbours are rounded alike."""
     mean, variance = fit.predicted()
-    if float((variance - model.ROUNDING).median()) > UNDITHERED:
-        return replace(fit, trust=torch.ones(1, 1, 1).double())
-    steep = torch.stack(torch.gradient(mean, dim=(1, 2))).square().sum(0) / OWN_ROUNDING**2
-    return replace(fit, trust=steep.square().clamp(min=1 / mean.numel(), max=1.0))
-
-
-def calmed(residual: Tensor, variance: Tensor) -> Tensor:
-    """Weigh residuals: 1 up to four standard deviations of the bulk, and less beyond."""
-    off = residual.abs() / variance.sqrt()
-    bulk = off.flatten(1).quantile(0.68, dim=1) if off[0].numel() < 1 << 22 else off.flatten(1).mean(1)
-    return (CLEAR_SIGMAS * bulk.clamp(min=0.5).view(-1, 1, 1) / off.clamp(min=1e-9)).clamp(max=1)
-
-
-Blocks = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
-"""The normal equations' blocks: own (B,N,N), mixed (B,N,M), shared (M,M), and right sides (B,N), (M,)."""
-
-
-def normal(slopes: Tensor, residual: Tensor, weights: Tensor, own: int) -> Blocks:
-    """Make the normal equations of derivatives (D,B,H,W), the first ``own`` of which are a frame's."""
-    flat, weighed = slopes.flatten(2), (slopes * weights).flatten(2)
-    whole = torch.einsum("ibp,jbp->bij", weighed, flat)
-    right = torch.einsum("ibp,bp->bi", weighed, residual.flatten(1))
-    mixed, shared = whole[:, :own, own:], whole[:, own:, own:].sum(0)
-    return whole[:, :own, :own], mixed, shared, right[:, :own], right[:, own:].sum(0)
-
-
-def arrow_step(
-    own: Tensor, mixed: Tensor, shared: Tensor, right_own: Tensor, right_all: Tensor, damping: float
-) -> tuple[Tensor, Tensor]:
-    """Solve the damped normal equations: steps of each frame's values (B,N) and of those of all (M,)."""
-    inverse = torch.linalg.inv(damped(own, damping))
-    lead = mixed.mT @ inverse
-    whole = damped(shared, damping) - (lead @ mixed).sum(0)
-    all_step = torch.linalg.lstsq(whole, right_all - (lead @ right_own.unsqueeze(-1)).sum(0)[:, 0]).solution
-    rest = right_own - (mixed @ all_step)
-    return (inverse @ rest.unsqueeze(-1))[..., 0], all_step
-
-
-def damped(matrix: Tensor, damping: float) -> Tensor:
-    """Raise the diagonal by a share of itself."""
-    diagonal = matrix.diagonal(dim1=-2, dim2=-1).clamp(min=TINY)
-    return matrix + torch.diag_embed((damping + ROUNDED) * diagonal)
-
-
-def covariances(
-    own: Tensor, mixed: Tensor, shared: Tensor, scores: Tensor, scale: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Say how sure the values are; see :class:`RecordingFit` for the parts.
-
-    Args:
-        own: the normal equations' blocks, as ``mixed`` and ``shared``.
-        mixed: likewise.
-        shared: likewise.
-        scores: (D,B,H,W) what each pixel adds to the slopes of the likelihood.
-        scale: variance of the residuals over that of the noise.
-    """
-    inverse = torch.linalg.inv(damped(own, 0.0))
-    lead = inverse @ mixed
-    whole = torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
-    parts = nn.functional.avg_pool2d(scores, GRID_PX, ceil_mode=True, divisor_override=1).flatten(2)
-    parts, count = parts.movedim(0, 1), own.shape[1]
-    of_own = parts[:, :count]
-    of_all = parts[:, count:] - lead.mT @ of_own  # (B,M,K): what a block pulls at that which all share
-    frames, freedom = len(own), max(len(own) - 1, 1)
-    wide = frames / freedom * (float(stats.t.ppf(0.975, freedom)) / SURE) ** 2
-    by_frame = of_all.sum(2)
-    meats = (of_all @ of_all.mT).sum(0), wide * by_frame.mT @ by_frame
-    common = torch.stack([whole * scale, *(whole @ meat @ whole for meat in meats)])
-    return common, torch.stack([inverse * scale, inverse @ (of_own @ of_own.mT) @ inverse]), lead
+    if float(np.median(variance - ROUNDING)) > SETTINGS.undithered:
+        return replace(fit, trust=np.ones((1, 1, 1)))
+    down, across = np.gradient(mean, axis=(1, 2))
+    steep = (down**2 + across**2) / SETTINGS.steep_grey**2
+    return replace(fit, trust=(steep**2).clip(min=1 / mean.size, max=1.0))

@@ -10,19 +10,29 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy import sparse
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
+from vocc_torch.extras.calibrate.drawing import Array
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording, readable
 from vocc_torch.types import Frames, PanelShape
 
-BATCH = 8
-"""Frames located at a time."""
-ALIKE_SIZE, NEAR_PANELS, USUAL = 1.25, (0.5, 3.0), 5.0
-"""By how much panels of one recording differ at most from the next alike."""
+
+@dataclass(frozen=True)
+class ReadingSettings:
+    """How panels of one recording are told from false detections."""
+
+    batch: int = 8  # frames located at a time
+    alike_size: float = 1.25  # ratio of sizes of one panel, at most
+    usual: float = 5.0  # times the usual distance to the nearest other place, at most
+    least_panels: float = 0.5  # of that distance, in panels
+    most_panels: float = 3.0  # of that distance, in panels
+    white_share: float = 0.9  # of pixels, from which on a picture is white throughout
+
+
+SETTINGS = ReadingSettings()
 
 
 @dataclass(frozen=True)
@@ -41,7 +51,7 @@ class Footage:
 
     greys: NDArray[Any]
     numbers: NDArray[np.int64]
-    corners_px: Tensor
+    corners_px: Array
     read: int
     looked: int
     failures: list[str]
@@ -94,19 +104,19 @@ def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[Recorde
     return kept, number
 
 
-def agreeing(corners_px: Tensor) -> Tensor:
+def agreeing(corners_px: Array) -> NDArray[np.bool_]:
     """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool.
 
     Two belong together whose sizes differ by less than a quarter and whose middles by less than five times
     what is usual from one to the nearest other, half a panel to three: lamps taken for it stand farther off.
     """
-    middle, size = corners_px.mean(1), (corners_px.amax(1) - corners_px.amin(1)).amax(1).clamp(min=1e-9)
-    ratio = (size / size.unsqueeze(1)).log().abs() < math.log(ALIKE_SIZE)
-    apart = torch.cdist(middle, middle) / torch.maximum(size, size.unsqueeze(1))
-    nearest = (apart + 1e9 * torch.eye(len(apart))).amin(1)
-    alike = ratio & (apart < (USUAL * nearest.median()).clamp(*NEAR_PANELS))
-    _, label = sparse.csgraph.connected_components(alike.numpy())
-    return torch.from_numpy(label == np.bincount(label).argmax())
+    middle, size = corners_px.mean(1), np.ptp(corners_px, axis=1).max(1).clip(min=1e-9)
+    ratio = np.abs(np.log(size / size[:, None])) < math.log(SETTINGS.alike_size)
+    apart = np.linalg.norm(middle - middle[:, None], axis=2) / np.maximum(size, size[:, None])
+    nearest = np.median((apart + 1e9 * np.eye(len(apart))).min(1))
+    alike = ratio & (apart < np.clip(SETTINGS.usual * nearest, SETTINGS.least_panels, SETTINGS.most_panels))
+    _, label = sparse.csgraph.connected_components(alike)
+    return np.asarray(label == np.bincount(label).argmax())
 
 
 def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, shape: PanelShape) -> Footage:
@@ -128,17 +138,17 @@ def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, s
         raise VoccError(failures[0])
     greys = np.stack([frame.grey for frame in kept])
     white = float((greys >= 255).mean())
-    if white > 0.9:
+    if white > SETTINGS.white_share:
         rule = "expose less, so that the panel is seen"
         raise VoccError(f"input {source} is white in {white:.0%} of its pixels: {rule}")
-    batches = torch.split(torch.from_numpy(greys), BATCH)
+    batches = torch.split(torch.from_numpy(greys), SETTINGS.batch)
     located = [locator(Frames.whole(batch), shape) for batch in batches]
-    corners = torch.cat([part.corners_px.double().cpu() for part in located])
-    seen = torch.cat([part.found.cpu() for part in located])
-    if not bool(seen.any()):
+    corners = torch.cat([part.corners_px.double().cpu() for part in located]).numpy()
+    seen = torch.cat([part.found.cpu() for part in located]).numpy()
+    if not seen.any():
         hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
         raise VoccError(f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}")
-    rows = seen.nonzero()[:, 0]
+    rows = seen.nonzero()[0]
     rows = rows[agreeing(corners[rows])]
     if len(rows) == 1 and len(kept) > 1:
         rule = "record slower, shorten the exposure, or give another receiver.locator"
@@ -146,4 +156,4 @@ def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, s
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
     numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
     times = numbers / config.fps if config.fps else np.array([one.time_s for one in kept], dtype=np.float64)
-    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(rows.numpy())
+    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(rows)

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 
-from vocc_torch.extras.calibrate import model
+from vocc_torch.extras.calibrate.noise import ROUNDING, WHITE, expected
 from vocc_torch.extras.calibrate.scene import Findings
-from vocc_torch.extras.calibrate.transfer import Curve
+from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.files import write_atomically
 from vocc_torch.report import canvas, page
 
@@ -32,7 +31,7 @@ def write_page(study: Findings, source: str, command: str, folder: Path) -> None
     if curve is not None and has_curve:
         write_transfer(study, curve, folder / "transfer.png")
     left = fit.grey - fit.predicted()[0]
-    values = {"study": study, "rms": float(left.square().mean().sqrt()), "has_curve": has_curve}
+    values = {"study": study, "rms": float(np.sqrt((left**2).mean())), "has_curve": has_curve}
     text = page.render(__package__, "page.md.j2", source=source, command=command, shown=shown, **values)
     write_atomically(folder / "page.md", text.encode())
     write_atomically(folder / "page.html", page.html(text, f"A scene from {source}", folder).encode())
@@ -54,36 +53,35 @@ def write_frames(study: Findings, path: Path) -> None:
     """Draw frames as measured, as expected, and what is left of them."""
     fit = study.fit
     mean, variance = fit.predicted()
-    off = (fit.grey - mean) / variance.sqrt()
+    off = (fit.grey - mean) / np.sqrt(variance)
     far = FARTHEST * max(1.0, math.sqrt(fit.scale))
-    order = off.square().mean(dim=(1, 2)).argsort().tolist()
+    order = (off**2).mean((1, 2)).argsort().tolist()
     frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))
-    height, width = fit.windows.size_px
+    height, width = fit.drawing.size_px
     cell = (3.2, 3.2 * height / width)
     figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))
     for row, frame in enumerate(frames):
         number = int(study.footage.numbers[frame])
         panes = (
-            (f"frame {number}: measured", fit.grey, 0.0, model.WHITE, "gray"),
-            ("expected", mean, 0.0, model.WHITE, "gray"),
+            (f"frame {number}: measured", fit.grey, 0.0, WHITE, "gray"),
+            ("expected", mean, 0.0, WHITE, "gray"),
             (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
         )
         for one, (head, plane, low, high, colours) in zip(axes[3 * row :], panes, strict=False):
-            one.imshow(plane[frame].numpy(), cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+            one.imshow(plane[frame], cmap=colours, vmin=low, vmax=high, interpolation="nearest")
             one.set_title(head, fontsize=9)
             one.set_axis_off()
     canvas.save_figure(figure, path)
 
 
-def write_transfer(study: Findings, curve: Curve, path: Path) -> None:
+def write_transfer(study: Findings, curve: TransferCurve, path: Path) -> None:
     """Draw the photon transfer curve."""
     figure, (axes,) = canvas.new_grid(1, 1, (5.0, 3.2), (0, 0), (0.8, 0.3, 0.3, 0.7))
     light = np.geomspace(curve.light.min(), curve.light.max(), 100)
-    gamma = study.fit.of_all[0]
-    fitted = model.expected(torch.from_numpy(light), gamma, curve.noise)[1]
+    fitted = expected(light, study.fit.gamma, curve.noise)[1]
     axes.plot(curve.light, curve.variance, "o", color=canvas.INK, label="measured")
-    axes.plot(light, fitted.numpy(), "-", color="#0072B2", label="photon transfer and rounding")
-    axes.axhline(model.ROUNDING, linestyle=":", color=canvas.QUIET, label="rounding alone")
+    axes.plot(light, fitted, "-", color="#0072B2", label="photon transfer and rounding")
+    axes.axhline(ROUNDING, linestyle=":", color=canvas.QUIET, label="rounding alone")
     labels = {"xlabel": "light, of that which is encoded as 118", "ylabel": "variance, grey values squared"}
     axes.set(xscale="log", yscale="log", **labels)
     axes.legend(fontsize=8, frameon=False)

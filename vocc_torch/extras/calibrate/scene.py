@@ -11,11 +11,11 @@ import yaml
 from scipy import stats
 
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.fit import SURE, Derive, Derived, RecordingFit
-from vocc_torch.extras.calibrate.pace import Pace
+from vocc_torch.extras.calibrate.drawing import Array
+from vocc_torch.extras.calibrate.fit import SURE, Of, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.surround import Falloff, Surround
-from vocc_torch.extras.calibrate.transfer import Curve
+from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.report.page import render
 
@@ -24,8 +24,6 @@ CODED = 12.0
 """Standard deviations from which coefficients lie on multiples of their steps."""
 CODED_GAIN = 30.0
 """Gain that an effect needs in coded pictures."""
-SURE_SIGMAS = 3.0
-"""Standard deviations from which motion, distortion and the rows' times are there."""
 
 
 class Value(NamedTuple):
@@ -99,7 +97,6 @@ class Findings:
         curve: the photon transfer curve; None for too few frames.
         loose: whether the recording tells gamma and blur no better than coding or their bounds let it.
         bound: where gamma ran to, if that is no camera's.
-        pace: the times of symbols and rows.
         values: of the scene and its effects, each with what it explains.
         effects: all that were tried.
         unknown: what the recording does not tell, in sentences.
@@ -114,10 +111,9 @@ class Findings:
     around: Surround
     fall: Falloff
     coded: tuple[int, float] = (0, 0.0)
-    curve: Curve | None = None
+    curve: TransferCurve | None = None
     loose: bool = False
     bound: float | None = None
-    pace: Pace | None = None
     values: list[Value] = field(default_factory=list)
     effects: list[Named] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
@@ -137,14 +133,9 @@ class Findings:
         self.effects.append(Named(effect, gain > needed, criterion, gain, needed, explains))
         return gain > needed
 
-    def judge(
-        self, effect: str, simple: RecordingFit, rich: RecordingFit, sigmas: float = math.inf
-    ) -> RecordingFit:
-        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise.
-
-        A new value of so few standard deviations that it may be none gains nothing.
-        """
-        gain = (simple.misfit - rich.misfit) / rich.scale * (sigmas > SURE_SIGMAS)
+    def judge(self, effect: str, simple: RecordingFit, rich: RecordingFit) -> RecordingFit:
+        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
+        gain = (simple.misfit - rich.misfit) / rich.scale
         gain -= (rich.values - simple.values) * math.log(rich.pixels)
         # What coding leaves hangs together over its blocks.
         return rich if self.tried(effect, gain, CODED_GAIN * self.is_coded) else simple
@@ -154,16 +145,16 @@ class Findings:
         """Whether pictures are coded."""
         return self.coded[1] > CODED
 
-    def derived(self, of: Derive) -> Derived:
+    def derived(self, of: Of) -> tuple[Array, Array, float]:
         """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
-        made, own, common = self.fit.derived(of)
-        return made, own, math.hypot(common, float(own.median()) * self.is_coded)
+        values, own, common = self.fit.derived(of)
+        return values, own, math.hypot(common, float(np.median(own)) * self.is_coded)
 
     def tell(self, key: str, given: float, deviation: float = math.nan) -> None:
         """Note a value."""
         self.note(Value(key, given, deviation, WORDS["values"].get(key, "")))
 
-    def over(self, key: str, of: Derive, least: float = -math.inf) -> None:
+    def over(self, key: str, of: Of, least: float = -math.inf) -> None:
         """Note a value of every frame."""
         self.note(spread(key, self.derived(of), WORDS["values"][key], least))
 
@@ -197,27 +188,28 @@ def inline(value: object) -> str:
     return text.removesuffix("...\n").strip()
 
 
-def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> Value:
+def spread(key: str, derived: tuple[Array, Array, float], note: str, least: float = -math.inf) -> Value:
     """Describe a value of every frame: a number where it stays, and where it moves a range of like scatter.
 
     It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
 
     Args:
         key: of the value.
-        derived: the value of every frame, and how sure it is.
+        derived: the value of every frame, how sure it is, and how sure what all frames have in common.
         note: what it is.
         least: the lowest value allowed.
     """
-    each, deviation, common = derived
-    weights = 1 / deviation.clamp(min=1e-12).square()
-    middle, count = float((weights * each).sum() / weights.sum()), len(each)
-    misfit = float((weights * (each - middle).square()).sum())
+    values, deviation, common = derived
+    weights, count = 1 / deviation.clip(min=1e-12) ** 2, len(values)
+    middle = float((weights * values).sum() / weights.sum())
+    misfit = float((weights * (values - middle) ** 2).sum())
     if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
         scatter = max(1.0, misfit / max(count - 1, 1)) / float(weights.sum())
         return Value(key, max(middle, least), math.hypot(math.sqrt(scatter), common), note)
-    mean, half = float(each.mean()), math.sqrt(3) * float(each.std())  # a uniform one's of that scatter
+    mean, scatter = float(values.mean()), float(values.std(ddof=1))
+    half = math.sqrt(3) * scatter  # a uniform range of that scatter
     ends = ["uniform", max(mean - half, least), max(mean + half, least)]
-    alone = float(each.std() / math.sqrt(count) * stats.t.ppf(0.975, count - 1)) / SURE
+    alone = scatter / math.sqrt(count) * stats.t.ppf(0.975, count - 1) / SURE
     return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
 
 

@@ -1,11 +1,8 @@
 """Recordings of many points, each read by every receiver, and what arrives of every code in it."""
 
-import time
-from collections import defaultdict
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -89,23 +86,20 @@ class RecordingResult:
     """What came of one recording.
 
     Args:
-        lost: packets that did not arrive, by what carried them.
-        sent: packets sent, likewise.
         seconds: the recording's length.
         frames: of the camera.
         wrong: wrong bits in single frames by receiver, and how many bits there were.
-        spent_s: processor time to locate and read frames by receiver, to add symbols up by receiver and kind
-            of soft values, and to decode by variant.
-        false: packets that a checksum vouched for and nobody sent.
+        sent: packets sent, by what carried them.
+        lost: packets that did not arrive, likewise.
+        false: packets whose checksum is right and which nobody sent, likewise.
     """
 
-    lost: dict[Variant, int] = field(default_factory=dict)
-    sent: dict[Variant, int] = field(default_factory=dict)
-    seconds: float = 0.0
+    seconds: float
     frames: int = 0
     wrong: dict[str, tuple[int, int]] = field(default_factory=dict)
-    spent_s: dict[Hashable, float] = field(default_factory=partial(defaultdict, float))
-    false: dict[Variant, int] = field(default_factory=partial(defaultdict, int))
+    sent: dict[Variant, int] = field(default_factory=dict)
+    lost: dict[Variant, int] = field(default_factory=dict)
+    false: dict[Variant, int] = field(default_factory=dict)
 
 
 def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
@@ -146,47 +140,38 @@ def recorded(job: RecordingJob) -> RecordingResult:
     One random block is shown over and over. For each code the scrambling is the one by which that block holds
     its packets, so all of them are compared on the same frames.
     """
-    plan, config = job.plan, job.config
-    shape, rate_hz = plan.world.panel.shape, config.signalling.symbol_rate_hz
-    key = BlockKey(plan.seed, f"messages/{job.place.axis}={job.place.value:g}", job.number)
+    config, shape = job.config, job.plan.world.panel.shape
+    rate_hz = config.signalling.symbol_rate_hz
+    key = BlockKey(job.plan.seed, f"messages/{job.place.axis}={job.place.value:g}", job.number)
     base = Layout(MessagePlan(shape, config.options("none")))
     random = key.generator("bits").integers(2, size=(base.packets, base.word_bits), dtype=np.uint8)
     shown = base.write(random)
     film = np.tile(shown, (config.blocks, 1, 1))
-    done = RecordingResult(seconds=len(film) / rate_hz)
+    result = RecordingResult(len(film) / rate_hz)
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
-    leader, variants = next(iter(fronts.values())), variants_of(plan, config)
-    combiners = {(one.receiver, one.soft): Combiner(base) for one in variants}
-    blocks: dict[tuple[str, str], list[Block]] = {one: [] for one in combiners}
+    leader, variants = next(iter(fronts.values())), variants_of(job.plan, config)
+    combiners = {(variant.receiver, variant.soft): Combiner(base) for variant in variants}
+    blocks: dict[tuple[str, str], list[Block]] = {of: [] for of in combiners}
     wrong = dict.fromkeys(fronts, 0)
     for part in filmed(job, film, key):
-        stamps = [(done.frames + i) / (job.ratio * rate_hz) for i in range(len(part.symbols))]
-        done.frames += len(stamps)
+        count = len(part.symbols)
+        stamps = [(result.frames + i) / (job.ratio * rate_hz) for i in range(count)]
+        result.frames += count
         truth = film[np.clip([number or 0 for number in part.symbols], 0, len(film) - 1)]
         with torch.inference_mode():
-            begun = time.process_time()
             frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
-            located_s = time.process_time() - begun
             for name, front in fronts.items():
-                begun = time.process_time()
-                read = front.read(frames, corners)
-                bits = front.values(*read, "hard")
-                done.spent_s[name] += located_s + time.process_time() - begun
-                wrong[name] += int(((bits >= 0) != truth).sum())
+                seen = front.read(frames, corners)
+                wrong[name] += int(((front.values(*seen, "hard") >= 0) != truth).sum())
                 for soft in config.soft:
-                    begun = time.process_time()
-                    blocks[name, soft] += combiners[name, soft].push(front.values(*read, soft), stamps)
-                    done.spent_s[name, soft] += time.process_time() - begun
+                    values = front.values(*seen, soft)
+                    blocks[name, soft] += combiners[name, soft].push(values, stamps)
     for of, combiner in combiners.items():
-        begun = time.process_time()
         blocks[of] += combiner.finish()
-        done.spent_s[of] += time.process_time() - begun
-    done.wrong = {name: (count, done.frames * shape.leds) for name, count in wrong.items()}
-    for one in variants:
-        begun = time.process_time()
-        decode(done, one, blocks[one.receiver, one.soft], job, shown, key)
-        done.spent_s[one] += time.process_time() - begun
-    return done
+    result.wrong = {name: (errors, result.frames * shape.leds) for name, errors in wrong.items()}
+    for variant in variants:
+        decode(result, variant, blocks[variant.receiver, variant.soft], job, shown, key)
+    return result
 
 
 def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterator[Recorded]:
@@ -212,32 +197,34 @@ def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterato
 
 
 def decode(
-    done: RecordingResult,
-    of: Variant,
+    result: RecordingResult,
+    variant: Variant,
     blocks: Sequence[Block],
     job: RecordingJob,
     shown: NDArray[np.bool_],
     key: BlockKey,
 ) -> None:
     """Note which packets of a code arrive where every block shows ``shown``."""
-    layout = Layout(MessagePlan(job.plan.world.panel.shape, job.config.options(of.code, of.interleave)))
+    options = job.config.options(variant.code, variant.interleave)
+    layout = Layout(MessagePlan(job.plan.world.panel.shape, options))
     code = code_of(layout)
     text = key.generator("text").bytes(layout.packets * payload_bytes(code.info_bytes))
     infos = list(packed(text, code.info_bytes))
     words = code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
     layout = layout.rescrambled(words, shown)
-    done.sent[of] = job.config.blocks * layout.packets
-    arrived = set()
+    arrived, false = set(), 0
     for block in blocks:
-        for got in decoded(block, layout, code):
-            if got.packet is None:
+        for received in decoded(block, layout, code):
+            packet = received.packet
+            if packet is None:
                 continue
-            size = len(got.packet.payload)
-            if got.packet.payload == text[got.packet.sequence * size :][:size]:
-                arrived.add((block.number, got.place))
-            else:
-                done.false[of] += 1
-    done.lost[of] = max(0, done.sent[of] - len(arrived))
+            size = len(packet.payload)
+            true = packet.payload == text[packet.sequence * size :][:size]
+            arrived |= {(block.number, received.place)} if true else set()
+            false += not true
+    result.sent[variant] = job.config.blocks * layout.packets
+    result.lost[variant] = max(0, result.sent[variant] - len(arrived))
+    result.false[variant] = false
 
 
 @dataclass(frozen=True)
@@ -250,12 +237,9 @@ class Carried:
         lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
         raw: wrong bits of single frames, likewise by recording.
         each: packets lost in each recording.
-        payload_bits: of a packet.
-        packets_s: packets sent a second.
+        kbit_s: of packets sent.
         frames: of the camera.
-        read_ms: processor time from a frame to the sums of its symbols, ms.
-        decode_ms: to decode a packet, ms.
-        false: packets that were vouched for and never sent.
+        false: packets whose checksum is right and which nobody sent.
     """
 
     place: SweepPoint
@@ -263,11 +247,8 @@ class Carried:
     lost: Counts
     raw: Counts
     each: tuple[int, ...]
-    payload_bits: int
-    packets_s: float
+    kbit_s: float
     frames: int
-    read_ms: float
-    decode_ms: float
     false: int
 
     @property
@@ -278,8 +259,14 @@ class Carried:
     @property
     def goodput(self) -> Estimate:
         """What arrives, kbit/s."""
-        loss, full = self.loss, 1e-3 * self.payload_bits * self.packets_s
+        loss, full = self.loss, self.kbit_s
         return Estimate(full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low))
+
+    @property
+    def name(self) -> str:
+        """What carried it, in words."""
+        receiver, soft, interleave, code = self.variant
+        return f"{receiver} {soft} {code}" + " not interleaved" * (not interleave)
 
 
 def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
@@ -289,37 +276,30 @@ def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
         >>> counted([0, 3], 4).ber
         0.375
     """
-    halves = [2 * one for one in wrong]
-    squares, erring = sum(one * one for one in halves), sum(one > 0 for one in wrong)
+    halves = [2 * errors for errors in wrong]
+    squares, erring = sum(half * half for half in halves), sum(half > 0 for half in halves)
     every = of * len(wrong) if isinstance(of, int) else sum(of)
     return Counts(len(wrong), every, sum(halves), squares, erring)
 
 
 def carried(
-    plan: Plan, config: MessagesConfig, place: SweepPoint, outcomes: Sequence[RecordingResult]
+    plan: Plan, config: MessagesConfig, place: SweepPoint, results: Sequence[RecordingResult]
 ) -> Iterator[Carried]:
     """Put the recordings of a point together."""
-    frames = sum(one.frames for one in outcomes)
-    for variant in outcomes[0].lost:
-        layout = Layout(MessagePlan(plan.world.panel.shape, config.options(variant.code, variant.interleave)))
-        bits, lost = 8 * payload_bytes(code_of(layout).info_bytes), [one.lost[variant] for one in outcomes]
-        sent, wrong = outcomes[0].sent[variant], [one.wrong[variant.receiver] for one in outcomes]
-        seen = [one for one in wrong if one[1]]  # of a recording that lost all its frames nothing is known
-        parts = variant.receiver, variant[:2], variant
-        spent = [sum(one.spent_s[of] for one in outcomes) for of in parts]
-        yield Carried(
-            place,
-            variant,
-            counted(lost, sent),
-            counted([errors for errors, _ in seen], [bits for _, bits in seen]),
-            tuple(lost),
-            bits,
-            sent / outcomes[0].seconds,
-            frames,
-            1e3 * (spent[0] + spent[1]) / max(1, frames),
-            1e3 * spent[2] / (sent * len(outcomes)),
-            sum(one.false[variant] for one in outcomes),
-        )
+    first = results[0]
+    for variant, sent in first.sent.items():
+        options = config.options(variant.code, variant.interleave)
+        code = code_of(Layout(MessagePlan(plan.world.panel.shape, options)))
+        kbit_s = 8e-3 * payload_bytes(code.info_bytes) * sent / first.seconds
+        lost = tuple(result.lost[variant] for result in results)
+        wrong = [result.wrong[variant.receiver] for result in results]
+        known = [
+            pair for pair in wrong if pair[1]
+        ]  # of a recording that lost all its frames nothing is known
+        raw = counted([errors for errors, _ in known], [bits for _, bits in known])
+        frames = sum(result.frames for result in results)
+        false = sum(result.false[variant] for result in results)
+        yield Carried(place, variant, counted(lost, sent), raw, lost, kbit_s, frames, false)
 
 
 def pairs(results: Sequence[Carried]) -> Iterator[tuple[Carried, Carried, PairedCounts]]:
@@ -329,6 +309,7 @@ def pairs(results: Sequence[Carried]) -> Iterator[tuple[Carried, Carried, Paired
         if a.place != b.place or sum(unlike) != 1:
             continue
         apart = [2 * (x - y) for x, y in zip(a.each, b.each, strict=True)]
-        sides = [[one for one in apart if one > 0], [-one for one in apart if one < 0]]
-        told = [number for side in sides for number in (sum(side), sum(x * x for x in side), len(side))]
-        yield a, b, PairedCounts(a.lost.frames, a.lost.bits, *told)
+        counts = []
+        for side in ([step for step in apart if step > 0], [-step for step in apart if step < 0]):
+            counts += [sum(side), sum(step * step for step in side), len(side)]
+        yield a, b, PairedCounts(a.lost.frames, a.lost.bits, *counts)

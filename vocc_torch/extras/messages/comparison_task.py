@@ -1,6 +1,6 @@
 """``task=messages``: how far messages carry, by receiver and code; tables and pictures."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby, takewhile
 from pathlib import Path
 
@@ -9,7 +9,6 @@ from vocc_torch.extras.messages.codes import code_of
 from vocc_torch.extras.messages.comparison import (
     Carried,
     SweepPoint,
-    Variant,
     carried,
     jobs_of,
     pairs,
@@ -23,25 +22,17 @@ from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure import timing, workers
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import paired_interval, sign_test
-from vocc_torch.report import canvas, terminal
-from vocc_torch.report import drawing as plots
 from vocc_torch.report import folder as run_folder
+from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
 
 COLUMNS = (
     *("axis", "value", "receiver", "soft", "interleave", "code", "recordings", "packets", "lost"),
-    *(
-        "packet_error_rate",
-        "packet_error_low",
-        "packet_error_high",
-        "false_packets",
-        "raw_ber",
-        "raw_ber_low",
-    ),
-    *("raw_ber_high", "kbit_s", "kbit_s_low", "kbit_s_high", "best", "frames", "read_ms", "decode_ms"),
+    *("packet_error_rate", "packet_error_low", "packet_error_high", "false_packets"),
+    *("raw_ber", "raw_ber_low", "raw_ber_high", "kbit_s", "kbit_s_low", "kbit_s_high", "best", "frames"),
 )
 """Columns of ``messages.csv``."""
 
@@ -85,8 +76,13 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     run_folder.write_rows(folder / "messages.csv", [COLUMNS, *rows(results)])
     run_folder.write_rows(folder / "messages_paired.csv", [PAIRED_COLUMNS, *paired_rows(results)])
     run_folder.write_config(settings, folder)
-    canvas.save_figure(losses_figure(results), folder / "messages.png")
-    canvas.save_figure(goodput_figure(results), folder / "goodput.png")
+    losses = panels(results, "Packets lost", lambda result: result.loss)
+    arriving = panels(results, "kbit/s that arrive", lambda result: result.goodput)
+    count, packets = len(results[0].each), results[0].lost.bits
+    note = f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings"
+    for name, title, drawn in (("messages", "Packets lost", losses), ("goodput", "What arrives", arriving)):
+        figure = plots.curve_figure(drawn, title, note, alike=False)
+        plots.save_figure(figure, folder / f"{name}.png")
     for line in told(results):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     places = {"table": "messages.csv", "pairs": "messages_paired.csv"}
@@ -94,141 +90,86 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     run_folder.print_places(console, folder, places.items())
 
 
-def best(results: Sequence[Carried]) -> set[int]:
-    """Say by their number which results have the highest goodput of their place and receiver, if any."""
-    chosen: dict[tuple[SweepPoint, str], int] = {}
-    for number, one in enumerate(results):
-        key = one.place, one.variant.receiver
-        if one.goodput.value > (results[chosen[key]].goodput.value if key in chosen else 0.0):
-            chosen[key] = number
-    return {*chosen.values()}
+def best(results: Sequence[Carried]) -> list[Carried]:
+    """Give the results with the highest goodput of their place and receiver, if any."""
+    chosen: dict[tuple[SweepPoint, str], Carried] = {}
+    for result in results:
+        key = result.place, result.variant.receiver
+        most = chosen[key].goodput.value if key in chosen else 0.0
+        if result.goodput.value > most:
+            chosen[key] = result
+    return [*chosen.values()]
+
+
+def cells(estimate: Estimate | None) -> list[str]:
+    """Write a value and the ends of its interval."""
+    if estimate is None:
+        return ["", "", ""]
+    return [f"{number:.4g}" for number in (estimate.value, estimate.low, estimate.high)]
 
 
 def rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
     """Give the lines of ``messages.csv``."""
     chosen = best(results)
-    for number, one in enumerate(results):
-        loss, rate, raw = one.loss, one.goodput, ber_interval(one.raw) if one.raw.bits else None
-        yield (
-            *(one.place.axis, one.place.value, *one.variant[:2], int(one.variant.interleave)),
-            *(one.variant.code, len(one.each), one.lost.bits, sum(one.each)),
-            *(f"{x:.4g}" for x in (loss.value, loss.low, loss.high)),
-            one.false,
-            *(("",) * 3 if raw is None else (f"{x:.4g}" for x in (raw.value, raw.low, raw.high))),
-            *(f"{x:.4g}" for x in (rate.value, rate.low, rate.high)),
-            *(int(number in chosen), one.frames, f"{one.read_ms:.3f}", f"{one.decode_ms:.3f}"),
-        )
+    for result in results:
+        receiver, soft, interleave, code = result.variant
+        raw = ber_interval(result.raw) if result.raw.bits else None
+        line: list[str | int | float | None] = [*result.place, receiver, soft, int(interleave), code]
+        line += [len(result.each), result.lost.bits, sum(result.each), *cells(result.loss), result.false]
+        line += [*cells(raw), *cells(result.goodput), int(result in chosen), result.frames]
+        yield line
 
 
 def paired_rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
     """Give the lines of ``messages_paired.csv``."""
     for a, b, paired in pairs(results):
         found = paired_interval(paired)
-        yield (
-            *(*a.place, name_of(a), name_of(b), paired.frames, paired.bits),
-            *(f"{x:.4g}" for x in (found.value, found.low, found.high)),
-            *(int(found.real), paired.a_worse, paired.b_worse, f"{sign_test(paired):.3g}"),
-        )
-
-
-def name_of(one: Carried) -> str:
-    """Name what carried a message."""
-    receiver, soft, interleave, code = one.variant
-    return f"{receiver} {soft} {code}" + " not interleaved" * (not interleave)
+        line: list[str | int | float | None] = [*a.place, a.name, b.name, paired.frames, paired.bits]
+        line += [*cells(found), int(found.real), paired.a_worse, paired.b_worse, f"{sign_test(paired):.3g}"]
+        yield line
 
 
 def told(results: Sequence[Carried]) -> Iterator[str]:
     """Say over distance, or what else was varied, what arrives by the best code, and how far it carries."""
-    chosen, axis = best(results), results[0].place.axis
-    for receiver in dict.fromkeys(one.variant.receiver for one in results):
-        mine = [(n, one) for n, one in enumerate(results) if one.variant.receiver == receiver]
-        for number, one in mine:
-            if number in chosen and one.place.axis == axis:
-                ends = f"{one.goodput.low:.2f} to {one.goodput.high:.2f}"
-                at = f"{axis} {value_text(one.place.value)}: {one.goodput.value:.2f} kbit/s ({ends})"
-                raw = f"raw bit error rate {rate_text(one.raw.ber)}"
-                yield f"{receiver}, {at} by {name_of(one).partition(' ')[2]}; {raw}"
-        frames, codes = sum(one.frames for _, one in mine), dict.fromkeys(one.variant.code for _, one in mine)
-        read = sum(one.read_ms * one.frames for _, one in mine) / max(1, frames)
-        each = {code: [one.decode_ms for _, one in mine if one.variant.code == code] for code in codes}
-        priced = ", ".join(f"{code} {sum(every) / len(every):.2f}" for code, every in each.items())
-        yield f"{receiver} costs {read:.2f} ms of processor time a frame, and ms a packet: {priced}"
+    axis = results[0].place.axis
+    for result in best(results):
+        if result.place.axis == axis:
+            rate = result.goodput
+            ends = f"{rate.low:.2f} to {rate.high:.2f}"
+            at = f"{axis} {value_text(result.place.value)}: {rate.value:.2f} kbit/s ({ends})"
+            yield f"{at} by {result.name}; raw bit error rate {rate_text(result.raw.ber)}"
+    for receiver in dict.fromkeys(result.variant.receiver for result in results):
         if axis == "distance_m":
-            yield f"{receiver} carries {reach(one for _, one in mine)}"
-    if false := sum(one.false for one in results):
-        yield f"{false} packets were vouched for that nobody sent"
+            yield f"{receiver} carries {reach(one for one in results if one.variant.receiver == receiver)}"
+    if false := sum(result.false for result in results):
+        yield f"{false} packets have a right checksum and nobody sent them"
 
 
 def reach(results: Iterable[Carried]) -> str:
     """Say how far a receiver carries a message with any of its codes."""
     least: dict[float, float] = {}
-    for one in results:
-        if one.place.axis == "distance_m":
-            least[one.place.value] = min(one.loss.value, least.get(one.place.value, 1.0))
+    for result in results:
+        if result.place.axis == "distance_m":
+            at = result.place.value
+            least[at] = min(result.loss.value, least.get(at, 1.0))
     far = [at for at, _ in takewhile(lambda of: of[1] <= MOST_LOST, sorted(least.items()))]
     return f"to {value_text(far[-1])} m" if far else f"not to {value_text(min(least))} m"
 
 
-def labels_of(results: Sequence[Carried]) -> dict[Variant, str]:
-    """Name what is drawn as a line: the code, and what else is compared beside the receivers."""
-    every = [one.variant for one in results]
-    several = len({one.soft for one in every}) > 1
-    words = {
-        one: (one.code, one.soft * several, "" if one.interleave else "not interleaved") for one in every
-    }
-    return {one: " ".join(filter(None, parts)) for one, parts in words.items()}
-
-
-def losses_figure(results: Sequence[Carried]) -> canvas.Figure:
-    """Draw packet error rates: a row a receiver, a column an axis, and the last against raw bit errors."""
-    drawn: list[dict[str, BerTable | str]] = []
-    labels = labels_of(results)
-    for receiver in dict.fromkeys(one.variant.receiver for one in results):
-        mine = [one for one in results if one.variant.receiver == receiver]
-        tables: dict[str, BerTable | str] = {}
-        for axis in (*dict.fromkeys(one.place.axis for one in mine), "raw_ber"):
-            points: dict[tuple[str, float], Point] = {}
-            for one in mine:
-                if axis == one.place.axis or (axis == "raw_ber" and one.raw.bits):
-                    value = float(f"{one.raw.ber:.2g}") if axis == "raw_ber" else one.place.value
-                    name = labels[one.variant]
-                    told = "messages", axis, value, name, receiver, one.lost, "recordings"
-                    points.setdefault((name, value), Point(*told))
-            tables[f"{receiver}: {axis_label(axis)}"] = (
-                BerTable(points.values()) if points else "every frame was lost"
-            )
-        drawn.append(tables)
-    count, packets = len(results[0].each), results[0].lost.bits
-    note = f"{count} recordings a point, {packets} packets or as many as a code has; bars: 95 % intervals"
-    note += " over recordings"
-    return plots.facet_figure(drawn, "Packets lost by code", note, axes_alike=False, rate="Packets lost")
-
-
-def goodput_figure(results: Sequence[Carried]) -> canvas.Figure:
-    """Draw what arrives over the first axis: axes a receiver, a line a code."""
-    axis = results[0].place.axis
-    names = list(dict.fromkeys(one.variant.receiver for one in results))
-    labels = labels_of(results)
+def panels(
+    results: Sequence[Carried], y_label: str, rate: Callable[[Carried], Estimate]
+) -> list[plots.Panel]:
+    """Draw a value of each receiver over each axis, a curve for all else that is compared."""
+    labels = {result: result.name.partition(" ")[2] for result in results}
     styles = receiver_styles(labels.values())
-    above = 0.9 + 0.24 * -(-len(styles) // 3)
-    figure, every = canvas.new_grid(
-        len(names), min(3, len(names)), (3.6, 2.8), (0.5, 0.8), (0.8, 0.2, above, 0.9)
-    )
-    for name, axes in zip(names, every, strict=True):
-        for code, style in styles.items():
-            mine = [one for one in results if one.variant.receiver == name and labels[one.variant] == code]
-            mine = [one for one in mine if one.place.axis == axis]
-            rates = [one.goodput for one in mine]
-            ends = [[one.value - one.low for one in rates], [one.high - one.value for one in rates]]
-            x = [one.place.value for one in mine]
-            axes.errorbar(x, [one.value for one in rates], ends, fmt="none", ecolor=style.colour, capsize=2)
-            axes.add_line(plots.receiver_line(style, x, [one.value for one in rates], 0.8))
-        axes.set_ylim(bottom=0)
-        axes.set_title(name, loc="left", fontsize=10.5, fontweight="bold")
-        axes.set_xlabel(axis_label(axis))
-        axes.set_ylabel("kbit/s that arrive" if axes is every[0] else "")
-        canvas.quiet_axes(axes, "both")
-    canvas.write_title(figure, "What arrives", "Bars: 95 % intervals over recordings")
-    lines = [plots.receiver_line(style) for style in styles.values()]
-    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), 3)
-    return figure
+    drawn: list[plots.Panel] = []
+    for receiver, axis in dict.fromkeys((one.variant.receiver, one.place.axis) for one in results):
+        curves = []
+        for label, style in styles.items():
+            line = [one for one in results if (one.variant.receiver, labels[one]) == (receiver, label)]
+            line = [one for one in line if one.place.axis == axis]
+            values = [one.place.value for one in line]
+            if line:
+                curves.append(plots.Curve(style, values, [rate(one) for one in line]))
+        drawn.append(plots.Panel(curves, receiver, axis_label(axis), y_label, y_scale="linear"))
+    return drawn

@@ -29,7 +29,6 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     Raises:
         VoccError: the name of a scene that ships, no input, or one that cannot be calibrated from.
     """
-    warnings.filterwarnings("ignore", category=FutureWarning, module="torch")  # of its own forward mode
     run_folder.refuse_results(folder)
     shipped = resources.files("vocc_torch.conf") / "scene" / f"{settings.name}.yaml"
     if shipped.is_file():
