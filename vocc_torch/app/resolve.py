@@ -5,7 +5,7 @@ import multiprocessing
 import re
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from functools import reduce
 from importlib import resources
 from typing import Any, get_args, get_origin
@@ -21,6 +21,12 @@ from vocc_torch.files import VIDEO_SUFFIXES
 
 OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
 """What a model was made with, as :data:`PARTS`; the panel's rows and columns are given, and must agree."""
+
+AUTO = "auto"
+"""As ``model``: the receiver that ships, or one that is trained where a key of its training is set."""
+
+SHIPPED = "street"
+"""The receiver of task=decode that ships."""
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
 
@@ -75,8 +81,22 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
     except (OmegaConfBaseException, RecursionError) as error:
         raise VoccError(one_line(error, words)) from None
     assert isinstance(settings, AppConfig)
+    if settings.model == AUTO:
+        settings = replace(settings, model=None if trains(words) else SHIPPED)
     refuse_ignored(settings, words)
     return settings
+
+
+def trains(words: Sequence[str]) -> bool:
+    """Whether a command line of task=decode sets what only a receiver that is trained now can have.
+
+    Example:
+        >>> trains(["panel.rows=4", "decode.most=2"]), trains(["classifier=mlp"])
+        (False, True)
+    """
+    keys = [word.lstrip("+~").partition("=")[0].rpartition("@")[2] for word in words]
+    keys = [key for key in keys if key not in ("panel.rows", "panel.columns", "receiver.false_alarms")]
+    return any(key.split(".")[0] in (*OF_MODEL, *PARTS, "classifier") for key in keys)
 
 
 def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:

@@ -85,6 +85,7 @@ class LiveStream:
         self.source = source
         self.channel = channel
         self.dropped = 0
+        self.is_closed = False
         self.container = opened(source)
         self.waits = source == STANDARD_INPUT
         capacity = PIPE_QUEUE_FRAMES if self.waits else CAMERA_QUEUE_FRAMES
@@ -99,6 +100,8 @@ class LiveStream:
         try:
             for picture in self.container.decode(video=0):
                 name = "stdin" if self.waits else self.source
+                if self.is_closed:
+                    break
                 for frame in frames_of(picture, name, index, self.channel, False, time.monotonic()):
                     self.put(frame)
                     index += 1
@@ -130,3 +133,9 @@ class LiveStream:
             raise VoccError(f"input {self.source} ended ({item})")
         if is_empty:
             raise VoccError(f"input {self.source} has no frames")
+
+    def close(self) -> None:
+        """Let the source go; the thread ends with it."""
+        self.is_closed = True
+        while not self.queue.empty():
+            self.queue.get_nowait()

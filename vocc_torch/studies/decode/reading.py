@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.calibration import APPEARANCE, outside
-from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.locators import LOCATORS, PanelLocator
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import RecordedFrame
@@ -105,6 +105,7 @@ def decode(
     most: int = 1,
     follow: str = "false",
     lights: Sequence[Mix] = (),
+    frames_at_once: int = 64,
 ) -> Iterator[Reading]:
     """Decode a recording frame by frame, in batches of equal size.
 
@@ -114,6 +115,7 @@ def decode(
         most: panels that are read in a frame, at most.
         follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
         lights: planes of the colours to read at each panel, where several are sent at once.
+        frames_at_once: frames of a batch, at most; 1 for the least latency.
 
     Raises:
         VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
@@ -122,7 +124,7 @@ def decode(
     tracker = Tracker(receiver.locator, receiver.shape)
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         tracker = Tracker(receiver.locator, receiver.shape, number=tracker.number)
-        size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
+        size = max(1, min(frames_at_once, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
             images, whose = Frames.whole(greys.to(receiver.device)), [*range(len(batch))]
@@ -160,6 +162,11 @@ def demand_several(locator: PanelLocator | None, most: int) -> None:
     if most > 1 and (locator is None or not locator.finds_several):
         rule = "1 where the locator sees one panel: learned sees several"
         raise VoccError.of("decode.most", most, rule)
+
+
+def is_adjustable(locator: PanelLocator) -> bool:
+    """Whether ``receiver.false_alarms`` holds for a locator: it ships, and states false alarms."""
+    return LOCATORS.get(locator.name) is type(locator) and locator.states_false_alarms
 
 
 def _readings(receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded) -> Iterator[Reading]:

@@ -1,0 +1,45 @@
+"""Receivers that come with the package, so that a picture is decoded without training."""
+
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.types import PanelShape
+
+SHIPPED = ("street",)
+"""Names of the receivers that ship; ``models/README.md`` describes each."""
+
+
+def shipped_path(name: str) -> Path:
+    """Path of a receiver that ships.
+
+    Raises:
+        VoccError: an unknown name.
+    """
+    if name not in SHIPPED:
+        raise VoccError.of("model", repr(name), f"a receiver.pt, or {' or '.join(SHIPPED)}")
+    return Path(str(resources.files("vocc_torch.receiver").joinpath("models", f"{name}.pt")))
+
+
+def shipped_receiver(name: str, shape: PanelShape | None = None) -> Receiver:
+    """Load a receiver that ships, for a panel of any shape: its classifier decides LED by LED.
+
+    Args:
+        name: of the receiver.
+        shape: rows and columns of the panel; those that it was calibrated on by default.
+
+    Raises:
+        VoccError: an unknown name.
+
+    Example:
+        >>> shipped_receiver("street", PanelShape(4, 4)).shape.leds
+        16
+    """
+    receiver = Receiver.load(shipped_path(name))
+    if shape is None or shape == receiver.shape:
+        return receiver
+    reader = replace(receiver.reader, shape=shape)
+    parts = receiver.classifier, receiver.calibration, receiver.trained_on
+    return Receiver(receiver.name, receiver.locator, reader, *parts)

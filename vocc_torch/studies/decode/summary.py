@@ -1,0 +1,126 @@
+"""What the readings of a recording come to: the best one, hints where nothing is found, and warnings."""
+
+import math
+import warnings
+from dataclasses import dataclass, field
+
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.report.terminal import Console
+from vocc_torch.studies.decode import DecodeConfig
+from vocc_torch.studies.decode.reading import Reading, is_adjustable
+
+BY_CHANCE = 0.3
+"""False alarms in all frames from which on the likeliest place is not worth a hint. In one frame rates above
+0.07 are not told from 1: the first floor of the tables."""
+
+
+@dataclass
+class Summary:
+    """What the readings of a recording come to.
+
+    Args:
+        rows: of ``bits.csv``.
+        best: the reading with the largest least margin.
+        frames: how many frames there are.
+        shown: how many of them show a panel.
+        found: panels that were read, in each colour; the next three are counted among them.
+        doubtful: how many may be no panel.
+        alike: how many have LEDs of one level.
+        strange: how many are unlike what the receiver learned from.
+        unlike: by name, the last value beyond what it learned from.
+        least_alarms: false alarms a frame at the likeliest place not found; NaN where none are stated.
+        likeliest: the frame that shows it.
+        most: surely seen in one frame, of a locator that says how sure it is.
+        notes: what the reader assumed about the files.
+    """
+
+    rows: list[list[str]] = field(default_factory=list)
+    best: Reading | None = None
+    frames: int = 0
+    shown: int = 0
+    found: int = 0
+    doubtful: int = 0
+    alike: int = 0
+    strange: int = 0
+    unlike: dict[str, float] = field(default_factory=dict)
+    least_alarms: float = math.nan
+    likeliest: str = ""
+    most: int = 0
+    notes: list[str] = field(default_factory=list)
+    _last: tuple[str, int] | None = None
+
+    def add(self, reading: Reading) -> None:
+        """Count a reading."""
+        self.rows.append(reading.row())
+        one = reading.frame.source, reading.frame.index
+        self.frames += one != self._last
+        self.shown += reading.found and one != self._last
+        self._last = one
+        if reading.frame.note and reading.frame.note not in self.notes:
+            self.notes.append(reading.frame.note)
+        if not reading.found:
+            if reading.false_alarms > 0 and not self.least_alarms <= reading.false_alarms:
+                self.least_alarms, self.likeliest = reading.false_alarms, reading.place
+            return
+        self.found += 1
+        if not math.isnan(reading.false_alarms):
+            self.most = max(self.most, reading.candidates)
+        self.doubtful += reading.is_doubtful
+        self.alike += reading.one_level
+        self.strange += bool(reading.unlike)
+        self.unlike |= reading.unlike
+        if self.best is None or reading.margin > self.best.margin:
+            self.best = reading
+
+    @property
+    def counted(self) -> str:
+        """What was found, in words: frames, or where a frame has several rows, readings."""
+        return f"{self.found} " + ("frames" if self.found == self.shown else "readings")
+
+    def print_best(self, console: Console, most: int) -> None:
+        """Print the surest bits as they sit on the panel, of up to ``most`` panels of a frame."""
+        if self.best is None:
+            return
+        on, off = ("#", ".") if console.options.ascii_only else ("●", "·")
+        grid = ["  " + " ".join(on if bit else off for bit in bits) for bits in self.best.bits]
+        judged = f"{self.best.judged}; {self.shown} of {self.frames} frames show a panel"
+        judged += f", {self.found} readings" * (self.found > self.shown)
+        if self.most > most:
+            judged += f"; a frame shows {self.most}: decode.most={self.most} reads them"
+        notes = [f"{self.best.frame.source}: {note}" for note in self.notes]
+        for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged, *notes):
+            console.print(text, soft_wrap=True, markup=False, highlight=False)
+
+    def hint(self, config: DecodeConfig, is_trained: bool, receiver: Receiver) -> str:
+        """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
+        tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
+        if config.follow == "true" or (config.follow == "auto" and math.isnan(self.least_alarms)):
+            return " or ".join(["try decode.follow=false, which searches every frame,", *tries])
+        if math.isnan(self.least_alarms) and not receiver.locator.finds_several:
+            return " and ".join(["see receiver.location for the locator's limits", *tries])
+        tries += ["receiver=recommended for one bright panel that is surely there"] * is_trained
+        expected, frames = self.least_alarms * self.frames, self.frames
+        if not expected < BY_CHANCE or not is_adjustable(receiver.locator):
+            tries = ["check panel.rows and panel.columns", *tries]
+            return "no place looks like one surely enough: " + ", or try ".join(tries)
+        step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
+        enough = f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
+        told = f"{self.least_alarms:.2g} false alarms are expected in a frame without a panel"
+        told += f", {expected:.2g} in {frames}" * (frames > 1)
+        sized = f"if the panel has {receiver.shape.rows} x {receiver.shape.columns} LEDs"
+        return f"at the likeliest place, in {self.likeliest}, {told}: give {enough} to have it read, {sized}"
+
+    def warn(self, receiver: Receiver) -> None:
+        """Warn of what makes the bits doubtful."""
+        if self.doubtful:
+            look = "look where it was found, at panel_score and at margin before you believe the bits"
+            warnings.warn(f"{self.doubtful} of {self.counted} may show no panel: {look}", stacklevel=2)
+        if self.alike:
+            look = "where all are On or all Off, their bits mean nothing"
+            warnings.warn(f"LEDs look alike in {self.alike} of {self.counted}: {look}", stacklevel=2)
+        if self.strange:
+            learned = receiver.trained_on
+            limits = {name: "{:.3g} to {:.3g}".format(*learned[name][:2]) for name in self.unlike}
+            far = [f"{name} {value:.3g}, not {limits[name]}" for name, value in self.unlike.items()]
+            which = f"{self.strange} of {self.counted} are unlike what {receiver.name} learned from"
+            warnings.warn(f"{which} ({'; '.join(far)}): expected_errors may be too low", stacklevel=2)

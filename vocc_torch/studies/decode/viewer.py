@@ -1,0 +1,66 @@
+"""A window that shows frames with the panel's corners and bits while they are read: Rerun's viewer."""
+
+from typing import Any
+
+import numpy as np
+
+from vocc_torch.errors import VoccError
+from vocc_torch.studies.decode.reading import Reading
+
+ON_COLOUR = (0, 114, 178)
+OFF_COLOUR = (230, 159, 0)
+LED_RADIUS_PX = 2.0
+
+
+class Viewer:
+    """Rerun's viewer in a process of its own; its timeline goes back to every frame.
+
+    Raises:
+        VoccError: the library is not installed, or the viewer does not start.
+    """
+
+    def __init__(self) -> None:
+        try:
+            import rerun
+        except ImportError:
+            extra = "install the extra with pip install 'vocc-torch[viewer]'"
+            raise VoccError(f"decode.show is true: {extra}") from None
+        self.rerun: Any = rerun
+        rerun.init("vocc-torch decode")
+        try:
+            rerun.spawn()
+        except Exception as error:  # of the viewer's process
+            raise VoccError(f"decode.show is true: the viewer does not start ({error})") from None
+
+    def show(self, reading: Reading) -> None:
+        """Send a frame, and the corners and bits of its panel."""
+        rerun = self.rerun
+        rerun.set_time("frame", sequence=reading.frame.index)
+        rerun.log("frame", rerun.Image(np.ascontiguousarray(reading.frame.colour)))
+        if not reading.found:
+            rerun.log("frame/panel", rerun.Clear(recursive=True))
+            return
+        outline = np.concatenate([reading.corners_px, reading.corners_px[:1]])
+        rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
+        colours = [ON_COLOUR if bit else OFF_COLOUR for bit in reading.bits.ravel()]
+        points = led_centres_px(reading.corners_px, reading.bits.shape)
+        rerun.log("frame/panel/bits", rerun.Points2D(points, colors=colours, radii=LED_RADIUS_PX))
+
+
+def led_centres_px(corners_px: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """Centres (R*C,2) of LEDs in raster order, bilinear between the corners (4,2).
+
+    Example:
+        >>> led_centres_px(np.array([[0, 0], [4, 0], [4, 2], [0, 2]]), (1, 2)).tolist()
+        [[1.0, 1.0], [3.0, 1.0]]
+    """
+    rows, columns = shape
+    down, along = np.meshgrid(
+        (np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij"
+    )
+    v = down.reshape(-1, 1)
+    u = along.reshape(-1, 1)
+    top = corners_px[0] * (1 - u) + corners_px[1] * u
+    bottom = corners_px[3] * (1 - u) + corners_px[2] * u
+    centres: np.ndarray[Any, Any] = top * (1 - v) + bottom * v
+    return centres
