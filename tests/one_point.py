@@ -1,13 +1,18 @@
-"""One point of a plan, counted in this process."""
+"""One point of a plan, counted in this process; and points whose errors are made up."""
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 
-from vocc_torch.measure.point_work import PointWork
-from vocc_torch.measure.schedule import run_points
-from vocc_torch.measure.sweep import count_parts, points_of
-from vocc_torch.measure.workers import Workers
+import numpy as np
+
+from vocc_torch.measure import runner
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.sweep import Study, plain_job, points_of
 from vocc_torch.receiver.bank import ReceiverBank
+
+LEDS = 64
+A = Key("truth", "a"), 0
+"""Whose errors a made-up point counts."""
 
 
 def banks(plan, fldas):
@@ -15,21 +20,48 @@ def banks(plan, fldas):
     return {name: ReceiverBank(plan.receiver.names, flda) for name, flda in fldas.items()}
 
 
-def counter(plan, flda, value):
+def job_of(plan, of_locators, value):
     """What counts the blocks of a point."""
-    locator = plan.receiver.locator
-    return partial(count_parts, plan, banks(plan, {locator: flda}), value)
+    return plain_job(Study("", plan, tuple(of_locators)), of_locators, value, None)
 
 
-def run_point(count, rule, *, blocks_at_once=1, told=lambda frames, counts: None):
+def run_point(job, rule, *, store=None, batch_frames=64, told=lambda frames, counts: None):
     """Add blocks of one point in index order until the rule holds."""
-    works = [PointWork("", count, rule, told=told)]
-    return next(run_points(works, Workers(1).submit, blocks_at_once=blocks_at_once))
+    with Workers(1) as workers:
+        (outcome,) = runner.count([runner.Point(job, rule, store, told)], workers, batch_frames)
+    return outcome
 
 
 def sweep_point(plan, flda, value):
     """Count a point and give its results, one for each receiver."""
-    at_once = max(1, plan.batch_frames // 64)
     rule = replace(plan.budget, frames=plan.frames_in_point)
-    outcome = run_point(counter(plan, flda, value), rule, blocks_at_once=at_once)
+    job = job_of(plan, banks(plan, {plan.receiver.locator: flda}), value)
+    outcome = run_point(job, rule, batch_frames=plan.batch_frames)
     return points_of(plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by)
+
+
+@dataclass(eq=False)
+class MadeUp:
+    """Block b has ``wrong[b]`` frames with one wrong bit; asked blocks are remembered."""
+
+    wrong: list
+    rows: str = "p"
+    broken: tuple = ()
+    asked: list = field(default_factory=list)
+    keys = (A[0],)
+
+    def __call__(self, parts):
+        self.asked += [part.block for part in parts]
+        if not set(self.broken).isdisjoint(part.block for part in parts):
+            raise RuntimeError("broken")
+        return [self.of(part).packed() for part in parts]
+
+    def of(self, part):
+        halves = np.zeros((1, part.frames), np.int64)
+        halves[0, : self.wrong[part.block % len(self.wrong)]] = 2
+        return FrameErrors(halves, halves >= 0, LEDS, keys=self.keys)
+
+    def read(self, content, part):
+        return FrameErrors.unpacked(content, part.frames, LEDS, self.keys)
+
+    tallies = runner.Job.tallies

@@ -17,8 +17,9 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.measure import link as link_module
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.frame_errors import FrameJob
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.link import Link
+from vocc_torch.measure.runner import Job
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles
 from vocc_torch.receiver.reader import Reader
@@ -147,7 +148,9 @@ def staged_scores(plan, bank, model, seed):
     for name in (*bank.classifiers, *bank.plugged_in):
         own = copy.copy(bank)
         own.names = (name,)
-        receivers.append(("paper", StagedReceiver(own, plan.receiver.reader, locator, torch.float32)))
+        receivers.append(
+            (Key("paper", name), StagedReceiver(own, plan.receiver.reader, locator, torch.float32))
+        )
     given, decide = [], StagedReceiver.decide
     with pytest.MonkeyPatch.context() as patch:
 
@@ -157,8 +160,8 @@ def staged_scores(plan, bank, model, seed):
             return scores
 
         patch.setattr(StagedReceiver, "decide", recorded)
-        job = FrameJob(dataclasses.replace(plan, seed=seed), model, "swapped", ("paper",), Apart(receivers))
-        return given, job(range(64)).half_errors
+        job = Job(dataclasses.replace(plan, seed=seed), model, "swapped", Apart(receivers))
+        return given, job.count([0], 64).half_errors
 
 
 def test_receivers_of_the_price_list_see_frames_alone(plan, bank, tape):

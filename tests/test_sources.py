@@ -6,11 +6,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from vocc_torch.measure.ledger import Ledger
 
 import vocc_torch
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.ledger import Ledger
 from vocc_torch.plugins import ModuleFile, PlugIn
 from vocc_torch.sources import package_digest
 

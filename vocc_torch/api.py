@@ -1,7 +1,10 @@
 """From Python what the command line does: scenes, trained receivers, frames, and measured bit error rates."""
 
+import hashlib
 import io
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -18,14 +21,17 @@ from omegaconf.errors import OmegaConfBaseException
 from vocc_torch.app.config import AppConfig, register_schema
 from vocc_torch.app.resolve import one_line, resolved
 from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.measure import curve, frame_errors, sweep
+from vocc_torch.measure import curve, runner, sweep
 from vocc_torch.measure import train as training
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.link import block_keys, rendered
-from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.plan import Experiment, World
+from vocc_torch.measure.config import Budget
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import Key
+from vocc_torch.measure.link import Observation, block_keys, rendered
+from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World, identity
+from vocc_torch.measure.store import Store
 from vocc_torch.plugins import TARGET, demand_plain, is_target
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder, plots, styles, terminal
 from vocc_torch.rng import BLOCK_FRAMES
@@ -233,6 +239,7 @@ def measure(
     seed: int = 0,
     experiment: str = "scenes",
     progress: Callable[[int], None] = lambda frames: None,
+    store: str | Path | None = None,
 ) -> Table:
     """Measure bit error rates of receivers on the same simulated frames; each looks for the panel itself.
 
@@ -246,7 +253,8 @@ def measure(
         frames: at each value, at least 1.
         seed: of every random draw.
         experiment: names the draws, as ``experiment.name`` does.
-        progress: called with the frames done since the last call.
+        progress: called with the frames added since the last call.
+        store: a file that takes what is counted; the same call goes on from it where it was interrupted.
 
     Raises:
         VoccError: an unknown axis or scene, values out of order, or a panel of another shape.
@@ -263,24 +271,65 @@ def measure(
         raise VoccError.of("receivers", "{}", "a receiver, or several by name")
     for name, receiver in named.items():
         demand_kind(f"receivers.{name}", receiver, Receiver)
-    one, simulator = Experiment(experiment, axis, tuple(map(float, values))), world.simulator()
-    counts: dict[tuple[str, float], Counts] = {}
-    pairs: dict[tuple[str, str, float], PairedCounts] = {}
-    for value in one.values:
-        model, keys = one.model_at(world, value), block_keys(seed, sweep.point_name(one, value), frames)
-        batches = rendered(simulator, model, keys, range(0, frames, BLOCK_FRAMES), False)
-        parts = []
-        for _, bits, _, takes in batches:
+    axes = Experiment(experiment, axis, tuple(map(float, values)))
+    reader = next(iter(named.values())).reader
+    plan = Plan(world, ReceiverPlan(reader=reader), axes, Budget(frames), NOWHERE, seed)
+    with ExitStack() as held:
+        opened = None
+        if store is not None:
+            settings = {**identity(plan, (OWN,)), "receivers": digests(named)}
+            opened = held.enter_context(Store.open(store, settings))
+        jobs = (
+            runner.Job(plan, axes.model_at(world, value), sweep.point_name(axes, value), Whole(named))
+            for value in axes.values
+        )
+        points = (runner.Point(job, plan.budget, opened, lambda more, _: progress(more)) for job in jobs)
+        outcomes = dict(zip(axes.values, runner.count(points, Workers(1)), strict=True))
+    return Table(sweep.curves_of(experiment, axis, OWN, tuple(named), outcomes))
+
+
+OWN = "own"
+"""What the table calls the locator of each receiver."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """Receivers that look for the panel themselves; see :class:`vocc_torch.measure.runner.Deciders`.
+
+    Args:
+        receivers: by name.
+    """
+
+    receivers: Mapping[str, Receiver]
+    needs_preambles: bool = False
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Whose decisions they are."""
+        return tuple(Key(OWN, name) for name in self.receivers)
+
+    def finders(self, _: Plan) -> dict[str, PanelLocator | None]:
+        """Give the locators by the receiver's name."""
+        return {name: receiver.locator for name, receiver in self.receivers.items()}
+
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, Observation]]:
+        """Decide one batch."""
+        for name, receiver in self.receivers.items():
+            view = views[name]
             with torch.inference_mode():
-                decided = [receiver(takes[0]) for receiver in named.values()]
-            wrong = torch.stack([half_errors(read.bits, bits, read.found) for read in decided])
-            found = torch.stack([read.found for read in decided])
-            errors = wrong.cpu().numpy(), found.cpu().numpy()
-            parts.append(frame_errors.FrameErrors(*errors, world.panel.shape.leds))
-            progress(len(bits))
-        errors_there, names = frame_errors.FrameErrors.joined(parts), list(named)
-        counts |= {(name, value): own for name, own in zip(named, errors_there.counts, strict=True)}
-        pairs |= {(names[a], names[b], value): pair for (a, b), pair in errors_there.pairs.items()}
-    stopped = dict.fromkeys(one.values, "frames")
-    curves = curve.Curves(experiment, axis, "own", tuple(named), one.values, counts, pairs, stopped)
-    return Table(curves)
+                bits = receiver(view.frames, view.panels).bits
+            yield bits, view
+
+
+def digests(receivers: Mapping[str, Receiver]) -> dict[str, str]:
+    """Give a digest of each receiver's file.
+
+    Raises:
+        VoccError: a receiver that cannot be saved.
+    """
+    found = {}
+    with tempfile.TemporaryDirectory() as there:
+        for name, receiver in receivers.items():
+            receiver.save(path := Path(there) / "receiver.pt")
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found

@@ -212,7 +212,7 @@ def test_full_disk(app, tmp_path, monkeypatch, limit, failing):
     """What was whole before stays; nothing is left half-written. A limit on files stands in for the disk."""
     if failing == "ber.png":
         monkeypatch.setattr("vocc_torch.report.samples.write_samples", lambda *_, **__: None)
-        monkeypatch.setattr("vocc_torch.measure.ledger.Ledger.keep", lambda *_: None)  # which is larger
+        monkeypatch.setattr("vocc_torch.measure.store.Store.add_trained", lambda *_: None)  # which is larger
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:

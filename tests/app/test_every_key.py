@@ -131,7 +131,7 @@ ALSO = {
 
 LATER = {
     "name": "tests/app/test_run_folder.py::test_only_folders_below_runs_are_given",
-    "workers": "tests/measure/test_workers.py::test_two_processes_measure_what_one_measures",
+    "workers": "tests/measure/test_executors.py::test_two_processes_measure_what_one_measures",
     "executor.kind": "tests/app/test_executors.py::test_unasked_it_begins_here_and_takes_processes",
     "executor.address": "tests/app/test_executors.py::test_what_cannot_be_elsewhere_is_refused",
     "tensorboard": "tests/app/test_cli.py::test_default_run_writes_everything",

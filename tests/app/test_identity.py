@@ -12,8 +12,8 @@ import sklearn
 import torch
 
 from vocc_torch.measure import plan as identity_module
-from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.plan import Budget, ClassifierPlan, Experiment, Plan, ReceiverPlan, World, identity
+from vocc_torch.measure.store import canonical
 from vocc_torch.plugins import ModuleFile, PlugIn
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution

@@ -16,7 +16,7 @@ from scipy.special import expit
 from vocc_torch import Scene, Simulator
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.kept_training import KeptTrainings
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import train, trained_receiver, training_key
 from vocc_torch.receiver.calibration import Calibration, calibration_error
 from vocc_torch.receiver.classifiers import FldaClassifier, Guarded, Inputs
@@ -116,9 +116,9 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
     plan, training = learned
     key = training_key(plan, ["truth"])
     more = replace(training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31)
-    with Ledger.open(tmp_path / "a.sqlite", {}) as ledger:
+    with Store.open(tmp_path / "a.sqlite", {}) as ledger:
         KeptTrainings([ledger]).keep(key, plan, {"truth": replace(training, more=(more,))})
-    with Ledger.open(tmp_path / "a.sqlite", {}) as ledger, Ledger.open(tmp_path / "b.sqlite", {}) as other:
+    with Store.open(tmp_path / "a.sqlite", {}) as ledger, Store.open(tmp_path / "b.sqlite", {}) as other:
         kept = KeptTrainings([other, ledger])
         again = kept.known(key, plan)["truth"]
         assert kept.known(training_key(replace(plan, seed=1), ["truth"]), plan) is None

@@ -119,13 +119,13 @@ ALL = (
 KILLED = """
 import os, signal
 from vocc_torch.__main__ import main
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.store import Store
 
-def killed(self, *arguments, append=Ledger.append):
+def killed(self, *arguments, append=Store.add):
     append(self, *arguments)
     os.kill(os.getpid(), signal.SIGKILL)
 
-Ledger.append = killed
+Store.add = killed
 main()
 """
 

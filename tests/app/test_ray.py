@@ -17,33 +17,22 @@ pytestmark = pytest.mark.slow
 ray = pytest.importorskip("ray")
 
 NODES = """
-import os, signal, sys, time, ray
-from pathlib import Path
+import sys, ray
 from ray.cluster_utils import Cluster
 
 small = {"num_cpus": 1, "object_store_memory": 80 << 20}
 cluster = Cluster(initialize_head=True, head_node_args={**small, "include_dashboard": False})
-nodes, frozen = [cluster.head_node] + [cluster.add_node(**small) for _ in range(int(sys.argv[1]) - 1)], []
+nodes = [cluster.head_node] + [cluster.add_node(**small) for _ in range(int(sys.argv[1]) - 1)]
 print(cluster.address, flush=True)
 for line in sys.stdin:
     if line == "kill\\n":
         cluster.remove_node(nodes.pop(), allow_graceful=False)
-    elif line == "freeze\\n":
-        raylet = nodes[-1].all_processes["raylet"][0].process.pid
-        while not frozen:
-            time.sleep(0.02)
-            own = Path(f"/proc/{raylet}/task/{raylet}/children").read_text().split()
-            frozen += [int(one) for one in own if "ray::called" in Path(f"/proc/{one}/cmdline").read_text()]
-        for one in frozen:
-            os.kill(one, signal.SIGSTOP)
     else:
         nodes.append(cluster.add_node(**small))
     print("done", flush=True)
-for one in frozen:
-    os.kill(one, signal.SIGKILL)
 cluster.shutdown()
 """
-"""Starts a cluster, tells its address, and for each line kills or adds a node, or stops a worker."""
+"""Starts a cluster, tells its address, and for each line kills or adds a node."""
 
 AMBIENT = (
     *("experiment=ambient", "budget.frames=1536", "budget.training_frames=256", "tensorboard=false"),
@@ -121,27 +110,8 @@ def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(app, 
                 time.sleep(0.1)
             told(what)
             assert blocks(tmp_path, "many") < 144
-        status, out, err = ended(run)
-    assert status == 0, err
-    assert err in ("", "vocc-torch: warning: a worker or node was lost: what it did is handed out again\n")
-    assert "raylet" not in out
-    for name in ("ber.csv", "paired.csv"):
-        assert (tmp_path / "runs/one" / name).read_bytes() == (tmp_path / "runs/many" / name).read_bytes()
-
-
-@pytest.mark.parametrize("after", [0, 40], ids=["before its first block", "later"])
-def test_a_worker_that_falls_silent_does_not_hold_a_run_up(after, app, tmp_path):
-    """Ray knows nothing of it: its block comes from another node, minutes before it is overdue."""
-    assert app(*AMBIENT, "workers=1", "name=one").status == 0
-    with cluster(2) as (address, told):
-        run = begun(tmp_path, address, *AMBIENT, "name=many")
-        while blocks(tmp_path, "many") < after:
-            assert run.poll() is None, run.communicate()
-            time.sleep(0.1)
-        told("freeze")
-        assert blocks(tmp_path, "many") < 144
         status, _, err = ended(run)
-    assert (status, err) == (0, "")
+    assert status == 0, err
     for name in ("ber.csv", "paired.csv"):
         assert (tmp_path / "runs/one" / name).read_bytes() == (tmp_path / "runs/many" / name).read_bytes()
 

@@ -9,10 +9,10 @@ from made_up_tallies import tallies
 
 from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.estimate import Estimate, may_be_least
-from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
+from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.runner import Banks, Job
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import narrowed
@@ -106,34 +106,21 @@ def job(make_plan, trained):
     strict = replace(plan.receiver.location, min_rectangularity=0.8)
     plan = replace(plan, receiver=replace(plan.receiver, location=strict))
     banks = [("truth", ["average_greyscale", "flda_3"]), ("paper", ["flda_3"]), ("truth", ["flda_2"])]
-    receivers = Banks([(name, ReceiverBank(names, trained)) for name, names in banks])
-    model = plan.experiment.model_at(plan.world, 66.0)
-    return FrameJob(plan, model, "p", ("truth", "paper"), receivers, receivers.needs_preambles)
-
-
-def test_parts_of_a_job_are_the_whole_whoever_does_them(job):
-    whole, told = job(range(150)), []
-    assert whole.half_errors.shape == (4, 150)
-    for at_once in (40, 128):
-        with Workers(1) as alone:
-            parts = job.handed_out(150, alone, at_once=at_once, told=told.append)()
-        assert np.array_equal(parts.half_errors, whole.half_errors)
-        assert np.array_equal(parts.found, whole.found)
-    assert sum(told) == 300
-    assert np.array_equal(job(range(70, 80)).half_errors, whole.half_errors[:, 70:80])
+    receivers = Banks([(name, ReceiverBank(names, trained), 0) for name, names in banks])
+    return Job(plan, plan.experiment.model_at(plan.world, 66.0), "p", receivers)
 
 
 def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):
-    errors = job(range(100))
+    errors = job.count(range(2), 100)
+    assert errors.keys[1:3] == (Key("truth", "flda_3"), Key("paper", "flda_3"))
+    assert errors.place(Key("truth", "flda_2", 4)) == 3
     assert errors.found[[0, 1, 3]].all()
     assert 0 < errors.counts[2].panels_missed < 100
-    for place, (locator, bank) in (
-        (slice(0, 2), job.receivers.banks[0]),
-        (slice(2, 3), job.receivers.banks[1]),
-    ):
-        receivers = Banks([(locator, bank)])
-        alone = replace(job, locators=(locator,), receivers=receivers, preambles=receivers.needs_preambles)
-        assert np.array_equal(alone(range(100)).half_errors, errors.half_errors[place])
+    for place, bank in ((slice(0, 2), job.receivers.banks[0]), (slice(2, 3), job.receivers.banks[1])):
+        alone = replace(job, receivers=Banks([bank])).count(range(2), 100)
+        assert np.array_equal(alone.half_errors, errors.half_errors[place])
+    late = job.count([1], 16, first=6)
+    assert np.array_equal(late.half_errors, errors.half_errors[:, 70:80])
     assert errors.paired(1, 1).discordant == 0
     assert errors.paired(3, 1) == errors.paired(1, 3).swapped()
 
@@ -141,7 +128,7 @@ def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):
 def test_errors_of_misplaced_panels_are_those_off_the_pinhole_camera_s_corners(job):
     """Corners by the pinhole's own formula, a quarter of a cell by hand; blocks add."""
     job = replace(job, model=narrowed(job.model, {"distance_m": 45.0}))
-    errors, off = job(range(150)), []
+    errors, off = job.count(range(3), 150), []
     link, camera, panel = Link.of(job.plan), job.plan.world.camera, job.plan.world.panel
     finders = job.plan.receiver.finders(["paper"])
     keys = [BlockKey(job.plan.seed, "p", block) for block in range(3)]
@@ -163,5 +150,5 @@ def test_errors_of_misplaced_panels_are_those_off_the_pinhole_camera_s_corners(j
     assert errors.counts[2].misplaced_half_errors == expected > 0
     assert errors.counts[2].location_share == expected / errors.half_errors[2].sum()
     assert errors.counts[0].misplaced_half_errors == errors.counts[3].misplaced_half_errors == 0
-    parts = job(range(64)).counts[2], job(range(64, 150)).counts[2]
+    parts = job.count([0], 64).counts[2], job.count([1, 2], 86).counts[2]
     assert sum(parts, Counts()) == errors.counts[2]

@@ -1,18 +1,21 @@
 """The genie as a reference: on the receivers' own frames, with the same counts however the work is shared."""
 
 import dataclasses
+from unittest import mock
 
 import pytest
 import torch
+from one_point import job_of
 
 from vocc_torch.measure import genie as genie_module
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.genie import Genie, genie_reference
 from vocc_torch.measure.likelihood import overlap
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.point_work import Part
-from vocc_torch.measure.sweep import count_parts, point_name
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.runner import Part
+from vocc_torch.measure.store import Store
+from vocc_torch.measure.sweep import point_name
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
@@ -75,11 +78,12 @@ def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, render
     plan = make_plan(
         locator=locator, experiment=experiment, seed=5, effects=effects, names=("flda_3",), batch_frames=7
     )
-    count_parts(plan, {locator: ReceiverBank(("flda_3",), trained)}, 70.0, [Part(0, 8)])
+    job_of(plan, {locator: ReceiverBank(("flda_3",), trained)}, 70.0)([Part(0, 8)])
     theirs = list(rendered)
     rendered.clear()
     model = experiment.model_at(plan.world, 70.0)
     referenced(plan, model, point_name(experiment, 70.0), len(theirs))
+    rendered[:] = rendered[: len(theirs)]  # the others are timed
     assert [key for key, *_ in rendered] == [key for key, *_ in theirs]
     for (_, bits, frame), (_, their_bits, their_frame) in zip(rendered, theirs, strict=True):
         assert torch.equal(bits, their_bits)
@@ -90,7 +94,7 @@ def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, render
         assert min(same.shape) > 25
 
 
-def test_its_counts_are_the_genies_however_the_work_is_shared(small_plan, monkeypatch):
+def test_its_counts_are_the_genies_however_the_work_is_shared(small_plan, monkeypatch, tmp_path):
     """At 500 m errors abound, of 3 x 3 LEDs too."""
     plan, model = small_plan(PAPER_EFFECTS, seed=2), held(distance_m=500, ambient_lx=20000)
     simulator, point = plan.world.simulator(), "far/distance_m=500"
@@ -99,8 +103,12 @@ def test_its_counts_are_the_genies_however_the_work_is_shared(small_plan, monkey
     decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
     wanted = Counts.of(decision.bits, bits, torch.ones(18, dtype=torch.bool))
     assert wanted.bit_errors > 0
-    monkeypatch.setattr(genie_module, "FRAMES_AT_ONCE", 5)
+    monkeypatch.setattr(genie_module, "TIMED_FRAMES", 2)
     found = referenced(plan, model, point, 18)
+    with Store.open(tmp_path / "ledger", {}) as store, Workers(1) as workers:
+        for _ in range(2):
+            assert genie_reference(plan, model, point, 18, workers, store).counts == wanted
+        assert len(store) == 1
     assert (found.counts, found.proven) == (wanted, int(decision.proven.sum()))
     assert found.seconds_a_frame > 0
 
@@ -122,6 +130,6 @@ def test_the_genie_is_given_frames_and_scenes_and_no_key(make_plan, monkeypatch)
     monkeypatch.setattr(Genie, "decide", asked)
     referenced(make_plan(effects=NOISY, seed=77), held(distance_m=30), "a point", 2)
     simulator, *asked_with = given
-    assert asked_with == [["Frames", "Scene"]]
+    assert asked_with == [["Frames", "Scene"], mock.ANY, ["Frames", "Scene"]]
     assert "a point" not in repr(simulator)
     assert 77 not in simulator.values()

@@ -11,12 +11,12 @@ from scipy import stats
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import rare
 from vocc_torch.measure.counts import Counts, WeightedCounts
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.intervals import ber_interval, clopper_pearson, weighted_interval
-from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.sweep import Study, measured, run_studies
+from vocc_torch.measure.store import Store
+from vocc_torch.measure.sweep import Study, measured, plain_job, run_studies
 from vocc_torch.measure.tilted import EDGES, WIDTHS, Component, TiltedScenes, part_of
-from vocc_torch.measure.workers import Workers
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel
 from vocc_torch.types import PanelShape
@@ -177,11 +177,11 @@ def test_where_few_of_many_wrong_frames_have_the_weight_others_may_be_unseen():
 @pytest.mark.parametrize(
     "numbers",
     [
-        (1, 4, 2, 4, 1, 0, 65),
-        (1, 4, 2, 4, 1, 0, 16, 9, 4, 81, 6561),
-        (1, 4, 0, 0, 0, 0, 1, 1),
-        (2, 8, 4, 8, 2, 0, 32, 4, 8, 8, 31),
-        (2, 8, 4, 8, 2, 0, 32, 4, 8, 8, 65),
+        (1, 4, 2, 4, 1, 0, 0, 0, 65),
+        (1, 4, 2, 4, 1, 0, 0, 0, 16, 9, 4, 81, 6561),
+        (1, 4, 0, 0, 0, 0, 0, 0, 1, 1),
+        (2, 8, 4, 8, 2, 0, 0, 0, 32, 4, 8, 8, 31),
+        (2, 8, 4, 8, 2, 0, 0, 0, 32, 4, 8, 8, 65),
     ],
 )
 def test_what_no_frames_give_is_refused(numbers):
@@ -274,9 +274,10 @@ def rates(study, trained, workers=1, ledger=None, **changes):
     plan = replace(study.plan, **changes)
     own = {study.key: banks(plan, {"truth": trained})}
     ledgers = {} if ledger is None else {study.key: ledger}
+    prepare = rare.weighed_job if plan.budget.rare else plain_job
     with Workers(workers) as pool, pytest.MonkeyPatch.context() as patch:
         patch.setattr(rare, "LEVEL_BLOCKS", (3, 3))
-        ((_, value, outcome),) = run_studies([replace(study, plan=plan)], own, ledgers, pool)
+        ((_, value, outcome),) = run_studies([replace(study, plan=plan)], own, ledgers, pool, prepare=prepare)
     return measured(study, {value: outcome}).curves["truth"]
 
 
@@ -300,7 +301,7 @@ def test_tilted_frames_give_the_rates_that_counting_gives(study, trained, rare_c
 
 
 def test_batches_and_a_ledger_change_nothing(study, trained, rare_curves, tmp_path):
-    with Ledger.open(tmp_path / "ledger", {}) as ledger:
+    with Store.open(tmp_path / "ledger", {}) as ledger:
         short = replace(study.plan.budget, frames=300)
         rates(study, trained, ledger=ledger, budget=short, batch_frames=7)
         assert len(ledger) == 5

@@ -15,7 +15,7 @@ from hydra.core.global_hydra import GlobalHydra
 from unreliable import Unreliable, on
 
 from vocc_torch.app import cli
-from vocc_torch.measure import sweep
+from vocc_torch.measure import runner
 from vocc_torch.studies import curve as testing
 
 BLOCKS = 8
@@ -72,14 +72,13 @@ def ended_after(undisturbed, folder):
 @pytest.fixture
 def asked(monkeypatch):
     """The blocks that are counted in this process."""
-    blocks, count = [], sweep.count_parts
+    blocks, count = [], runner.Job.__call__
 
-    def watched(plan, banks, value, parts):
-        point = sweep.point_name(plan.experiment, value)
-        blocks.extend((point, part.block, part.frames) for part in parts)
-        return count(plan, banks, value, parts)
+    def watched(self, parts):
+        blocks.extend((self.rows, part.block, part.frames) for part in parts)
+        return count(self, parts)
 
-    monkeypatch.setattr(sweep, "count_parts", watched)
+    monkeypatch.setattr(runner.Job, "__call__", watched)
     return blocks
 
 

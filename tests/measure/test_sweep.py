@@ -4,22 +4,22 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 import torch
-from one_point import banks, counter, sweep_point
+from one_point import banks, job_of, run_point, sweep_point
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import sweep
+from vocc_torch.measure import runner, sweep
 from vocc_torch.measure import train as train_module
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, Observation
-from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.point_work import Outcome, Part
-from vocc_torch.measure.sweep import Study, count_parts
+from vocc_torch.measure.runner import Part
+from vocc_torch.measure.store import Store
+from vocc_torch.measure.sweep import Study
 from vocc_torch.measure.train import Training, train, train_each
-from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
@@ -53,10 +53,21 @@ def fldas(plan):
     return {name: training.flda for name, training in train_each(plan, BOTH).items()}
 
 
+def counted(plan, of_locators, value=600.0, parts=PARTS):
+    """The rows of each block by their keys: half errors, where panels were found and misplaced."""
+    job, blocks = job_of(plan, of_locators, value), []
+    for part, content in zip(parts, job(parts), strict=True):
+        errors = job.read(content, part)
+        rows = zip(errors.half_errors, errors.found, errors.misplaced, strict=True)
+        found = dict(zip(errors.keys, rows, strict=True))
+        blocks.append({key: [row.tolist() for row in numbers] for key, numbers in found.items()})
+    return blocks
+
+
 @pytest.fixture(scope="module")
 def together(plan, fldas):
     """Both locators in one pass, block by block."""
-    return count_parts(plan, banks(plan, fldas), 600.0, PARTS)
+    return counted(plan, banks(plan, fldas))
 
 
 def at(plan, locator):
@@ -64,42 +75,39 @@ def at(plan, locator):
 
 
 def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, together):
-    """Tallies of receivers and of their pairs; and the two locators do not see the same panels."""
+    """And the two locators do not see the same panels."""
     for locator in BOTH:
         trained = train(at(plan, locator)).flda
         for name, tensor in fldas[locator].state_dict().items():
             assert tensor.equal(trained.state_dict()[name]), (locator, name)
-        own = banks(plan, {locator: fldas[locator]})
-        alone = count_parts(at(plan, locator), own, 600.0, PARTS)
+        alone = counted(at(plan, locator), banks(plan, {locator: fldas[locator]}))
         for block, mine in zip(together, alone, strict=True):
-            assert {label: one for label, one in block.items() if label[0] == locator} == mine
-    located, true = together[0]["paper", "flda_3", 0], together[0]["truth", "flda_3", 0]
-    assert (0 < located.panels_missed < 32, true.panels_missed) == (True, 0)
-    turned = dict(reversed(banks(plan, fldas).items()))
-    assert count_parts(plan, turned, 600.0, PARTS) == together
+            assert {key: rows for key, rows in block.items() if key.locator == locator} == mine
+    (_, found, _), (_, all_found, misplaced) = (
+        together[0][Key(name, "flda_3")] for name in ("paper", "truth")
+    )
+    assert 32 < sum(found) < sum(all_found) == 64
+    assert not any(misplaced)
+    assert counted(plan, dict(reversed(banks(plan, fldas).items()))) == together
 
 
-def test_every_comparison_is_the_difference_of_two_counts(plan, together):
-    names = plan.receiver.names
-    pairs = {(locator, a, b, 0) for locator in BOTH for i, a in enumerate(names) for b in names[i + 1 :]}
-    for block, part in zip(together, PARTS, strict=True):
-        assert {label for label in block if len(label) == 4} == pairs
-        assert {label for label in block if len(label) == 2} == {(name, 0) for name in names}
-        for label, pair in block.items():
-            if len(label) == 3:
-                continue
-            first, second = (
-                ((label[0], label[1], 0), (label[0], label[2], 0))
-                if len(label) == 4
-                else (("paper", *label), ("truth", *label))
-            )
-            assert isinstance(pair, PairedCounts)
-            assert (pair.frames, pair.bits) == (part.frames, 64 * part.frames)
-            assert pair.half_difference == block[first].half_errors - block[second].half_errors
-            assert pair.a_worse >= block[first].frame_errors - block[second].frame_errors
+def test_every_comparison_is_the_difference_of_two_counts(plan, fldas):
+    """Of every two receivers, and of each with the two locators."""
+    outcome = run_point(job_of(plan, banks(plan, fldas), 600.0), plan.budget)
+    found = sweep.measured(Study("", plan, BOTH), {600.0: outcome})
+    for curves in found.curves.values():
+        assert len(curves.paired) == 6
+        for (a, b, value), pair in curves.paired.items():
+            assert (pair.frames, pair.bits) == (94, 64 * 94)
+            first, second = (curves.counts[name, value] for name in (a, b))
+            assert pair.half_difference == first.half_errors - second.half_errors
+            assert pair.a_worse >= first.frame_errors - second.frame_errors
+    for (name, value), pair in found.location.items():
+        located, true = (found.curves[locator].counts[name, value] for locator in ("paper", "truth"))
+        assert pair.half_difference == located.half_errors - true.half_errors
     # A lost panel costs a frame nearly half its bits, 64 half errors.
-    lost = together[0]["paper", "flda_3", 0].panels_missed
-    assert together[0]["flda_3", 0].a_excess > 40 * lost > 0
+    lost = found.curves["paper"].counts["flda_3", 600.0].panels_missed
+    assert found.location["flda_3", 600.0].a_excess > 40 * lost > 0
 
 
 # What changes nothing
@@ -126,12 +134,13 @@ def test_receivers_alone_or_together_see_the_same_frames_and_another_seed_others
 
 def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
     """The first 64 frames of 100 are the 64 of a budget of 64."""
-    plan = make_plan(frames=128)
-    count = counter(plan, trained, 66.0)
-    first, second = count([Part(0, 64), Part(1, 64)])
-    assert count([Part(0, 64)]) == [first]
-    assert count([Part(1, 64)]) == [second]
-    assert count([Part(0, 10)])[0]["truth", "flda_3", 0].frames == 10
+    job = job_of(plan := make_plan(frames=128), banks(plan, {"truth": trained}), 66.0)
+    first, second = job([Part(0, 64), Part(1, 64)])
+    assert job([Part(0, 64)]) == [first]
+    assert job([Part(1, 64)]) == [second]
+    (few,) = job([Part(0, 10)])
+    begin = job.read(first, Part(0, 64)).first(10).half_errors
+    assert job.read(few, Part(0, 10)).half_errors.tolist() == begin.tolist()
 
 
 def test_close_values_do_not_share_their_draws():
@@ -253,7 +262,7 @@ def run(studies, folder, **told):
     """Run studies with a ledger each in a folder."""
     with ExitStack() as opened, Workers(1) as workers:
         ledgers = {
-            one.key: opened.enter_context(Ledger.open(folder / f"{one.key}.sqlite", one.identity))
+            one.key: opened.enter_context(Store.open(folder / f"{one.key}.sqlite", one.identity))
             for one in studies
         }
         return sweep.run_campaign(studies, workers, ledgers, **told)
@@ -334,22 +343,27 @@ def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):
     unchanged = {name for name, before in left.items() if (tmp_path / name).read_bytes() == before}
     assert unchanged == {"far.sqlite", "bins.sqlite", "near.sqlite"}
     with pytest.raises(VoccError, match="experiment"):
-        Ledger.open(tmp_path / "far.sqlite", studies[1].identity)
-    monkeypatch.setattr(sweep, "count_parts", lambda *_: pytest.fail("counted again"))
+        Store.open(tmp_path / "far.sqlite", studies[1].identity)
+    monkeypatch.setattr(runner.Job, "count", lambda *_: pytest.fail("counted again"))
     assert run(studies, tmp_path).measured == whole[0]
 
 
 def test_groups_are_values_and_empty_ones_are_left_out(make_plan):
-    """In the contrast experiment one outcome holds the tallies of all values."""
-    plan = make_plan(experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=("flda_2", "flda_3"))
-    errors = {group: Counts(10, 640, 2 * group, 4 * group, group) for group in (0, 2)}
-    pairs = {group: PairedCounts(10, 640, 2 * group, 4 * group, group) for group in (0, 2)}
-    tallies = {("paper", *plan.receiver.names, group): pair for group, pair in pairs.items()}
-    tallies |= {("paper", name, group): errors[group] for name in plan.receiver.names for group in (0, 2)}
-    found = sweep.measured(Study("c", plan, ("paper",)), {0.0: Outcome(tallies, "frames")})
+    """In the contrast experiment one outcome holds the errors of all values."""
+    names = "flda_2", "flda_3"
+    plan = make_plan(experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=names)
+    keys, groups = tuple(Key("paper", name) for name in names), np.array([0, 2, -1, 2])
+    halves = np.array([[0, 2, 6, 4], [2, 2, 6, 0]])
+    errors = FrameErrors(halves, halves >= 0, 64, groups, halves > 5, keys)
+    tallies = runner.Job.tallies(None, errors, Part(0, 4))
+    outcome = runner.Outcome(errors, tallies, "frames")
+    found = sweep.measured(Study("c", plan, ("paper",)), {0.0: outcome})
     curves = found.curves["paper"]
     assert (curves.values, curves.stopped_by) == ((0.1, 0.5), {0.1: "frames", 0.5: "frames"})
-    places = ((0, 0.1), (2, 0.5))
-    assert curves.counts == {(name, at): errors[g] for name in curves.receivers for g, at in places}
-    assert curves.paired == {(*curves.receivers, at): pairs[g] for g, at in places}
+    assert {at: one.half_errors for at, one in curves.counts.items()} == {
+        **{("flda_2", 0.1): 0, ("flda_3", 0.1): 2, ("flda_2", 0.5): 6, ("flda_3", 0.5): 2}
+    }
+    assert {at: pair.half_difference for at, pair in curves.paired.items()} == {
+        **{("flda_2", "flda_3", 0.1): -2, ("flda_2", "flda_3", 0.5): 4}
+    }
     assert found.location == {}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from made_up_tallies import tallies
+from one_point import job_of, run_point
 from scipy import stats
 
 from vocc_torch.errors import VoccError
@@ -14,14 +15,15 @@ from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.plan import ClassifierPlan, identity
-from vocc_torch.measure.point_work import Outcome, Part, stop_reason
+from vocc_torch.measure.runner import Part, stop_reason
 from vocc_torch.measure.train import train, train_alone
-from vocc_torch.measure.trainings import TRAININGS, Trained, mean_difference, t_reach, widened
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.trainings import Trained, mean_difference, t_reach, widened
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.report import folder, plots
@@ -42,16 +44,22 @@ def training(plan):
     return train(plan)
 
 
+def counted_of(plan, bank):
+    """The errors of each block."""
+    job = job_of(plan, {"truth": bank}, 66.0)
+    return [job.read(*block) for block in zip(job(PARTS), PARTS, strict=True)]
+
+
 @pytest.fixture(scope="module")
 def counted(plan, training):
-    return sweep.count_parts(plan, {"truth": training.bank(plan.receiver.names)}, 66.0, PARTS)
+    return counted_of(plan, training.bank(plan.receiver.names))
 
 
 @pytest.fixture(scope="module")
-def curves(plan, counted):
-    tallies = {label: sum((block[label] for block in counted[1:]), counted[0][label]) for label in counted[0]}
-    study = sweep.Study("", plan, ("truth",))
-    return sweep.measured(study, {66.0: Outcome(tallies, "frames")}).curves["truth"]
+def curves(plan, training):
+    job = job_of(plan, {"truth": training.bank(plan.receiver.names)}, 66.0)
+    outcome = run_point(job, Budget(sum(part.frames for part in PARTS)))
+    return sweep.measured(sweep.Study("", plan, ("truth",)), {66.0: outcome}).curves["truth"]
 
 
 def test_the_first_training_is_what_it_is_alone(plan, training, counted):
@@ -60,9 +68,9 @@ def test_the_first_training_is_what_it_is_alone(plan, training, counted):
     for name in ("count", "mean", "scatter"):
         assert torch.equal(getattr(alone.flda, name), getattr(training.flda, name))
     assert alone.more == ()
-    before = sweep.count_parts(once, {"truth": alone.bank(plan.receiver.names)}, 66.0, PARTS)
-    first = [{label: one for label, one in block.items() if TRAININGS not in label} for block in counted]
-    assert first == before
+    for block, before in zip(counted, counted_of(once, alone.bank(plan.receiver.names)), strict=True):
+        first = [row for row, key in enumerate(block.keys) if key.training == 0]
+        assert block.of(first).half_errors.tolist() == before.half_errors.tolist()
     assert identity(once, ["truth"]).get("trainings") is None
     assert identity(plan, ["truth"]) == identity(once, ["truth"]) | {"trainings": K}
 
@@ -85,22 +93,21 @@ def test_every_training_has_frames_of_its_own(plan, training):
 def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
     plan, training, counted, curves
 ):
-    for block in counted:
-        for name in plan.receiver.names:
-            each = [block["truth", name, 0]] + [block["truth", name, TRAININGS, k, 0] for k in (1, 2)]
-            together = block["truth", name, TRAININGS, 0, 0]
-            assert together.half_errors == sum(one.half_errors for one in each)
-            assert (together.frames, together.bits) == (each[0].frames, K * each[0].bits)
-            assert max(one.frame_errors for one in each) <= together.frame_errors
-            if name == "center_greyscale":
-                assert each[0] == each[1] == each[2]
-                assert together.half_errors_squared == K**2 * each[0].half_errors_squared
+    for name in plan.receiver.names:
+        of = curves.trained[name, 66.0]
+        assert of.pooled.half_errors == sum(one.half_errors for one in of.each)
+        assert (of.pooled.frames, of.pooled.bits) == (of.each[0].frames, K * of.each[0].bits)
+        assert max(one.frame_errors for one in of.each) <= of.pooled.frame_errors
+        if name == "center_greyscale":
+            assert of.each[0] == of.each[1] == of.each[2]
+            assert of.pooled.half_errors_squared == K**2 * of.each[0].half_errors_squared
     # The second training by itself decides as it does among three.
     other = training.more[0].bank(["flda_2", "flda_3"])
     two = replace(plan, receiver=replace(plan.receiver, names=("flda_2", "flda_3")))
-    alone = sweep.count_parts(two, {"truth": other}, 66.0, PARTS)
+    alone = counted_of(two, other)[0]
     for name in ("flda_2", "flda_3"):
-        assert alone[0]["truth", name, 0] == counted[0]["truth", name, TRAININGS, 1, 0]
+        row, among = alone.place(Key("truth", name)), counted[0].place(Key("truth", name, 1))
+        assert alone.half_errors[row].tolist() == counted[0].half_errors[among].tolist()
     pair = curves.trained_pairs["flda_2", "flda_3", 66.0]
     rates = [curves.trained[name, 66.0].pooled.ber for name in ("flda_2", "flda_3")]
     assert pair.difference == pytest.approx(rates[0] - rates[1], abs=1e-15)
@@ -109,9 +116,9 @@ def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
 def test_further_trainings_do_not_stop_a_point():
     few, many = Counts(64, 4096, 2, 4, 1), Counts(64, 4096, 200, 800, 60)
     rule = Budget(6400, target_frame_errors=2)
-    assert stop_reason(rule, {("truth", "a", 0): few, ("truth", "a", TRAININGS, 1, 0): many}, 1) is None
-    told = {("truth", "a", 0): many, ("truth", "a", TRAININGS, 1, 0): few}
-    assert stop_reason(rule, told, 1) == "frame_errors"
+    first, second = (Key("truth", "a"), 0), (Key("truth", "a", 1), 0)
+    assert stop_reason(rule, {first: few, second: many}, 1) is None
+    assert stop_reason(rule, {first: many, second: few}, 1) == "frame_errors"
 
 
 def test_classifiers_learn_anew_each_time(plan):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from operator import attrgetter
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
@@ -86,6 +86,8 @@ class Counts(Tally):
     panels_missed: int = 0
     misplaced: int = 0
     misplaced_half_errors: int = 0
+    least_frames: ClassVar[int] = 1
+    """Frames before the first look at the precision."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
@@ -191,6 +193,7 @@ class WeightedCounts(Counts):
     weighted_squares: int = 0
     squares: int = 0
     fourths: int = 0
+    least_frames: ClassVar[int] = 128 * BLOCK_FRAMES  # few frames may have most of the weight
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give."""

@@ -1,29 +1,33 @@
-"""What every receiver of a list got wrong in each of the same frames: simulated, counted and compared.
+"""What every receiver got wrong in each of the same frames; counts and comparisons follow from it."""
 
-:meth:`FrameJob.count` is the one loop that counts errors by frame. A study says which scenes (``model``,
-``point``), where panels are looked for (``locators``) and what decides (``receivers``); it gets
-:class:`FrameErrors`, a row for each receiver, from which counts, comparisons and intervals follow.
-"""
-
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts, half_errors
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate, all_pairs, joint_confidence
-from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.plan import Locator, Plan
-from vocc_torch.measure.workers import Workers
-from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """Whose errors a row holds.
+
+    Args:
+        locator: where the panel's corners came from.
+        receiver: what decided.
+        training: number of the training that it had, from 0 on.
+    """
+
+    locator: str
+    receiver: str
+    training: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,7 @@ class FrameErrors:
         leds: bits in a frame, at least 1.
         groups: (N,) int64, what the frames were sorted by, or None.
         misplaced: (L,N) bool, whether the panel was missed or located off its place, or None if unknown.
+        keys: whose errors the rows are; none where rows are known by their places alone.
 
     Raises:
         VoccError: frames of so many bits that 64 bits do not hold the sum of squared errors.
@@ -55,6 +60,7 @@ class FrameErrors:
     leds: int
     groups: NDArray[np.int64] | None = None
     misplaced: NDArray[np.bool_] | None = None
+    keys: tuple[Key, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse more than 64 bits can count."""
@@ -72,7 +78,43 @@ class FrameErrors:
         misplaced = [one.misplaced for one in every if one.misplaced is not None]
         off = np.concatenate(misplaced, axis=1) if misplaced else None
         joined = np.concatenate(halves, axis=1), np.concatenate(found, axis=1)
-        return cls(*joined, every[0].leds, sorted_by, off)
+        return cls(*joined, every[0].leds, sorted_by, off, every[0].keys)
+
+    def packed(self) -> bytes:
+        """Write the numbers as bytes; leds and keys are not among them."""
+        rows, frames = self.half_errors.shape
+        off = np.zeros((rows, frames)) if self.misplaced is None else self.misplaced
+        groups = np.zeros(frames) if self.groups is None else self.groups
+        table = np.vstack([self.half_errors, self.found, off, groups]).astype("<i4")
+        return zlib.compress(table.tobytes(), level=1)
+
+    @classmethod
+    def unpacked(cls, content: bytes, frames: int, leds: int, keys: Sequence[Key]) -> Self:
+        """Read what :meth:`packed` wrote.
+
+        Args:
+            content: the bytes.
+            frames: how many there are.
+            leds: bits in a frame.
+            keys: whose errors the rows are.
+
+        Raises:
+            VoccError: bytes that no such frames can give.
+        """
+        rows = len(keys)
+        size = 4 * frames * (3 * rows + 1)
+        try:
+            unzipped = zlib.decompressobj().decompress(content, size + 1)
+            numbers = np.frombuffer(unzipped, "<i4").reshape(3 * rows + 1, frames)
+        except (zlib.error, ValueError) as error:
+            what = f"counts of {rows} receivers in {frames} frames"
+            raise VoccError(f"{what} cannot be read: {error}") from None
+        halves, flags = numbers[:rows], numbers[rows : 3 * rows]
+        if halves.min() < 0 or halves.max() > 2 * leds or flags.min() < 0 or flags.max() > 1:
+            raise VoccError(f"counts have a frame with more wrong bits than its {leds}")
+        found, off = flags.astype(bool).reshape(2, rows, frames)
+        groups = numbers[-1].astype(np.int64)
+        return cls(halves.astype(np.int64), found, leds, groups, off, tuple(keys))
 
     def first(self, frames: int) -> Self:
         """Give the same of the first frames alone, 1 to N of them."""
@@ -85,7 +127,19 @@ class FrameErrors:
         halves, found = self.half_errors[receivers][:, frames], self.found[receivers][:, frames]
         groups = None if self.groups is None else self.groups[frames]
         off = None if self.misplaced is None else self.misplaced[receivers][:, frames]
-        return type(self)(halves, found, self.leds, groups, off)
+        rows = range(len(self.keys))[receivers] if isinstance(receivers, slice) else receivers
+        keys = [self.keys[row] for row in rows if self.keys]
+        return type(self)(halves, found, self.leds, groups, off, tuple(keys))
+
+    def place(self, key: Key) -> int:
+        """Give the row of a receiver; one that learns nothing is the same after each training."""
+        return self.keys.index(key if key in self.keys else replace(key, training=0))
+
+    def by_group(self) -> Iterator[tuple[int, Self]]:
+        """Give the frames of each group that has some, by the group; those below 0 are in none."""
+        groups = np.zeros(self.half_errors.shape[1], np.int64) if self.groups is None else self.groups
+        for group in np.unique(groups[groups >= 0]).tolist():
+            yield group, self.of(frames=groups == group)
 
     @classmethod
     def pooled(cls, trainings: Sequence[Self]) -> Self:
@@ -97,7 +151,7 @@ class FrameErrors:
         first = trainings[0]
         halves = np.sum([one.half_errors for one in trainings], axis=0)
         found = np.all([one.found for one in trainings], axis=0)
-        return cls(halves, found, first.leds * len(trainings), first.groups, first.misplaced)
+        return cls(halves, found, first.leds * len(trainings), first.groups, first.misplaced, first.keys)
 
     @cached_property
     def counts(self) -> list[Counts]:
@@ -147,130 +201,3 @@ def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
     """Give the sum, the sum of squares and the number above 0 of each row, (L,3)."""
     squared = np.einsum("ln,ln->l", errors, errors)
     return np.stack([errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1)
-
-
-Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[torch.Tensor, Observation]]]
-"""What decides one batch, given what was observed of its frames by locator; picklable where workers do it.
-
-It yields for each receiver, in the same order every time, its bits (B,R,C) bool and the observation that it
-decided on.
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class Banks:
-    """Receivers of one or more banks, a row for each receiver, bank after bank.
-
-    Args:
-        banks: each with the name of the locator whose readings it decides on. The same locator may stand
-            here more than once, for receivers that trained on several scenes.
-    """
-
-    banks: Sequence[tuple[str, ReceiverBank]]
-
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, Observation]]:
-        """Decide one batch, as ``Receivers`` says."""
-        for locator, bank in self.banks:
-            seen = views[locator]
-            for scores in bank.scores(seen.readings, seen.preambles).values():
-                yield scores >= 0, seen
-
-    @property
-    def needs_preambles(self) -> bool:
-        """Whether any of the receivers needs frames of known bits."""
-        return any(needs_preambles(bank.names) for _, bank in self.banks)
-
-
-Told = Callable[[int], None]
-"""Called with the frames done since the last call."""
-
-Sorter = Callable[[Link, Observation], torch.Tensor]
-"""Gives the group (B,) int64 of each frame of a batch."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameJob:
-    """Counts errors on frames of one kind of scenes; picklable, so that workers do it.
-
-    Args:
-        plan: world, reader, seed and batch size.
-        model: the scenes.
-        point: name that keys their random draws.
-        locators: names of the locators.
-        receivers: what decides.
-        preambles: whether a receiver needs the all-On and all-Off frames of each scene.
-        sorter: sorts the frames into groups, or None.
-
-    Example:
-        >>> from pathlib import Path
-        >>> from vocc_torch.measure.plan import Budget, Experiment, ReceiverPlan, World
-        >>> from vocc_torch.receiver.flda import FLDA
-        >>> experiment = Experiment("d", "distance_m", (50.0,))
-        >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2), Path("runs"))
-        >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)))])
-        >>> job = FrameJob(plan, plan.world.scene, "d", ("truth",), greyscale, greyscale.needs_preambles)
-        >>> with Workers(1) as workers:
-        ...     errors = job.handed_out(2, workers)()
-        >>> errors.counts[0].frames, errors.counts[0].bit_errors
-        (2, 0.0)
-    """
-
-    plan: Plan
-    model: SceneModel
-    point: str
-    locators: tuple[Locator, ...]
-    receivers: Receivers
-    preambles: bool = False
-    sorter: Sorter | None = None
-
-    def count(self, blocks: Iterable[int], frames: int, first: int = 0) -> FrameErrors:
-        """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
-
-        Args:
-            blocks: indices of the point's blocks.
-            frames: how many frames of these to use, from the first on.
-            first: how many of them to pass over.
-        """
-        link, keys = Link.of(self.plan), [BlockKey(self.plan.seed, self.point, block) for block in blocks]
-        finders, preambles = self.plan.receiver.finders(self.locators), self.preambles
-        wrong, found, off, groups = [], [], [], []
-        every = link.observe_each(finders, self.model, keys, preambles=preambles, frames=frames, first=first)
-        for views in every:
-            seen = next(iter(views.values()))
-            decided = list(self.receivers(views))
-            halves = [half_errors(bits, view.bits, view.panels.found) for bits, view in decided]
-            wrong.append(torch.stack(halves))
-            found.append(torch.stack([view.panels.found for _, view in decided]))
-            off.append(torch.stack([view.misplaced for _, view in decided]))
-            if self.sorter is not None:
-                groups.append(self.sorter(link, seen))
-        wrong_there, located, misplaced = (
-            torch.cat(parts, dim=1).cpu().numpy() for parts in (wrong, found, off)
-        )
-        sorted_by = torch.cat(groups).cpu().numpy() if groups else None
-        return FrameErrors(wrong_there, located, link.reader.shape.leds, sorted_by, misplaced)
-
-    def __call__(self, frames: range) -> FrameErrors:
-        """Count some of the point's frames, which are named by their indices, from 0 on."""
-        blocks = range(frames.start // BLOCK_FRAMES, -(-frames.stop // BLOCK_FRAMES))
-        before = blocks.start * BLOCK_FRAMES
-        return self.count(blocks, frames.stop - before, frames.start - before)
-
-    def handed_out(
-        self, frames: int, workers: Workers, *, at_once: int = 4 * BLOCK_FRAMES, told: Told | None = None
-    ) -> Callable[[], FrameErrors]:
-        """Hand out the point's first frames; what is returned waits for what came of them.
-
-        Args:
-            frames: how many, at least 1.
-            workers: who does it; they change no count.
-            at_once: frames in a call, at least 1; best a multiple of a block.
-            told: called with the frames of each call when it is done.
-        """
-        calls = []
-        for first in range(0, frames, at_once):
-            part = range(first, min(first + at_once, frames))
-            calls.append(workers.submit(self, part))
-            if told is not None:
-                calls[-1].add_done_callback(partial(lambda done, _: told(done), len(part)))
-        return lambda: FrameErrors.joined(call.result() for call in calls)

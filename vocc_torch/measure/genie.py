@@ -7,18 +7,21 @@ import copy
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import frame_errors, link, timing
+from vocc_torch.measure import link, runner, timing
+from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.likelihood import ForwardModel, PixelModel, overlap
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.store import Store
+from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames, Scene
 
@@ -30,9 +33,6 @@ STARTS = 8
 
 NOISE_WIDTH = 256
 """How many partial decisions the M-algorithm keeps under noise, where nothing can be proven."""
-
-FRAMES_AT_ONCE = 16
-"""Frames of one call: one frame's search may take a thousand times as long as another's."""
 
 NEWTON_STEPS = 40
 """Most steps of the relaxation; scenes of the paper take two to six."""
@@ -315,7 +315,7 @@ class GenieReference:
 
 
 def genie_reference(
-    plan: Plan, model: SceneModel, point: str, frames: int, workers: Workers
+    plan: Plan, model: SceneModel, point: str, frames: int, workers: Workers, store: Store | None = None
 ) -> GenieReference:
     """Let the genie decide a point's first frames, the same that every receiver decides there.
 
@@ -325,33 +325,78 @@ def genie_reference(
         point: the point's name, which keys its random draws.
         frames: how many frames, at least 1.
         workers: who does it; they change no count.
+        store: where blocks are recorded, or None.
 
     Raises:
         UnknownLikelihoodError: effects whose likelihood the genie does not know, or pixels that are full
             before they are white.
         VoccError: a worker that was ended from outside.
     """
-    parts = [range(first, min(first + FRAMES_AT_ONCE, frames)) for first in range(0, frames, FRAMES_AT_ONCE)]
-    with worker_losses_told():
-        calls = [workers.submit(partial(decide_part, plan, model, point), part) for part in parts]
-        errors, decisions = zip(*(call.result() for call in calls), strict=True)
-    (counts,) = frame_errors.FrameErrors.joined(errors).counts
-    every = list(chain.from_iterable(decisions))
-    seconds = timing.median_of([spent for one in every for spent in one.seconds]).value
-    return GenieReference(counts, sum(int(one.proven.sum()) for one in every), seconds)
+    decider = GenieDecider(plan)
+    job = runner.Job(plan, model, point, decider, ProvenFrames(decider), f"{point}/genie")
+    (outcome,) = runner.count([runner.Point(job, Budget(frames), store)], workers, BLOCK_FRAMES)
+    (counts,) = outcome.errors.counts
+    assert outcome.errors.groups is not None
+    return GenieReference(counts, int((outcome.errors.groups == PROVEN).sum()), seconds_a_frame(job, frames))
 
 
-def decide_part(
-    plan: Plan, model: SceneModel, point: str, frames: range
-) -> tuple[frame_errors.FrameErrors, list[GenieDecision]]:
-    """Decide some of a point's frames."""
-    genie, decisions = Genie(plan.world.simulator()), []
+PROVEN = 1
+"""Group of the frames of which no bits are likelier than the genie's."""
 
-    def decide(views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, link.Observation]]:
+TIMED_FRAMES = 8
+"""Frames on which the genie is timed."""
+
+
+@dataclass(frozen=True, eq=False)
+class GenieDecider:
+    """Lets the genie decide; see :class:`vocc_torch.measure.runner.Deciders`.
+
+    Args:
+        plan: whose world the frames are of.
+    """
+
+    plan: Plan
+    keys: tuple[Key, ...] = (Key("truth", "genie"),)
+    needs_preambles: bool = False
+
+    def finders(self, plan: Plan) -> dict[str, None]:
+        """Take the true corners."""
+        return {"truth": None}
+
+    def decision(self, seen: link.Observation) -> GenieDecision:
+        """Decide a batch, once."""
+
+        def decide() -> GenieDecision:
+            # One thread, whose clock then knows of all the work, and whose sums have one order.
+            with timing.threads(1), torch.autocast(seen.bits.device.type, enabled=False):
+                return Genie(self.plan.world.simulator()).decide(seen.frames, seen.scene)
+
+        return seen.once("genie", decide)
+
+    def __call__(self, views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, link.Observation]]:
+        """Decide one batch."""
         (seen,) = views.values()
-        # One thread, whose clock then knows of all the work, and whose sums have one order.
-        with timing.threads(1), torch.autocast(seen.bits.device.type, enabled=False):
-            decisions.append(genie.decide(seen.frames, seen.scene))
-        yield decisions[-1].bits, seen
+        yield self.decision(seen).bits, seen
 
-    return frame_errors.FrameJob(plan, model, point, ("truth",), decide)(frames), decisions
+
+@dataclass(frozen=True, eq=False)
+class ProvenFrames:
+    """Sorts frames by whether the genie's bits are proven to be the likeliest."""
+
+    decider: GenieDecider
+
+    def __call__(self, _: link.Link, seen: link.Observation) -> Tensor:
+        """Give the groups of a batch."""
+        return self.decider.decision(seen).proven.long()
+
+
+def seconds_a_frame(job: runner.Job, frames: int) -> float:
+    """Time the genie on a point's first frames, the median, s."""
+    keys, decider = link.block_keys(job.plan.seed, job.point, 1), GenieDecider(job.plan)
+    few = min(frames, TIMED_FRAMES)
+    batches = link.Link.of(job.plan).observe_each(
+        {"truth": None}, job.model, keys, preambles=False, frames=few
+    )
+    return timing.median_of(
+        [one for views in batches for one in decider.decision(views["truth"]).seconds]
+    ).value

@@ -180,6 +180,23 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     return clustered_interval(counts, design_effect(counts), frames_in_error, fewest, confidence)
 
 
+def precise_enough(counts: Counts, share: float, least_ber: float) -> bool:
+    """Say whether an interval reaches at most a share of the rate to either side, or lies below a rate.
+
+    Args:
+        counts: what was counted so far.
+        share: above 0, below 1.
+        least_ber: the rate below which nothing more is asked.
+    """
+    if counts.frames < max(1, counts.least_frames):
+        return False
+    # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
+    interval = ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2)
+    reach = max(interval.high - counts.ber, counts.ber - interval.low)
+    narrow = counts.half_errors > 0 and reach <= share * counts.ber
+    return narrow or interval.high <= least_ber
+
+
 def clustered_interval(
     counts: Counts, effect: float, frames_in_error: float, fewest: float, confidence: float
 ) -> Estimate:

@@ -12,8 +12,8 @@ from typing import Any
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.ledger import Ledger, canonical
 from vocc_torch.measure.plan import ClassifierPlan, Locator, Plan, resolve_device
+from vocc_torch.measure.store import Store, canonical
 from vocc_torch.measure.train import Making, Training, training_key
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
@@ -25,14 +25,14 @@ _NOT_KEPT = (VoccError, LookupError, TypeError, ValueError, RuntimeError, Attrib
 
 
 class KeptTrainings:
-    """What was trained, in the ledgers of a run.
+    """What was trained, in the stores of a run.
 
     Args:
-        ledgers: at least one; the first takes what is new, all are asked for what is known.
+        stores: at least one; the first takes what is new, all are asked for what is known.
     """
 
-    def __init__(self, ledgers: Iterable[Ledger]) -> None:
-        self._ledgers = tuple(ledgers)
+    def __init__(self, stores: Iterable[Store]) -> None:
+        self._stores = tuple(stores)
 
     def known(self, key: str, plan: Plan) -> dict[Locator, Training] | None:
         """Give the trained receivers that stand under a key, or None where they must be trained.
@@ -41,7 +41,7 @@ class KeptTrainings:
             key: of :func:`vocc_torch.measure.train.training_key`.
             plan: what they are trained for.
         """
-        for content in (one.kept(key) for one in self._ledgers):
+        for content in (one.trained(key) for one in self._stores):
             with suppress(*_NOT_KEPT):
                 if content is not None:
                     return {name: _unpacked(one, plan) for name, one in content.items()}
@@ -59,7 +59,7 @@ class KeptTrainings:
             if all(_alike(one, _unpacked(parts[name], plan), plan) for name, one in trainings.items()):
                 content = canonical(parts)
         if 0 < len(content) <= MOST_BYTES:
-            self._ledgers[0].keep(key, content)
+            self._stores[0].add_trained(key, content)
 
     def or_trained(
         self, plan: Plan, locators: Sequence[Locator], train: Callable[[], dict[Locator, Training]]

@@ -18,15 +18,15 @@ import torch
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from vocc_torch.measure import frame_errors
-from vocc_torch.measure.counts import WeightedCounts
-from vocc_torch.measure.ledger import Label, Tally
+from vocc_torch.measure import runner, sweep
+from vocc_torch.measure.counts import Counts, WeightedCounts
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Locator, Plan
-from vocc_torch.measure.point_work import Part
 from vocc_torch.measure.tilted import WIDTHS, Component, Floats, TiltedScenes, part_of
 from vocc_torch.measure.timing import threads
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.types import PanelShape
@@ -70,38 +70,27 @@ class PilotFrames:
     failed: NDArray[np.bool_]
 
 
-def count_parts(
-    plan: Plan, banks: Banks, point: str, scenes: TiltedScenes, parts: Sequence[Part]
-) -> list[dict[Label, Tally]]:
-    """Count the weighted errors of every receiver on blocks of one point.
+@dataclass(frozen=True, eq=False)
+class WeighedJob(runner.Job):
+    """Receivers on frames of a frozen proposal, each error with the weight of its frame."""
 
-    Args:
-        plan: the study.
-        banks: the receivers, trained with each of the locators, by the locator.
-        point: name that keys its random draws.
-        scenes: the frozen proposal.
-        parts: the blocks; only the last one may be used in part.
-
-    Returns:
-        For each block the counts by (locator, receiver, 0).
-    """
-    receivers, shape = frame_errors.Banks(list(banks.items())), plan.world.panel.shape
-    job = frame_errors.FrameJob(plan, scenes, point, tuple(banks), receivers, receivers.needs_preambles)
-    errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
-    labels: list[Label] = [(locator, name, 0) for locator, bank in banks.items() for name in bank.names]
-    counted: list[dict[Label, Tally]] = []
-    for number, part in enumerate(parts):
-        drawn = scenes.drawn(BlockKey(plan.seed, point, part.block), shape)
+    def tallies(self, errors: FrameErrors, part: runner.Part) -> dict[tuple[Key, int], Counts]:
+        """Count the weighted errors of a block."""
+        scenes, shape = self.model, self.plan.world.panel.shape
+        assert isinstance(scenes, TiltedScenes)
+        drawn = scenes.drawn(BlockKey(self.plan.seed, self.point, part.block), shape)
         weights = scenes.weights(*drawn)[: part.frames]
-        one = errors.of(frames=slice(number * BLOCK_FRAMES, number * BLOCK_FRAMES + part.frames))
-        rows = zip(labels, one.half_errors, one.found, strict=True)
-        counted.append(
-            {
-                label: WeightedCounts.weigh(halves, found, shape.leds, weights, scenes.nominal)
-                for label, halves, found in rows
-            }
-        )
-    return counted
+        return {
+            (key, 0): WeightedCounts.weigh(halves, found, shape.leds, weights, scenes.nominal)
+            for key, halves, found in zip(errors.keys, errors.half_errors, errors.found, strict=True)
+        }
+
+
+def weighed_job(study: sweep.Study, banks: Banks, value: float, workers: Workers) -> WeighedJob:
+    """Give what counts a point of a study on frames where errors are expected; see ``sweep.plain_job``."""
+    plan, plain = study.plan, sweep.plain_job(study, banks, value, workers)
+    scenes = proposal(plan, banks, plain.model, plain.point, workers.submit)
+    return WeighedJob(plan, scenes, plain.point, plain.receivers)
 
 
 Submit = Callable[[Callable[[int], PilotFrames], int], Future[PilotFrames]]
@@ -141,7 +130,7 @@ def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int)
     names = [FrameKey(key, frame) for frame in range(BLOCK_FRAMES)]
     with threads(1), torch.inference_mode():
         link, finders = Link.of(plan), plan.receiver.finders(tuple(banks))
-        preambles = frame_errors.Banks(list(banks.items())).needs_preambles
+        preambles = any(needs_preambles(bank.names) for bank in banks.values())
         (views,) = link.observe_each(finders, scenes, [key], preambles=preambles)
         margins, failed = [], []
         for locator, bank in banks.items():

@@ -1,4 +1,4 @@
-"""Measure bit error rates along the axes of one or many experiments, with a ledger for each.
+"""Measure bit error rates along the axes of one or many experiments, with a store for each.
 
 Every receiver decides on the same frames, with one or more locators, and every two receivers are compared.
 """
@@ -7,24 +7,26 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Literal, TypeAlias
 
-import numpy as np
 import torch
 
-from vocc_torch.measure import curve, frame_errors, rare, train
+from vocc_torch.measure import curve, runner, train
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.kept_training import KeptTrainings
-from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
-from vocc_torch.measure.point_work import Outcome, Part, PointWork
-from vocc_torch.measure.trainings import TRAININGS, Trained
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.store import Store
+from vocc_torch.measure.trainings import Trained
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel
+
+Banks: TypeAlias = Mapping[Locator, ReceiverBank]
+"""Receivers, trained with each of some locators."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class Campaign:
 def run_campaign(
     studies: Sequence[Study],
     workers: Workers,
-    ledgers: Mapping[str, Ledger],
+    stores: Mapping[str, Store],
     *,
     trained: Callable[[], None] = lambda: None,
     advance: Callable[[Study, int], None] = lambda study, frames: None,
@@ -79,16 +81,16 @@ def run_campaign(
     Args:
         studies: the studies, of different keys.
         workers: who does it.
-        ledgers: of every study, by its key.
+        stores: of every study, by its key.
         trained: called when training is done.
         advance: called for each block as it is added, with its frames.
         finished: called with each study when its last point is there.
 
     Raises:
-        VoccError: a ledger that cannot be used, no panel in any training frame, or a worker that was ended
+        VoccError: a store that cannot be used, no panel in any training frame, or a worker that was ended
             from outside.
     """
-    kept, locators = KeptTrainings(ledgers.values()), [one.locators for one in studies]
+    kept, locators = KeptTrainings(stores.values()), [one.locators for one in studies]
     every = train.train_plans([one.plan for one in studies], locators, workers, kept)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
     trained()
@@ -97,7 +99,7 @@ def run_campaign(
         names = study.plan.receiver.names
         banks[study.key] = {locator: one.bank(names) for locator, one in trainings[study.key].items()}
 
-    points = run_studies(studies, banks, ledgers, workers, lambda one, _at, frames, _: advance(one, frames))
+    points = run_studies(studies, banks, stores, workers, lambda one, _at, frames, _: advance(one, frames))
     for study in studies:
         own = itertools.islice(points, len(monte_carlo_values(study.plan)))
         results[study.key] = measured(study, {value: outcome for _, value, outcome in own})
@@ -105,108 +107,66 @@ def run_campaign(
     return Campaign(results, trainings)
 
 
-Progress = Callable[[Study, float, int, Mapping[Label, Tally]], None]
-"""Called with the study, the point's value, frames since the last call, and the tallies so far."""
+Progress = Callable[[Study, float, int, runner.Tallies], None]
+"""Called with the study, the point's value, frames since the last call, and the sums so far."""
+
+Prepare = Callable[[Study, Banks, float, Workers], runner.Job]
+"""Gives what counts a study's point."""
+
+
+def plain_job(study: Study, banks: Banks, value: float, _: Workers) -> runner.Job:
+    """Give what counts a point of a study: every receiver after each training, on the same frames.
+
+    Args:
+        study: the study.
+        banks: the receivers, trained with each of the locators, by the locator.
+        value: the axis value; without meaning for ``contrast``.
+    """
+    plan = study.plan
+    every = [
+        (locator, bank, number)
+        for locator, first in banks.items()
+        for number, bank in enumerate((first, *first.more))
+    ]
+    model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
+    return runner.Job(plan, model, point, runner.Banks(every), partial(group_of, plan.experiment))
 
 
 def run_studies(
     studies: Sequence[Study],
-    banks: Mapping[str, Mapping[Locator, ReceiverBank]],
-    ledgers: Mapping[str, Ledger],
+    banks: Mapping[str, Banks],
+    stores: Mapping[str, Store],
     workers: Workers,
     progress: Progress = lambda study, value, frames, tallies: None,
-) -> Iterator[tuple[Study, float, Outcome]]:
+    prepare: Prepare = plain_job,
+) -> Iterator[tuple[Study, float, runner.Outcome]]:
     """Measure the points of many studies, one after the other.
 
     Args:
         studies: the studies, in order.
         banks: the receivers, trained with each of the locators, by the study's key.
-        ledgers: where blocks are recorded, by the study's key; none for a study that is not there.
+        stores: where blocks are recorded, by the study's key; none for a study that is not there.
         workers: who does it.
         progress: called for each block as it is added.
+        prepare: gives what counts a point.
 
     Yields:
         Each point once it is finished: its study, its value and its outcome.
 
     Raises:
-        VoccError: a ledger that cannot be written, or a worker that was ended from outside.
+        VoccError: a store that cannot be written, or a worker that was ended from outside.
     """
-    points = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
+    places = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
 
-    def works() -> Iterator[PointWork]:
-        for study, value in points:
-            plan, own = study.plan, banks[study.key]
-            name, told = point_name(plan.experiment, value), partial(progress, study, value)
-            count = partial(count_parts, plan, own, value)
-            if plan.budget.rare:
-                model = plan.experiment.model_at(plan.world, value)
-                scenes = rare.proposal(plan, own, model, name, workers.submit)
-                count = partial(rare.count_parts, plan, own, name, scenes)
-            rule = replace(plan.budget, frames=plan.frames_in_point)  # those of all bins
-            yield PointWork(name, count, rule, ledgers.get(study.key), told)
+    def points() -> Iterator[runner.Point]:
+        for study, value in places:
+            rule = replace(study.plan.budget, frames=study.plan.frames_in_point)  # those of all bins
+            job = prepare(study, banks[study.key], value, workers)
+            yield runner.Point(job, rule, stores.get(study.key), partial(progress, study, value))
 
-    blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
-    with worker_losses_told():
-        for point, outcome in zip(points, workers.run(works(), blocks), strict=True):
-            yield *point, outcome
-
-
-def count_parts(
-    plan: Plan, banks: Mapping[Locator, ReceiverBank], value: float, parts: Sequence[Part]
-) -> list[dict[Label, Tally]]:
-    """Count the errors of every receiver on blocks of one point, and compare every two of them.
-
-    Errors are labelled (locator, receiver, group), comparisons of two receivers (locator, a, b, group), and
-    with the locators ``paper`` and ``truth`` each receiver is compared with itself: (receiver, group). Those
-    are of the first training. With several, the errors of the others are labelled (locator, receiver, "*",
-    number, group), those of all together, a frame holding the bits of all, have the number 0, and so do
-    comparisons, (locator, a, b, "*", 0, group).
-
-    Args:
-        plan: the study.
-        banks: the receivers, trained with each of the locators, by the locator.
-        value: the axis value; without meaning for ``contrast``.
-        parts: the blocks; only the last one may be used in part.
-    """
-    # Blocks known already may be missing between others, but only a budget's last one is used in part.
-    assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-    every = [(locator, one) for locator, bank in banks.items() for one in (bank, *bank.more)]
-    receivers, names = frame_errors.Banks(every), plan.receiver.names
-    model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
-    sorter, preambles = partial(group_of, plan.experiment), receivers.needs_preambles
-    job = frame_errors.FrameJob(plan, model, point, tuple(banks), receivers, preambles, sorter)
-    errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
-    rows, counted, next_row = dict[str, list[list[int]]](), [], 0
-    for locator, bank in every:
-        own = {name: next_row + at for at, name in enumerate(bank.names)}
-        next_row += len(own)
-        # What learns nothing is the same in all trainings.
-        first = dict(zip(names, rows[locator][0], strict=True)) if locator in rows else own
-        rows.setdefault(locator, []).append([own.get(name, first[name]) for name in names])
-    for start in range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES):
-        block = errors.of(frames=slice(start, start + BLOCK_FRAMES))
-        counts: dict[Label, Tally] = {}
-        assert block.groups is not None
-        for group in np.unique(block.groups[block.groups >= 0]).tolist():
-            here = block.of(frames=block.groups == group)
-            for locator, trainings in rows.items():
-                each = [here.of(places) for places in trainings]
-                whole: list[tuple[Label, frame_errors.FrameErrors]] = [((), each[0])]
-                if len(each) > 1:
-                    whole.append(((TRAININGS, 0), frame_errors.FrameErrors.pooled(each)))
-                for mark, of in whole:
-                    labels = [(locator, name, *mark, group) for name in names]
-                    counts |= zip(labels, of.counts, strict=True)
-                    for (a, b), pair in of.pairs.items():
-                        counts[locator, names[a], names[b], *mark, group] = pair
-                for number, further in enumerate(each[1:], 1):
-                    for name, alone in zip(names, further.counts, strict=True):
-                        counts[locator, name, TRAININGS, number, group] = alone
-            if "paper" in rows and "truth" in rows:
-                for name, *both in zip(names, rows["paper"][0], rows["truth"][0], strict=True):
-                    counts[name, group] = here.of(both).pairs[0, 1]
-        counted.append(counts)
-    return counted
+    batch_frames = max((study.plan.batch_frames for study in studies), default=BLOCK_FRAMES)
+    for place, outcome in zip(places, runner.count(points(), workers, batch_frames), strict=True):
+        yield *place, outcome
 
 
 def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
@@ -258,14 +218,20 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
 
 
 def points_of(
-    plan: Plan, locator: Locator, value: float, tallies: Mapping[Label, Tally], stopped_by: str
+    plan: Plan, locator: Locator, value: float, tallies: runner.Tallies, stopped_by: str
 ) -> list[curve.Point]:
-    """Name one locator's counts by receiver and by axis value, or by the middle of their contrast bin."""
-    outcomes = {value: Outcome(dict(tallies), stopped_by)}
-    return measured(Study("", plan, (locator,)), outcomes).curves[locator].points()
+    """Name one locator's sums by receiver and by axis value, or by the middle of their contrast bin."""
+    values, experiment = axis_values(plan.experiment), plan.experiment
+    found = []
+    for (key, group), counts in tallies.items():
+        if key.locator == locator and key.training == 0:
+            at = values[group] if experiment.axis == "contrast" else value
+            place = experiment.name, experiment.axis, at, key.receiver, locator
+            found.append(curve.Point(*place, counts, stopped_by))
+    return found
 
 
-def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
+def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> curve.Measured:
     """Put a study's outcomes together.
 
     Args:
@@ -273,39 +239,58 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
         outcomes: by the value that was simulated.
     """
     experiment, names = study.plan.experiment, study.plan.receiver.names
-    values = axis_values(experiment)
-    counts: dict[str, dict[tuple[str, float], Counts]] = {name: {} for name in study.locators}
-    pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in study.locators}
+    if experiment.axis == "contrast":
+        # One outcome holds the groups of all values.
+        values, (whole,) = axis_values(experiment), outcomes.values()
+        outcomes = {values[group]: part for group, part in whole.by_group()}
+    place = experiment.name, experiment.axis
+    curves = {str(name): curves_of(*place, name, names, outcomes) for name in study.locators}
     location: dict[tuple[str, float], PairedCounts] = {}
-    more: dict[str, dict[tuple[str, float], dict[int, Counts]]] = {name: {} for name in study.locators}
-    trained_pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {one: {} for one in pairs}
-    stopped: dict[float, str] = {}
-    for value, outcome in outcomes.items():
-        for (*label, group), tally in outcome.counts.items():
-            # In the contrast experiment one outcome holds the groups of all values.
-            at = values[int(group)] if experiment.axis == "contrast" else value
-            stopped[at] = outcome.stopped_by
-            parts = [str(part) for part in label]
-            if TRAININGS in parts:
-                if isinstance(tally, Counts):
-                    more[parts[0]].setdefault((parts[1], at), {})[int(parts[3])] = tally
-                elif isinstance(tally, PairedCounts):
-                    trained_pairs[parts[0]][parts[1], parts[2], at] = tally
-            elif isinstance(tally, Counts):
-                counts[parts[0]][parts[1], at] = tally
-            elif isinstance(tally, PairedCounts) and len(parts) == 1:
-                location[parts[0], at] = tally
-            elif isinstance(tally, PairedCounts):
-                pairs[parts[0]][parts[1], parts[2], at] = tally
-    held, curves = tuple(at for at in values if at in stopped), {}
-    for name in study.locators:
-        trained = {}
-        for place, of in more[name].items():
-            others = (of[number] for number in range(1, len(of)))
-            trained[place] = Trained((counts[name][place], *others), of[0])
-        own = counts[name], pairs[name], stopped, trained, trained_pairs[name]
-        curves[str(name)] = curve.Curves(experiment.name, experiment.axis, name, names, held, *own)
+    if {"paper", "truth"} <= {*study.locators}:
+        for at, outcome in outcomes.items():
+            for name in names:
+                rows = [outcome.errors.place(Key(locator, name)) for locator in ("paper", "truth")]
+                location[name, at] = outcome.errors.of(rows).pairs[0, 1]
     return curve.Measured(curves, location)
+
+
+def curves_of(
+    experiment: str,
+    axis: str,
+    locator: Locator,
+    names: Sequence[str],
+    outcomes: Mapping[float, runner.Outcome],
+) -> curve.Curves:
+    """Put what was counted with one locator together.
+
+    Args:
+        experiment: its name.
+        axis: quantity that varies.
+        locator: where the panel's corners came from.
+        names: of the receivers, in the order of the results.
+        outcomes: by the value of the axis, ascending.
+    """
+    counts: dict[tuple[str, float], Counts] = {}
+    pairs: dict[tuple[str, str, float], PairedCounts] = {}
+    trained: dict[tuple[str, float], Trained] = {}
+    trained_pairs: dict[tuple[str, str, float], PairedCounts] = {}
+    for at, outcome in outcomes.items():
+        errors = outcome.errors
+        trainings = [
+            errors.of([errors.place(Key(locator, name, number)) for name in names])
+            for number in range(1 + max(key.training for key in errors.keys))
+        ]
+        counts |= {(name, at): outcome.counts[Key(locator, name), 0] for name in names}
+        if outcome.comparable:
+            pairs |= {(names[a], names[b], at): pair for (a, b), pair in trainings[0].pairs.items()}
+        if len(trainings) > 1:
+            pooled = FrameErrors.pooled(trainings)
+            for row, name in enumerate(names):
+                trained[name, at] = Trained(tuple(of.counts[row] for of in trainings), pooled.counts[row])
+            trained_pairs |= {(names[a], names[b], at): pair for (a, b), pair in pooled.pairs.items()}
+    stopped = {at: outcome.stopped_by for at, outcome in outcomes.items()}
+    found = counts, pairs, stopped, trained, trained_pairs
+    return curve.Curves(experiment, axis, locator, tuple(names), tuple(outcomes), *found)
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:

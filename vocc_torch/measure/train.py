@@ -15,10 +15,10 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.ledger import canonical
+from vocc_torch.measure.executors import Workers, worker_losses_told
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, resolve_device
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.store import canonical
 from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
@@ -198,6 +198,7 @@ def train_plans(
     locators: Sequence[Sequence[Locator]],
     workers: Workers,
     kept: "KeptTrainings | None" = None,
+    told: Told = lambda frames: None,
 ) -> list[dict[Locator, Training]]:
     """Train every plan with each of its locators, each receiver by itself on one thread.
 
@@ -209,6 +210,7 @@ def train_plans(
         locators: of each plan.
         workers: who does it; here too on one thread.
         kept: what was trained before, and where it is kept; None for nowhere.
+        told: called with the training frames of each receiver that is trained, or was.
 
     Returns:
         For each plan the training of its receivers by locator. ``making`` says what each took.
@@ -236,9 +238,12 @@ def train_plans(
     with worker_losses_told():
         # The longest training begins first.
         longest = sorted((key for key in parts if key not in trained), key=panels, reverse=True)
+        for key in trained:
+            told(parts[key][0].budget.training_frames)
         calls = {key: workers.submit(train_part, parts[key]) for key in longest}
         for key, call in calls.items():
             trained[key] = call.result()
+            told(parts[key][0].budget.training_frames)
             if kept is not None:
                 kept.keep(key, parts[key][0], trained[key])
     return [
@@ -247,10 +252,15 @@ def train_plans(
     ]
 
 
-def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
+def train_alone(
+    plans: Sequence[Plan],
+    workers: Workers,
+    kept: "KeptTrainings | None" = None,
+    told: Told = lambda frames: None,
+) -> list[Training]:
     """Train every plan with its own locator, as :func:`train_plans`."""
     locators = [plan.receiver.locator for plan in plans]
-    trained = train_plans(plans, [[name] for name in locators], workers)
+    trained = train_plans(plans, [[name] for name in locators], workers, kept, told)
     return [one[name] for one, name in zip(trained, locators, strict=True)]
 
 

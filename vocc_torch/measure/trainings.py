@@ -17,9 +17,6 @@ from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 
-TRAININGS = "*"
-"""Marks the labels of tallies that are not of the first training alone; no receiver can be called so."""
-
 
 @dataclass(frozen=True, slots=True)
 class Trained:

@@ -16,9 +16,9 @@ from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure import config, curve, train
 from vocc_torch.measure.grid import Grid, best_luminance
-from vocc_torch.measure.ledger import SUFFIX, Ledger
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.store import SUFFIX, Store
 from vocc_torch.measure.sweep import Study
 
 Cells: TypeAlias = Sequence[str | int | float | None]
@@ -48,18 +48,16 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
         ledgers: a file or folder whose presence says that the run can be resumed, or None.
     """
     holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-    if "ledger.jsonl" in holds:
-        raise VoccError(f"name: {folder} holds ledger.jsonl of an older version: give another name=")
     if holds and ledgers not in holds:
         raise VoccError(f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder")
 
 
 @contextmanager
-def open_ledger(path: Path, settings: Mapping[str, object], console: Console) -> Iterator[Ledger]:
+def open_ledger(path: Path, settings: Mapping[str, object], console: Console) -> Iterator[Store]:
     """Open a ledger and say what it knows; one in which nothing was counted is not left behind."""
     begun = not path.exists()
     try:
-        ledger = Ledger.open(path, settings)
+        ledger = Store.open(path, settings)
     except VoccError as error:
         raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
@@ -78,7 +76,7 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
 
 def open_ledgers(
     held: ExitStack, folder: Path, studies: Iterable[Study], console: Console
-) -> dict[str, Ledger]:
+) -> dict[str, Store]:
     """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
     every = {one.key: (folder / LEDGERS / f"{one.key}{SUFFIX}", one.identity) for one in studies}
     return {key: held.enter_context(open_ledger(*one, console)) for key, one in every.items()}

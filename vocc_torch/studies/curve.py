@@ -1,6 +1,5 @@
 """``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
-from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, timing, train, workers
+from vocc_torch.measure import (
+    build,
+    config,
+    curve,
+    executors,
+    grid,
+    paired,
+    rare,
+    runner,
+    sweep,
+    timing,
+    train,
+)
 from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
@@ -44,7 +55,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     """
     plan, console = begun(settings, folder, run_folder.LEDGER)
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
-    pool = workers.Workers.of(settings)
+    pool = executors.Workers.of(settings)
     for line in strangers(plan):
         console.print(line, highlight=False, soft_wrap=True)
     experiment, locator, names = plan.experiment, plan.receiver.locator, plan.receiver.names
@@ -75,13 +86,12 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
         with view:
 
-            def show(
-                _: sweep.Study, at: float, frames: int, told: Mapping[ledger.Label, ledger.Tally]
-            ) -> None:
+            def show(_: sweep.Study, at: float, frames: int, told: runner.Tallies) -> None:
                 view.count(frames)
                 view.show(sweep.points_of(plan, locator, at, told, "running"))
 
-            for _, at, done in sweep.run_studies([study], banks, {study.key: opened}, pool, show):
+            prepare = rare.weighed_job if plan.budget.rare else sweep.plain_job
+            for _, at, done in sweep.run_studies([study], banks, {study.key: opened}, pool, show, prepare):
                 outcomes[at] = done
                 view.finish(sweep.points_of(plan, locator, at, done.counts, done.stopped_by))
         curves = sweep.measured(study, outcomes).curves[locator]
@@ -263,7 +273,7 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
         ledgers = run_folder.open_ledgers(held, folder, studies, console)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
-        with workers.Workers.of(settings) as pool, terminal.ProgressView(frames, console) as view:
+        with executors.Workers.of(settings) as pool, terminal.ProgressView(frames, console) as view:
 
             def advance(study: sweep.Study, more: int) -> None:
                 view.advance(study.plan.experiment.name, more)

@@ -76,13 +76,13 @@ def test_the_points_are_those_of_a_test_by_itself(place, whole):
 
 
 def test_a_run_goes_on_where_it_was_interrupted(place, whole):
-    """With one ledger gone, the same points come out; the genie and other scenes are no part of a ledger."""
+    """With one ledger gone, the same points come out; the genie and other scenes are rows of their own."""
     again = place / "runs" / "again"
     shutil.copytree(whole[0] / "ledgers", again / "ledgers")
     (again / "ledgers" / "distance.sqlite").unlink()
     ran = run_in(place, *BASE, "name=again", *QUICK, "rivals.genie_frames=0", "rivals.scene_frames=0")
     assert (ran.status, ran.err) == (0, "")
-    assert "resuming: 2 blocks" in " ".join(ran.out.split())
+    assert "resuming: 6 blocks" in " ".join(ran.out.split())
     assert not {"genie.csv", "robustness.csv", "robustness.png"} & files_in(again)
     assert rows_of(again / "paired.csv") == rows_of(whole[0] / "paired.csv")
     theirs = [row for row in rows_of(whole[0] / "ber.csv") if row["receiver"] != "genie"]

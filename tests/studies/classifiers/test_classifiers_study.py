@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import pytest
 import torch
+from one_point import job_of
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.plan import ClassifierPlan, Experiment, World, identity
-from vocc_torch.measure.point_work import Part
-from vocc_torch.measure.sweep import count_parts
+from vocc_torch.measure.plan import ClassifierPlan, Experiment, World
+from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import train
-from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -85,10 +84,8 @@ def compared(study, folder):
     """Run a study with a ledger for each experiment."""
     with ExitStack() as held, Workers(1) as alone:
         ledgers = {
-            name: held.enter_context(
-                Ledger.open(folder / f"{name}.sqlite", identity(one, (one.receiver.locator,)))
-            )
-            for name, one in study.plans.items()
+            one.key: held.enter_context(Store.open(folder / f"{one.key}.sqlite", one.identity))
+            for one in (*study.studies, *study.scene_studies)
         }
         return compare_classifiers(study, ledgers, alone, nullcontext, ProgressView(0))
 
@@ -133,8 +130,8 @@ def test_costs_and_times_are_stated(whole):
 def test_beside_the_genie_are_the_receivers_on_its_own_frames(plan, whole, kept):
     """Counted anew on the first frames: what a study of so few frames counts."""
     point = whole.genie["far"][70.0]
-    (block,) = count_parts(plan, {"truth": kept.bank(NAMES)}, 70.0, [Part(0, 8)])
-    assert point.receivers == {name: block["truth", name, 0] for name in NAMES}
+    errors = job_of(plan, {"truth": kept.bank(NAMES)}, 70.0).count([0], 8)
+    assert point.receivers == dict(zip(NAMES, errors.counts, strict=True))
     assert point.unbeaten
     assert (point.genie.counts.frames, point.genie.counts.half_errors, point.genie.proven) == (8, 0, 8)
 

@@ -11,12 +11,12 @@ from made_up_tallies import paired_of
 from omegaconf import OmegaConf
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.timing import Timing
 from vocc_torch.measure.train import train
-from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey

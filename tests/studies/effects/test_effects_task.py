@@ -13,8 +13,8 @@ from rich.console import Console
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.report.page import html
 from vocc_torch.studies.effects import figures, run

@@ -70,7 +70,7 @@ def test_every_cell_of_every_receiver_has_a_row(grid):
 def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     folder, _ = grid
     before = contents_of(folder, ".csv", ".sqlite", ".yaml")
-    monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
+    monkeypatch.setattr("vocc_torch.measure.runner.Job.count", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")
     assert "resuming: 3 blocks" in ran.out

@@ -140,7 +140,7 @@ def test_a_finished_run_counts_nothing_again(grid, place, monkeypatch):
     """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
     before = contents_of(grid, ".csv", ".sqlite")
     first = (grid / "report.md").read_text(encoding="utf-8")
-    monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
+    monkeypatch.setattr("vocc_torch.measure.runner.Job.count", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID)
     assert (ran.status, ran.err) == (0, "")
     assert contents_of(grid, ".csv", ".sqlite") == before

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, frame_errors, link, stage_times
+from vocc_torch.measure import build, link, runner, stage_times
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.train import train
-from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -142,10 +142,9 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
                 for name, decider in receivers[setting].bank.deciders.items()
                 if isinstance(decider, Guarded)
             }
-        deciding = frame_errors.Banks([(locator, bank)])
-        kind = study.model("far"), study.point("far"), (locator,)
-        job = frame_errors.FrameJob(plan, *kind, deciding, deciding.needs_preambles)
-        for wanted, setting in zip(job(range(plan.budget.frames)).counts, base, strict=True):
+        deciding = runner.Banks([(locator, bank, 0)])
+        job = runner.Job(plan, study.model("far"), study.point("far"), deciding)
+        for wanted, setting in zip(job.count(range(2), plan.budget.frames).counts, base, strict=True):
             assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
     rates = [one.ber for one in counted["far"].counts]
     assert len(set(rates)) > len(rates) / 2
@@ -165,11 +164,9 @@ def test_every_training_is_counted_on_the_same_frames(make_study):
     assert np.array_equal(first["mixture"].half_errors[0], second["mixture"].half_errors[0])
     own = dataclasses.replace(twice.plan.receiver, locator="truth")
     (further,) = train(dataclasses.replace(twice.plan, receiver=own)).more
-    deciding = frame_errors.Banks([("truth", further.bank(["flda_3"]))])
-    job = frame_errors.FrameJob(
-        study.plan, study.model("mixture"), study.point("mixture"), ("truth",), deciding
-    )
-    assert job(range(64)).counts[0] == second["mixture"].counts[1] != first["mixture"].counts[1]
+    deciding = runner.Banks([("truth", further.bank(["flda_3"]), 0)])
+    job = runner.Job(study.plan, study.model("mixture"), study.point("mixture"), deciding)
+    assert job.count([0], 64).counts[0] == second["mixture"].counts[1] != first["mixture"].counts[1]
 
 
 def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
@@ -253,7 +250,7 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
     kinds = {"a": {}, "b": {}, "c": {}}
     study = make_study(names=("flda_3",), test_frames=4, locators=["truth"], genie_frames=2, scenes=kinds)
 
-    def refusing(plan, model, point, frames, workers):
+    def refusing(plan, model, point, frames, workers, store):
         if point == study.point("b"):
             raise UnknownLikelihoodError("the genie knows no likelihood")
         return point

@@ -19,7 +19,7 @@ from vocc_torch.extras.messages.comparison import (
 from vocc_torch.extras.messages.config import MessagesConfig
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.signalling import MessagePlan
-from vocc_torch.measure import timing, workers
+from vocc_torch.measure import executors, timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
@@ -62,7 +62,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     receivers = receivers_of(build_plan(settings, folder), terminal.train_shown(plan, console))
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
-    pool = workers.Workers.of(settings)
+    pool = executors.Workers.of(settings)
     with terminal.ProgressView(len(jobs), console, "recordings") as view, pool, timing.threads(1):
         # Handed out as they are wanted: in this process a call is made at once.
         calls = ((job.place, pool.submit(recorded, job)) for job in jobs)

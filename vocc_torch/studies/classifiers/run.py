@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import config, counts, curve, estimate, intervals, paired, workers
+from vocc_torch.measure import config, counts, curve, estimate, executors, intervals, paired
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import styles, tensorboard, terminal
 from vocc_torch.studies.classifiers import RivalsConfig, figures
@@ -28,11 +28,11 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     study, console = build_classifier_study(settings, rivals, folder), terminal.Console()
     with run_folder.resumable(settings, folder, console), ExitStack() as held:
-        ledgers = run_folder.open_ledgers(held, folder, study.studies, console)
+        ledgers = run_folder.open_ledgers(held, folder, [*study.studies, *study.scene_studies], console)
         run_folder.write_config(settings, folder)
         frames = sum(one.frames for one in study.studies)
         view = held.enter_context(terminal.ProgressView(frames, console))
-        pool = held.enter_context(workers.Workers.of(settings))
+        pool = held.enter_context(executors.Workers.of(settings))
         stage = terminal.Stopwatch(console).stage
         comparison, training = compare_classifiers(study, ledgers, pool, stage, view)
     run_folder.write_training(settings, study.base, training, folder)

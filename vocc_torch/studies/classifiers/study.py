@@ -7,12 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from vocc_torch.errors import VoccError, demand_least, section
-from vocc_torch.measure import build, config, frame_errors, ledger, stage_times, sweep, timing, workers
+from vocc_torch.measure import (
+    build,
+    config,
+    executors,
+    runner,
+    stage_times,
+    store,
+    sweep,
+    timing,
+)
 from vocc_torch.measure.genie import genie_reference
+from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Budget, Experiment, Plan
-from vocc_torch.measure.point_work import Outcome
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.classifiers import plugged
@@ -23,7 +32,7 @@ from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer
 
-Ledgers = Mapping[str, ledger.Ledger]
+Stores = Mapping[str, store.Store]
 """By experiment."""
 
 
@@ -83,6 +92,12 @@ class ClassifierStudy:
         return [sweep.Study(name, one, (one.receiver.locator,)) for name, one in self.plans.items()]
 
     @property
+    def scene_studies(self) -> list[sweep.Study]:
+        """The scenes as they are measured."""
+        plans = self.scene_plans.items()
+        return [sweep.Study(f"scenes-{name}", one, (one.receiver.locator,)) for name, one in plans]
+
+    @property
     def scene_plans(self) -> dict[str, Plan]:
         """By name, plans of one kind of scenes, the home first; empty without pairs.
 
@@ -134,7 +149,7 @@ def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, fold
 
 
 def compare_classifiers(
-    study: ClassifierStudy, ledgers: Ledgers, pool: workers.Workers, stage: Stage, view: ProgressView
+    study: ClassifierStudy, ledgers: Stores, pool: executors.Workers, stage: Stage, view: ProgressView
 ) -> tuple[Comparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
@@ -159,11 +174,11 @@ def compare_classifiers(
         # FLDA is always trained: the receiver that is kept is one.
         wanted = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))
         every = [replace(one, receiver=replace(one.receiver, names=wanted)) for one in study.plans.values()]
-        trained = train_alone(every, pool)
+        trained = train_alone(every, pool, KeptTrainings(ledgers.values()))
     banks = {name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)}
     found: dict[str, Any] = {}
     with stage("bit error rates"):
-        outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in study.plans}
+        outcomes: dict[str, dict[float, runner.Outcome]] = {name: {} for name in study.plans}
         here = {name: {at: bank} for name, bank in banks.items()}
 
         def told(one: sweep.Study, value: float, frames: int, _: object) -> None:
@@ -175,10 +190,10 @@ def compare_classifiers(
         curves = {one.key: sweep.measured(one, outcomes[one.key]).curves[at] for one in study.studies}
     if study.config.genie_frames:
         with stage("the genie"):
-            found["genie"], found["no_genie"] = genie_points(study, banks, pool, view.advance)
+            found["genie"], found["no_genie"] = genie_points(study, banks, pool, view.advance, ledgers)
     if scene_plans := study.scene_plans:
         with stage("other scenes"):
-            found["transfers"], found["lost_scenes"] = across_scenes(scene_plans, pool, view.advance)
+            found["transfers"], found["lost_scenes"] = across_scenes(scene_plans, pool, view.advance, ledgers)
     with stage("times"):
         found["decision_ms"] = decision_times(study.base, trained[0])
     found["costs"] = {name: trained[0].making(name) for name in names}
@@ -188,7 +203,11 @@ def compare_classifiers(
 
 
 def genie_points(
-    study: ClassifierStudy, banks: Mapping[str, ReceiverBank], pool: workers.Workers, advance: Advance
+    study: ClassifierStudy,
+    banks: Mapping[str, ReceiverBank],
+    pool: executors.Workers,
+    advance: Advance,
+    ledgers: Stores,
 ) -> tuple[dict[str, dict[float, GeniePoint]], dict[str, str]]:
     """Let the genie decide the first frames of every point, and count the receivers' errors on the same.
 
@@ -197,6 +216,7 @@ def genie_points(
         banks: the trained receivers, by experiment.
         pool: the processes that do it.
         advance: hears which point begins.
+        ledgers: by experiment.
 
     Returns:
         The points by experiment and value; and why there are none, by experiment.
@@ -212,10 +232,13 @@ def genie_points(
                 advance(f"the genie at {name} {value:g}", 0)
                 model = plan.experiment.model_at(plan.world, value)
                 point = sweep.point_name(plan.experiment, value)
-                genie = genie_reference(few, model, point, frames, pool)
-                with workers.worker_losses_told():
-                    errors = counted(few, model, point, [banks[name]], pool)()
-                points[value] = GeniePoint(genie, dict(zip(banks[name].names, errors.counts, strict=True)))
+                opened = ledgers[name]
+                genie = genie_reference(few, model, point, frames, pool, opened)
+                job = job_of(few, model, point, [banks[name]], f"{point}/beside the genie")
+                (outcome,) = runner.count([runner.Point(job, Budget(frames), opened)], pool)
+                points[value] = GeniePoint(
+                    genie, dict(zip(banks[name].names, outcome.errors.counts, strict=True))
+                )
             found[name] = points
         except UnknownLikelihoodError as error:
             # It may show only once scenes are drawn: pixels full before they are white.
@@ -223,18 +246,17 @@ def genie_points(
     return found, refused
 
 
-def counted(
-    plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], pool: workers.Workers
-) -> Callable[[], frame_errors.FrameErrors]:
-    """Hand a point's frames out; what is returned waits for the errors, a row for each bank's receivers."""
+def job_of(
+    plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], name: str = ""
+) -> runner.Job:
+    """Give what counts a point: the receivers of each bank, in order."""
     locator = plan.receiver.locator
-    receivers = frame_errors.Banks([(locator, bank) for bank in banks])
-    job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
-    return job.handed_out(plan.budget.frames, pool)
+    receivers = runner.Banks([(locator, bank, number) for number, bank in enumerate(banks)])
+    return runner.Job(plan, model, point, receivers, name=name)
 
 
 def across_scenes(
-    plans: Mapping[str, Plan], pool: workers.Workers, advance: Advance
+    plans: Mapping[str, Plan], pool: executors.Workers, advance: Advance, ledgers: Stores
 ) -> tuple[list[Transfer], dict[str, str]]:
     """Train in every kind of scenes; test at home what was trained elsewhere, and elsewhere what was at home.
 
@@ -242,6 +264,7 @@ def across_scenes(
         plans: by the scenes' name, the home first; receivers and budget are the same.
         pool: the processes that do it.
         advance: hears what begins.
+        ledgers: by the scenes' name after ``scenes-``.
 
     Returns:
         By scenes tested on, then scenes trained on, then receiver; those trained where they are tested are
@@ -249,22 +272,25 @@ def across_scenes(
         was found there, or a receiver could not learn from so few frames.
     """
     home = next(iter(plans))
-    with workers.worker_losses_told():
-        advance("training in other scenes", 0)
-        training = {name: pool.submit(train_or_say_why, plan) for name, plan in plans.items()}
-        trained = {name: call.result() for name, call in training.items()}
-        lost = {name: one for name, one in trained.items() if isinstance(one, str)}
-        banks = {name: one for name, one in trained.items() if not isinstance(one, str)}
-        if home in lost or len(banks) == 1:
-            return [], lost
-        advance("testing across scenes", 0)
-        sources = {name: [home, name] if name != home else list(banks) for name in banks}
-        calls = {}
-        for name, places in sources.items():
-            plan, compared = plans[name], [banks[one] for one in places]
-            model = plan.experiment.training_model(plan.world)
-            calls[name] = counted(plan, model, plan.experiment.name, compared, pool)
-        errors = {name: wait() for name, wait in calls.items()}
+    advance("training in other scenes", 0)
+    with executors.worker_losses_told():
+        calls = {name: pool.submit(train_or_say_why, plan) for name, plan in plans.items()}
+        trained = {name: call.result() for name, call in calls.items()}
+    lost = {name: why for name, why in trained.items() if isinstance(why, str)}
+    banks = {name: bank for name, bank in trained.items() if not isinstance(bank, str)}
+    if home in lost or len(banks) == 1:
+        return [], lost
+    advance("testing across scenes", 0)
+    sources = {name: [home, name] if name != home else list(banks) for name in banks}
+    points = []
+    for name, places in sources.items():
+        plan = plans[name]
+        rows = f"{plan.experiment.name} trained on {', '.join(places)}"
+        model = plan.experiment.training_model(plan.world)
+        job = job_of(plan, model, plan.experiment.name, [banks[place] for place in places], rows)
+        points.append(runner.Point(job, plan.budget, ledgers.get(f"scenes-{name}")))
+    outcomes = runner.count(points, pool, plans[home].batch_frames)
+    errors = {name: outcome.errors for name, outcome in zip(sources, outcomes, strict=True)}
     names, transfers = banks[home].names, []
     for tested_on, places in sources.items():
         # On the frames of one kind of scenes, the receivers trained there are compared with the others.

@@ -3,21 +3,25 @@
 import functools
 import itertools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from vocc_torch.measure import link, paired, timing, train
+from vocc_torch.measure import link, paired, runner, timing, train
+from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
-from vocc_torch.measure.plan import Locator, Plan
-from vocc_torch.measure.workers import Workers, worker_losses_told
-from vocc_torch.receiver import bank, flda
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.measure.kept_training import KeptTrainings
+from vocc_torch.measure.plan import Locator
+from vocc_torch.measure.runner import Banks
+from vocc_torch.measure.store import Store, canonical
+from vocc_torch.receiver import bank
 from vocc_torch.report.terminal import Stage
-from vocc_torch.rng import BLOCK_FRAMES, FrameKey
+from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.effects.plan import POINT, Effects, EffectStudy, Key, ScenePair, fills
@@ -122,11 +126,6 @@ def frames_to_do(study: EffectStudy) -> int:
     return trained + sum(one.frames for one in wanted.values())
 
 
-def trained_flda(plan: Plan) -> flda.FLDA:
-    """Train on a plan's scenes."""
-    return train.train(plan).flda.cpu()
-
-
 @dataclass(frozen=True)
 class ReadScenes:
     """Errors in every scene, as they were read.
@@ -191,7 +190,12 @@ class ReadScenes:
 
 
 def read_scenes(
-    study: EffectStudy, costs: Costs, pool: Workers, tell: Tell = lambda *_: None, stage: Stage = nullcontext
+    study: EffectStudy,
+    costs: Costs,
+    pool: Workers,
+    tell: Tell = lambda *_: None,
+    stage: Stage = nullcontext,
+    store: Store | None = None,
 ) -> ReadScenes:
     """Train on every scene, and read every scene's test frames.
 
@@ -201,38 +205,51 @@ def read_scenes(
         pool: who does it.
         tell: hears of frames as they are done.
         stage: hears which stage begins and ends.
+        store: where trainings and blocks are recorded, or None.
 
     Raises:
         VoccError: no panel in any training frame, or a worker that was ended from outside.
     """
     wanted, names = wanted_of(study), study.plan.receiver.names
-    step = max(1, study.plan.batch_frames // BLOCK_FRAMES) * BLOCK_FRAMES
+    kept = None if store is None else KeptTrainings([store])
 
     def cost_ms(training: tuple[tuple[Key, Locator], Effects]) -> float:
         (key, locator), _ = training
         return float(np.median(costs.times["near" if locator == "truth" else "located", key]))
 
-    calls, parts = {}, {}
-    with worker_losses_told():
-        with stage("training"):
-            # The longest training begins first.
-            for place, effects in sorted(_trainings(wanted).items(), key=cost_ms, reverse=True):
-                calls[place] = pool.submit(trained_flda, study.plan_of(effects, place[1]))
-                calls[place].add_done_callback(lambda _: tell("training", study.plan.budget.training_frames))
-            fldas = {place: call.result() for place, call in calls.items()}
-        with stage("bit errors"):
-            for (key, at), one in wanted.items():
-                banks = Banks([(at, bank.ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
-                plan = study.plan_of(one.effects, at)
-                job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
-                told = functools.partial(tell, "reading")
-                parts[key, at] = job.handed_out(one.frames, pool, at_once=step, told=told)
-            read = {place: wait() for place, wait in parts.items()}
+    with stage("training"):
+        # The longest training begins first.
+        scenes = dict(sorted(_trainings(wanted).items(), key=cost_ms, reverse=True))
+        plans = [study.plan_of(effects, locator) for (_, locator), effects in scenes.items()]
+        trained = train.train_alone(plans, pool, kept, functools.partial(tell, "training"))
+        fldas = {place: training.flda.cpu() for place, training in zip(scenes, trained, strict=True)}
+
+    def points() -> Iterator[runner.Point]:
+        for (_, at), one in wanted.items():
+            banks = Banks(
+                [
+                    (at, bank.ReceiverBank(names, fldas[scene, at]), number)
+                    for number, scene in enumerate(one.trained_on)
+                ]
+            )
+            described = {"scene": one.effects, "locator": at, "trained_on": list(one.trained_on.values())}
+            plan = study.plan_of(one.effects, at)
+            job = runner.Job(plan, study.model, POINT, banks, name=canonical(described))
+            yield runner.Point(job, Budget(one.frames), store, lambda frames, _: tell("reading", frames))
+
+    with stage("bit errors"):
+        counted = runner.count(points(), pool, study.plan.batch_frames)
+        read = {place: outcome.errors for place, outcome in zip(wanted, counted, strict=True)}
     return ReadScenes(study, wanted, read)
 
 
 def run_effects(
-    study: EffectStudy, costs: Costs, pool: Workers, tell: Tell = lambda *_: None, stage: Stage = nullcontext
+    study: EffectStudy,
+    costs: Costs,
+    pool: Workers,
+    tell: Tell = lambda *_: None,
+    stage: Stage = nullcontext,
+    store: Store | None = None,
 ) -> EffectResults:
     """Train on every scene, read every scene's test frames, and compare.
 
@@ -242,11 +259,12 @@ def run_effects(
         pool: who does it.
         tell: hears of frames as they are done.
         stage: hears which stage begins and ends.
+        store: where trainings and blocks are recorded, or None.
 
     Raises:
         VoccError: no panel in any training frame, or a worker that was ended from outside.
     """
-    read = read_scenes(study, costs, pool, tell, stage)
+    read = read_scenes(study, costs, pool, tell, stage, store)
 
     def row(pair: ScenePair) -> EffectRow:
         """Put one effect's costs and changes together."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from vocc_torch.errors import VoccError, demand_least, finite_number, section, shown, told_known
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
 from vocc_torch.plugins import TARGET
 from vocc_torch.receiver.bank import check_receivers
 from vocc_torch.simulation import SceneModel
@@ -165,6 +165,19 @@ class EffectStudy:
     def pairs(self) -> tuple[ScenePair, ...]:
         """The scenes with and without each effect to look at, in physical order."""
         return tuple(self.pair(name) for name in self._known if name in (self.config.names or self._known))
+
+    @property
+    def identity(self) -> dict[str, object]:
+        """What the counts of all scenes depend on, but for the scenes, which their rows name."""
+        plans = [self.plan_of(effects, "truth") for effects in self.every_scene]
+        named = [identity(plan, ("paper", "truth"))["made_with"] for plan in plans]
+        made_with = {key: value for one in named for key, value in one.items()}
+        return {**identity(self.plan, ("paper", "truth")), "made_with": made_with}
+
+    @property
+    def every_scene(self) -> list[Effects]:
+        """The scene, and those with and without each effect."""
+        return [self.scene, *(scene for pair in self.every_pair for scene in (pair.absent, pair.present))]
 
     @cached_property
     def _known(self) -> tuple[str, ...]:

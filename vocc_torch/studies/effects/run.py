@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import config, estimate, intervals, workers
+from vocc_torch.measure import config, estimate, executors, intervals
 from vocc_torch.measure.stage_times import median_of
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import tensorboard, terminal
@@ -48,16 +48,19 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
     Raises:
         VoccError: an unknown effect, a value outside its range, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder)
+    run_folder.refuse_results(folder, run_folder.LEDGER)
     study, console = build_effect_study(settings, own, folder), terminal.Console()
-    pool, watch = workers.Workers.of(settings), terminal.Stopwatch(console)
+    pool, watch = executors.Workers.of(settings), terminal.Stopwatch(console)
     view = terminal.ProgressView(measured.frames_to_do(study), console)
-    with run_folder.resumable(settings, folder, console):
+    with (
+        run_folder.resumable(settings, folder, console),
+        run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as store,
+    ):
         run_folder.write_config(settings, folder)
         with watch.stage("times"), console.status("timing every scene"):
             costs = measured.measure_costs(study)
         with view, pool:
-            found = measured.run_effects(study, costs, pool, view.advance, watch.stage)
+            found = measured.run_effects(study, costs, pool, view.advance, watch.stage, store)
     write_effects(folder / "effects.csv", found)
     places = dict(table="effects.csv", figure="effects.png", report="effects.md", pictures="gallery.png")
     drawn = {"effects": figures.effects_figure(found)}

@@ -13,11 +13,11 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_folder, write_atomically
-from vocc_torch.measure import build, sweep, workers
+from vocc_torch.measure import build, executors, sweep
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.ledger import what_changed
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
+from vocc_torch.measure.store import what_changed
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import samples, terminal
 from vocc_torch.rng import BLOCK_FRAMES
@@ -59,7 +59,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
             shutil.rmtree(left, ignore_errors=True)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan, [kind])
-        complete = render(shards, workers.Workers.of(settings), console)
+        complete = render(shards, executors.Workers.of(settings), console)
         if complete:
             console.print(f"resuming: {complete} of {len(shards)} folders are complete", highlight=False)
         tables = [folder / shard.place / truth.NAME for shard in shards]
@@ -83,11 +83,11 @@ def nothing_half_written(folder: Path) -> Iterator[None]:
         raise
 
 
-def render(shards: Sequence["Shard"], pool: workers.Workers, console: terminal.Console) -> int:
+def render(shards: Sequence["Shard"], pool: executors.Workers, console: terminal.Console) -> int:
     """Write the shards that are not complete, shared out over workers; give how many were complete."""
     complete = 0
     frames = sum(shard.frames for shard in shards)
-    with pool, terminal.ProgressView(frames, console, "rendering") as view, workers.worker_losses_told():
+    with pool, terminal.ProgressView(frames, console, "rendering") as view, executors.worker_losses_told():
         calls: deque[Any] = deque()
         waiting = deque(shards)
         while waiting or calls:
@@ -130,7 +130,7 @@ def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Shard:
-    """A folder of pictures and their truth; picklable for workers.
+    """A folder of pictures and their truth; picklable for executors.
 
     Args:
         plan: world, seed, folder and batch size.

@@ -13,7 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 import vocc_torch
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file, write_atomically
-from vocc_torch.measure import build, curve, grid, sweep, timing, workers
+from vocc_torch.measure import build, curve, executors, grid, sweep, timing
 from vocc_torch.measure import config as configs
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.report import folder as run_folder
@@ -111,7 +111,7 @@ class Report:
         """
         ordered, begun = self.plan.studies(), time.perf_counter()
         frames, own = sum(study.frames for study in ordered), ordered[0]
-        with workers.Workers.of(settings) as pool, terminal.ProgressView(frames) as view:
+        with executors.Workers.of(settings) as pool, terminal.ProgressView(frames) as view:
             opened = run_folder.open_ledgers(ledgers, self.folder, ordered, view.console)
 
             def say(what: str, stage: str, frames: str = "") -> None:

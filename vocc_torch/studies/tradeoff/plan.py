@@ -9,7 +9,7 @@ from typing import Any
 
 from vocc_torch.errors import VoccError, demand_least, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
-from vocc_torch.measure.config import Settings
+from vocc_torch.measure.config import Budget, Settings
 from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, resolve_device
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import FLDA_FEATURES
@@ -173,6 +173,11 @@ class TradeoffStudy:
         names, reader = (setting.receiver,), self.reader(setting)
         receiver = replace(self.plan.receiver, names=names, classifiers=own, reader=reader, save="flda_3")
         return replace(self.plan, receiver=replace(receiver, locator=setting.locator))
+
+    @property
+    def rule(self) -> Budget:
+        """When a kind of scenes has enough frames."""
+        return Budget(self.plan.budget.frames)
 
     def model(self, scenes: str) -> SceneModel:
         """The scenes of a kind.

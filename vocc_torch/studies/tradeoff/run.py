@@ -13,12 +13,26 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import build, frame_errors, genie, likelihood, link, stage_times, timing, train
+from vocc_torch.measure import (
+    build,
+    frame_errors,
+    genie,
+    likelihood,
+    link,
+    runner,
+    stage_times,
+    timing,
+    train,
+)
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.frame_errors import Key
+from vocc_torch.measure.kept_training import KeptTrainings
+from vocc_torch.measure.plan import Plan, identity
+from vocc_torch.measure.store import Store
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.locators import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator, PaperLocator
 from vocc_torch.receiver.receiver import Receiver, StagedReceiver
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import tensorboard, terminal
@@ -37,12 +51,16 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder)
+    run_folder.refuse_results(folder, run_folder.LEDGER)
     study = plan.build_tradeoff_study(settings, config, folder)
     console = terminal.Console()
-    with run_folder.resumable(settings, folder, console), console.status("training, counting, timing"):
+    with (
+        run_folder.resumable(settings, folder, console),
+        run_folder.open_ledger(folder / run_folder.LEDGER, identity_of(study), console) as store,
+        console.status("training, counting, timing"),
+    ):
         run_folder.write_config(settings, folder)
-        prices = price_receivers(study, Workers.of(settings), terminal.Stopwatch(console).stage)
+        prices = price_receivers(study, Workers.of(settings), terminal.Stopwatch(console).stage, store)
     words = report.recommendation(prices)
     figures: dict[str, Figure] = {}
     for scenes, (device, frames) in itertools.product(prices.errors, prices.kinds):
@@ -61,7 +79,10 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
 
 
 def price_receivers(
-    study: plan.TradeoffStudy, workers: Workers, stage: terminal.Stage = nullcontext
+    study: plan.TradeoffStudy,
+    workers: Workers,
+    stage: terminal.Stage = nullcontext,
+    store: Store | None = None,
 ) -> PriceList:
     """Train every receiver, count errors, and take times once the workers have ended.
 
@@ -69,17 +90,18 @@ def price_receivers(
         study: the study.
         workers: who trains and counts.
         stage: hears which stage begins and ends.
+        store: where trainings and blocks are recorded, or None.
 
     Raises:
         VoccError: what training refuses, or a worker that was ended from outside.
     """
-    with worker_losses_told(), workers:
+    with workers:
         with stage("training"):
-            receivers, costs = train_receivers(study, workers)
+            receivers, costs = train_receivers(study, workers, store)
         with stage("bit errors"):
-            errors, *further = count_receivers(study, receivers, workers)
+            errors, *further = count_receivers(study, receivers, workers, store)
         with stage("what is possible"):
-            references, no_references = measure_references(study, workers)
+            references, no_references = measure_references(study, workers, store)
     with stage("times"):
         times = measure_times(study, receivers)
     if further:
@@ -88,15 +110,23 @@ def price_receivers(
     return PriceList(study, costs, errors, references, no_references, **times)
 
 
+def identity_of(study: plan.TradeoffStudy) -> dict[str, object]:
+    """Name what the study's counts depend on."""
+    settings = [setting.name for setting in study.settings]
+    scenes = {name: dict(scene) for name, scene in study.config.scenes.items()}
+    return {**identity(study.plan, study.config.locators), "settings": settings, "scenes": scenes}
+
+
 def train_receivers(
-    study: plan.TradeoffStudy, workers: Workers
+    study: plan.TradeoffStudy, workers: Workers, store: Store | None = None
 ) -> tuple[dict[plan.Setting, StagedReceiver], dict[plan.Setting, train.Making]]:
     """Train the receiver of every setting; settings that differ in precision alone share their training.
 
     Raises:
         VoccError: no panel in any training frame, or a classifier that cannot be built or trained.
     """
-    trained = train.train_alone([study.training(setting) for setting in study.settings], workers)
+    kept = None if store is None else KeptTrainings([store])
+    trained = train.train_alone([study.training(setting) for setting in study.settings], workers, kept)
     finders = study.plan.receiver.finders([setting.locator for setting in study.settings])
     receivers, costs = {}, {}
     for setting, training in zip(study.settings, trained, strict=True):
@@ -108,20 +138,34 @@ def train_receivers(
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """Receivers that measure apart from each other; see :class:`vocc_torch.measure.frame_errors.Receivers`.
+    """Receivers that measure apart from each other; see :class:`vocc_torch.measure.runner.Deciders`.
 
     Args:
-        receivers: each with the name of its locator.
+        receivers: each with its key.
     """
 
-    receivers: Sequence[tuple[str, StagedReceiver]]
+    receivers: Sequence[tuple[Key, StagedReceiver]]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Whose decisions they are."""
+        return tuple(key for key, _ in self.receivers)
+
+    @property
+    def needs_preambles(self) -> bool:
+        """Whether any of the receivers needs frames of known bits."""
+        return any(needs_preambles(receiver.bank.names) for _, receiver in self.receivers)
+
+    def finders(self, _: Plan) -> dict[str, PanelLocator | None]:
+        """Give the locators by name."""
+        return {key.locator: receiver.locator for key, receiver in self.receivers}
 
     def __call__(
         self, views: Mapping[str, link.Observation], /
     ) -> Iterator[tuple[torch.Tensor, link.Observation]]:
         """Decide one batch; receivers that rectify alike share it."""
-        for locator, one in self.receivers:
-            seen, patches, preambles = views[locator], None, None
+        for key, one in self.receivers:
+            seen, patches, preambles = views[key.locator], None, None
             if one.bank.needs_patches:
                 rectify = partial(one.rectify, seen.frames, seen.panels)
                 patches = seen.once((one.reader.samples_per_led, one.dtype), rectify)
@@ -132,27 +176,33 @@ class Apart:
 
 
 def count_receivers(
-    study: plan.TradeoffStudy, receivers: Mapping[plan.Setting, StagedReceiver], workers: Workers
+    study: plan.TradeoffStudy,
+    receivers: Mapping[plan.Setting, StagedReceiver],
+    workers: Workers,
+    store: Store | None = None,
 ) -> list[dict[str, frame_errors.FrameErrors]]:
     """Count every receiver's errors on the budget's frames of each kind of scenes, after each training."""
-    trained = {
-        setting: [replace(one, bank=bank) for bank in (one.bank, *one.bank.more)]
-        for setting, one in receivers.items()
-    }
-    apart = Apart([(setting.locator, one) for setting, every in trained.items() for one in every])
-    preambles = needs_preambles([setting.receiver for setting in receivers])
-    locators = tuple(dict.fromkeys(setting.locator for setting in receivers))
-    calls = {}
-    for name in study.config.scenes:
-        kind = study.plan, study.model(name), study.point(name)
-        job = frame_errors.FrameJob(*kind, locators, apart, preambles)
-        calls[name] = job.handed_out(study.plan.budget.frames, workers)
-    errors = {name: wait() for name, wait in calls.items()}
-    places = itertools.count()
-    rows = [[next(places) for _ in every] for every in trained.values()]
-    # What learns nothing is the same in all trainings.
-    numbered = [[own[min(number, len(own) - 1)] for own in rows] for number in range(max(map(len, rows)))]
-    return [{name: one.of(own) for name, one in errors.items()} for own in numbered]
+    apart = Apart(
+        [
+            (Key(setting.locator, setting.name, number), replace(receiver, bank=bank))
+            for setting, receiver in receivers.items()
+            for number, bank in enumerate((receiver.bank, *receiver.bank.more))
+        ]
+    )
+    points = [
+        runner.Point(runner.Job(study.plan, study.model(name), study.point(name), apart), study.rule, store)
+        for name in study.config.scenes
+    ]
+    counted = list(runner.count(points, workers, study.plan.batch_frames))
+    numbers = range(1 + max(key.training for key in apart.keys))
+    places = [
+        [counted[0].errors.place(Key(setting.locator, setting.name, number)) for setting in receivers]
+        for number in numbers
+    ]
+    return [
+        {name: outcome.errors.of(rows) for name, outcome in zip(study.config.scenes, counted, strict=True)}
+        for rows in places
+    ]
 
 
 def measure_times(
@@ -252,7 +302,7 @@ def whole_receiver(name: str, one: StagedReceiver) -> Receiver:
 
 
 def measure_references(
-    study: plan.TradeoffStudy, workers: Workers
+    study: plan.TradeoffStudy, workers: Workers, store: Store | None = None
 ) -> tuple[dict[str, genie.GenieReference], dict[str, str]]:
     """Let a decoder that knows the scene have the first of each kind's frames, or say why it has none."""
     if not study.config.genie_frames:
@@ -262,7 +312,7 @@ def measure_references(
     for name in study.config.scenes:
         try:
             kind = study.plan, study.model(name), study.point(name)
-            references[name] = genie.genie_reference(*kind, frames, workers)
+            references[name] = genie.genie_reference(*kind, frames, workers, store)
         except likelihood.UnknownLikelihoodError as error:
             # Pixels full before they are white show only once scenes are drawn, and perhaps in one kind.
             refused[name] = str(error)

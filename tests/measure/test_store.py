@@ -1,4 +1,4 @@
-"""The ledger under fire: kills, flipped bytes, forged rows, strangers' files, full disks, second writers.
+"""The store under fire: kills, flipped bytes, forged rows, strangers' files, full disks, second writers.
 
 Run as a script, this file is the process that forks and kills runs; see ``under_fire``.
 """
@@ -15,25 +15,19 @@ import time
 import traceback
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
-from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_point import run_point
+from one_point import A, MadeUp, run_point
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import ledger as module
+from vocc_torch.measure import runner
+from vocc_torch.measure import store as module
 from vocc_torch.measure.config import Budget
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.ledger import Ledger, canonical
-from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.point_work import PointWork, parts_of
-from vocc_torch.measure.schedule import run_points
-from vocc_torch.measure.workers import Workers
-from vocc_torch.rng import BlockKey
+from vocc_torch.measure.runner import parts_of
+from vocc_torch.measure.store import Store
 
 SETTINGS = {
     "seed": 7,
@@ -42,27 +36,21 @@ SETTINGS = {
     "made_with": {"torch": "2.4", "classifiers.b": "1f"},
 }
 POINT = "distance/distance_m=50"
-BITS = 64
+WRONG = [3, 0, 64, 7, 1]
 
 
-def counted(part):
-    """Errors of two receivers in two groups; every fifth block has no frame in any group."""
-    rng = BlockKey(7, POINT, part.block).generator("bits")
-    halves = 2 * rng.binomial(BITS, 0.01, (2, 64))[:, : part.frames]
-    group = rng.integers(0, 2, 64)[: part.frames]
-    found = {}
-    for index in np.unique(group).tolist() if part.block % 5 < 4 else ():
-        for name, mine in zip("ab", halves[:, group == index], strict=True):
-            sums = (int(mine.sum()), int((mine**2).sum()), int((mine > 0).sum()))
-            found[name, index] = Counts(len(mine), BITS * len(mine), *sums)
-    return found
-
-
-def count(parts, asked=None):
+def job(asked=None):
     """Counts, and notes which blocks it was asked for."""
-    if asked is not None:
-        asked.extend(part.block for part in parts)
-    return [counted(part) for part in parts]
+    return MadeUp(WRONG, POINT, asked=[] if asked is None else asked)
+
+
+def content(part):
+    return job().of(part).packed()
+
+
+def ends(outcome):
+    """What a point came to."""
+    return outcome.counts[A], outcome.stopped_by, outcome.errors.half_errors.tolist()
 
 
 def refusal(call, *parts):
@@ -85,15 +73,9 @@ def path(tmp_path, monkeypatch):
 
 def filled(path, blocks=4, config=SETTINGS):
     """A ledger file of some whole blocks; its bytes."""
-    with Ledger.open(path, config) as ledger:
-        outcome_of(ledger, Budget(64 * blocks))
+    with Store.open(path, config) as store:
+        run_point(job(), Budget(64 * blocks), store=store)
     return path.read_bytes()
-
-
-def outcome_of(ledger, rule, function=count, submit=None, **options):
-    works = [PointWork(POINT, function, rule, ledger)]
-    (outcome,) = run_points(works, submit or Workers(1).submit, **options)
-    return outcome
 
 
 def change(path, *statements):
@@ -116,76 +98,65 @@ def rows_in(path):
 
 
 def test_rows_come_back_as_they_were_written_from_one_file(path):
-    mixed = {
-        ("flda_2", 0): Counts(60, 3840, 9, 81, 1, 1),
-        ("flda_2", "flda_3", 0): PairedCounts(64, 4096, 6, 20, 2, 4, 8, 2),
-    }
-    with Ledger.open(path, SETTINGS) as ledger:
-        ledger.append('µ\n"point"', 3, 64, mixed)
-        ledger.append(POINT, 0, 10, {})
+    with Store.open(path, SETTINGS) as store:
+        store.add('µ\n"point"', 3, 64, bytes(range(256)))
+        store.add(POINT, 0, 10, b"")
     assert [one.name for one in path.parent.iterdir()] == [path.name]
-    with Ledger.open(path, SETTINGS) as ledger:
-        assert list(ledger.find('µ\n"point"', 3, 64).items()) == list(mixed.items())
-        assert ledger.find(POINT, 0, 10) == {}
-        assert ledger.find(POINT, 0, 64) is None
-        assert ledger.find("another", 0, 10) is None
-        assert len(ledger) == 2
+    with Store.open(path, SETTINGS) as store:
+        assert store.find('µ\n"point"', 3, 64) == bytes(range(256))
+        assert store.find(POINT, 0, 10) == b""
+        assert store.find(POINT, 0, 64) is None
+        assert store.find("another", 0, 10) is None
+        assert len(store) == 2
 
 
 def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     before = filled(path, blocks=2)
-    with Ledger.open(path, SETTINGS) as ledger:
+    with Store.open(path, SETTINGS) as store:
         (first, second) = parts_of(128)
-        ledger.append(POINT, 1, 64, counted(second))
-        refusal(lambda: ledger.append(POINT, 1, 64, counted(first)), "other counts", "block 1", POINT)
+        store.add(POINT, *second, content(second))
+        refusal(lambda: store.add(POINT, *second, content(first)), "other counts", "block 1", POINT)
     assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
-    ("block", "frames", "counts", "named"),
-    [
-        (-1, 64, {}, "block is -1"),
-        (0, 0, {}, "frames is 0"),
-        (0, 65, {}, "frames is 65"),
-        (0, 10, {("a", 0): Counts(11, 704)}, "11 frames"),
-        (0, 10, {("a", 0.5): Counts(1, 64)}, "filed under"),
-    ],
+    ("block", "frames", "named"), [(-1, 64, "block is -1"), (0, 0, "frames is 0"), (0, 65, "frames is 65")]
 )
-def test_impossible_rows_are_refused_and_not_written(path, block, frames, counts, named):
-    with Ledger.open(path, SETTINGS) as ledger:
-        refusal(lambda: ledger.append(POINT, block, frames, counts), named)
-        assert len(ledger) == 0
+def test_impossible_rows_are_refused_and_not_written(path, block, frames, named):
+    with Store.open(path, SETTINGS) as store:
+        refusal(lambda: store.add(POINT, block, frames, b""), named)
+        assert len(store) == 0
 
 
 # Resuming.
 
 
 @pytest.mark.parametrize("target", [None, 150])
-@pytest.mark.parametrize("blocks_at_once", [1, 3])
-def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, blocks_at_once):
+@pytest.mark.parametrize("batch_frames", [64, 192])
+def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, batch_frames):
     """Known blocks lie before, between and behind those that are missing."""
     rule = Budget(1000, target_frame_errors=target)
-    undisturbed = run_point(count, rule)
-    assert undisturbed.stopped_by == ("frames" if target is None else "frame_errors")
+    undisturbed = ends(run_point(job(), rule))
+    assert undisturbed[1] == ("frames" if target is None else "frame_errors")
     filled(path, blocks=2)
     asked, parts = [], list(parts_of(1000))
-    with Ledger.open(path, SETTINGS) as ledger:
+    with Store.open(path, SETTINGS) as store:
         for block in (9, 6, 4):
-            ledger.append(POINT, block, 64, counted(parts[block]))
-        outcome = outcome_of(ledger, rule, partial(count, asked=asked), blocks_at_once=blocks_at_once)
-        assert outcome == undisturbed
+            store.add(POINT, block, 64, content(parts[block]))
+        assert ends(run_point(job(asked), rule, store=store, batch_frames=batch_frames)) == undisturbed
         assert not {0, 1, 4, 6, 9} & set(asked)
         assert len(set(asked)) == len(asked)
-        assert outcome_of(ledger, rule, lambda _: pytest.fail("counted again")) == undisturbed
+        known = MadeUp(WRONG, POINT, broken=tuple(range(16)))
+        assert ends(run_point(known, rule, store=store)) == undisturbed
 
 
 def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(path):
-    with Ledger.open(path, SETTINGS) as ledger:
+    with Store.open(path, SETTINGS) as store:
         for frames, expected in ((100, [0, 1]), (128, [1]), (100, []), (128, []), (90, [1]), (200, [2, 3])):
             asked = []
-            outcome = outcome_of(ledger, Budget(frames), partial(count, asked=asked))
-            assert (outcome, asked) == (run_point(count, Budget(frames)), expected)
-        assert len(ledger) == 6
+            outcome = run_point(job(asked), Budget(frames), store=store)
+            assert (ends(outcome), asked) == (ends(run_point(job(), Budget(frames))), expected)
+        assert len(store) == 6
 
 
 # Damage, strangers, other versions, other settings: refused, and the file stays as it was.
@@ -207,18 +178,19 @@ def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.sqlite"
         path.write_bytes(whole)
-        with suppress(VoccError), Ledger.open(path, SETTINGS) as ledger:
-            assert outcome_of(ledger, rule) == run_point(count, rule)
+        with suppress(VoccError), Store.open(path, SETTINGS) as store:
+            assert ends(run_point(job(), rule, store=store)) == ends(run_point(job(), rule))
 
 
 @pytest.mark.parametrize(
     "statement",
     [
-        "UPDATE blocks SET counts = replace(counts, '64', '63')",
+        "UPDATE blocks SET content = x'0011'",
+        "UPDATE blocks SET frames = frames - 1",
         "UPDATE blocks SET block = block + 100",
         "UPDATE blocks SET digest = 'x'",
-        "UPDATE blocks SET counts = x'00'",
-        "UPDATE blocks SET counts = NULL",
+        "UPDATE blocks SET content = NULL",
+        "UPDATE blocks SET content = 7",
         "UPDATE trained SET content = '{}'",
         "UPDATE trained SET key = 'other'",
         "DELETE FROM identity",
@@ -227,40 +199,33 @@ def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
 )
 def test_a_changed_row_is_damage(path, statement):
     filled(path)
-    with Ledger.open(path, SETTINGS) as ledger:
-        ledger.keep("key", '{"a": 1}')
-        ledger.keep("key", '{"a": 2}')
-        assert (ledger.kept("key"), ledger.kept("other")) == ({"a": 2}, None)
+    with Store.open(path, SETTINGS) as store:
+        store.add_trained("key", '{"a": 1}')
+        store.add_trained("key", '{"a": 2}')
+        assert (store.trained("key"), store.trained("other")) == ({"a": 2}, None)
     change(path, statement)
     before = path.read_bytes()
-    refusal(lambda: Ledger.open(path, SETTINGS), "runs/ledger.sqlite", "is damaged", "copy", "delete it")
+    refusal(lambda: Store.open(path, SETTINGS), "runs/ledger.sqlite", "is damaged", "copy", "delete it")
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    "row",
-    [
-        ("p", 77, 65, "[]"),
-        ("p", 77, 64, '[["counts", ["a", 0], [1, 2]]]'),
-        ("p", 77, 64, '[["another", ["a", 0], []]]'),
-        ("p", 77, 64, "not JSON"),
-        ("p", 77, 64, "[" * 100_000),
-        ("p", 77, 64, '[["counts", ["a", 0], [' + "9" * 5000 + "]]]"),
-        ("p", 77, 64, '[["counts", [["a"], 0], [1, 64, 0, 0, 0, 0]]]'),
-    ],
-)
-def test_a_forged_row_is_refused_though_its_checksum_is_right(path, row):
+def test_a_forged_row_is_refused_though_its_checksum_is_right(path):
+    """It claims more errors than a frame has bits."""
     filled(path)
-    digest = module._digest(canonical(SETTINGS), *row)
-    change(path, ("INSERT INTO blocks VALUES (?, ?, ?, ?, ?)", (*row, digest)))
-    refusal(lambda: Ledger.open(path, SETTINGS))
+    forged = job().of(parts_of(64).__next__())
+    forged.half_errors[0, 0] = 2 * 64 + 1
+    with Store.open(path, SETTINGS) as store:
+        digest = store._digest(POINT, 9, 64, forged.packed())
+    change(path, ("INSERT INTO blocks VALUES (?, ?, ?, ?, ?)", (POINT, 9, 64, forged.packed(), digest)))
+    with Store.open(path, SETTINGS) as store:
+        refusal(lambda: run_point(job(), Budget(640), store=store), "counts", "wrong bits")
 
 
 @pytest.mark.parametrize("content", [b"my notes", b"experiment,axis\n" * 100])
 def test_a_strangers_file_is_refused_and_left_alone(path, content):
     path.parent.mkdir()
     path.write_bytes(content)
-    refusal(lambda: Ledger.open(path, {}), "runs/ledger.sqlite is no ledger", "choose another")
+    refusal(lambda: Store.open(path, {}), "runs/ledger.sqlite is no ledger", "choose another")
     assert path.read_bytes() == content
     assert list(path.parent.iterdir()) == [path]
 
@@ -268,21 +233,24 @@ def test_a_strangers_file_is_refused_and_left_alone(path, content):
 def test_what_is_no_ordinary_file_of_its_own_is_refused(path):
     path.parent.mkdir()
     change(path, "CREATE TABLE mine (x)")
-    refusal(lambda: Ledger.open(path, {}), "is no ledger")
+    refusal(lambda: Store.open(path, {}), "is no ledger")
     for name, make in (("a", Path.mkdir), ("b", os.mkfifo), ("c", lambda one: one.symlink_to("/nowhere/x"))):
         make(path.with_name(name))
-        refusal(lambda name=name: Ledger.open(path.with_name(name), {}), f"runs/{name}", "ordinary file")
-    refusal(lambda: Ledger.open("/dev/null", {}), "/dev/null", "ordinary file")
-    old = path.with_name("old.jsonl")
-    old.write_text("{}")
-    refusal(lambda: Ledger.open(old.with_suffix(".sqlite"), {}), "runs/old.jsonl", "older version")
-    assert not old.with_suffix(".sqlite").exists()
+        refusal(lambda name=name: Store.open(path.with_name(name), {}), f"runs/{name}", "ordinary file")
+    refusal(lambda: Store.open("/dev/null", {}), "/dev/null", "ordinary file")
+
+
+def test_another_format_is_refused(path):
+    before = filled(path)
+    change(path, "PRAGMA user_version=1")
+    refusal(lambda: Store.open(path, SETTINGS), "has format 1, and this release 2", "choose another ledger")
+    assert len(before) == len(path.read_bytes())
 
 
 def test_another_release_of_the_package_is_refused(path, monkeypatch):
     filled(path)
     monkeypatch.setattr(module, "__version__", "9.9.9")
-    refusal(lambda: Ledger.open(path, SETTINGS), "is of vocc-torch", "9.9.9", "the release that began it")
+    refusal(lambda: Store.open(path, SETTINGS), "is of vocc-torch", "9.9.9", "the release that began it")
 
 
 CAMERA, RECEIVER = SETTINGS["world"], SETTINGS["receiver"]
@@ -312,13 +280,13 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
 )
 def test_other_settings_are_refused_in_one_short_line_that_names_what_changed(path, changes, named):
     before = filled(path)
-    refusal(lambda: Ledger.open(path, {**SETTINGS, **changes}), named)
+    refusal(lambda: Store.open(path, {**SETTINGS, **changes}), named)
     assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), Path("runs")])
 def test_settings_that_json_does_not_have_are_refused_before_there_is_a_file(path, value):
-    refusal(lambda: Ledger.open(path, {"a": [value]}), "settings cannot be written")
+    refusal(lambda: Store.open(path, {"a": [value]}), "settings cannot be written")
     assert not path.parent.exists()
 
 
@@ -326,54 +294,64 @@ def test_settings_that_json_does_not_have_are_refused_before_there_is_a_file(pat
 
 
 def test_a_second_writer_is_refused_until_the_first_has_closed(path):
-    with Ledger.open(path, SETTINGS) as first:
+    with Store.open(path, SETTINGS) as first:
         for _ in range(2):
-            refusal(lambda: Ledger.open(path, SETTINGS), "runs/ledger.sqlite is in use by another run")
-        first.append(POINT, 0, 64, {})
-    with Ledger.open(path, SETTINGS) as second:
+            refusal(lambda: Store.open(path, SETTINGS), "runs/ledger.sqlite is in use by another run")
+        first.add(POINT, 0, 64, b"")
+    with Store.open(path, SETTINGS) as second:
         assert len(second) == 1
         first.close()
-        refusal(lambda: Ledger.open(path, SETTINGS), "in use by another run")
-    refusal(lambda: first.append(POINT, 1, 64, {}), "is closed")
-    refusal(lambda: Ledger.open(path, {**SETTINGS, "seed": 8}), "seed was 7")
-    Ledger.open(path, SETTINGS).close()
+        refusal(lambda: Store.open(path, SETTINGS), "in use by another run")
+    refusal(lambda: first.add(POINT, 1, 64, b""), "is closed")
+    refusal(lambda: Store.open(path, {**SETTINGS, "seed": 8}), "seed was 7")
+    Store.open(path, SETTINGS).close()
 
 
 def test_a_ledger_deleted_during_the_run_is_noticed(path):
-    with Ledger.open(path, SETTINGS) as ledger:
+    with Store.open(path, SETTINGS) as store:
         path.unlink()
-        refusal(lambda: ledger.append(POINT, 0, 64, {}), "deleted under this run", "start it again")
+        refusal(lambda: store.add(POINT, 0, 64, b""), "deleted under this run", "start it again")
 
 
 def test_what_cannot_be_written_is_refused(path, monkeypatch):
     """A read-only file system binds root too."""
     filled(path)
     monkeypatch.setattr(os, "access", lambda *_: False)
-    refusal(lambda: Ledger.open(path, SETTINGS), "cannot write runs/ledger.sqlite", "make it writable")
+    refusal(lambda: Store.open(path, SETTINGS), "cannot write runs/ledger.sqlite", "make it writable")
     monkeypatch.undo()
-    refusal(lambda: Ledger.open(path / "below" / "ledger", SETTINGS), "cannot write")
+    refusal(lambda: Store.open(path / "below" / "ledger", SETTINGS), "cannot write")
 
 
 # Kills. A process of its own, with one thread, forks a run, kills it with SIGKILL, and forks the next.
 
 KILLED_BLOCKS, THREADS = 20, 3
+RULE = Budget(KILLED_BLOCKS * 64 - 10)
+
+
+class Threads:
+    """Threads that say which blocks they count, and take unequally long, so that blocks end out of order."""
+
+    window = 2 * THREADS
+
+    def __init__(self, pool, said):
+        self.pool, self.said = pool, said
+
+    def submit(self, job, parts):
+        return self.pool.submit(self.slow, job, parts)
+
+    def slow(self, job, parts):
+        for part in parts:
+            os.write(self.said, f"{part.block}\n".encode())
+        time.sleep(0.001 * sum(1 + part.block % 3 for part in parts) / 2)
+        return job(parts)
 
 
 def live(folder):
-    """One life of a run: it says which blocks it counts, and writes its result if it gets so far."""
+    """One life of a run, which writes its result if it gets so far."""
     said = os.open(folder / "calls", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-
-    def slow(parts):
-        for part in parts:
-            os.write(said, f"{part.block}\n".encode())
-        # Blocks do not take equally long, so that threads end them out of order.
-        time.sleep(0.001 * sum(1 + part.block % 3 for part in parts) / 2)
-        return count(parts)
-
-    with Ledger.open(folder / "ledger", SETTINGS) as ledger, ThreadPoolExecutor(THREADS) as pool:
-        rule = Budget(KILLED_BLOCKS * 64 - 10)
-        outcome = outcome_of(ledger, rule, slow, pool.submit, window=2 * THREADS)
-    (folder / "result").write_text(repr(outcome))
+    with Store.open(folder / "ledger", SETTINGS) as store, ThreadPoolExecutor(THREADS) as pool:
+        (outcome,) = runner.count([runner.Point(job(), RULE, store)], Threads(pool, said))
+    (folder / "result").write_text(repr(ends(outcome)))
 
 
 def forked(function, *arguments):
@@ -419,7 +397,7 @@ def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(tmp_path):
     assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
     report = json.loads(done.stdout)
     *killed, (*_, ended) = report["lives"]
-    assert report["result"] == repr(run_point(count, Budget(KILLED_BLOCKS * 64 - 10)))
+    assert report["result"] == repr(ends(run_point(job(), RULE)))
     assert report["left"] == ["calls", "ledger", "result"]
     assert ended == 0
     assert len(killed) >= 5

@@ -1,7 +1,7 @@
-"""The ledger: an SQLite file with a row for each block of a point that has been counted.
+"""The store of a run: an SQLite file that is ledger, result and checkpoint.
 
-A run that is killed at any moment and started again takes the blocks that it had counted from the ledger and
-counts the others. It ends with the numbers of a run that nobody disturbed.
+It has a row for each block of a point that was counted, and what was trained. A run that is killed at any
+moment and started again takes both from there, and ends with the numbers of a run that nobody disturbed.
 """
 
 import hashlib
@@ -11,32 +11,26 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, whole_number
-from vocc_torch.measure.counts import Counts, WeightedCounts
-from vocc_torch.measure.counts import Tally as Tally
-from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.sources import package_digest
 
-Label: TypeAlias = tuple[str | int, ...]
-"""What is counted: its last part is the group of frames (a contrast bin; 0 where frames are not sorted)."""
-
 SUFFIX = ".sqlite"
-"""How a ledger's name ends."""
+"""How a store's name ends."""
 
 _APPLICATION = int.from_bytes(b"vocc", "big")
 _LEAST_BYTES = 512  # of an SQLite file; shorter ones SQLite takes for empty
-_SCHEMA = (
+_FORMAT = 2
+"""Of the tables; another one is refused."""
+_TABLES = (
     "CREATE TABLE identity (settings TEXT, package TEXT)",
-    "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, counts TEXT, digest TEXT, "
+    "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, content BLOB, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
+    "CREATE TABLE trained (key TEXT PRIMARY KEY, content TEXT, digest TEXT) WITHOUT ROWID",
 )
-_TRAINED = "CREATE TABLE trained (key TEXT PRIMARY KEY, content TEXT, digest TEXT) WITHOUT ROWID"
-"""Made once there are trained receivers to keep."""
-_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts, "weighted": WeightedCounts}
 _ANOTHER = "choose another ledger"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
@@ -47,15 +41,15 @@ _FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 _REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 
 
-class Ledger(AbstractContextManager["Ledger"]):
-    """An open ledger, which nobody else can open until it is closed.
+class Store(AbstractContextManager["Store"]):
+    """An open store, which nobody else can open until it is closed.
 
     A row belongs to a point, a block and the number of the block's frames that were used: where a budget
     ended in the middle of a block and a later run needs more of it, the block is counted again and the longer
     row is added; the shorter one stays and is used again by a run of the smaller budget. Each row has a
     checksum, which holds the settings too, so that a changed row and one of another run are known.
 
-    A row is one transaction, on the disk before :meth:`append` returns; :meth:`together` makes one of many.
+    A row is one transaction, on the disk before :meth:`add` returns; :meth:`together` makes one of many.
     What a killed run or a power failure left half written is taken back by SQLite at the next :meth:`open`.
 
     Attributes:
@@ -66,11 +60,11 @@ class Ledger(AbstractContextManager["Ledger"]):
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = Path(folder) / "ledger.sqlite"
-        ...     with Ledger.open(path, {"seed": 0}) as ledger:
-        ...         ledger.append("near", 0, 64, {("flda_3", 0): Counts(64, 4096)})
-        ...     with Ledger.open(path, {"seed": 0}) as ledger:
-        ...         len(ledger), ledger.find("near", 0, 64)["flda_3", 0].bits
-        (1, 4096)
+        ...     with Store.open(path, {"seed": 0}) as store:
+        ...         store.add("near", 0, 64, b"counts")
+        ...     with Store.open(path, {"seed": 0}) as store:
+        ...         len(store), store.find("near", 0, 64)
+        (1, b'counts')
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, settings: str) -> None:
@@ -81,7 +75,7 @@ class Ledger(AbstractContextManager["Ledger"]):
 
     @classmethod
     def open(cls, path: str | Path, settings: Mapping[str, object]) -> Self:
-        """Open a ledger, or begin one where there is no file.
+        """Open a store, or begin one where there is no file.
 
         Args:
             path: the file; missing folders are made.
@@ -90,14 +84,12 @@ class Ledger(AbstractContextManager["Ledger"]):
                 size, the folder, the budget of frames and the stop rule.
 
         Raises:
-            VoccError: the file is in use by another run, cannot be written, is damaged, is no ledger, or is
+            VoccError: the file is in use by another run, cannot be written, is damaged, is no store, or is
                 that of another version or of other settings, with what changed.
         """
         path, text = Path(path), canonical(settings)
         with _told(path):
-            older, there = path.with_suffix(".jsonl"), path.exists()
-            if older.exists() and not there:
-                raise VoccError(f"{_shown(older)} is a ledger of an older version of vocc-torch: {_ANOTHER}")
+            there = path.exists()
             if path.is_symlink() or (there and not path.is_file()):
                 no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
                 raise VoccError(f"{_shown(path)} {no}")
@@ -107,18 +99,18 @@ class Ledger(AbstractContextManager["Ledger"]):
                 raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)
-        ledger = cls(path, connection, text)
+        store = cls(path, connection, text)
         try:
             with _told(path):
-                ledger._begin()
-                ledger._inode = path.stat().st_ino
+                store._begin()
+                store._inode = path.stat().st_ino
         except BaseException:
-            ledger.close()
+            store.close()
             with suppress(OSError):
                 if not path.stat().st_size:  # not even the settings could be written
                     path.unlink()
             raise
-        return ledger
+        return store
 
     def _begin(self) -> None:
         """Lock the file until it is closed, and write the settings or check all that is there."""
@@ -127,44 +119,50 @@ class Ledger(AbstractContextManager["Ledger"]):
         self._run("BEGIN EXCLUSIVE")
         # What a killed run left has been taken back by now; its journal would stay where nothing is written.
         self.path.with_name(f"{self.path.name}-journal").unlink(missing_ok=True)
-        schema = tuple(row[0] for row in self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
-        if schema:
-            self._check(schema)
+        if self._run("SELECT 1 FROM sqlite_master").fetchone():
+            self._check()
         else:
-            for statement in _SCHEMA:
+            for statement in _TABLES:
                 self._run(statement)
             self._run(f"PRAGMA application_id={_APPLICATION}")
+            self._run(f"PRAGMA user_version={_FORMAT}")
             self._run("INSERT INTO identity VALUES (?, ?)", (self._settings, _code()))
         self._run("COMMIT")
 
-    def _check(self, schema: tuple[str, ...]) -> None:
-        """Refuse a file that is not a whole ledger of these settings."""
+    def _check(self) -> None:
+        """Refuse a file that is not a whole store of these settings."""
         if self._run("PRAGMA application_id").fetchone() != (_APPLICATION,):
             raise self._refusal("is no ledger of vocc-torch", _ANOTHER)
         release = f"continue it with the release that began it, or {_ANOTHER}"
-        if schema not in (_SCHEMA, (*_SCHEMA, _TRAINED)):
-            raise self._refusal("has another format than that of this release", release)
-        ((there, package),) = self._run("SELECT settings, package FROM identity").fetchall()
-        version, _, source = package.partition(" ")
-        if version != __version__:
-            raise self._refusal(f"is of vocc-torch {version} and this is {__version__}", release)
+        ((version,),) = self._run("PRAGMA user_version")
+        if version != _FORMAT:
+            raise self._refusal(f"has format {version}, and this release {_FORMAT}", release)
+        tables = tuple(row[0] for row in self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
+        if tables != _TABLES:
+            raise self._refusal(*_DAMAGED)
+        ((settings, package),) = self._run("SELECT settings, package FROM identity").fetchall()
+        begun_with, _, source = package.partition(" ")
+        if begun_with != __version__:
+            raise self._refusal(f"is of vocc-torch {begun_with} and this is {__version__}", release)
         if package != _code():
-            told = (
+            other = (
                 f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})"
             )
-            raise self._refusal(told, "go back to that code, or give another name=")
-        if there != self._settings:
-            changes = what_changed(json.loads(there), json.loads(self._settings))
+            raise self._refusal(other, "go back to that code, or give another name=")
+        if settings != self._settings:
+            changes = what_changed(json.loads(settings), json.loads(self._settings))
             raise self._refusal("; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}")
         if self._run("PRAGMA integrity_check(1)").fetchone() != ("ok",):
             raise self._refusal(*_DAMAGED)
-        for *row, digest in self._run("SELECT point, block, frames, counts, digest FROM blocks"):
-            if _digest(self._settings, *row) != digest:
-                raise self._refusal(*_DAMAGED)
-            _read(*row)
-        for *row, digest in self._run("SELECT * FROM trained") if _TRAINED in schema else ():
-            if _digest(self._settings, *row) != digest:
-                raise self._refusal(*_DAMAGED)
+        for table in ("blocks", "trained"):
+            for *row, digest in self._run(f"SELECT * FROM {table}"):
+                if self._digest(*row) != digest:
+                    raise self._refusal(*_DAMAGED)
+
+    def _digest(self, *row: object) -> str:
+        """Give the checksum of a row of these settings."""
+        values = [one.hex() if isinstance(one, bytes) else one for one in (self._settings, *row)]
+        return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
     def _refusal(self, told: str, help_: str) -> VoccError:
         """Word a refusal in one line that is not too long."""
@@ -180,39 +178,35 @@ class Ledger(AbstractContextManager["Ledger"]):
         with _told(self.path):
             return int(self._run("SELECT count(*) FROM blocks").fetchone()[0])
 
-    def find(self, point: str, block: int, frames: int) -> dict[Label, Tally] | None:
+    def find(self, point: str, block: int, frames: int) -> bytes | None:
         """Give what was counted in exactly this many frames of a block, or None."""
         with _told(self.path):
             where = "WHERE point=? AND block=? AND frames=?"
-            row = self._run(f"SELECT counts FROM blocks {where}", (point, block, frames)).fetchone()
-            return None if row is None else _read(point, block, frames, row[0])
+            row = self._run(f"SELECT content FROM blocks {where}", (point, block, frames)).fetchone()
+            return None if row is None else bytes(row[0])
 
-    def kept(self, key: str) -> dict[str, Any] | None:
-        """Give what :meth:`keep` wrote under a key, or None."""
+    def trained(self, key: str) -> dict[str, Any] | None:
+        """Give what :meth:`add_trained` wrote under a key, or None."""
         with _told(self.path):
-            there = self._run("SELECT 1 FROM sqlite_master WHERE name='trained'").fetchone()
-            row = self._run("SELECT content FROM trained WHERE key=?", (key,)).fetchone() if there else None
+            row = self._run("SELECT content FROM trained WHERE key=?", (key,)).fetchone()
             return None if row is None else dict(json.loads(row[0]))
 
-    def keep(self, key: str, content: str) -> None:
+    def add_trained(self, key: str, content: str) -> None:
         """Write trained receivers, JSON text, under a key; what stood there is replaced.
 
         Raises:
-            VoccError: as :meth:`append`.
+            VoccError: as :meth:`add`.
         """
         with _told(self.path):
-            self._run("BEGIN")
-            self._run(_TRAINED.replace("TABLE", "TABLE IF NOT EXISTS"))
-            row = key, content, _digest(self._settings, key, content)
+            row = key, content, self._digest(key, content)
             self._run("INSERT OR REPLACE INTO trained VALUES (?, ?, ?)", row)
-            self._run("COMMIT")
 
     @contextmanager
     def together(self) -> Iterator[None]:
         """Write what is appended inside in one transaction: the disk is waited for once, at the end.
 
         Raises:
-            VoccError: as :meth:`append`.
+            VoccError: as :meth:`add`.
         """
         with _told(self.path):
             self._demand_file()
@@ -229,52 +223,38 @@ class Ledger(AbstractContextManager["Ledger"]):
         if not self.path.exists() or self.path.stat().st_ino != self._inode:
             raise self._refusal("was deleted under this run", "start it again to go on")
 
-    def append(self, point: str, block: int, frames: int, counts: Mapping[Label, Tally]) -> None:
+    def add(self, point: str, block: int, frames: int, content: bytes) -> None:
         """Add a row; one that is already there is not written twice.
 
         Args:
             point: the point's name, which keys its random draws.
             block: index of the block, at least 0.
             frames: how many of its frames were used, from the first on, 1 to 64.
-            counts: by label; none where no frame fell into a group.
+            content: what was counted.
 
         Raises:
             VoccError: a value outside its range, a row that contradicts one that is there, or the disk is
                 full or refuses. The file is then as it was before.
         """
-        names = {kind: name for name, kind in _KINDS.items()}
-        text = json.dumps([[names[type(one)], label, one.numbers] for label, one in counts.items()])
-        row = point, block, frames, text
-        _read(*row)
+        row = (
+            point,
+            whole_number("block", block, 0, 2**63 - 1),
+            whole_number("frames", frames, 1, BLOCK_FRAMES),
+            content,
+        )
         with _told(self.path):
             if not self._connection.in_transaction:
                 self._demand_file()
-            line = (*row, _digest(self._settings, *row))
+            line = (*row, self._digest(*row))
             added = self._run("INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?)", line).rowcount
-        if not added and self.find(point, block, frames) != dict(counts):
-            told = f"has other counts for block {block} of {point}"
-            raise self._refusal(told, f"its settings miss what they depend on, {_ANOTHER}")
+        if not added and self.find(point, block, frames) != content:
+            other = f"has other counts for block {block} of {point}"
+            raise self._refusal(other, f"its settings miss what they depend on, {_ANOTHER}")
 
 
 def _code() -> str:
     """Give the release and a digest of the source: rows of two algorithms do not add."""
     return f"{__version__} {package_digest('vocc_torch')}"
-
-
-def _read(point: object, block: object, frames: object, text: str) -> dict[Label, Tally]:
-    """Read the counts of a row, or refuse what no run can have counted."""
-    whole_number("block", block, 0, 2**63 - 1)
-    most = whole_number("frames", frames, 1, BLOCK_FRAMES)
-    counts: dict[Label, Tally] = {}
-    for name, label, numbers in json.loads(text):
-        one = counts[tuple(label)] = _KINDS[name](*numbers)
-        if one.numbers != tuple(numbers):
-            raise VoccError(f"counts of {label} are {numbers}: it must be {len(one.numbers)} numbers")
-        if not all(type(part) in (str, int) for part in label):
-            raise VoccError(f"counts are filed under {label}: it must be text and integers")
-        if one.frames > most:
-            raise VoccError(f"counts of {label} in {point} have {one.frames} frames: at most {most}")
-    return counts
 
 
 @contextmanager
@@ -310,11 +290,6 @@ def _cut(text: str, length: int) -> str:
     return text if len(text) <= length else text[: max(0, length - 3)] + "..."
 
 
-def _digest(*values: object) -> str:
-    """Give the checksum of some values."""
-    return hashlib.sha256(json.dumps(values).encode()).hexdigest()
-
-
 def canonical(settings: Mapping[str, object]) -> str:
     """Write settings as JSON with sorted keys, so that what is equal is written the same.
 
@@ -332,7 +307,7 @@ def canonical(settings: Mapping[str, object]) -> str:
 
 
 def what_changed(there: object, here: object) -> list[str]:
-    """Say in which settings a ledger and this run differ, the files of classifiers first.
+    """Say in which settings a store and this run differ, the files of classifiers first.
 
     Example:
         >>> what_changed({"seed": 0, "world": {"dtype": "a"}}, {"seed": 1, "world": {"dtype": "b"}})

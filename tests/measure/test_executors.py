@@ -1,0 +1,352 @@
+"""Who counts: the same results from processes as from one, no trace of them, one line for errors."""
+
+import os
+import pickle
+import signal
+import socket
+import sys
+import time
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+import torch
+from composing import composed
+from one_point import banks
+
+from vocc_torch import plugins
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import executors
+from vocc_torch.measure.executors import Workers, about_run, called, demand_answer
+from vocc_torch.measure.plan import Experiment, resolve_device
+from vocc_torch.measure.store import Store
+from vocc_torch.measure.sweep import Study, measured, run_studies
+from vocc_torch.measure.train import train_each
+from vocc_torch.simulation import Distribution
+
+LOCATORS = ("truth", "paper")
+
+
+@pytest.fixture(scope="module")
+def sweeps(make_plan):
+    """Two experiments: one stops points by frame errors, the other spends a budget of three blocks."""
+    dusk = {"ambient_lx": Distribution("constant", (1000.0,))}
+    stopping = make_plan(
+        experiment=Experiment("stopping", "distance_m", (60.0, 66.0), dusk),
+        frames=256,
+        target=40,
+        names=("average_greyscale", "flda_2", "flda_3"),
+    )
+    spending = replace(
+        make_plan(experiment=Experiment("spending", "distance_m", (50.0, 70.0), dusk), frames=100),
+        batch_frames=16,
+    )
+    fldas = {name: training.flda for name, training in train_each(stopping, LOCATORS).items()}
+    studies = [Study(plan.experiment.name, plan, LOCATORS) for plan in (stopping, spending)]
+    return studies, {study.key: banks(study.plan, fldas) for study in studies}
+
+
+def results(sweeps, workers, progress=lambda *_: None, store=None):
+    """What each experiment came to, by its name."""
+    studies, of_studies = sweeps
+    outcomes = {study.key: {} for study in studies}
+    stores = {} if store is None else dict.fromkeys(outcomes, store)
+    for study, value, outcome in run_studies(studies, of_studies, stores, workers, progress):
+        outcomes[study.key][value] = outcome
+    return {study.key: measured(study, outcomes[study.key]) for study in studies}
+
+
+IS_DEAF = "(__import__('os').getpid(), 2 in __import__('signal').pthread_sigmask(0, []))"
+"""Who calls, and whether it has put off Ctrl-C, signal 2, from its beginning."""
+
+
+def caught(call):
+    """The error of a call."""
+    try:
+        call()
+    except Exception as error:
+        return error
+    return None
+
+
+@pytest.fixture(scope="module")
+def story(sweeps, tmp_path_factory):
+    """One start of two processes serves all that is asked of them; the last thing ends them."""
+    path, told = tmp_path_factory.mktemp("workers") / "ledger", []
+
+    def tell(study, value, frames, _):
+        told.append((study.key, value, frames))
+
+    with pytest.MonkeyPatch.context() as patch, Workers(2) as workers:
+        patch.setenv("OMP_NUM_THREADS", "2")
+        # Torch's way to send tensors; it keeps files of this process open until they are fetched.
+        patch.setattr("multiprocessing.resource_sharer.DupFd", None)
+        story = SimpleNamespace(results=results(sweeps, workers, tell), told=told, path=path, deaf={})
+        story.threads = workers.submit(eval, "__import__('torch').get_num_threads()").result()
+        story.tensor = workers.submit(torch.neg, torch.arange(5)).result()
+        while len(story.deaf) < 2:
+            pid, deaf = workers.submit(eval, IS_DEAF).result()
+            story.deaf[pid] = deaf
+        story.bad_call = caught(lambda: workers.submit(resolve_device, "abacus").result())
+
+        first = next(iter(workers._pool._executor._processes))
+
+        def kill(*_):
+            # More blocks may have come before the loss is noticed.
+            with suppress(ProcessLookupError):
+                os.kill(first, signal.SIGKILL)
+
+        with Store.open(path, {}) as store:
+            story.killed = caught(lambda: results(sweeps, workers, kill, store))
+            story.known = len(store)
+        story.after = caught(lambda: workers.submit(abs, -1))
+    return story
+
+
+def test_two_processes_measure_what_one_measures(sweeps, story):
+    """Counts, comparisons of receivers and of locations, and why each point stopped."""
+    with Workers(1) as workers:
+        told = []
+        alone = results(sweeps, workers, lambda sweep, value, frames, _: told.append((value, frames)))
+    assert story.results == alone
+    assert set(alone["stopping"].curves["truth"].stopped_by.values()) == {"frame_errors"}
+    assert set(alone["spending"].curves["paper"].stopped_by.values()) == {"frames"}
+    # Blocks come in their order within a point, whatever happens between the points.
+    for name, value in (("stopping", 60.0), ("stopping", 66.0), ("spending", 50.0), ("spending", 70.0)):
+        mine = [frames for at, on, frames in story.told if (at, on) == (name, value)]
+        assert mine == [frames for on, frames in told if on == value]
+
+
+def test_each_process_has_one_thread_takes_tensors_whole_and_never_hears_ctrl_c(story):
+    assert story.threads == 1
+    assert story.tensor.tolist() == [0, -1, -2, -3, -4]
+    assert os.name != "posix" or set(story.deaf.values()) == {True}
+
+
+def test_an_error_in_a_process_comes_back_as_it_is(story):
+    assert isinstance(story.bad_call, VoccError)
+    assert str(story.bad_call) == str(caught(lambda: resolve_device("abacus")))
+
+
+def test_a_killed_worker_is_one_line(story):
+    for error in (story.killed, story.after):
+        assert isinstance(error, VoccError)
+        assert str(error).startswith("a worker process was ended from outside, perhaps for lack of memory: ")
+
+
+def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
+    assert story.known > 0
+    with Store.open(story.path, {}) as store, Workers(1) as workers:
+        assert len(store) == story.known
+        assert results(sweeps, workers, store=store) == story.results
+        assert len(store) > story.known
+
+
+# One worker is this process
+
+
+def test_one_worker_starts_nothing():
+    with Workers(1) as workers:
+        assert workers.submit(eval, "__import__('os').getpid()").result() == os.getpid()
+        assert workers._pool is None
+        with pytest.raises(ValueError, match="invalid literal"):
+            workers.submit(int, "x")
+
+
+@pytest.mark.parametrize("count", [-1, 257])
+def test_impossible_numbers_are_refused(count):
+    with pytest.raises(VoccError, match=rf"^workers is {count}: it must be from 0 \(one a core\) to 256$"):
+        Workers(count)
+
+
+def test_no_number_is_one_a_core(monkeypatch):
+    monkeypatch.setattr(executors.timing, "usable_cores", lambda: 3)
+    assert (Workers(0).count, Workers(0).window) == (3, 6)
+    assert (Workers(1).window, Workers(2).window) == (1, 4)
+
+
+# What a worker does
+
+
+def test_a_node_of_another_release_is_refused_by_its_name():
+    wanted, files = pickle.loads(about_run("ray"))
+    other = pickle.dumps(({**wanted, "torch": "1.0"}, files))
+    well, error = pickle.loads(called(other, pickle.dumps(abs), pickle.dumps(-3)))
+    here = ".".join(torch.__version__.split(".")[:2])
+    told = (
+        f"node {socket.gethostname()} has torch {here}, and this run 1.0: give every node the same releases"
+    )
+    assert (well, type(error), str(error)) == (False, VoccError, told)
+
+
+class StubbornError(Exception):
+    """An error that no other process can read."""
+
+    def __reduce__(self):
+        return int, ("no number",)
+
+
+def fail(kind):
+    raise kind("why")
+
+
+@pytest.mark.parametrize(
+    ("kind", "came", "text"),
+    [
+        (VoccError, VoccError, "why"),
+        (MemoryError, MemoryError, "why"),
+        (StubbornError, RuntimeError, "StubbornError: why"),
+    ],
+)
+def test_an_error_of_a_call_comes_back_as_a_value(kind, came, text):
+    well, error = pickle.loads(called(about_run("ray"), pickle.dumps(fail), pickle.dumps(kind)))
+    assert (well, type(error), str(error)) == (False, came, text)
+
+
+def test_the_users_files_go_along_to_another_machine(tmp_path, monkeypatch):
+    """With what they import from beside them; there they are read from the copies."""
+    for name in ("READ", "COPIES", "EXPECTED"):
+        monkeypatch.setattr(plugins, name, type(getattr(plugins, name))())
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path = tmp_path / "mine_to_carry.py"
+    monkeypatch.syspath_prepend(str(tmp_path))
+    path.write_text("from beside_to_carry import TWO\nANSWER = 40 + TWO")
+    (tmp_path / "beside_to_carry.py").write_text("TWO = 2")
+    digest, answer = plugins.ModuleFile(str(path)).digest, plugins.ModuleFile(str(path)).named("ANSWER")
+    (_, files) = pickle.loads(about_run("ray"))
+    with pytest.raises(VoccError, match=r"executor.kind is dask, and .*mine_to_carry.py cannot go with it"):
+        about_run("dask")
+    text = path.read_text()
+    path.write_text("ANSWER = 43")
+    with pytest.raises(VoccError, match=r"mine_to_carry.py has changed since this run began"):
+        about_run("ray")
+    # There, neither file lies where it was.
+    path.unlink()
+    (tmp_path / "beside_to_carry.py").unlink()
+    for name in [one for one in sys.modules if "to_carry" in one]:
+        monkeypatch.delitem(sys.modules, name)
+    plugins.receive(files)
+    there = plugins.ModuleFile(str(path))
+    assert (there.digest, there.named("ANSWER"), there.place.read_text()) == (digest, answer, text)
+
+
+# Refused in one line
+
+
+def test_where_nothing_listens_is_told_in_seconds():
+    begun = time.monotonic()
+    told = r"^executor.address is 127.0.0.1:1: nothing answers there \(Connection refused\)$"
+    with pytest.raises(VoccError, match=told):
+        demand_answer("127.0.0.1:1")
+    assert time.monotonic() - begun < 5
+
+
+@pytest.mark.parametrize("address", ["here", "host:", ":1", "host:0", "host:99999", "ray://host:x"])
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(VoccError, match=r"^executor.address is .*: it must be HOST:PORT, auto or local$"):
+        demand_answer(address)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("executor=ray", "task=export"),
+            "executor.kind is ray: it must be auto, here or processes for task=exp",
+        ),
+        (
+            ("executor.kind=rya",),
+            "executor.kind is 'rya': it must be one of auto, here, processes, ray, dask",
+        ),
+        (("executor.address=a:1",), "executor.address is a:1: it has no meaning for executor=auto"),
+        (
+            ("executor=ray", "classifier=cnn", "+classifiers.cnn.training.checkpoints=c"),
+            "classifiers.cnn.training.checkpoints is c: it must be null for executor=ray",
+        ),
+    ],
+)
+def test_what_cannot_be_elsewhere_is_refused(words, told):
+    with pytest.raises(VoccError) as refusal:
+        Workers.of(composed(*words))
+    assert str(refusal.value).startswith(told)
+
+
+@pytest.mark.parametrize("kind", ["ray", "dask"])
+def test_an_engine_that_is_not_installed_is_named(kind, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(
+        VoccError, match=rf"^executor.kind is {kind}, which is not installed: pip install 'vocc-"
+    ):
+        Workers(1, kind, "127.0.0.1:1").__enter__()
+
+
+# Where it begins when nobody says
+
+
+class Alone(executors.Pool):
+    """A pool that does its calls at once, and loses those that it is told to."""
+
+    def __init__(self, slots=2, lost=None):
+        self.opened, self._slots, self.lost = 0, slots, lost
+
+    def slots(self):
+        return self._slots
+
+    def submit(self, call, /, *arguments):
+        future = Future()
+        if self.lost is not None:
+            future.set_exception(self.lost)
+        else:
+            future.set_result(call(*arguments))
+        return future
+
+    def end(self, *, at_once):
+        self.opened = -1
+
+
+def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
+    pools = []
+    monkeypatch.setattr(executors, "ProcessPool", lambda count: pools.append(Alone(count)) or pools[-1])
+    monkeypatch.setattr(executors, "LIMITS", replace(executors.LIMITS, patience_s=0.05))
+    monkeypatch.setattr(executors.timing, "usable_cores", lambda: 64)
+    with Workers(None) as pool:
+        assert (pool.window, pool.submit(abs, -1).result(), pools) == (1, 1, [])
+        assert pool.submit(spin, 0.1).result() == 1  # one thread, whatever torch's number is
+        assert pool.submit(abs, -2).result() == 2
+    assert [one.slots() for one in pools] == [8]
+    assert pools[0].opened == -1
+    assert Workers.of(composed("executor=here", "workers=4")).window == 1
+
+
+@pytest.mark.parametrize(
+    ("slots", "count", "window"), [(2, None, 4), (2, 8, 4), (8, 8, 16), (32, 8, 8), (32, 1, 1)]
+)
+def test_a_cluster_is_never_given_more_at_a_time_than_was_asked_for(slots, count, window, monkeypatch):
+    monkeypatch.setattr(executors, "RayPool", lambda _: Alone(slots))
+    with Workers(count, "ray") as pool:
+        assert pool.window == window
+
+
+class NodeDiedError(Exception):
+    """What a cluster says of a node that it lost for good."""
+
+    __module__ = "ray.exceptions"
+
+
+def test_a_call_that_a_cluster_lost_for_good_is_one_line(monkeypatch):
+    monkeypatch.setattr(executors, "RayPool", lambda _: Alone(lost=NodeDiedError("gone")))
+    told = (
+        r"^a task was lost with its worker or node, 3 times in all \(NodeDiedError\): start again to go on$"
+    )
+    with Workers(2, "ray") as pool, pytest.raises(VoccError, match=told):
+        pool.submit(abs, -1).result()
+
+
+def spin(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+    return torch.get_num_threads()

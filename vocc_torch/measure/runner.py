@@ -1,0 +1,403 @@
+"""The one counting engine: blocks of 64 frames in, errors by frame out, whoever counts and whatever stops.
+
+A study describes each of its points as a :class:`Job`: which scenes, which locators, which receivers.
+:func:`count` hands its blocks out, records each in the store as it comes back, and adds them in index order
+until the stop rule holds; neither workers nor batches nor an interruption change an outcome.
+"""
+
+import itertools
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent import futures
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol, TypeAlias
+
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import intervals
+from vocc_torch.measure.config import Budget
+from vocc_torch.measure.counts import Counts, half_errors
+from vocc_torch.measure.executors import Workers, worker_losses_told
+from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.link import Link, Observation
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.store import Store
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation import SceneModel
+
+FIRST_LOOK_BLOCKS = 16
+"""Blocks between looks at the precision, at first; later a sixteenth of the blocks so far."""
+
+Tallies: TypeAlias = Mapping[tuple[Key, int], Counts]
+"""Errors by whose they are and by the group of frames: a contrast bin, 0 where frames are not sorted."""
+
+
+class Part(NamedTuple):
+    """A block, or the first frames of it.
+
+    Args:
+        block: index of the block.
+        frames: how many of its frames are used, from the first on, 1 to 64.
+    """
+
+    block: int
+    frames: int
+
+
+def parts_of(frames: int) -> Iterator[Part]:
+    """Name the blocks of a budget, in order.
+
+    Example:
+        >>> list(parts_of(100))
+        [Part(block=0, frames=64), Part(block=1, frames=36)]
+    """
+    for start in range(0, frames, BLOCK_FRAMES):
+        yield Part(start // BLOCK_FRAMES, min(BLOCK_FRAMES, frames - start))
+
+
+class Deciders(Protocol):
+    """What decides a batch of frames; picklable, so that workers do it.
+
+    Attributes:
+        keys: whose decisions they are, in order.
+        needs_preambles: whether one needs the all-On and all-Off frames of each scene.
+    """
+
+    @property
+    def keys(self) -> tuple[Key, ...]: ...  # noqa: D102
+
+    @property
+    def needs_preambles(self) -> bool: ...  # noqa: D102
+
+    def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
+        """Give what finds the panel by the name of the view; None takes the simulator's own corners."""
+
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterable[tuple[torch.Tensor, Observation]]:
+        """Give for each key the bits, (B,R,C) bool, and the observation that they were decided on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Banks:
+    """Receivers of one or more banks, bank after bank.
+
+    Args:
+        banks: each with the name of the locator whose readings it decides on, and what tells its receivers
+            from those of another bank: the number of its training.
+    """
+
+    banks: Sequence[tuple[str, ReceiverBank, int]]
+
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, Observation]]:
+        """Decide one batch, as :class:`Deciders` says."""
+        for locator, bank, _ in self.banks:
+            seen = views[locator]
+            for scores in bank.scores(seen.readings, seen.preambles).values():
+                yield scores >= 0, seen
+
+    def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
+        """Give the locators by name."""
+        return plan.receiver.finders(list(dict.fromkeys(locator for locator, _, _ in self.banks)))
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Whose decisions they are."""
+        return tuple(
+            Key(locator, name, number) for locator, bank, number in self.banks for name in bank.names
+        )
+
+    @property
+    def needs_preambles(self) -> bool:
+        """Whether any of the receivers needs frames of known bits."""
+        return any(needs_preambles(bank.names) for _, bank, _ in self.banks)
+
+
+Sorter = Callable[[Link, Observation], torch.Tensor]
+"""Gives the group (B,) int64 of each frame of a batch; below 0 it is not counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Receivers on the frames of one kind of scenes.
+
+    Args:
+        plan: world, reader, locators, seed and batch size.
+        model: the scenes.
+        point: name that keys their random draws.
+        receivers: what decides.
+        sorter: sorts the frames into groups, or None.
+        name: of its rows in the store, where several jobs count the same point; the point's by default.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from vocc_torch.measure.plan import Experiment, ReceiverPlan, World
+        >>> from vocc_torch.receiver.flda import FLDA
+        >>> experiment = Experiment("d", "distance_m", (50.0,))
+        >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2), Path("runs"))
+        >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)), 0)])
+        >>> job = Job(plan, plan.world.scene, "d", greyscale)
+        >>> with Workers(1) as workers:
+        ...     (outcome,) = count([Point(job, Budget(2))], workers)
+        >>> outcome.errors.counts[0].frames, outcome.errors.counts[0].bit_errors, outcome.stopped_by
+        (2, 0.0, 'frames')
+    """
+
+    plan: Plan
+    model: SceneModel
+    point: str
+    receivers: Deciders
+    sorter: Sorter | None = None
+    name: str = ""
+
+    @property
+    def rows(self) -> str:
+        """The name of its rows in the store."""
+        return self.name or self.point
+
+    def count(self, blocks: Iterable[int], frames: int, first: int = 0) -> FrameErrors:
+        """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
+
+        Args:
+            blocks: indices of the point's blocks.
+            frames: how many frames of these to use, from the first on.
+            first: how many of them to pass over.
+        """
+        link, keys = Link.of(self.plan), [BlockKey(self.plan.seed, self.point, block) for block in blocks]
+        deciders = self.receivers
+        finders, preambles = deciders.finders(self.plan), deciders.needs_preambles
+        wrong, found, off, groups = [], [], [], []
+        every = link.observe_each(finders, self.model, keys, preambles=preambles, frames=frames, first=first)
+        for views in every:
+            decided = list(deciders(views))
+            halves = [half_errors(bits, view.bits, view.panels.found) for bits, view in decided]
+            wrong.append(torch.stack(halves))
+            found.append(torch.stack([view.panels.found for _, view in decided]))
+            off.append(torch.stack([view.misplaced for _, view in decided]))
+            if self.sorter is not None:
+                groups.append(self.sorter(link, next(iter(views.values()))))
+        numbers, located, misplaced = (torch.cat(rows, dim=1).cpu().numpy() for rows in (wrong, found, off))
+        sorted_by = torch.cat(groups).cpu().numpy() if groups else None
+        return FrameErrors(numbers, located, link.reader.shape.leds, sorted_by, misplaced, deciders.keys)
+
+    def __call__(self, parts: Sequence[Part]) -> list[bytes]:
+        """Count some blocks; of these only the last may be used in part."""
+        assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
+        errors = self.count([part.block for part in parts], sum(part.frames for part in parts))
+        starts = range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES)
+        return [errors.of(frames=slice(start, start + BLOCK_FRAMES)).packed() for start in starts]
+
+    def read(self, content: bytes, part: Part) -> FrameErrors:
+        """Give the errors that a block's bytes say."""
+        leds = self.plan.world.panel.shape.leds
+        return FrameErrors.unpacked(content, part.frames, leds, self.receivers.keys)
+
+    def tallies(self, errors: FrameErrors, part: Part) -> Tallies:
+        """Count the errors of each receiver in each group of a block's frames."""
+        found: dict[tuple[Key, int], Counts] = {}
+        for group, some in errors.by_group():
+            found |= {(key, group): counts for key, counts in zip(some.keys, some.counts, strict=True)}
+        return found
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a point gave.
+
+    Args:
+        errors: of every receiver in each of its frames.
+        counts: their sums.
+        stopped_by: why it got no more frames: ``frame_errors``, ``precision`` or ``frames``.
+    """
+
+    errors: FrameErrors
+    counts: Tallies
+    stopped_by: str
+
+    @property
+    def comparable(self) -> bool:
+        """Whether frames weigh alike, so that receivers are compared frame by frame."""
+        return all(type(counts) is Counts for counts in self.counts.values())
+
+    def by_group(self) -> Iterator[tuple[int, "Outcome"]]:
+        """Give what each group of frames gave, as an outcome of its own."""
+        for group, errors in self.errors.by_group():
+            counts = {(key, 0): one for (key, where), one in self.counts.items() if where == group}
+            yield group, Outcome(errors, counts, self.stopped_by)
+
+
+Told = Callable[[int, Tallies], object]
+"""Called for each block as it is added, with its frames and the sums so far."""
+
+
+@dataclass(eq=False)
+class Point:
+    """A point that is to be counted: blocks that wait for their turn, and the sums so far.
+
+    Args:
+        job: counts its blocks.
+        rule: when it has enough.
+        store: where blocks are recorded and known ones are taken from, or None.
+        told: called for each block as it is added.
+
+    Attributes:
+        stopped_by: why it has enough; empty until then.
+        exhausted: whether all of its blocks have been taken.
+    """
+
+    job: Job
+    rule: Budget
+    store: Store | None = None
+    told: Told = lambda frames, tallies: None
+    counts: dict[tuple[Key, int], Counts] = field(default_factory=dict, init=False)
+    stopped_by: str = field(default="", init=False)
+    exhausted: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        """Lay the blocks out."""
+        self._parts = parts_of(self.rule.frames)
+        self._waiting: dict[int, tuple[Part, bytes]] = {}
+        self._added: list[FrameErrors] = []
+
+    def take(self, blocks: int) -> list[Part]:
+        """Take the next blocks, and give those of them that the store does not know."""
+        taken, missing = list(itertools.islice(self._parts, blocks)), []
+        self.exhausted = not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
+        for part in taken:
+            content = None if self.store is None else self.store.find(self.job.rows, *part)
+            if content is None:
+                missing.append(part)
+            else:
+                self._waiting[part.block] = part, content
+        return missing
+
+    def record(self, parts: Sequence[Part], contents: Sequence[bytes]) -> None:
+        """Write down what has come back, and keep it for its turn."""
+        for part, content in zip(parts, contents, strict=True):
+            if self.store is not None:
+                self.store.add(self.job.rows, *part, content)
+            self._waiting[part.block] = part, content
+
+    def add(self) -> None:
+        """Add what is known, in order, until the rule holds; what lies beyond it is not counted."""
+        while not self.stopped_by and (blocks := len(self._added)) in self._waiting:
+            part, content = self._waiting.pop(blocks)
+            self._added.append(errors := self.job.read(content, part))
+            for label, counts in self.job.tallies(errors, part).items():
+                self.counts[label] = counts + self.counts.get(label, 0)
+            spent = "frames" if (blocks + 1) * BLOCK_FRAMES >= self.rule.frames else ""
+            self.stopped_by = stop_reason(self.rule, self.counts, blocks + 1) or spent
+            self.told(part.frames, self.counts)
+
+    @property
+    def outcome(self) -> Outcome:
+        """What was counted so far, of at least one block."""
+        return Outcome(FrameErrors.joined(self._added), self.counts, self.stopped_by)
+
+
+def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
+    """Say why a point needs no more frames: ``frame_errors`` or ``precision``; None if it does.
+
+    Args:
+        rule: when a point has enough. A rule that can never hold is none: the frames end the point.
+        tallies: what was counted so far; further trainings do not matter here.
+        blocks: blocks counted so far, at least 1. The precision is looked at after 16, 32, ... blocks and
+            later at steps of about a sixteenth: each look is a chance to stop by luck.
+
+    Example:
+        >>> tallies = {(Key("truth", "a"), 0): Counts(64, 64, 6, 12, 3)}
+        >>> stop_reason(Budget(6400, target_frame_errors=2), tallies, 1)
+        'frame_errors'
+    """
+    # A receiver gets the frames that it would get alone, so its numbers do not depend on other trainings.
+    counts = {label: one for label, one in tallies.items() if label[0].training == 0}
+    if counts and rule.target_frame_errors is not None:
+        errors: dict[Key, int] = {}
+        for (key, _), one in counts.items():
+            errors[key] = errors.get(key, 0) + one.frame_errors
+        if min(errors.values()) >= rule.target_frame_errors:
+            return "frame_errors"
+    power_of_two = 1 << (blocks.bit_length() - 1)
+    if not counts or rule.precision is None or blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16):
+        return None
+    precise = (intervals.precise_enough(one, rule.precision, rule.least_ber) for one in counts.values())
+    return "precision" if all(precise) else None
+
+
+Future: TypeAlias = futures.Future[Sequence[bytes]]
+Calls: TypeAlias = dict[Future, tuple[Point, list[Part]]]
+
+
+def count(points: Iterable[Point], workers: Workers, batch_frames: int = BLOCK_FRAMES) -> Iterator[Outcome]:
+    """Count points one after the other, with blocks of the next ones ahead where there is room.
+
+    A run that is killed loses the blocks that were under way and nothing else.
+
+    Args:
+        points: in order.
+        workers: who counts.
+        batch_frames: frames in a call; its whole blocks are.
+
+    Yields:
+        The outcome of each point, in their order.
+
+    Raises:
+        VoccError: a store that cannot be written, or a worker that was ended from outside.
+    """
+    upcoming, begun, calls = iter(points), deque[Point](), Calls()
+    blocks = max(1, batch_frames // BLOCK_FRAMES)
+
+    def fill() -> None:
+        # Passing by what is known already; up to where the first point is finished.
+        while len(calls) < workers.window and not (begun and begun[0].stopped_by):
+            point = next((one for one in begun if not (one.exhausted or one.stopped_by)), None)
+            if point is None:
+                if (point := next(upcoming, None)) is None:
+                    return
+                begun.append(point)
+            if missing := point.take(blocks):
+                calls[workers.submit(point.job, missing)] = point, missing
+            point.add()
+
+    try:
+        with worker_losses_told():
+            while True:
+                fill()
+                if begun and begun[0].stopped_by:
+                    yield begun.popleft().outcome
+                elif calls:
+                    _collect(calls)
+                    for point in begun:
+                        point.add()
+                else:
+                    return
+                for future in [one for one, (point, _) in calls.items() if point.stopped_by and one.cancel()]:
+                    del calls[future]
+    finally:
+        _end(calls)
+
+
+def _collect(calls: Calls) -> None:
+    """Wait until something comes back and record it, before the error of another call is raised."""
+    done, _ = futures.wait(calls, return_when=futures.FIRST_COMPLETED)
+    back = [(future, *calls.pop(future)) for future in done]
+    with ExitStack() as together:  # one wait for the disk
+        for store in {point.store for _, point, _ in back if point.store is not None}:
+            together.enter_context(store.together())
+        for future, point, parts in sorted(back, key=lambda call: _failed(call[0])):
+            point.record(parts, future.result())
+
+
+def _end(calls: Calls) -> None:
+    """Cancel what can be cancelled, and record what came back meanwhile."""
+    for future, (point, parts) in calls.items():
+        if not future.cancel() and future.done() and not _failed(future):
+            with suppress(VoccError):  # what ended the run is the error to tell of
+                point.record(parts, future.result())
+
+
+def _failed(future: Future) -> bool:
+    """Whether a call that is done has no result."""
+    return future.cancelled() or future.exception() is not None
