@@ -27,8 +27,8 @@ from peer_opencv import PeerConfig, decide, read_frame, render_frame
 
 from vocc_torch import PanelShape, Scene, Simulator
 from vocc_torch.files import write_atomically
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.timing import describe_machine, settle_memory
-from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.point_work import stop_reason
+from vocc_torch.measure.frame_errors import Key
+from vocc_torch.measure.runner import stop_reason
 from vocc_torch.rng import BLOCK_FRAMES
 
 ENDLESS = 10**12
@@ -65,7 +66,7 @@ def at_precision(law: Law, rng: np.random.Generator, studies: int, precision: fl
         precise = [
             study
             for study, counts in zip(near, law.counts(seen[near]), strict=True)
-            if stop_reason(rule, {("receiver", 0): counts}, blocks)
+            if stop_reason(rule, {(Key("truth", "receiver"), 0): counts}, blocks)
         ]
         going = np.setdiff1d(going, precise, assume_unique=True)
         if not going.size:

@@ -6,11 +6,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from vocc_torch.measure.ledger import Ledger
 
 import vocc_torch
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.store import Store
 from vocc_torch.plugins import ModuleFile, PlugIn
 from vocc_torch.sources import package_digest
 
@@ -78,15 +77,15 @@ def test_a_model_of_a_changed_helper_is_refused_and_one_of_a_changed_package_is_
 def test_a_ledger_of_other_source_is_refused_in_a_line_that_helps(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = Path("a.sqlite")
-    with Ledger.open(path, {"seed": 0}) as ledger:
-        ledger.append("near", 0, 64, {("flda_3", 0): Counts(64, 4096)})
-    with Ledger.open(path, {"seed": 0}) as ledger:
+    with Store.open(path, {"seed": 0}) as ledger:
+        ledger.add("near", 0, 64, b"counts")
+    with Store.open(path, {"seed": 0}) as ledger:
         assert len(ledger) == 1
-    monkeypatch.setattr("vocc_torch.measure.ledger.package_digest", lambda name: "0123456789abcdef")
+    monkeypatch.setattr("vocc_torch.measure.store.package_digest", lambda name: "0123456789abcdef")
     with pytest.raises(
         VoccError, match=r"other source code .*0123456789abcdef.*give another name=$"
     ) as error:
-        Ledger.open(path, {"seed": 0})
+        Store.open(path, {"seed": 0})
     assert "\n" not in str(error.value)
 
 
