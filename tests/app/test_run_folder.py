@@ -10,6 +10,7 @@ from vocc_torch.app.config import AppConfig, job_folder, run_folder
 from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
 from vocc_torch.files import locked
+from vocc_torch.report import folder, terminal
 
 SMALL = ("budget.training_frames=16",)
 
@@ -130,3 +131,52 @@ def test_what_killed_runs_left_is_swept_at_the_next_start(app, tmp_path, monkeyp
     assert "panel.rows is 0" in app("panel.rows=0", "name=x").complaint
     assert list(system.iterdir()) == [kept]
     assert not left[1].parent.exists()
+
+
+SHORT = (
+    *("budget.frames=128", "budget.training_frames=16", "experiment.values=[4000,8000]", "name=again"),
+    *("receiver.names=[flda_3]", "tensorboard=false", "device=cpu"),
+)
+
+
+def test_a_table_that_loses_frames_or_values_says_so_and_the_ledger_gives_them_back(app):
+    assert "replaced" not in app(*SHORT).out
+    first = Path("runs/again/ber.csv").read_bytes()
+    assert "replaced" not in app(*SHORT).out
+    told = " ".join(app(*SHORT, "budget.frames=64", "experiment.values=[8000]").out.split())
+    assert "replaced: ber.csv had 128 frames at ambient_lx 4000, 8000; ledger.sqlite has them" in told
+    assert "replaced" not in app(*SHORT).out
+    assert Path("runs/again/ber.csv").read_bytes() == first
+
+
+def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypatch):
+    assert app(*SHORT, "name=undisturbed").status == 0
+    blocks, count = [], terminal.StudyView.count
+
+    def interrupt(self, frames):
+        count(self, frames)
+        blocks.append(frames)
+        if len(blocks) == 4:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(terminal.StudyView, "count", interrupt)
+        ran = app(*SHORT)
+    assert ran.status == 130
+    assert "the same command with name=again goes on" in " ".join(ran.out.split())
+    (table,) = folder.read_tables("runs/again/ber.csv").values()
+    assert [(row.value, row.frames, row.stopped_by) for row in table] == [
+        *((4000.0, 128, "frames"), (8000.0, 64, "interrupted"))
+    ]
+    assert app(*SHORT).status == 0
+    tables = [Path(f"runs/{name}/ber.csv").read_bytes() for name in ("again", "undisturbed")]
+    assert tables[0] == tables[1]
+
+
+def test_what_a_run_leaves_that_was_killed_early_stands_in_nobodys_way(tmp_path):
+    (tmp_path / "samples.png").touch()
+    (tmp_path / "config.yaml").touch()
+    folder.refuse_results(tmp_path)
+    (tmp_path / "receiver.pt").touch()
+    with pytest.raises(VoccError, match=r"already holds receiver\.pt"):
+        folder.refuse_results(tmp_path)

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import sweep
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.curve import Point
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import Key
@@ -26,7 +26,7 @@ from vocc_torch.measure.train import train, train_alone
 from vocc_torch.measure.trainings import Trained, mean_difference, t_reach, widened
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.report import folder, plots
+from vocc_torch.report import folder
 from vocc_torch.rng import BlockKey
 
 K, FRAMES = 3, 64
@@ -231,17 +231,3 @@ def test_columns_are_written_read_back_and_may_be_missing(curves, tmp_path):
 def test_a_single_training_says_nothing_of_the_algorithm():
     row = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 4, 8, 2), "frames").stated()
     assert folder.cells(row)[14:21] == ["1", *[""] * 6]
-
-
-def test_pictures_show_the_algorithms_interval_of_what_learns(curves):
-    table = curves.table()
-    figure = plots.ber_figure(table, "Distance (m)", "title")
-    bands = [line for line in figure.axes[0].lines if line.get_label() == "_algorithm"]
-    learned = [row for row in table if row.ber_sd]
-    assert len(bands) == len(learned) == 2
-    for band, row in zip(bands, learned, strict=True):
-        low, high = band.get_ydata()
-        assert (low, high) == (max(row.algorithm_low, figure.axes[0].get_ylim()[0]), row.algorithm_high)
-    assert f"{K} trainings" in plots.interval_note(table)
-    single = BerTable(replace(row, trainings=1, ber_mean=None) for row in table)
-    assert "trainings" not in plots.interval_note(single)

@@ -9,6 +9,7 @@ import shutil
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -186,6 +187,13 @@ class JobLines(io.TextIOBase):
         super().close()
 
 
+def end_with(parent: int) -> None:
+    """End this process once its parent is gone: a killed parent cannot tell its workers to end."""
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
+
+
 @contextlib.contextmanager
 def beside_others(job: int) -> Iterator[None]:
     """Set a worker process up for a job: numbered lines of the terminal's width, and no ear for Ctrl-C.
@@ -197,6 +205,7 @@ def beside_others(job: int) -> Iterator[None]:
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=end_with, args=(os.getppid(),), daemon=True).start()
     # The launcher leaves its own method here, which the processes that a job starts in turn do not know.
     multiprocessing.set_start_method("spawn", force=True)
     prefix, width = f"job {job} | ", os.environ.get("COLUMNS")

@@ -48,6 +48,8 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
         ledgers: a file or folder whose presence says that the run can be resumed, or None.
     """
     holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    # A run that was killed before its first result leaves no more than these.
+    holds = [name for name in holds if name not in (CONFIG, SAMPLES) and not name.endswith(".tmp")]
     if holds and ledgers not in holds:
         raise VoccError(f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder")
 

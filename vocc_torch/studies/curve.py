@@ -1,6 +1,7 @@
 """``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,20 +85,28 @@ def run_test(settings: config.Settings, folder: Path) -> None:
             console.print("resuming: the receivers are trained already", highlight=False)
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
         view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
-        with view:
+        finished: list[curve.Point] = []
+        interim: list[curve.Point] = []
+        with view, interrupted_keeps(folder, finished, interim, console):
 
             def show(_: sweep.Study, at: float, frames: int, told: runner.Tallies) -> None:
                 view.count(frames)
-                view.show(sweep.points_of(plan, locator, at, told, "running"))
+                interim[:] = sweep.points_of(plan, locator, at, told, "interrupted")
+                view.show(interim)
 
             prepare = rare.weighed_job if plan.budget.rare else sweep.plain_job
             for _, at, done in sweep.run_studies([study], banks, {study.key: opened}, pool, show, prepare):
                 outcomes[at] = done
-                view.finish(sweep.points_of(plan, locator, at, done.counts, done.stopped_by))
+                points = sweep.points_of(plan, locator, at, done.counts, done.stopped_by)
+                finished += points
+                interim.clear()
+                view.finish(points)
         curves = sweep.measured(study, outcomes).curves[locator]
         if not curves.values:
             fault = "no frame fell into any contrast bin"
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
+        for line in replaced(folder / "ber.csv", curves.table()):
+            console.print(line, soft_wrap=True, highlight=False)
         write_results(settings, plan, training, curves, folder)
     terminal.print_table(curves.table(), console)
     notes = *left_out(plan, curves), *location_note(curves), *compared(curves, plan.receiver.reference)
@@ -106,6 +115,49 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     console.print(kept(plan), highlight=False, soft_wrap=True)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
+
+
+@contextmanager
+def interrupted_keeps(
+    folder: Path, finished: Sequence[curve.Point], interim: Sequence[curve.Point], console: terminal.Console
+) -> Iterator[None]:
+    """Print and write the table of what was counted when Ctrl-C ends the run.
+
+    Args:
+        folder: the run's folder.
+        finished: points that are complete.
+        interim: those of the value that is under way.
+        console: where the table is printed.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        table = curve.BerTable(point for point in (*finished, *interim) if point.counts.frames)
+        if len(table):
+            run_folder.write_rows(folder / "ber.csv", run_folder.ber_rows(table))
+            terminal.print_table(table, console)
+            run_folder.print_places(console, folder, [("so far", "ber.csv")])
+        raise
+
+
+def replaced(path: Path, table: curve.BerTable) -> list[str]:
+    """Say what a table on the disk holds that its successor does not; a line, or none.
+
+    Args:
+        path: ``ber.csv``, which need not be there.
+        table: what replaces it.
+    """
+    frames = {(row.receiver, row.value): row.frames for row in table}
+    lost = []
+    if path.exists():
+        with suppress(VoccError):
+            for before in run_folder.read_tables(path).values():
+                lost += [row for row in before if row.frames > frames.get((row.receiver, row.value), 0)]
+    if not lost:
+        return []
+    values = ", ".join(styles.value_text(value) for value in sorted({row.value for row in lost}))
+    what = f"{path.name} had {max(row.frames for row in lost)} frames at {lost[0].axis} {values}"
+    return [f"replaced: {what}; {run_folder.LEDGER} has them, and the former command gives them back"]
 
 
 def kept(plan: Plan) -> str:
