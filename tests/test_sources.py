@@ -9,6 +9,7 @@ import pytest
 
 import vocc_torch
 from vocc_torch.errors import VoccError
+from vocc_torch.measure import store
 from vocc_torch.measure.store import Store
 from vocc_torch.plugins import ModuleFile, PlugIn
 from vocc_torch.sources import package_digest
@@ -81,7 +82,7 @@ def test_a_ledger_of_other_source_is_refused_in_a_line_that_helps(tmp_path, monk
         ledger.add("near", 0, 64, b"counts")
     with Store.open(path, {"seed": 0}) as ledger:
         assert len(ledger) == 1
-    monkeypatch.setattr("vocc_torch.measure.store.package_digest", lambda name: "0123456789abcdef")
+    monkeypatch.setattr(store, "package_digest", lambda name: "0123456789abcdef")
     with pytest.raises(
         VoccError, match=r"other source code .*0123456789abcdef.*give another name=$"
     ) as error:

@@ -21,6 +21,7 @@ import vocc_torch as vt
 from vocc_torch.app import cli
 from vocc_torch.app.config import NAMES
 from vocc_torch.measure.plan import OWN_LOCATORS
+from vocc_torch.measure.store import Store
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
@@ -212,7 +213,7 @@ def test_full_disk(app, tmp_path, monkeypatch, limit, failing):
     """What was whole before stays; nothing is left half-written. A limit on files stands in for the disk."""
     if failing == "ber.png":
         monkeypatch.setattr("vocc_torch.report.samples.write_samples", lambda *_, **__: None)
-        monkeypatch.setattr("vocc_torch.measure.store.Store.add_trained", lambda *_: None)  # which is larger
+        monkeypatch.setattr(Store, "add_trained", lambda *_: None)  # which is larger
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:

@@ -126,7 +126,7 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
         net = training.classifiers["mlp"]
         monkeypatch.setattr(type(net.classifier), "load_state_dict", lambda self, state: None)
         kept.keep(key, plan, {"truth": replace(training, classifiers={"mlp": net})})
-        assert other.kept(key) is None
+        assert other.trained(key) is None
     drawn = torch.Generator().manual_seed(7)
     for one, back in ((training, again), (more, again.more[0])):
         assert (one.frames, one.missed, one.made) == (back.frames, back.missed, back.made)

@@ -80,6 +80,14 @@ class FrameErrors:
         joined = np.concatenate(halves, axis=1), np.concatenate(found, axis=1)
         return cls(*joined, every[0].leds, sorted_by, off, every[0].keys)
 
+    @classmethod
+    def stacked(cls, parts: Sequence[Self]) -> Self:
+        """Join parts with the same frames, at least one: the receivers of the first, then of the second."""
+        halves = np.concatenate([one.half_errors for one in parts])
+        found = np.concatenate([one.found for one in parts])
+        off = [one.misplaced for one in parts if one.misplaced is not None]
+        return cls(halves, found, parts[0].leds, parts[0].groups, np.concatenate(off) if off else None)
+
     def packed(self) -> bytes:
         """Write the numbers as bytes; leds and keys are not among them."""
         rows, frames = self.half_errors.shape

@@ -5,6 +5,7 @@ import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
 from vocc_torch.measure.curve import COLUMNS
+from vocc_torch.measure.runner import Job
 
 AMBIENT, LUMINANCE = (1000.0, 32000.0), (500.0, 2000.0, 8000.0)
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1", "tensorboard=false")
@@ -70,7 +71,7 @@ def test_every_cell_of_every_receiver_has_a_row(grid):
 def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     folder, _ = grid
     before = contents_of(folder, ".csv", ".sqlite", ".yaml")
-    monkeypatch.setattr("vocc_torch.measure.runner.Job.count", lambda *_: pytest.fail("counted again"))
+    monkeypatch.setattr(Job, "count", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")
     assert "resuming: 3 blocks" in ran.out

@@ -6,6 +6,7 @@ from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
 from vocc_torch import Receiver
 from vocc_torch.measure.curve import COLUMNS
+from vocc_torch.measure.runner import Job
 from vocc_torch.studies.paper.judgement import VERDICTS
 from vocc_torch.studies.paper.scorecard import CLAIMS
 from vocc_torch.studies.paper.scorecard import COLUMNS as SCORE_COLUMNS
@@ -140,7 +141,7 @@ def test_a_finished_run_counts_nothing_again(grid, place, monkeypatch):
     """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
     before = contents_of(grid, ".csv", ".sqlite")
     first = (grid / "report.md").read_text(encoding="utf-8")
-    monkeypatch.setattr("vocc_torch.measure.runner.Job.count", lambda *_: pytest.fail("counted again"))
+    monkeypatch.setattr(Job, "count", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID)
     assert (ran.status, ran.err) == (0, "")
     assert contents_of(grid, ".csv", ".sqlite") == before

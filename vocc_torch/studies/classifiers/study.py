@@ -35,6 +35,9 @@ from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Trans
 Stores = Mapping[str, store.Store]
 """By experiment."""
 
+NO_STORES: Stores = {}
+"""Nothing is recorded."""
+
 
 Advance = Callable[[str, int], None]
 """Called with what is under way and the frames added to it since the last call."""
@@ -207,7 +210,7 @@ def genie_points(
     banks: Mapping[str, ReceiverBank],
     pool: executors.Workers,
     advance: Advance,
-    ledgers: Stores,
+    ledgers: Stores = NO_STORES,
 ) -> tuple[dict[str, dict[float, GeniePoint]], dict[str, str]]:
     """Let the genie decide the first frames of every point, and count the receivers' errors on the same.
 
@@ -232,7 +235,7 @@ def genie_points(
                 advance(f"the genie at {name} {value:g}", 0)
                 model = plan.experiment.model_at(plan.world, value)
                 point = sweep.point_name(plan.experiment, value)
-                opened = ledgers[name]
+                opened = ledgers.get(name)
                 genie = genie_reference(few, model, point, frames, pool, opened)
                 job = job_of(few, model, point, [banks[name]], f"{point}/beside the genie")
                 (outcome,) = runner.count([runner.Point(job, Budget(frames), opened)], pool)
@@ -256,7 +259,7 @@ def job_of(
 
 
 def across_scenes(
-    plans: Mapping[str, Plan], pool: executors.Workers, advance: Advance, ledgers: Stores
+    plans: Mapping[str, Plan], pool: executors.Workers, advance: Advance, ledgers: Stores = NO_STORES
 ) -> tuple[list[Transfer], dict[str, str]]:
     """Train in every kind of scenes; test at home what was trained elsewhere, and elsewhere what was at home.
 

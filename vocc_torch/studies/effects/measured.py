@@ -156,8 +156,7 @@ class ReadScenes:
             trained_on = pair.present if reading == "retrained" else pair.absent
             present = self.of(pair.present, locator, trained_on, frames)
             absent = self.of(pair.absent, locator, pair.absent, frames)
-            halves = np.concatenate([present.half_errors, absent.half_errors])
-            both = FrameErrors(halves, np.concatenate([present.found, absent.found]), present.leds)
+            both = FrameErrors.stacked([present, absent])
             # Where panels are located, the frame that has not come yet may be one whose panel is lost.
             lost = 1.0 if locator == "truth" else both.leds / 2
             for own, name in enumerate(names):
