@@ -19,9 +19,9 @@ from torch import nn
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver import classifiers
-from vocc_torch.receiver.classifiers.rules import two_means
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
 from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.levels import two_levels
 
 
 def panels(frames=40, rows=4, columns=4, features=3, seed=0):
@@ -60,7 +60,7 @@ def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
     wide = torch.nn.functional.pad(own, (1, 1, 1, 1))
     windows = wide.unfold(1, 3, 1).unfold(2, 3, 1).flatten(3)
     x = torch.cat([windows, spread[..., None].expand(*bits.shape, 1)], dim=-1)
-    plain = (own - two_means(own.flatten(1)).view(-1, 1, 1) >= 0) != bits
+    plain = (own - two_levels(own.flatten(1))[0].view(-1, 1, 1) >= 0) != bits
     equalized = classifiers.LmmseEqualizer(classes=6).fit(x, bits).predict(x) != bits
     assert int(equalized.sum()) < int(plain.sum()) / 2
 
@@ -73,7 +73,7 @@ def test_two_means_has_the_least_sum_of_squares(values):
         cut: numbers[:cut].var() * cut + numbers[cut:].var() * (len(numbers) - cut)
         for cut in range(1, len(numbers))
     }
-    middle = float(two_means(torch.tensor([values], dtype=torch.float64)))
+    middle = float(two_levels(torch.tensor([values], dtype=torch.float64))[0])
     best = {
         (numbers[:cut].mean() + numbers[cut:].mean()) / 2
         for cut, cost in costs.items()

@@ -3,6 +3,7 @@
 Most of a simulated or dark frame is of one grey value: that part is looked at only once.
 """
 
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -14,17 +15,29 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import close_mask, label_components, largest
 from vocc_torch.types import Frames
 
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """What is counted as uneven, and what stands out of the background."""
+
+    large_frame_px: int = 1 << 16  # in smaller frames looking for what is uneven costs more than it saves
+    counted_px: int = 1 << 12  # from so many on frames are counted one by one
+    tile_blocks: int = 15  # along the side of a tile, whose median is taken for background
+    sigmas: float = 8.0  # of blocks, by which a region is brighter than the background
+    sigma_per_mad: float = 1.4826  # of a normal distribution
+    least_dn: float = 0.75  # by which a region is brighter where nothing varies
+    closing_blocks: int = 3  # side of the closing that joins blocks
+    most_regions: int = 16  # of a frame, those of most light
+    ring_px: int = 3  # outermost pixels of a window that tell background and noise
+
+
+REGION = RegionSettings()
+
 _LEVELS = 256
-# In smaller frames looking for what is uneven costs more than it saves; so does counting one by one.
-_LARGE_FRAME_PX, _COUNTED_PX = 1 << 16, 1 << 12
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
 MOST_EXACT_PX, TIE_SHARE = 1 << 28, 1e-12
 
 BLOCK_PX = 8
-# Blocks along the side of a tile, whose median is taken for background.
-_TILE_BLOCKS = 15
-_SIGMAS, _SIGMA_PER_MAD, _LEAST_DN = 8.0, 1.4826, 0.75
-_CLOSING_BLOCKS, _MOST_REGIONS, _RING_PX = 3, 16, 3
 
 
 def trimmed(frames: Frames) -> Frames:
@@ -48,7 +61,7 @@ def trimmed(frames: Frames) -> Frames:
     """
     grey, (height, width) = frames.grey, frames.grey.shape[-2:]
     whole = frames.surround is None and frames.sensor_px == (height, width)
-    if not whole or not len(frames) or grey.device.type != "cpu" or height * width < _LARGE_FRAME_PX:
+    if not whole or not len(frames) or grey.device.type != "cpu" or height * width < REGION.large_frame_px:
         return frames
     boxes, planes = [], grey.numpy()[:, 0]
     for plane in planes:
@@ -100,10 +113,10 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels = grey.reshape(frames, -1)
-    if frames == 1 and pixels.shape[1] <= _COUNTED_PX and grey.device.type == "cpu":
+    if frames == 1 and pixels.shape[1] <= REGION.counted_px and grey.device.type == "cpu":
         return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
     # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
-    if pixels.shape[1] >= _COUNTED_PX or frames == 1:
+    if pixels.shape[1] >= REGION.counted_px or frames == 1:
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
     return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(frames, _LEVELS)
@@ -254,7 +267,7 @@ def local_background(means: Tensor) -> Tensor:
 
 def _tiles(blocks: int, device: torch.device) -> Tensor:
     """Indices (T,size) of tiles of equal size along an axis; they overlap where it does not divide evenly."""
-    count = max(1, round(blocks / _TILE_BLOCKS))
+    count = max(1, round(blocks / REGION.tile_blocks))
     size = -(-blocks // count)
     first = torch.linspace(0, blocks - size, count, device=device).round().long()
     return first[:, None] + torch.arange(size, device=device)
@@ -275,7 +288,7 @@ def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
         if 2 * size[0] * size[1] < tall * broad - 1:
             return means - level, torch.zeros(len(grey))
     excess = means - local_background(means)
-    return excess, excess.flatten(1).abs().median(1).values * _SIGMA_PER_MAD
+    return excess, excess.flatten(1).abs().median(1).values * REGION.sigma_per_mad
 
 
 def bright_regions(grey: Tensor) -> Regions:
@@ -296,15 +309,15 @@ def bright_regions(grey: Tensor) -> Regions:
         ([292], [172], [96])
     """
     excess, deviation = _excess(grey)
-    hot = excess > (_SIGMAS * deviation).clamp(min=_LEAST_DN)[:, None, None]
-    components = label_components(close_mask(hot[:, None], _CLOSING_BLOCKS)[:, 0])
+    hot = excess > (REGION.sigmas * deviation).clamp(min=REGION.least_dn)[:, None, None]
+    components = label_components(close_mask(hot[:, None], REGION.closing_blocks)[:, 0])
     runs, labels = components.runs, len(components.frame)
     # The light of a run from sums along the flat plane.
     total = nn.functional.pad(excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0])
     line = (runs.frame * runs.size[1] + runs.row) * runs.size[2]
     own = total[line + runs.end + 1] - total[line + runs.start]
     energy = own.new_zeros(labels).scatter_add(0, components.label, own)
-    chosen = largest(energy, components.frame, _MOST_REGIONS)
+    chosen = largest(energy, components.frame, REGION.most_regions)
     boxes = []
     for values, how in ((runs.start, "amin"), (runs.row, "amin"), (runs.end, "amax"), (runs.row, "amax")):
         zeros = values.new_zeros(labels)
@@ -339,12 +352,12 @@ def ring_statistics(grey: Tensor) -> tuple[Tensor, Tensor]:
         (tensor([9.]), tensor([0.]))
     """
     inside = torch.zeros(grey.shape[-2:], dtype=torch.bool, device=grey.device)
-    inside[_RING_PX:-_RING_PX, _RING_PX:-_RING_PX] = True
+    inside[REGION.ring_px : -REGION.ring_px, REGION.ring_px : -REGION.ring_px] = True
     ring = grey[:, 0, ~inside].to(torch.float32)
     level = ring.median(1, keepdim=True).values
     spread = (ring - level).abs()
     # Grey values are whole: a mean of those near the median is finer than the median.
-    near = spread <= 3 * (_SIGMA_PER_MAD * spread.median(1, keepdim=True).values).clamp(min=1.0)
+    near = spread <= 3 * (REGION.sigma_per_mad * spread.median(1, keepdim=True).values).clamp(min=1.0)
     count = near.sum(1)
     mean = (ring * near).sum(1) / count
     return mean, (((ring - mean[:, None]) * near).square().sum(1) / count).sqrt()

@@ -1,6 +1,7 @@
 """Where a panel is in one frame, from near by: a lattice of spots fitted by a few steps, in NumPy."""
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -8,8 +9,33 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from vocc_torch.receiver import lattice_model
+from vocc_torch.receiver.levels import LIGHT_OF_GREY
 from vocc_torch.types import PanelShape
+
+
+@dataclass(frozen=True)
+class FollowFitSettings:
+    """How a lattice is fitted to a frame from near by."""
+
+    steps: int = 3  # of a fit
+    steps_at_first: int = 8  # of a fit from where a search found the panel
+    most_cells: float = 0.35  # of one step
+    most_off_cells: float = 0.5  # of all steps together
+    least_settled: float = 0.5  # share that two levels explain of a panel that stands still
+    good_share: float = 0.95  # of the share that they explained before
+    free_costs: tuple[float, ...] = (
+        4.0,
+        16.0,
+        16.0,
+        400.0,
+        16.0,
+    )  # of fields 1, u, v, uv and blur, per square cell, in variances
+    around_samples: int = 6  # to either side, of which the mean is taken away
+    blur_cells: float = 0.35  # with which a spot is told from what is around
+    spot_share: float = 0.1  # of the brightest spot, from which on one is seen
+
+
+FIT = FollowFitSettings()
 
 Plane = NDArray[np.floating[Any]]
 Corners = NDArray[np.float64]
@@ -23,22 +49,8 @@ LEAST_TO_BEGIN = 0.35
 BLURS = (0.2, 0.4)
 """A spot's standard deviations that are tried, cells."""
 
-# Steps of the fit, and from where a search found the panel; most cells of one step and of all.
-_STEPS, _STEPS_AT_FIRST, _MOST_CELLS, _MOST_OFF = 3, 8, 0.35, 0.5
-# A panel that stands still is there where two levels explain this share, and this share of what they did.
-_LEAST_SETTLED, _GOOD_SHARE = 0.5, 0.95
 # The corners' signs in the fields 1, u, v and uv.
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
-# What fields 1, u, v and uv of a step, and blur, cost, per square cell, in the picture's own variance.
-_FREE = (4.0, 16.0, 16.0, 400.0, 16.0)
-# Samples to either side of which the mean is taken away.
-_AROUND = 6
-# A spot of light is told from what is around it with this blur, cells, from this share of the brightest on.
-_BLUR, _SPOT = 0.35, 0.1
-# Light of a grey value, of which 255 is white: spots of light add, grey values do not.
-_LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(
-    np.float32
-)
 
 
 @lru_cache(maxsize=32)
@@ -86,8 +98,12 @@ def _flattener(size: int) -> Plane:
     """Matrix (N,N) that takes from samples the mean of what is around, so that no straight edge is left."""
     place = np.arange(size)
     matrix = np.eye(size, dtype=np.float32)
-    for off in range(-_AROUND, _AROUND + 1):
-        np.add.at(matrix, (place, (place + off).clip(0, size - 1)), np.float32(-1 / (2 * _AROUND + 1)))
+    for off in range(-FIT.around_samples, FIT.around_samples + 1):
+        np.add.at(
+            matrix,
+            (place, (place + off).clip(0, size - 1)),
+            np.float32(-1 / (2 * FIT.around_samples + 1)),
+        )
     return matrix
 
 
@@ -115,7 +131,7 @@ def read_cells(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, mar
     x, y = (x - left).astype(np.float32), (y - top).astype(np.float32)
     flat, first = grey.reshape(-1), top * grey.shape[1] + left
     below = first + grey.shape[1]
-    one, two, three, four = (_LIGHT[flat[place]] for place in (first, first + 1, below, below + 1))
+    one, two, three, four = (LIGHT_OF_GREY[flat[place]] for place in (first, first + 1, below, below + 1))
     upper, lower = one + (two - one) * x, three + (four - three) * x
     light: Plane = upper + (lower - upper) * y
     return light.reshape(len(down), len(across))
@@ -140,9 +156,9 @@ def spot_energy(light: Plane) -> Plane:
     """Say how much a spot stands out of each cell that was read, less a line of them around."""
     rows, columns = (n // SAMPLES - 2 for n in light.shape)
     flat = _flattener(light.shape[0]) @ light @ _flattener(light.shape[1]).T
-    lit = _spots(rows, _BLUR)[3] @ flat @ _spots(columns, _BLUR)[3].T
+    lit = _spots(rows, FIT.blur_cells)[3] @ flat @ _spots(columns, FIT.blur_cells)[3].T
     inside = lit[1:-1, 1:-1]
-    energy: Plane = np.log1p((lit / max(_SPOT * float(np.ptp(inside)), 1e-3)) ** 2)
+    energy: Plane = np.log1p((lit / max(FIT.spot_share * float(np.ptp(inside)), 1e-3)) ** 2)
     return energy
 
 
@@ -151,8 +167,8 @@ def fit(
     corners: Corners,
     shape: PanelShape,
     blur: float,
-    steps: int = _STEPS,
-    costs: tuple[float, ...] = _FREE,
+    steps: int = FIT.steps,
+    costs: tuple[float, ...] = FIT.free_costs,
     level: bool = True,
 ) -> tuple[Corners, float, float]:
     """Move corners by a few Gauss-Newton steps to where a lattice of spots explains a picture best.
@@ -212,7 +228,7 @@ def fit(
         damping = np.array([*costs[:4] * 2, costs[4]]) * max(float((rest**2).mean()), 1e-2)
         pull = slopes @ rest.ravel() - damping * np.append(moved, 0.0)
         moves = np.linalg.solve(slopes @ slopes.T + np.diag(damping), pull)
-        moves *= min(1.0, _MOST_CELLS / max(float(np.abs(moves).max()), 1e-9))
+        moves *= min(1.0, FIT.most_cells / max(float(np.abs(moves).max()), 1e-9))
         moved = moved + moves[:8]
         cells, blur = _SIGNS @ moves[:8].reshape(2, 4).T, min(max(blur + float(moves[8]), 0.12), 0.7)
         # From cells to px along the panel's own sides.
@@ -243,15 +259,15 @@ def settled(
     """
     if known is None:
         moved, blur, share = max(
-            (fit(grey, corners, shape, one, _STEPS_AT_FIRST, level=False) for one in BLURS),
+            (fit(grey, corners, shape, one, FIT.steps_at_first, level=False) for one in BLURS),
             key=lambda one: one[2],
         )
-        least = _LEAST_SETTLED
+        least = FIT.least_settled
     else:
         moved, blur, share = fit(grey, corners, shape, known[0], level=False)
-        least = max(_LEAST_SETTLED, _GOOD_SHARE * known[1])
+        least = max(FIT.least_settled, FIT.good_share * known[1])
     off = float(np.abs(moved - corners).max()) / math.sqrt(abs(area(corners)) / shape.leds)
-    return (moved, blur, share) if share >= least and off < _MOST_OFF else None
+    return (moved, blur, share) if share >= least and off < FIT.most_off_cells else None
 
 
 def area(corners: Corners) -> float:

@@ -7,7 +7,8 @@ from typing import Any, Protocol, Self
 import torch
 
 from vocc_torch.receiver import lattice_model, resample
-from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model, grey_values
+from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model
+from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_levels
 from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
 
@@ -103,7 +104,7 @@ def _improved(frames: Pictures, lattice: Lattice, number: int) -> tuple[Lattice,
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
         background = lattice.background.to(model.grey.dtype)[:, None, None]
-        light = lattice_model.linear_light(model.grey) - background
+        light = linear_light(model.grey) - background
         bits, found = _two_levels(_amplitudes(light, model))
         levels = lattice.levels if number else found.to(torch.float64)
         lattice = replace(lattice, bits=bits, levels=levels)
@@ -122,7 +123,7 @@ def _improved(frames: Pictures, lattice: Lattice, number: int) -> tuple[Lattice,
     before = model.scored(lattice, trust)
     # A Gauss-Newton step, damped by what is expected of each value.
     predicted = model.predicted
-    slope = predicted / (lattice_model.GAMMA * model.light.clamp(min=1e-5))
+    slope = predicted / (GAMMA * model.light.clamp(min=1e-5))
     slope = torch.where(model.light < 1, slope, 0.0).flatten(1)
     root = trust.sqrt().flatten(1)
     rest = (model.grey - predicted).flatten(1) * root
@@ -197,17 +198,12 @@ def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
 
 
 def _two_levels(amplitude: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Split amplitudes (B,R,C) at the greatest variance between classes: bits, and class means (B,2)."""
-    value = amplitude.flatten(1).sort(1).values
-    leds = value.shape[1]
-    if leds == 1:
+    """Split amplitudes (B,R,C) into Off and On: bits, and class means (B,2); a single LED is On."""
+    value = amplitude.flatten(1)
+    if value.shape[1] == 1:
         return torch.ones_like(amplitude, dtype=torch.bool), torch.cat([value * 0, value], 1)
-    low = torch.arange(1, leds, dtype=value.dtype, device=value.device)
-    below = value.cumsum(1)
-    means = below[:, :-1] / low, (below[:, -1:] - below[:, :-1]) / (leds - low)
-    best = (low * (leds - low) * (means[1] - means[0]) ** 2).argmax(1, keepdim=True)
-    limit = (value.gather(1, best) + value.gather(1, best + 1)) / 2
-    return amplitude > limit[..., None], torch.cat([mean.gather(1, best) for mean in means], 1)
+    limits, means = two_levels(value)
+    return amplitude > limits[:, None, None], means
 
 
 def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Tensor]:

@@ -10,11 +10,9 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor
 
+from vocc_torch.receiver.levels import grey_values, linear_light
 from vocc_torch.receiver.resample import corner_cells, map_points, rectify, sample_cells
 from vocc_torch.types import Batched, Frames, Panels, PanelShape
-
-GAMMA = 2.2
-"""Exponent of common cameras, between linear light and grey values."""
 
 SAMPLES = 4
 """Samples along an LED cell's side."""
@@ -70,26 +68,6 @@ class Lattice(Batched):
         """(B,R,C) float32 light of each LED."""
         levels = self.levels.to(torch.float32)
         return torch.where(self.bits, levels[:, 1:, None], levels[:, :1, None])
-
-
-def linear_light(grey: Tensor) -> Tensor:
-    """Undo the camera's gamma; white is 1, and grey values below 0 are black.
-
-    Example:
-        >>> linear_light(torch.tensor([0.0, 255.0])).tolist()
-        [0.0, 1.0]
-    """
-    return (grey / 255).clamp(min=0) ** GAMMA
-
-
-def grey_values(light: Tensor) -> Tensor:
-    """Grey values, DN, of light of which 1 is white; more is white too, and less than 1e-5 counts as that.
-
-    Example:
-        >>> grey_values(torch.tensor([1.0, 7.0])).tolist()
-        [255.0, 255.0]
-    """
-    return 255 * light.clamp(1e-5, 1.0) ** (1 / GAMMA)
 
 
 def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: int) -> Tensor:

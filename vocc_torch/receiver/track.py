@@ -19,38 +19,52 @@ from vocc_torch.receiver.frame_fit import (
 )
 from vocc_torch.types import PanelShape
 
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """When a panel is followed, and how much is learned anew from each frame."""
+
+    least_share: float = 0.6  # of what a lattice explained before
+    least_explained: float = 0.3  # of the picture that a lattice explains
+    worse_share: float = 0.12  # less than before: half a cell off a lattice fits as well, though badly
+    change_share: float = 0.5  # of a panel's LEDs that change from frame to frame
+    clutter_change_share: float = 0.05  # of clutter's lights that change
+    frame_log_odds: tuple[float, float] = (-3.0, 10.0)  # the least and the most that one frame says
+    panel_log_odds: float = 25.0  # from which on it is a panel
+    line_more: float = 3.0  # energy by which a panel moved by a line must stand out more
+    energy_learned: float = 0.2  # share of the energy that is learned anew
+    least_energy: float = 1.2  # of a cell on the average; below, no panel is left
+    level_spread: float = 0.8  # of an LED's light about bright or dark, of half the way between
+    most_deviation2: float = 25.0  # squared deviations of the least likely cell
+    reach_cells: int = 3  # by which a panel is looked for to the sides
+    trust: float = 0.15  # in a cell, for cells are not independent
+    still_share: float = 0.15  # of the LEDs' light that changes around them at first
+    light_learned: float = 0.1  # share of a cell's light and variance that is learned anew
+    place_gain: float = 0.5  # of a new motion of the place that is believed
+    size_gain: float = 0.1  # of a new motion of the size: it changes slowly
+    shape_gain: float = 0.05  # of a new turn and bend, which few pixels show badly
+    size_kept: float = 0.5  # of a new size that is believed
+    shape_kept: float = 0.2  # of a new turn and bend that is believed
+    beyond_share: float = 0.6  # of the LEDs' variance: lights beyond a side that vary so are LEDs
+    steps: int = 2  # of the fit
+    known_costs: tuple[float, ...] = (
+        4.0,
+        400.0,
+        400.0,
+        1600.0,
+        1600.0,
+    )  # of moves of a known shape
+    spread_cells2: float = 0.25  # squared cells off the expected place at first
+    least_spread_cells2: float = 0.02  # at least
+    most_spread_cells2: float = 1.0  # at most
+    spread_learned: float = 0.2  # share of it that is learned anew
+    share_learned: float = 0.1  # share of what a lattice explains that is learned anew
+
+
+TRACK = TrackSettings()
+
 STANDS = -8.0
 """Logarithm of the odds of a panel up to which it is clutter."""
-
-# A panel is followed where a lattice explains this share of what it did before, and of the picture.
-_LEAST_SHARE, _LEAST, _WORSE = 0.6, 0.3, 0.12
-# A frame tells by how many LEDs change whether they are a panel's, half of which change, or clutter's, one in
-# twenty, but no more than so much either way; from so much on it is a panel, all in logarithms of odds.
-_CHANGE, _STAYS, _MOST_TOLD, _FLICKERS = 0.5, 0.05, (-3.0, 10.0), 25.0
-# How much more must stand out inside a panel that is moved by a line, and how much of that is learned anew.
-_LINE_MORE, _ENERGY_KEPT = 3.0, 0.2
-# Where less stands out of a cell, on the average, no panel is left.
-_LEAST_ENERGY = 1.2
-# How far an LED's light lies from bright or dark, of half the way between them; and the least likely cell, in
-# squared deviations.
-_EITHER, _UNLIKELY = 0.8, 25.0
-# Cells by which a panel is looked for to the sides; how far cells are believed, which are not independent;
-# what changes around LEDs at first, of their light; how much of a cell's light and variance is learned anew.
-_REACH, _TRUST, _STILL, _KEPT = 3, 0.15, 0.15, 0.1
-# How much of a new motion is believed: of the panel's place, and of its size, turn and bend, which change
-# slowly, and which a picture of few pixels shows badly; and how much of a new size, and of a turn and bend.
-_GAIN, _SIZE_GAIN, _SHAPE_GAIN = 0.5, 0.1, 0.05
-_SIZE_KEPT, _SHAPE_KEPT = 0.5, 0.2
-# Where lights beyond a side vary by this share of what LEDs do, they are LEDs.
-_AROUND = 0.6
-# Steps of the fit, and what fields 1, u, v and uv of a step, and blur, cost of a panel whose shape is known,
-# per square cell, in the picture's own variance.
-_STEPS, _KNOWN = 2, (4.0, 400.0, 400.0, 1600.0, 1600.0)
-# Squared cells that a panel is off from where it was expected: at first, at least, at most; and how much is
-# learned anew.
-_SPREAD, _LEAST_SPREAD, _MOST_SPREAD, _LEARNED = 0.25, 0.02, 1.0, 0.2
-# How much of what a lattice explains is learned anew.
-_MEMORY = 0.1
 
 
 @dataclass(eq=False)
@@ -81,7 +95,7 @@ class Track:
     share: float
     motion: Corners = field(default_factory=lambda: np.zeros((4, 2)))
     false_alarms: float = math.nan
-    spread: float = _SPREAD
+    spread: float = TRACK.spread_cells2
     misses: int = 0
     doubts: int = 0
     flicker: float = math.inf
@@ -92,7 +106,7 @@ class Track:
     @property
     def sure(self) -> bool:
         """Whether it is a panel: nothing else changes half of its lights from frame to frame."""
-        return self.flicker >= _FLICKERS
+        return self.flicker >= TRACK.panel_log_odds
 
     def watch(self, levels: Plane) -> None:
         """Compare the LEDs' light (R+2,C+2) with that of the frame before, and remember it."""
@@ -104,19 +118,19 @@ class Track:
             # The least of all shifts by a line: where the corners slip, what stands still changes as well.
             before = sliding_window_view(self.on, inside.shape)
             changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
-            told = changed * math.log(_CHANGE / _STAYS) + (1 - changed) * math.log(
-                (1 - _CHANGE) / (1 - _STAYS)
-            )
-            self.flicker += min(max(inside.size * told, _MOST_TOLD[0]), _MOST_TOLD[1])
+            told = changed * math.log(TRACK.change_share / TRACK.clutter_change_share) + (
+                1 - changed
+            ) * math.log((1 - TRACK.change_share) / (1 - TRACK.clutter_change_share))
+            self.flicker += min(max(inside.size * told, TRACK.frame_log_odds[0]), TRACK.frame_log_odds[1])
             self.flicker = max(self.flicker, STANDS)
             off = levels - self.lights[0]
-            self.lights = self.lights + _KEPT * np.stack([off, off**2 - self.lights[1]])
+            self.lights = self.lights + TRACK.light_learned * np.stack([off, off**2 - self.lights[1]])
         else:  # LEDs may change by all their light, and what is around them by little
-            varied = np.full_like(levels, (_STILL * (high - low)) ** 2)
+            varied = np.full_like(levels, (TRACK.still_share * (high - low)) ** 2)
             varied[1:-1, 1:-1], levels[1:-1, 1:-1] = ((high - low) / 2) ** 2, (low + high) / 2
             self.lights = np.stack([levels, varied])
         self.on = on
-        self.lights[1] = np.maximum(self.lights[1], (_STILL * (high - low) / 2) ** 2 + 1)
+        self.lights[1] = np.maximum(self.lights[1], (TRACK.still_share * (high - low) / 2) ** 2 + 1)
 
     def likely(self, levels: Plane, apart: Corners, step: float) -> Plane:
         """How likely what is seen (R+2,C+2,P,P) is at places by a ``step`` of cells: (P,P), logarithms.
@@ -130,10 +144,10 @@ class Track:
         leds = off[1:-1, 1:-1]
         np.abs(leds, out=leds)
         leds -= 1
-        leds /= _EITHER
+        leds /= TRACK.level_spread
         off *= off
-        np.minimum(off, _UNLIKELY, out=off)
-        worth: Plane = -_TRUST / 2 * off.sum((0, 1))
+        np.minimum(off, TRACK.most_deviation2, out=off)
+        worth: Plane = -TRACK.trust / 2 * off.sum((0, 1))
         places = (np.arange(len(worth)) - len(worth) // 2) * step
         across, down = ((places + one) ** 2 / 2 / (self.spread * self.misses) for one in apart)
         worth -= down[:, None] + across
@@ -143,7 +157,7 @@ class Track:
         """Move by a line of LEDs where spots have stood out; what is around stands still at first."""
         inside = _inside(self.energy, shape)
         y, x = divmod(int(inside.argmax()), 3)
-        if inside[y, x] > inside[1, 1] + _LINE_MORE:
+        if inside[y, x] > inside[1, 1] + TRACK.line_more:
             self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
             for name in ("on", "energy", "lights"):
                 setattr(self, name, np.roll(getattr(self, name), (1 - y, 1 - x), (-2, -1)))
@@ -154,27 +168,31 @@ class Track:
         """Whether lights beyond each side change less than LEDs do, so that the panel ends there."""
         variance = self.lights[1]
         beyond = max(variance[[0, -1], 1:-1].mean(1).max(), variance[1:-1, [0, -1]].mean(0).max())
-        return bool(beyond <= _AROUND * variance[1:-1, 1:-1].mean())
+        return bool(beyond <= TRACK.beyond_share * variance[1:-1, 1:-1].mean())
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
         self.misses += 1
         expected = self.corners + self.motion * self.misses
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
-        levels = cell_levels(read_cells(grey, expected, shape, 1 + _REACH), shape)
+        levels = cell_levels(read_cells(grey, expected, shape, 1 + TRACK.reach_cells), shape)
         y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), levels.shape[-1])
-        start = _by_cells(expected, x / SAMPLES - _REACH, y / SAMPLES - _REACH, shape)
-        corners, blur, share = fit(grey, start, shape, self.blur, _STEPS, _KNOWN)
-        if share < self.share - _WORSE:  # half a cell off a lattice fits as well, though badly
+        start = _by_cells(expected, x / SAMPLES - TRACK.reach_cells, y / SAMPLES - TRACK.reach_cells, shape)
+        corners, blur, share = fit(grey, start, shape, self.blur, TRACK.steps, TRACK.known_costs)
+        if share < self.share - TRACK.worse_share:  # half a cell off a lattice fits as well, though badly
             halves = (_by_cells(start, x / 2, y / 2, shape) for y, x in ((0, 1), (1, 0), (1, 1)))
-            others = (fit(grey, half, shape, self.blur, _STEPS, _KNOWN) for half in halves)
+            others = (fit(grey, half, shape, self.blur, TRACK.steps, TRACK.known_costs) for half in halves)
             other = max(others, key=lambda one: one[2])
-            corners, blur, share = other if other[2] > share + _WORSE else (corners, blur, share)
+            corners, blur, share = other if other[2] > share + TRACK.worse_share else (corners, blur, share)
         place, size, bend = _parts(corners - expected, expected)
-        corners = expected + place + _SIZE_KEPT * size + _SHAPE_KEPT * bend
+        corners = expected + place + TRACK.size_kept * size + TRACK.shape_kept * bend
         within = bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
         grown = math.sqrt(abs(area(corners)) / shape.leds) / before
-        if not within or not 0.8 < grown < 1.25 or share < max(_LEAST_SHARE * self.share, _LEAST):
+        if (
+            not within
+            or not 0.8 < grown < 1.25
+            or share < max(TRACK.least_share * self.share, TRACK.least_explained)
+        ):
             return False
         # A lattice looks the same from line to line; what stands out of it does not.
         light = read_cells(grey, corners, shape, 2)
@@ -182,16 +200,20 @@ class Track:
         worth = self.likely(levels, (corners - expected).mean(0) / before, 1.0) + _inside(energy, shape)
         y, x = divmod(int(worth.argmax()), 3)
         corners = _by_cells(corners, x - 1, y - 1, shape)
-        self.energy = self.energy + _ENERGY_KEPT * (np.roll(energy, (1 - y, 1 - x), (0, 1)) - self.energy)
-        if self.energy[1:-1, 1:-1].mean() < _LEAST_ENERGY:
+        self.energy = self.energy + TRACK.energy_learned * (
+            np.roll(energy, (1 - y, 1 - x), (0, 1)) - self.energy
+        )
+        if self.energy[1:-1, 1:-1].mean() < TRACK.least_energy:
             return False
         place, size, bend = (part / self.misses for part in _parts(corners - expected, expected))
-        self.motion = self.motion + _GAIN * place + _SIZE_GAIN * size + _SHAPE_GAIN * bend
-        self.spread += _LEARNED * (float((place**2).mean()) / before**2 - self.spread)
-        self.spread = min(max(self.spread, _LEAST_SPREAD), _MOST_SPREAD)
+        self.motion = (
+            self.motion + TRACK.place_gain * place + TRACK.size_gain * size + TRACK.shape_gain * bend
+        )
+        self.spread += TRACK.spread_learned * (float((place**2).mean()) / before**2 - self.spread)
+        self.spread = min(max(self.spread, TRACK.least_spread_cells2), TRACK.most_spread_cells2)
         self.corners, self.misses = corners, 0
-        self.blur += _SIZE_GAIN * (blur - self.blur)
-        self.share += _MEMORY * (share - self.share)
+        self.blur += TRACK.size_gain * (blur - self.blur)
+        self.share += TRACK.share_learned * (share - self.share)
         self.watch(levels[..., y, x])
         self.place(shape)
         return self.ends()

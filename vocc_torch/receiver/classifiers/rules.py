@@ -9,6 +9,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver import discriminant, foreground
 from vocc_torch.receiver.classifiers.protocol import Batches
 from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.levels import two_levels
 
 
 class _Scored:
@@ -194,33 +195,6 @@ class PanelOtsu(_Untrained):
         return (x.to(torch.float64).mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
 
 
-def two_means(values: torch.Tensor) -> torch.Tensor:
-    """Find the limit between two clusters of least within sum of squares: k-means in one dimension, exact.
-
-    Args:
-        values: (B,N), N at least 1.
-
-    Returns:
-        (B,) the middle between the two clusters' means; where all values are equal, that value.
-
-    Example:
-        >>> two_means(torch.tensor([[0.0, 1.0, 9.0, 10.0], [3.0, 3.0, 3.0, 3.0]])).tolist()
-        [5.0, 3.0]
-    """
-    ordered = values.to(torch.float64).sort(dim=1).values
-    count = ordered.shape[1]
-    if count == 1:
-        return ordered[:, 0]
-    below = torch.arange(1, count, dtype=torch.float64, device=values.device)
-    # Relative to the least value, so that equal values differ by nothing at all.
-    relative = ordered - ordered[:, :1]
-    sums = relative.cumsum(dim=1)
-    low = sums[:, :-1] / below
-    high = (sums[:, -1:] - sums[:, :-1]) / (count - below)
-    best = (below * (count - below) * (high - low).square()).argmax(dim=1, keepdim=True)
-    return (ordered[:, :1] + (low.gather(1, best) + high.gather(1, best)) / 2)[:, 0]
-
-
 class PanelKMeans(_Untrained):
     """Two clusters of the panel's cell means. Inputs as for :class:`PanelOtsu`, or one sample a cell.
 
@@ -232,7 +206,7 @@ class PanelKMeans(_Untrained):
     def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED by its distance from the middle between the clusters."""
         means = x.to(torch.float64).mean(dim=-1)
-        return means - two_means(means.flatten(1)).view(-1, 1, 1)
+        return means - two_levels(means.flatten(1))[0].view(-1, 1, 1)
 
 
 class TagPlanes(_Untrained):
@@ -264,7 +238,7 @@ class TagPlanes(_Untrained):
         beside = cells[..., [1, 3, 5, 7]].mean(dim=-1)
         own = cells[..., 4]
         sharp = own + self.sharpening * 4 * (own - beside)
-        scores = sharp - two_means(sharp.flatten(1)).view(-1, 1, 1)
+        scores = sharp - two_levels(sharp.flatten(1))[0].view(-1, 1, 1)
         for _ in range(self.rounds):
             on = scores >= 0
             scores = sharp - (_plane(sharp, ~on) + _plane(sharp, on)) / 2

@@ -16,18 +16,23 @@ from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
-# Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
-_PASS_PX, _SMALL_PASS_PX = 1 << 21, 1 << 18
-# Up to this size masks are tried without the ladder.
-_SMALL_MASK_PX = 1 << 15
-# Columns of a blob are counted in 16 bits.
-_MOST_SIDE_PX = 1 << 15
-# A merged blob replaces one of its parts from the first share of the best score so far on, for it explains
-# more; a blob with the second share of the frame's foreground leaves nothing worth merging.
-_MERGE_RATIO, _WHOLE_SHARE = 0.75, 0.99
-# LED pitches: from these on a closing spans one Off LED between two On ones, or has filled all but the widest
-# gaps, and no blob will look more like a panel later.
-_REACH_PITCHES, _LAST_PITCHES = 1.4, 3.0
+
+@dataclass(frozen=True)
+class LadderSettings:
+    """How the ladder of closings is climbed."""
+
+    pass_px: int = 1 << 21  # most pixels in one pass, for bounded memory
+    small_pass_px: int = 1 << 18  # passes below this are not worth parting further
+    small_mask_px: int = 1 << 15  # up to this size masks are tried without the ladder
+    most_side_px: int = 1 << 15  # columns of a blob are counted in 16 bits
+    merge_ratio: float = 0.75  # of the best score so far: a merged blob explains more, so it may score less
+    whole_share: float = 0.99  # of the foreground: a blob that holds it leaves nothing worth merging
+    reach_pitches: float = 1.4  # LED pitches that span one Off LED between two On ones
+    last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
+
+
+LADDER = LadderSettings()
+
 _TOUCHING = np.ones((3, 3), dtype=bool)
 
 
@@ -197,7 +202,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
         place, choice = boxes[:, :2] + frames.origin_px.cpu().numpy(), None
         for some, width, height in _passes(boxes):
             mask = _cut(grey, threshold, boxes, some, width, height)
-            if grey.device.type == "cpu" and width * height <= _SMALL_MASK_PX:
+            if grey.device.type == "cpu" and width * height <= LADDER.small_mask_px:
                 made, part = choose_single(mask.numpy(), place[some], shape, self)
                 if len(made) == len(boxes) == 1:
                     return part
@@ -228,8 +233,10 @@ def exact_frames(frames: Images) -> Frames:
     shape, surround = tuple(frames.grey.shape), frames.surround
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
-    if max(shape[2:]) > _MOST_SIDE_PX:
-        raise VoccError.of("frames.grey", f"{shape[2]} x {shape[3]} px", f"at most {_MOST_SIDE_PX} px a side")
+    if max(shape[2:]) > LADDER.most_side_px:
+        raise VoccError.of(
+            "frames.grey", f"{shape[2]} x {shape[3]} px", f"at most {LADDER.most_side_px} px a side"
+        )
     if surround is not None:
         if not bool(surround.isfinite().all()):
             raise VoccError("frames.surround holds NaN or infinity: it must be grey values, 0 to 255")
@@ -276,7 +283,7 @@ def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]
     begin = width = height = own = 0
     for index, (wide, high) in enumerate(sizes):
         padded = (index + 1 - begin) * max(width, wide) * max(height, high)
-        if index > begin and padded > min(_PASS_PX, max(_SMALL_PASS_PX, 4 * (own + wide * high))):
+        if index > begin and padded > min(LADDER.pass_px, max(LADDER.small_pass_px, 4 * (own + wide * high))):
             passes.append((order[begin:index], width, height))
             begin, width, height, own = index, 0, 0, 0
         width, height, own = max(width, wide), max(height, high), own + wide * high
@@ -343,13 +350,13 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
         column, row = (before.first_px >> level).unbind(1)
         holds = labelled.at(torch.arange(len(active), device=mask.device), row, column) == label
         # A blob that holds the chosen one and more may score a little less; the same blob may not.
-        bar = torch.where(now.mask_px > before.mask_px, _MERGE_RATIO * peak[active], before.score)
+        bar = torch.where(now.mask_px > before.mask_px, LADDER.merge_ratio * peak[active], before.score)
         better = torch.where(holds, now.score >= bar, now.score > before.score) | ~before.found
         better &= now.found
         choice.put(active[better], now[better])
         peak[active[better]] = torch.where(holds, torch.maximum(peak[active], now.score), now.score)[better]
-        whole = choice.mask_px[active] >= _WHOLE_SHARE * foreground[active]
-        pitches = torch.where(whole, _REACH_PITCHES, _LAST_PITCHES)
+        whole = choice.mask_px[active] >= LADDER.whole_share * foreground[active]
+        pitches = torch.where(whole, LADDER.reach_pitches, LADDER.last_pitches)
         on = ((blobs.components > 1) & ~whole) | ((search.closing_px << level) < pitches * pitch)
         if not bool(on.any()):
             return choice
@@ -395,7 +402,7 @@ def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.in
 
 def _is_sure(measures: Measures, search: LocatorLimits) -> NDArray[np.bool_]:
     """Say of blobs that are alone in their masks whether the ladder would stop at them."""
-    return measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
+    return measures.within & (search.closing_px >= LADDER.reach_pitches * measures.pitch_px)
 
 
 def choose_single(

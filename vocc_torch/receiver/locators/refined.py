@@ -13,18 +13,28 @@ from vocc_torch.receiver.locators.paper import Choice, PaperLocator, exact_frame
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
-# Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
-_MOST_LEDS = 16
-# Rise over the background that is taken for light: where nothing else varies, in noise, and by its deviation.
-_CLEAN_RISE_DN, _LEAST_RISE_DN, _RISE_SIGMAS = 1.5, 3.0, 5.0
-# Below this share a fit is tried again from lattices of these sizes.
-_GOOD_SHARE, _SIZES = 0.992, (0.89, 1.12)
-# A fit that leaves its start farther behind, in cells, is none; finer lattices are noise: LEDs melt together.
-_FARTHEST_CELLS, _LEAST_PITCH_PX, _FIT_PX = 3.5, 1.5, 192
-# Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
-_PARTS_PER_PX = 1024.0
-# A panel turned by 45 degrees begins like the paper's, whichever way its fit errs by less than this, degrees.
-_TIE_DEG = 0.25
+
+@dataclass(frozen=True)
+class RefinedSettings:
+    """How the region and the lattice are judged."""
+
+    most_leds: int = 16  # in a row or a column; larger panels are left to the paper's locator
+    clean_rise_dn: float = 1.5  # rise over the background that is light where nothing else varies
+    least_rise_dn: float = 3.0  # the same in noise, at least
+    rise_sigmas: float = 5.0  # the same in noise, in its standard deviations
+    good_share: float = 0.992  # below this share a fit is tried again from other starts
+    sizes: tuple[float, ...] = (
+        0.89,
+        1.12,
+    )  # sizes of lattices that are tried then: one line of LEDs fewer or more
+    farthest_cells: float = 3.5  # a fit that leaves its start farther behind is none
+    least_pitch_px: float = 1.5  # finer lattices are noise: LEDs melt together
+    fit_px: int = 192  # side of windows that are fitted together
+    parts_per_px: float = 1024.0  # corners are rounded to: sums differ between batches
+    tie_deg: float = 0.25  # error of a panel turned by 45 degrees that changes no order
+
+
+REFINED = RefinedSettings()
 
 
 @dataclass(frozen=True)
@@ -104,7 +114,7 @@ class RefinedLocator(PanelLocator):
         exact = exact_frames(frames)
         with torch.inference_mode(), torch.autocast(exact.grey.device.type, enabled=False):
             panels: Panels
-            if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
+            if max(shape.rows, shape.columns) > REFINED.most_leds or not exact.grey.numel():
                 panels = self.paper(exact, shape)
             else:
                 choice = (self._in_whole if exact.surround is None else self._in_crops)(exact, shape)
@@ -138,7 +148,7 @@ class RefinedLocator(PanelLocator):
             found.put(rows, self._chosen(windows, background[rows], noise[rows], shape))
         likeness, poor = found.score.clone(), torch.zeros_like(found.found)
         # Small windows are fitted together: what lies between the panel and the border does not matter.
-        for side, rows in _by_side(regions.side_px.clamp(min=_FIT_PX)):
+        for side, rows in _by_side(regions.side_px.clamp(min=REFINED.fit_px)):
             seen = rows[found.found[rows]]
             if len(seen):
                 windows = foreground.cut_windows(frames, regions, seen, side)
@@ -162,7 +172,11 @@ class RefinedLocator(PanelLocator):
 
     def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Choice:
         """Choose the paper's blobs among the pixels that are brighter than the background."""
-        rise = (_RISE_SIGMAS * noise).clamp(min=_LEAST_RISE_DN).where(noise > 0, _CLEAN_RISE_DN)
+        rise = (
+            (REFINED.rise_sigmas * noise)
+            .clamp(min=REFINED.least_rise_dn)
+            .where(noise > 0, REFINED.clean_rise_dn)
+        )
         return self.paper.choose(crops, (background + rise).floor().long(), shape)
 
     def _refit(
@@ -174,7 +188,7 @@ class RefinedLocator(PanelLocator):
         good = lattice.share + _noise_share(lattice, noise) >= self.min_share
         good &= _is_sane(lattice, corners_px)
         corners = _upright(lattice.corners_px[good], shape)
-        panels.corners_px[rows[good]] = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        panels.corners_px[rows[good]] = (corners * REFINED.parts_per_px).round() / REFINED.parts_per_px
         panels.score[rows[good]] = lattice.share[good].clamp(0, 1)
         return rows[~good]
 
@@ -185,13 +199,13 @@ def _fitted(
     """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
     start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
     lattice = lattice_fit.fit_lattice(frames, lattice_model.Lattice.at(start, blur, background, shape))
-    poor = (lattice.share_of_all + _noise_share(lattice, noise) < _GOOD_SHARE).nonzero()[:, 0]
+    poor = (lattice.share_of_all + _noise_share(lattice, noise) < REFINED.good_share).nonzero()[:, 0]
     if not len(poor):
         return lattice
     seen, level = frames[poor], background[poor]
     cells = resample.corner_cells(shape).to(start.device)
     middle = cells.mean(0)
-    sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in _SIZES]
+    sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in REFINED.sizes]
     others = [(resample.map_points(start[poor], to, shape), blur[poor]) for to in sized]
     others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
     for again, width in others:
@@ -210,9 +224,11 @@ def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
 def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
     """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
     cell = torch.maximum(*resample.cell_size_px(corners_px, lattice.shape))
-    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > _FARTHEST_CELLS * cell
+    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > REFINED.farthest_cells * cell
     pitch = torch.minimum(*resample.cell_size_px(lattice.corners_px, lattice.shape))
-    sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
+    sane: Tensor = (
+        lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= REFINED.least_pitch_px)
+    )
     return sane
 
 
@@ -223,7 +239,7 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     degrees it begins with its topmost corner.
     """
     x, y = (corners_px[:, 1] - corners_px[:, 0]).unbind(1)
-    quarter = torch.ceil((torch.atan2(y, x).rad2deg() - 45 - _TIE_DEG) / 90).long()
+    quarter = torch.ceil((torch.atan2(y, x).rad2deg() - 45 - REFINED.tie_deg) / 90).long()
     if shape.rows != shape.columns:
         quarter = torch.where(quarter.abs() == 2, 2, 0)
     index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4

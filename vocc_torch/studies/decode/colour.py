@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
-from vocc_torch.receiver.lattice_model import GAMMA
+from vocc_torch.receiver.levels import GAMMA, LIGHT_OF_GREY
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.resample import cell_size_px, rectify_takes
 from vocc_torch.recordings.frames import to_grey
@@ -21,9 +21,6 @@ SEEN_FRAMES = 4
 """Frames of a recording that decide for all of it."""
 CLEARLY, ELSEWHERE = 1.2, 2.0
 """A plane is taken instead of luma where it parts On from Off this many times as far, at its panel or not."""
-
-
-_LIGHT = (255 * (np.arange(256) / 255) ** GAMMA).astype(np.float32)
 
 
 # Rounds of unmixing at most; least singular value of bits of colours that differ, over the root of the rows.
@@ -54,7 +51,7 @@ class Mix(NamedTuple):
         """Turn (H,W,3) uint8 into (H,W) uint8; what is beyond 0 to 255 is clipped."""
         if not self.weights:
             return to_grey(colour, self.name)
-        light = _LIGHT[colour] if self.linear else colour
+        light = LIGHT_OF_GREY[colour] if self.linear else colour
         mixed = np.float32(self.offset) + light @ np.array(self.weights, dtype=np.float32)
         if self.linear:
             mixed = 255 * (mixed / 255).clip(0, 1) ** (1 / GAMMA)
@@ -191,7 +188,7 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
     judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
     best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
     panels = judged[best].panels
-    planes = torch.from_numpy(_LIGHT[np.stack(colours)]).permute(3, 0, 1, 2).to(receiver.device)
+    planes = torch.from_numpy(LIGHT_OF_GREY[np.stack(colours)]).permute(3, 0, 1, 2).to(receiver.device)
     takes = [Frames.whole(plane.contiguous()) for plane in planes]
     patches = rectify_takes(takes, panels, receiver.shape, 8)
     cells = torch.stack([cell_means(one, receiver.shape).double() for one in patches], dim=-1)[panels.found]
