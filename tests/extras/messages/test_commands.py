@@ -86,8 +86,9 @@ def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(
     assert (tmp_path / "out/message.bin").read_bytes() == TEXT
 
 
-def test_a_file_comes_back_from_the_video(seen, model, tmp_path):
+def test_a_file_comes_back_from_the_video(seen, model, tmp_path, capsys):
     rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
+    assert "8 of 8 packets arrived" in capsys.readouterr().out  # of the message's 5, three are sent twice
     assert (tmp_path / "out" / "message.bin").read_bytes() == TEXT
     assert not said
     assert [row["sequence"] for row in rows if row["arrived"] == "1"][:5] == ["0", "1", "2", "3", "4"]

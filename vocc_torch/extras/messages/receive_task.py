@@ -9,7 +9,7 @@ from pathlib import Path
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.config import PLAN, ReceiveConfig
 from vocc_torch.extras.messages.front import Front
-from vocc_torch.extras.messages.packets import Assembly, payload_bytes
+from vocc_torch.extras.messages.packets import Assembly, Packet, payload_bytes
 from vocc_torch.extras.messages.reception import COLUMNS, Received, Reception
 from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan
@@ -100,11 +100,13 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     receiver = receiver_for(study, model, settings.plug_ins, at_truth=True)
     front = Front(receiver, config.locate_every, config.soft, config.follow)
     rows: list[run_folder.Cells] = [COLUMNS]
+    arrived: list[Packet] = []
 
     def take(packets: Iterable[Received]) -> None:
         for one in packets:
             rows.append(one.row())
             if one.packet is not None:
+                arrived.append(one.packet)
                 assembly.add(one.packet)
 
     try:
@@ -117,9 +119,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     run_folder.write_config(settings_used(settings, receiver), folder)
     if model is None:
         receiver.save(folder / "receiver.pt")
-    arrived, sent = sum(map(len, (one.parts for one in assembly.messages))), reception.packets_sent
+    sent = reception.packets_sent
     shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
-    told = f"{arrived} of {sent} packets arrived in {front.frames} frames; {shown}"
+    told = f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; {shown}"
     if front.tracker is not None:
         told += "; it was followed" + ", for it moves" * front.auto
     console.print(told, soft_wrap=True, highlight=False)
