@@ -96,6 +96,7 @@ SECTIONS = {
         **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},
         **{"quantum_efficiency": 0.5, "fps": 50.0},
     },
+    "train_detector": {"small_blocks": 2, "wide_blocks": 1, "scout_steps": 2, "judge_steps": 2},
     "receive": {
         **{"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
         "follow": "true",
@@ -217,6 +218,8 @@ def spent(settings):
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
+    if task == "train_detector":
+        return plan.seed, settings.train_detector
     if task == "export":
         return identity_of(plan, settings.export), plan.world.device, plan.batch_frames
     if task == "figures":

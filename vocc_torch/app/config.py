@@ -23,6 +23,7 @@ from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.export import ExportConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
+from vocc_torch.studies.train_detector import TrainDetectorConfig
 
 TASKS = {
     "train": ("studies.curve:run_train", None),
@@ -40,6 +41,7 @@ TASKS = {
     "receive": ("extras.messages.receive_task:run_receive", "receive"),
     "messages": ("extras.messages.comparison_task:run_messages", "messages"),
     "calibrate": ("extras.calibrate.task:run_calibrate", "calibrate"),
+    "train_detector": ("studies.train_detector.run:run_train_detector", "train_detector"),
 }
 """What runs each task, below ``vocc_torch``, and the section that is its own."""
 
@@ -60,6 +62,7 @@ class AppConfig(Settings):
         receive: how task=receive reads a recording.
         messages: what task=messages varies and sends.
         calibrate: what task=calibrate looks at.
+        train_detector: how much task=train_detector learns from.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -73,6 +76,7 @@ class AppConfig(Settings):
     receive: ReceiveConfig = field(default_factory=ReceiveConfig)
     messages: MessagesConfig = field(default_factory=MessagesConfig)
     calibrate: CalibrateConfig = field(default_factory=CalibrateConfig)
+    train_detector: TrainDetectorConfig = field(default_factory=TrainDetectorConfig)
 
     def __post_init__(self) -> None:
         """Check what no section can check alone."""
@@ -135,6 +139,10 @@ IGNORED = {
         *("executor", "tensorboard", "camera.iso_limits", "scene", "experiment", "budget", *PARTS),
         *("receiver.names", "receiver.features", "receiver.samples_per_led", "receiver.gradient"),
         "receiver.save",
+    ),
+    "train_detector": (
+        *("model", "input", "plug_ins", "device", "precision", "framing", "batch_frames", "workers"),
+        *("executor", "tensorboard", "scene", "camera", "panel", "receiver", "experiment", "budget", *PARTS),
     ),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }

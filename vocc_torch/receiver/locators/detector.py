@@ -1,0 +1,151 @@
+"""The detector as a locator: two small networks and a fit, with stated false alarms."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import torch
+
+from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.files import file_digest
+from vocc_torch.receiver.detector.pipeline import detected
+from vocc_torch.receiver.detector.weights import Networks, load_networks
+from vocc_torch.receiver.false_alarms import calibrated, demand_stated
+from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
+from vocc_torch.receiver.locators.protocol import PanelLocator
+from vocc_torch.types import Candidates, Images, PanelShape
+
+PARTS_PER_PX = 1024.0
+"""Corners are rounded to such parts of a pixel, for the same numbers on every machine."""
+
+
+@dataclass(frozen=True)
+class DetectorLocator(PanelLocator):
+    """Find panels by two small networks and a fit of the lattice of LEDs.
+
+    - Gate: tiles of the frame with strong changes from pixel to pixel.
+    - Scout: a network that proposes places in a pyramid of halvings.
+    - Judge: a network that sees a candidate's cells, scores its placings and moves its corners.
+    - Fit: a lattice of spots, by a few Gauss-Newton steps.
+    - Verdict: log odds, from the judge's logit, the fit's residual, the levels of the cells and their bits.
+
+    The log odds say how many false alarms a frame without a panel is expected to give, by a table of such
+    frames (:mod:`vocc_torch.receiver.false_alarms`). ``Panels.score`` is the probability. With weights of
+    your own there is no table: a panel is found where the probability is at least 0.5.
+
+    Args:
+        weights: a file that ``task=train_detector`` wrote; None takes the one that ships.
+        false_alarms: a panel is found where at most as many are expected in a frame without one; above 0, and
+            with infinity every candidate is.
+
+    Raises:
+        VoccError: a number out of its range; when called, weights that are missing or damaged.
+    """
+
+    name: ClassVar[str] = "detector"
+    finds_several: ClassVar[bool] = True
+
+    weights: str | None = None
+    false_alarms: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Refuse a number out of its range."""
+        most = self.false_alarms
+        if most != math.inf and finite_number("location.false_alarms", most) <= 0:
+            raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
+        if self.weights is not None and most not in (1e-3, math.inf):
+            rule = "left out with weights of your own, whose false alarms are unknown"
+            raise VoccError.of("location.false_alarms", most, rule)
+
+    @property
+    def states_false_alarms(self) -> bool:
+        """Whether its weights ship: nothing is stated of others."""
+        return self.weights is None
+
+    @property
+    def most_false_alarms(self) -> float:
+        """The most at which a candidate is a panel; NaN with weights of your own."""
+        return self.false_alarms if self.weights is None else math.nan
+
+    def networks(self, device: torch.device) -> Networks:
+        """Give the networks on a device."""
+        return load_networks(None if self.weights is None else Path(self.weights), device)
+
+    def demand_shape(self, shape: PanelShape) -> None:
+        """Refuse a panel so small that no false alarms are stated of it."""
+        if self.weights is None and self.false_alarms != math.inf:
+            demand_stated(self.name, shape)
+
+    def at_rate(self, false_alarms: float) -> "DetectorLocator":
+        """Give the same locator with another rate of false alarms."""
+        return replace(self, false_alarms=false_alarms)
+
+    def check(self) -> None:
+        """Refuse weights that cannot be read."""
+        self.networks(torch.device("cpu"))
+
+    @classmethod
+    def of(cls, paper: PaperLocator, false_alarms: float) -> "DetectorLocator":
+        """Build it with a rate of false alarms."""
+        return cls(false_alarms=false_alarms)
+
+    @property
+    def follows_configuration(self) -> bool:
+        """Whether :meth:`of` can build it."""
+        return self.weights is None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What a model file keeps of it: weights of your own by their place and digest."""
+        values = {"name": self.name, **asdict(self)}
+        if self.weights is None:
+            return values
+        file = str(Path(self.weights).resolve())
+        return {**values, "weights": file, "digest": file_digest(file)}
+
+    @classmethod
+    def from_settings(cls, values: Mapping[str, Any]) -> "DetectorLocator":
+        """Build it from its settings without the name.
+
+        Raises:
+            VoccError: weights that have changed.
+        """
+        values = dict(values)
+        digest = values.pop("digest", "")
+        if digest and file_digest(str(values["weights"])) != digest:
+            rule = "holds other weights than the model was made with"
+            raise VoccError(f"receiver.locator: {values['weights']} {rule}")
+        return cls(**values)
+
+    def locate(self, frames: Images, shape: PanelShape) -> Candidates:
+        """Give every candidate, those too that are likely false; the best of each frame first.
+
+        Raises:
+            VoccError: what :func:`~vocc_torch.receiver.locators.paper.exact_frames` refuses, damaged weights,
+                or a panel so small that no false alarms are stated of it.
+        """
+        demand_kind("shape", shape, PanelShape)
+        exact = exact_frames(frames)
+        device, table = exact.grey.device, None
+        if self.weights is None:
+            self.demand_shape(shape)
+            table = calibrated(self.name, shape)
+        networks = self.networks(device)
+        none = torch.zeros(0, dtype=torch.float64, device=device)
+        found = [Candidates(none.long(), none.new_zeros(0, 4, 2), none, none)]
+        with torch.inference_mode(), torch.autocast(device.type, enabled=False):
+            # Frame by frame: what is found does not depend on how many come together.
+            for number in range(len(exact) if exact.grey.numel() else 0):
+                quads, odds = detected(networks, exact[number : number + 1], shape)
+                alarms = torch.full_like(odds, math.inf) if table is None else table.expected(odds)
+                if self.weights:
+                    sure = odds >= (-math.inf if self.false_alarms == math.inf else 0.0)
+                    quads, odds, alarms = quads[sure], odds[sure], alarms[sure] * math.nan
+                corners = (quads * PARTS_PER_PX).round() / PARTS_PER_PX
+                rows = torch.full_like(odds, number, dtype=torch.int64)
+                found.append(Candidates(rows, corners, odds.sigmoid(), alarms))
+        names = Candidates.__dataclass_fields__
+        joined = {name: torch.cat([getattr(part, name) for part in found]).clone() for name in names}
+        return Candidates(**joined)
