@@ -1,11 +1,13 @@
 """The public functions: what they give is what the command line gives."""
 
 import csv
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from types import FunctionType
 
 import pytest
 import torch
+from hydra.core.global_hydra import GlobalHydra
 
 import vocc_torch as vt
 from vocc_torch.receiver.locators import PaperLocator
@@ -47,6 +49,19 @@ def test_measure_counts_what_the_command_line_counts(app, tmp_path):
     assert "95 %" in str(table)
 
 
+def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
+    words = ("+scene.effects.pose={yaw_deg:[uniform,-5,5]}", "~scene.effects.blooming", "panel.rows=4")
+    wanted = vt.load_scene("night", *words)
+    assert wanted.panel.shape.rows == 4
+    assert {"pose", "shot_noise"} <= {*wanted.effects}
+    assert "blooming" not in wanted.effects
+    hydra = GlobalHydra.instance().hydra
+    with ThreadPoolExecutor(8) as pool:
+        loaded = list(pool.map(lambda _: vt.load_scene("night", *words), range(64)))
+    assert all(world == wanted for world in loaded)
+    assert GlobalHydra.instance().hydra is hydra
+
+
 def test_simulated_frames_do_not_depend_on_the_batch():
     whole, parts = (list(vt.simulate("paper", 40, seed=1, batch=size)) for size in (64, 16))
     for name in ("bits", "corners_px"):
@@ -60,16 +75,32 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: vt.load_scene("nihgt"), "scene"),
+        (lambda: vt.load_scene("nihgt"), "scene is 'nihgt': did you mean night?"),
         (lambda: vt.load_scene("nowhere.yaml"), "scene nowhere.yaml cannot be read"),
         (lambda: vt.load_scene({"distance_m": -3}), "scene.distance_m"),
         (lambda: vt.load_scene({"colour": 1}), "scene.colour is not a known key"),
         (lambda: vt.load_scene({"effects": {"rain": {}}}), "scene.effects.rain is not a known effect"),
         (lambda: vt.load_scene(3), "scene is 3"),
         (lambda: vt.train(3), "scene is 3"),
-        (lambda: vt.train("paper", classifier="mpl"), "receiver.save is 'mpl'"),
-        (lambda: vt.train("paper", locator="refind"), "receiver.locator is 'refind'"),
-        (lambda: vt.train("paper", features=["agr", "colour"]), "receiver.features"),
+        (
+            lambda: vt.train("paper", classifier="lmse"),
+            "classifier is 'lmse': did you mean lmmse? known:",
+        ),
+        (lambda: vt.train("paper", classifier=None), "classifier is None: it must be of type str"),
+        (lambda: vt.train("paper", locator="refind"), "locator is 'refind'"),
+        (lambda: vt.train("paper", features=["agr", "colour"]), "features is"),
+        (lambda: vt.train("paper", frames=1), "frames is 1: it must be at least 2"),
+        (lambda: vt.load_scene("paper", "camera.gama=2"), "camera.gama is not a known key: did you mean"),
+        (lambda: vt.load_scene("paper", "budget.frames=2"), "budget.frames is not a known key"),
+        (lambda: vt.load_scene("paper", "camera.gamma=x"), "camera.gamma is 'x': it must be a number"),
+        (lambda: vt.load_scene("paper", "panel.rows=1,2"), "panel.rows is 1,2: it must be one value"),
+        (lambda: vt.load_scene("paper", "panel.rows=[1"), "panel.rows=[1 cannot be read"),
+        (lambda: vt.load_scene("paper", "scene.effects={}"), "scene.effects={} takes none away"),
+        (lambda: vt.load_scene("paper", "~scene.effects.fog"), "scene.effects.fog is not set"),
+        (
+            lambda: vt.load_scene("dashcam", "camera.f_number=2"),
+            "camera.f_number is set by the scene",
+        ),
         (lambda: next(vt.simulate("paper", 0)), "frames is 0"),
         (lambda: next(vt.simulate("paper", 8, batch=0)), "batch is 0"),
         (lambda: vt.measure(FRESH, "paper", "colour", [1]), "experiment.axis is 'colour'"),

@@ -1,36 +1,39 @@
-"""From Python what the command line does: scenes, trained receivers, frames, and measured bit error rates."""
+"""The public functions: scenes, trained receivers, simulated frames, and measured bit error rates."""
 
 import hashlib
 import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 import yaml
-from hydra import compose, initialize_config_module
-from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException
 from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.config import AppConfig, register_schema
-from vocc_torch.app.resolve import one_line, resolved
-from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.errors import VoccError, demand_kind, section, shown, told_known
 from vocc_torch.measure import curve, runner, sweep
 from vocc_torch.measure import train as training
-from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.config import Budget
+from vocc_torch.measure.build import build_world, receiver_plan
+from vocc_torch.measure.config import (
+    Budget,
+    ClassifierSettings,
+    ReceiverParts,
+    ReceiverSettings,
+    WorldSettings,
+)
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.link import Observation, block_keys, rendered
 from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World, identity
+from vocc_torch.measure.schema import refuse_shadowed, typed
 from vocc_torch.measure.store import Store
 from vocc_torch.plugins import TARGET, demand_plain, is_target
+from vocc_torch.receiver.bank import FLDA_FEATURES
+from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder, plots, styles, terminal
@@ -42,6 +45,9 @@ if TYPE_CHECKING:
 
 NOWHERE = Path("runs")
 """The folder of a plan that writes nothing."""
+
+TEMPLATES = ("own", "sklearn")
+"""Options of the group classifier that name no class."""
 
 
 def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: str) -> World:
@@ -61,40 +67,43 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
         >>> world.scene.distance_m.bounds, world.panel.shape.rows, list(world.effects)
         ((40.0, 40.0), 4, ['saturation'])
     """
-    given: Any = scene
-    if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
-        given, overrides = {}, (f"scene={scene}", *overrides)
-    elif isinstance(scene, str | Path):
+    shipped = isinstance(scene, str) and not scene.endswith((".yaml", ".yml"))
+    plain: Any = _shipped("scene", str(scene)) if shipped else scene
+    if isinstance(scene, str | Path) and not shipped:
         try:
-            given = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
+            plain = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
-    demand_kind("scene", given, Mapping)
-    demand_plain("scene", given, allowed=(TARGET,))
-    world = build_plan(_composed(overrides, given), NOWHERE).world
+    demand_kind("scene", plain, Mapping)
+    demand_plain("scene", plain, allowed=(TARGET,))
+    if not shipped:
+        plain = {**_shipped("scene", "paper"), "name": "own", **plain}
+    settings = typed(WorldSettings, {"scene": plain}, words=overrides)
+    for word in overrides:
+        refuse_shadowed(settings.scene, word)
+    world = build_world(settings)
     world.simulator()  # a wrong effect is refused now
     return world
 
 
-def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -> AppConfig:
-    """Compose the settings of a command line, with a scene of one's own.
+def _options(group: str) -> list[str]:
+    """List the options of a group of the configuration."""
+    files = (entry.name for entry in resources.files("vocc_torch.conf").joinpath(group).iterdir())
+    return sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml"))
+
+
+def _shipped(group: str, name: str) -> dict[str, Any]:
+    """Read an option of a group of the configuration.
 
     Raises:
-        VoccError: what the command line refuses.
+        VoccError: there is none of that name.
     """
-    held = GlobalHydra.instance().hydra  # of a user's own application, which calls this
-    GlobalHydra.instance().clear()
-    try:
-        register_schema()
-        with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-            config = compose("config", overrides=list(words))
-        for name, value in {"name": "own", **scene}.items() if scene else ():
-            OmegaConf.update(config, f"scene.{name}", value, merge=name == "camera")
-        return resolved(config, words)
-    except (HydraException, OmegaConfBaseException) as error:
-        raise VoccError(one_line(error, words)) from None
-    finally:
-        GlobalHydra.instance().hydra = held
+    options = _options(group)
+    if name not in options:
+        raise VoccError(f"{group} is {shown(name)}: {told_known(name, options)}")
+    text = resources.files("vocc_torch.conf").joinpath(group, f"{name}.yaml").read_text(encoding="utf-8")
+    plain: Any = OmegaConf.to_container(OmegaConf.create(text))
+    return dict(plain)
 
 
 def train(
@@ -128,22 +137,30 @@ def train(
         >>> receiver.name, receiver.shape.leds
         ('flda_3', 64)
     """
-    words = ["task=train", f"budget.training_frames={frames}", f"seed={seed}", f"receiver.locator={locator}"]
-    if features is not None:
-        words.append(f"receiver.features=[{','.join(features)}]")
-    if is_target(classifier):
-        name = classifier.replace(":", ".").rpartition(".")[2]
-        words += [f"+classifiers.{name}.build._target_={classifier}", f"receiver.save={name}"]
-    else:
-        ships = resources.files("vocc_torch.conf").joinpath(f"classifier/{classifier}.yaml").is_file()
-        words += [f"classifier={classifier}"] if ships else []
-        words.append(f"receiver.save={classifier}")
     world = load_scene(scene) if isinstance(scene, str) else scene
     demand_kind("scene", world, World)
-    shape = world.panel.shape
-    words += [f"panel.rows={shape.rows}", f"panel.columns={shape.columns}"]
-    plan = replace(build_plan(_composed(words), NOWHERE), world=world)
-    plan = replace(plan, experiment=replace(plan.experiment, training={}))
+    for name, value in (("locator", locator), ("classifier", classifier)):
+        demand_kind(name, value, str)
+    builtin = classifier if classifier in FLDA_FEATURES else "flda_3"
+    receiver = ReceiverSettings([builtin], locator, list(features or FEATURE_NAMES), save=classifier)
+    parts = ReceiverParts(receiver)
+    if is_target(classifier):
+        receiver.save = classifier.replace(":", ".").rpartition(".")[2]
+        parts.classifiers[receiver.save] = ClassifierSettings(build={TARGET: classifier})
+    elif classifier not in FLDA_FEATURES and not (classifier == "flda" and features is not None):
+        trained = [name for name in _options("classifier") if name not in TEMPLATES]
+        if classifier not in trained:
+            known = told_known(classifier, [*FLDA_FEATURES, *trained])
+            raise VoccError(f"classifier is {shown(classifier)}: {known}, or FILE.py:NAME")
+        parts.classifiers[classifier] = typed(ClassifierSettings, _shipped("classifier", classifier))
+    with (
+        section("locator", before="receiver.locator"),
+        section("features", before="receiver.features"),
+        section("frames", before="budget.training_frames"),
+    ):
+        receivers, budget = receiver_plan(parts, world.panel.shape), Budget(training_frames=frames)
+        experiment = Experiment("own", "distance_m", world.scene.distance_m.bounds[:1])
+        plan = Plan(world, receivers, experiment, budget, NOWHERE, seed)
     return training.calibrated_receiver(plan, training.train(plan))
 
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from hydra.conf import HydraConf, JobConf, RunDir, SweepDir
 from hydra.core.config_store import ConfigStore
@@ -17,6 +17,7 @@ from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.messages.config import MessagesConfig, ReceiveConfig, RecordConfig, TransmitConfig
 from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
+from vocc_torch.measure.schema import keys_of as keys_of
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
@@ -230,24 +231,6 @@ def described(root: DictConfig, schema: type) -> str:
     lists = [f"{what} by name: {known}" for what, known in NAMES.items()]
     # Hydra puts the text into a template of its own, where $ begins a placeholder.
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
-
-
-@cache
-def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
-    """List every key of a schema, with dots, and its type.
-
-    Example:
-        >>> from vocc_torch.measure.config import Settings
-        >>> keys_of(Settings)["camera.gamma"]
-        <class 'float'>
-    """
-    keys: dict[str, Any] = {}
-    hints = get_type_hints(schema)
-    for one in fields(schema):
-        kind = keys[prefix + one.name] = hints[one.name]
-        if isinstance(kind, type) and is_dataclass(kind):
-            keys |= keys_of(kind, f"{prefix}{one.name}.")
-    return keys
 
 
 def descriptions(schema: type) -> dict[str, str]:

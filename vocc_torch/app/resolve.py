@@ -1,6 +1,5 @@
 """From what Hydra composed to the settings, checked; and what Hydra refuses, said in one line."""
 
-import difflib
 import multiprocessing
 import re
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from yaml import MarkedYAMLError
 from vocc_torch.app.config import NAMES, PARTS, TASKS, AppConfig, keys_of, passes_over, schema
 from vocc_torch.errors import VoccError, section, shown
 from vocc_torch.files import VIDEO_SUFFIXES
+from vocc_torch.measure.schema import refuse_shadowed, unknown_key
 
 OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
 """What a model was made with, as :data:`PARTS`; the panel's rows and columns are given, and must agree."""
@@ -38,6 +38,9 @@ STATING = ("learned",)
 
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
+
+N_JOBS = "hydra.launcher.n_jobs"
+LAUNCHER = f"{N_JOBS} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
 
 LOST_WORKER = (
     "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
@@ -127,10 +130,7 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         place = "classifiers" if key == "classifier" else key
         group, _, name = place.partition(".")
         said = f"{key} is {value}" if value else word
-        if group == "camera" and getattr(settings.scene.camera, name, None) is not None:
-            raise VoccError(f"{key} is set by the scene {settings.scene.name}: give scene.{key}={value}")
-        if key == "scene.effects" and value == "{}":
-            raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
+        refuse_shadowed(settings.scene, word)
         if key in GROUPS and value.startswith("["):
             raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
         if passes_over(task, place) and (key, value) != ("experiment", task):
@@ -163,24 +163,6 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         if group == "scene" and own and (task == "train" or (task == "test" and tested)):
             rule = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
             raise VoccError(f"{said}: {rule}" + f" or experiment.scene.{name}" * (task == "test"))
-
-
-def unknown_key(key: str) -> str:
-    """Say what is wrong with a key that is not there.
-
-    Example:
-        >>> unknown_key("camera.gama")
-        'camera.gama is not a known key: did you mean camera.gamma?'
-    """
-    keys = keys_of(AppConfig)
-    mappings = [name for name, kind in keys.items() if get_origin(kind) is dict]
-    if parent := next((name for name in mappings if key.startswith(f"{name}.")), None):
-        return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
-    if key == "hydra.launcher.n_jobs":
-        return f"{key} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
-    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.6)
-    hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
-    return f"{key} is not a known key: {hint}"
 
 
 NO_OPTION = re.compile(
@@ -227,7 +209,9 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
             found = {"key": "", "kind": "", **match.groupdict(default="")}
             found["kind"] = KINDS.get(found["kind"], found["kind"])
             if "{unknown}" in words:
-                found["unknown"] = unknown_key(found["key"])
+                found["unknown"] = (
+                    LAUNCHER if found["key"] == N_JOBS else unknown_key(found["key"], AppConfig)
+                )
             if "{options}" in words:
                 listed = re.search(r"Available options in '.*':\s*\n((?:\s+.+\n?)+?)Config search path", text)
                 files = resources.files("vocc_torch.conf").joinpath(found["key"])

@@ -10,7 +10,13 @@ import torch
 from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
-from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
+from vocc_torch.measure.config import (
+    ClassifierSettings,
+    ReceiverParts,
+    Settings,
+    WorldSettings,
+    effect_settings,
+)
 from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import bank, reader
 from vocc_torch.receiver.classifiers import Inputs, training
@@ -28,12 +34,11 @@ RESERVED = (*bank.RECEIVER_NAMES, "flda", "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
 
-def build_plan(settings: Settings, folder: Path) -> plans.Plan:
-    """Build the plan that a configuration describes, checking every value on the way.
+def build_world(settings: WorldSettings) -> plans.World:
+    """Build what is in front of the receiver, checking every value on the way.
 
     Args:
         settings: the resolved configuration.
-        folder: where the results go.
 
     Raises:
         VoccError: a value outside its range, named by its key.
@@ -44,10 +49,10 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     resolve_device(settings.device)
     panel, scene = asdict(settings.panel), settings.scene
     with section("scene.camera", before="camera"):
-        own = {name: value for name, value in vars(scene.camera).items() if value is not None}
-        camera = replace(settings.camera, **own)
+        changes = {name: value for name, value in vars(scene.camera).items() if value is not None}
+        camera = replace(settings.camera, **changes)
     shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
-    world = plans.World(
+    return plans.World(
         camera=camera,
         panel=LedPanel(shape=shape, **panel),
         scene=SceneModel(**parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})),
@@ -56,21 +61,35 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
-    budget = settings.budget
+
+
+def build_plan(settings: Settings, folder: Path) -> plans.Plan:
+    """Build the plan that a configuration describes, checking every value on the way.
+
+    Args:
+        settings: the resolved configuration.
+        folder: where the results go.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    world, budget = build_world(settings), settings.budget
     if budget.rare and settings.task != "test":
         raise VoccError.of("budget.rare", "true", f"false for task={settings.task}: only task=test uses it")
     if settings.task not in plans.TRAINS_OFTEN:
         budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
-    receivers, rest = receiver_plan(settings, shape), (settings.seed, settings.batch_frames)
-    return plans.Plan(world, receivers, settings.experiment, budget, folder, *rest)
+    receivers = receiver_plan(settings, world.panel.shape, settings.task in ("train", "decode", "receive"))
+    draws = (settings.seed, settings.batch_frames)
+    return plans.Plan(world, receivers, settings.experiment, budget, folder, *draws)
 
 
-def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
+def receiver_plan(settings: ReceiverParts, shape: PanelShape, single: bool = False) -> plans.ReceiverPlan:
     """Build the plan of the receivers, with every part that plugs in.
 
     Args:
         settings: the resolved configuration.
         shape: of the panel.
+        single: whether the task keeps one receiver and uses no other.
 
     Raises:
         VoccError: a value outside its range, or a name that nobody knows, by its key.
@@ -99,7 +118,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         flda = PlugIn("receiver.features", "flda", "vocc_torch.receiver.classifiers.FldaClassifier")
         plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
     save = receiver.save
-    if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode", "receive"):
+    if save is None and len(plugged_in) > 1 and single:
         rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
         rule += "; receiver.features made flda" * (plugged_in[-1].name == "flda")
         raise VoccError.of("receiver.save", "null", rule)

@@ -244,11 +244,11 @@ class ReceiverSettings:
             above 0; of ``learned``. Null takes 1e-3, or what a model has.
     """
 
-    names: list[str] = MISSING
-    locator: str = MISSING
-    features: list[str] = MISSING
-    samples_per_led: int = MISSING
-    gradient: str = MISSING
+    names: list[str] = field(default_factory=list)
+    locator: str = "paper"
+    features: list[str] = field(default_factory=lambda: ["agr", "gri", "ngr"])
+    samples_per_led: int = 8
+    gradient: str = "sobel"
     save: str | None = None
     location: LocatorLimits = field(default_factory=LocatorLimits)
     false_alarms: float | None = None
@@ -291,17 +291,64 @@ class ExecutorSettings:
 
 
 @dataclass
-class Settings:
-    """What every task is told; a study adds a section of its own.
+class RunSettings:
+    """What every run has.
 
     Args:
         task: what is done.
         name: the run's folder below runs/; the same name goes on where a run was interrupted.
         seed: of every random draw, at least 0.
+    """
+
+    task: str = MISSING
+    name: str = MISSING
+    seed: int = MISSING
+
+
+@dataclass
+class WorldSettings:
+    """What is in front of the receiver, and how it is computed.
+
+    Args:
         device: ``auto`` takes CUDA where there is one; ``cpu``, ``cuda``, ``cuda:1``.
         precision: of the simulation, ``float32`` or ``float64``.
         framing: ``crop`` renders the panel's surroundings, ``filled`` lays them into a full frame, ``full``
             renders the whole sensor; the decisions are the same.
+        scene: what is simulated.
+        camera: the camera.
+        panel: the LED panel.
+    """
+
+    device: str = "auto"
+    precision: str = "float32"
+    framing: str = "crop"
+    scene: SceneSettings = field(default_factory=SceneSettings)
+    camera: Camera = field(default_factory=Camera)
+    panel: PanelSettings = field(default_factory=PanelSettings)
+
+
+@dataclass
+class ReceiverParts:
+    """What receives, with every part that plugs in.
+
+    Args:
+        receiver: which receivers run, and what they share.
+        classifiers: classifiers that plug in, by name.
+        locators: locators from outside, by name, each with ``_target_`` and arguments.
+        features: features from outside, likewise.
+    """
+
+    receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
+    classifiers: dict[str, ClassifierSettings] = field(default_factory=dict)
+    locators: dict[str, Any] = field(default_factory=dict)
+    features: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Settings(ReceiverParts, WorldSettings, RunSettings):
+    """What every task is told; a study adds a section of its own.
+
+    Args:
         batch_frames: frames computed at a time; changes speed and memory, never results.
         workers: processes of one thread each; 0 takes one a core, null begins in this process and goes on in
             one a core, at most 8, once that is quicker; changes speed, never results.
@@ -311,23 +358,10 @@ class Settings:
             task=transmit a file; for task=record the folder of that; for task=collect a sweep's folder.
         model: a receiver.pt for task=decode and task=receive; null trains one.
         plug_ins: Python files and packages whose code a model may run, such as [mine.py].
-        scene: what is simulated.
-        camera: the camera.
-        panel: the LED panel.
-        receiver: what receives.
         experiment: the BER curve.
         budget: how many frames.
-        classifiers: classifiers that plug in, by name.
-        locators: locators from outside, by name, each with ``_target_`` and arguments.
-        features: features from outside, likewise.
     """
 
-    task: str = MISSING
-    name: str = MISSING
-    seed: int = MISSING
-    device: str = MISSING
-    precision: str = MISSING
-    framing: str = MISSING
     batch_frames: int = MISSING
     workers: int | None = None
     executor: ExecutorSettings = field(default_factory=ExecutorSettings)
@@ -335,15 +369,8 @@ class Settings:
     input: str | None = None
     model: str | None = None
     plug_ins: list[str] = field(default_factory=list)
-    scene: SceneSettings = field(default_factory=SceneSettings)
-    camera: Camera = field(default_factory=Camera)
-    panel: PanelSettings = field(default_factory=PanelSettings)
-    receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
     experiment: Experiment = MISSING
     budget: Budget = field(default_factory=Budget)
-    classifiers: dict[str, ClassifierSettings] = field(default_factory=dict)
-    locators: dict[str, Any] = field(default_factory=dict)
-    features: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the names."""
