@@ -1,5 +1,7 @@
 """``samples.png``: the first scenes of training and of the points, before anything is counted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -38,6 +40,16 @@ def test_a_dozen_scenes_stand_on_the_page(make_plan, tmp_path):
             cell = page[row : row + samples.CELL_PX, left : left + samples.CELL_PX]
             assert 60 < np.median(cell) < 130  # the background, where the page is white
             assert (page[row : row + samples.CELL_PX, left + samples.CELL_PX + 2] == 255).all()
+
+
+def test_a_wide_panel_leaves_no_empty_band(make_plan):
+    """Rows are as tall as what stands in them."""
+    plan = make_plan()
+    crop = next(samples.crops(plan.world.simulator(), BlockKey(0, "train", 0), plan.world.scene, 1))
+    wide = replace(crop, pixels=np.full((20, 200, 3), 90, np.uint8))
+    page = np.asarray(samples.picture_of({"Wide": [("", wide)] * 7}).convert("L"))
+    tall = round(samples.CELL_PX * 20 / 200)
+    assert page.shape[0] < 2 * (tall + samples.CAPTION_PX) + samples.HEAD_PX + 2 * samples.MARGIN_PX + 5
 
 
 def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted_nothing(

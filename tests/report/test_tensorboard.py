@@ -3,9 +3,11 @@
 import io
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hydra.types import RunMode
 from made_up_points import made_up_point
 from made_up_points import table as table
 from PIL import Image
@@ -15,9 +17,9 @@ from tensorboard.plugins.hparams import plugin_data_pb2
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.report.canvas import figure_pixels
-from vocc_torch.report.plots import ber_figure
-from vocc_torch.report.tensorboard import SUMMARY_RUN, write_boards
+from vocc_torch.report import tensorboard
+from vocc_torch.report.plots import ber_figure, figure_pixels
+from vocc_torch.report.tensorboard import OUTLIERS, SUMMARY_RUN, axis_steps, swept_keys, write_boards
 
 RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 AXES = {
@@ -79,6 +81,8 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
         events, rows = read(tmp_path, receiver), table.of(receiver)
         wrong = [row for row in rows if not row.error_free]
         clean = [row for row in rows if row.error_free]
+        steps = axis_steps(table.axis, table.values)
+        assert steps == {1000: 3000, 8000: 3903, 32000: 4505}
         wanted = {
             "BER": [(row.value, row.ber) for row in rows],
             "log10_BER": [(row.value, np.log10(row.ber)) for row in wrong],
@@ -95,7 +99,38 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
             tag = f"{name}/ambient_lx"
             assert (tag in events.Tags()["scalars"]) == bool(points)
             if points:
-                np.testing.assert_allclose(series(events, tag), points, rtol=1e-6)
+                found = [(step, value) for step, value in series(events, tag) if step in steps.values()]
+                placed = [(steps[value], rate) for value, rate in points]
+                np.testing.assert_allclose(found, placed, rtol=1e-6)
+
+
+def test_no_end_of_a_chart_is_taken_for_an_outlier(tmp_path):
+    """By the rule of TensorBoard's charts: the 5 % and 95 % quantiles of all values."""
+    names = ("flda_agr", "flda_gri", "flda_2", "average_greyscale")
+    points = [made_up_point(value, name, 900) for name in names for value in range(1000, 33000, 1000)]
+    points += [made_up_point(2000, "flda_3", 1), made_up_point(3000, "center_greyscale", 1999)]
+    write_board(tmp_path, BerTable(points))
+    values = [
+        value
+        for run in tmp_path.iterdir()
+        if "log10_BER/ambient_lx" in (events := read(tmp_path, run.name)).Tags()["scalars"]
+        for _, value in series(events, "log10_BER/ambient_lx")
+    ]
+    assert np.quantile(values, OUTLIERS) == min(values)
+    assert np.quantile(values, 1 - OUTLIERS) == max(values)
+
+
+def test_the_keys_of_a_sweep_are_hyperparameters(tmp_path, table, monkeypatch):
+    overrides = SimpleNamespace(task=["task=test", "seed=3", "+scene.distance_m=50", "name=x"])
+    job = SimpleNamespace(mode=RunMode.MULTIRUN, overrides=overrides)
+    monkeypatch.setattr(tensorboard.HydraConfig, "initialized", lambda: True)
+    monkeypatch.setattr(tensorboard.HydraConfig, "get", lambda: job)
+    write_board(tmp_path, table)
+    hparams = start_of(read(tmp_path, "flda_3")).hparams
+    assert (hparams["seed"].string_value, hparams["scene.distance_m"].string_value) == ("3", "50")
+    assert not {"name", "task"} & {*hparams}
+    job.mode = RunMode.RUN
+    assert swept_keys() == {}
 
 
 def test_figures_pictures_and_texts_arrive_as_they_were(tmp_path, table):
@@ -159,7 +194,8 @@ def test_how_to_read_names_every_step_and_every_groups_corners(tmp_path):
     write_boards(tmp_path / "many", campaign())
     text = text_of(read(tmp_path / "many", SUMMARY_RUN), "how to read")
     units = (
-        "**Ambient light (lx)**, **LED luminance (cd/m²)**, **Distance in dm** or **Contrast in thousandths**"
+        "**1000 x log10 of Ambient light (lx)**, **1000 x log10 of LED luminance (cd/m²)**, "
+        "**Distance in dm** or **Contrast in thousandths**"
     )
     assert units in text
     assert "the panel's corners come from: paper in `25mm-paper`; truth in `25mm-truth`." in text
@@ -180,7 +216,7 @@ def test_writing_again_replaces_the_curve_and_leaves_other_files(tmp_path, table
     (tmp_path / "flda_3" / "notes.txt").write_text("mine")
     write_board(tmp_path, table)
     steps = [step for step, _ in series(read(tmp_path, "flda_3"), "BER/ambient_lx")]
-    assert steps == [1000, 8000, 32000]
+    assert steps == [3000, 3903, 4505]
     assert (tmp_path / "flda_3" / "notes.txt").read_text() == "mine"
 
 

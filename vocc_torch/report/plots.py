@@ -269,7 +269,9 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
     value = np.where(free, np.nan, rate)
     look: dict[str, Any] = {"color": style.colour, "marker": style.marker, "markersize": 7}
     bars: dict[str, Any] = {"elinewidth": 1.3, "capsize": 2.5}
-    drawn = axes.errorbar(x, value, [value - low, high - value], linestyle=style.line, **look, **bars)
+    # Rounding may put an end a last digit on the wrong side.
+    reach = np.maximum([value - low, high - value], 0)
+    drawn = axes.errorbar(x, value, reach, linestyle=style.line, **look, **bars)
     drawn.lines[0].set(label=style.label, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7)
     if free.any() and axes.get_yscale() == "log":
         down: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white", "uplims": True}
@@ -277,8 +279,8 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
         arrows.lines[0].set_label("_limit")
     for at, over in zip(x, curve.spread, strict=False):
         if over is not None:
-            reach = [[over.value - over.low], [over.high - over.value]]
-            pale = axes.errorbar([at], [over.value], reach, fmt="_", color=style.colour, elinewidth=7)
+            ends = [[over.value - over.low], [over.high - over.value]]
+            pale = axes.errorbar([at], [over.value], ends, fmt="_", color=style.colour, elinewidth=7)
             pale.lines[2][0].set_alpha(0.25)
             pale.lines[0].set(label="_mean", markersize=9)
     if curve.stars:

@@ -13,8 +13,9 @@ from PIL import Image, ImageDraw, ImageFont
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
-from vocc_torch.report.canvas import INK, QUIET, Pixels, enlarged
+from vocc_torch.report.canvas import enlarged
 from vocc_torch.report.folder import SAMPLES
+from vocc_torch.report.plots import LOOK, Pixels
 from vocc_torch.report.styles import axis_label, count_text
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
@@ -88,24 +89,35 @@ def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "t
 
 def picture_of(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Image.Image:
     """Lay crops out in rows below the name of their group, each with its label and its scene's values."""
-    step, rows = CELL_PX + GAP_PX, {head: -(-len(some) // COLUMNS) for head, some in groups.items()}
-    height = sum(HEAD_PX + count * (CELL_PX + CAPTION_PX) for count in rows.values()) + 2 * MARGIN_PX - GAP_PX
-    page = Image.new("RGB", (COLUMNS * step - GAP_PX + 2 * MARGIN_PX, height), "white")
+    shown = {
+        head: [(label, thumbnail(crop), crop.scene) for label, crop in some] for head, some in groups.items()
+    }
+    # A wide panel's pictures are as low as they are.
+    tall = {head: max(picture.height for _, picture, _ in some) for head, some in shown.items()}
+    step, rows = CELL_PX + GAP_PX, {head: -(-len(some) // COLUMNS) for head, some in shown.items()}
+    heights = [HEAD_PX + count * (tall[head] + CAPTION_PX) for head, count in rows.items()]
+    page = Image.new("RGB", (COLUMNS * step - GAP_PX + 2 * MARGIN_PX, sum(heights) + 2 * MARGIN_PX), "white")
     draw, top = ImageDraw.Draw(page), MARGIN_PX
-    for head, some in groups.items():
-        draw.text((MARGIN_PX, top), head, INK, font(20, bold=True))
+    for head, some in shown.items():
+        draw.text((MARGIN_PX, top), head, LOOK.ink, font(20, bold=True))
         top += HEAD_PX
-        for at, (label, crop) in enumerate(some):
-            x, y = MARGIN_PX + at % COLUMNS * step, top + at // COLUMNS * (CELL_PX + CAPTION_PX)
-            # Whole squares a pixel first, so that the pixels can be seen.
-            shown = enlarged(crop.pixels, max(1, -(-2 * CELL_PX // max(crop.pixels.shape))))
-            shown.thumbnail((CELL_PX, CELL_PX), Image.Resampling.BOX)
-            page.paste(shown, (x, y + CELL_PX - shown.height))
-            for line, text in enumerate(filter(None, (label, *captions(crop.scene)))):
-                look = (INK, font(12, bold=True)) if text == label else (QUIET, font(12))
-                draw.text((x, y + CELL_PX + 6 + 17 * line), text, *look)
-        top += rows[head] * (CELL_PX + CAPTION_PX)
+        for at, (label, picture, scene) in enumerate(some):
+            x = MARGIN_PX + at % COLUMNS * step
+            y = top + at // COLUMNS * (tall[head] + CAPTION_PX)
+            page.paste(picture, (x, y + tall[head] - picture.height))
+            for line, text in enumerate(filter(None, (label, *captions(scene)))):
+                look = (LOOK.ink, font(12, bold=True)) if text == label else (LOOK.quiet, font(12))
+                draw.text((x, y + tall[head] + 6 + 17 * line), text, *look)
+        top += rows[head] * (tall[head] + CAPTION_PX)
     return page
+
+
+def thumbnail(crop: Crop) -> Image.Image:
+    """Show a crop as wide or as high as a cell."""
+    # Square pixels first, so that they can be seen.
+    picture = enlarged(crop.pixels, max(1, -(-2 * CELL_PX // max(crop.pixels.shape))))
+    picture.thumbnail((CELL_PX, CELL_PX), Image.Resampling.BOX)
+    return picture
 
 
 def captions(scene: Scene) -> tuple[str, str]:

@@ -13,16 +13,38 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import BerTable
+from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.report import canvas, page, styles
 from vocc_torch.report.folder import as_markdown
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
+
+
+LOG_FACTOR = 1000
+"""What the logarithm of a value is multiplied by, for a whole step."""
+
+OUTLIERS = 0.05
+"""Share of a chart's values at either end that TensorBoard takes for outliers, and cuts off."""
+
+NOT_HYPERPARAMETERS = ("name", "workers", "executor", "tensorboard", "task", "batch_frames")
+"""Keys of a sweep that change no result."""
+
+
+def is_logarithmic(axis: str, values: Sequence[float]) -> bool:
+    """Whether the steps of an axis are logarithms: values above 0 over more than a decade.
+
+    Example:
+        >>> is_logarithmic("ambient_lx", [1e3, 32e3]), is_logarithmic("distance_m", [30.0, 70.0])
+        (True, False)
+    """
+    return axis != "contrast" and bool(values) and 0 < 10 * min(values) < max(values)
 
 
 def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
@@ -36,17 +58,32 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
         VoccError: two values with the same step: one would hide the other.
 
     Example:
-        >>> axis_steps("distance_m", [30.0, 32.5]), axis_steps("ambient_lx", [1000.0])
-        ({30.0: 300, 32.5: 325}, {1000.0: 1000})
+        >>> axis_steps("distance_m", [30.0, 32.5]), axis_steps("ambient_lx", [1e3, 2e3, 32e3])
+        ({30.0: 300, 32.5: 325}, {1000.0: 3000, 2000.0: 3301, 32000.0: 4505})
     """
     factor, _ = styles.LOOKS["steps"].get(axis, (1, ""))
+    logarithmic = is_logarithmic(axis, values)
     seen: dict[int, float] = {}
     for value in sorted(values):
-        step = round(value * factor)
+        step = round(LOG_FACTOR * math.log10(value) if logarithmic else value * factor)
         if (other := seen.setdefault(step, value)) != value:
             rule = f"TensorBoard's steps are integers and both give {step}"
             raise VoccError(f"{axis} is {other:g} and {value:g}: {rule}")
     return {value: step for step, value in seen.items()}
+
+
+def swept_keys() -> dict[str, str]:
+    """Give the keys of a multirun with this job's values; empty in a single run.
+
+    Example:
+        >>> swept_keys()
+        {}
+    """
+    if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
+        return {}
+    pairs = (text.partition("=") for text in HydraConfig.get().overrides.task)
+    found = {key.lstrip("+~"): value for key, _, value in pairs}
+    return {key: value for key, value in found.items() if key not in NOT_HYPERPARAMETERS}
 
 
 def write_figures(
@@ -167,7 +204,22 @@ class BoardPart:
     @property
     def unit(self) -> str:
         """Say what a step is."""
-        return str(styles.LOOKS["steps"].get(self.table.axis, (1, styles.axis_label(self.table.axis)))[1])
+        label = styles.axis_label(self.table.axis)
+        if is_logarithmic(self.table.axis, self.table.values):
+            return f"{LOG_FACTOR} x log10 of {label}"
+        return str(styles.LOOKS["steps"].get(self.table.axis, (1, label))[1])
+
+    def repeats(self, row: Row) -> int:
+        """Say at how many steps beside each other a point is written.
+
+        TensorBoard takes what few points have for outliers: both ends of a chart have enough of them.
+        """
+        rates = [one.ber for one in self.table if not one.error_free]
+        if row.ber not in (min(rates, default=None), max(rates, default=None)):
+            return 1
+        step = self.steps[row.value]
+        room = min((other - step for other in self.steps.values() if other > step), default=len(rates))
+        return min(room, 2 + math.ceil(1.2 * OUTLIERS * len(rates)))
 
     def charts(self) -> tuple[str, dict[str, list[str | list[str]]]]:
         """Lay out curves, curves with intervals, and limits where a point has no errors, with their heading.
@@ -190,9 +242,14 @@ class BoardPart:
         for row in self.table.of(receiver):
             ends = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
             rates = {"_upper95": row.ber_high} if row.error_free else ends
-            shown = {f"log10_BER{end}": math.log10(rate) for end, rate in rates.items()}
+            shown = {f"log10_BER{end}": math.log10(rate or row.ber / 10) for end, rate in rates.items()}
             for quantity, value in {"BER": row.ber, **shown}.items():
-                yield self.tag(quantity), value, self.steps[row.value]
+                for beside in range(self.repeats(row) if quantity in SHOWN else 1):
+                    yield self.tag(quantity), value, self.steps[row.value] + beside
+
+
+SHOWN = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
+"""The curves of the charts."""
 
 
 def write_receiver(
@@ -213,6 +270,7 @@ def write_receiver(
     settings = {"receiver": receiver}
     settings |= {name: listed(getattr(row, name) for _, row in rows) for name in ("locator", "experiment")}
     settings |= {"group": groups} if (groups := listed(group for group, _ in rows)) else {}
+    settings |= swept_keys()
     # The run's own folder: any other would make a run more.
     writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
 
