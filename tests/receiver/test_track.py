@@ -10,7 +10,7 @@ from vocc_torch.receiver.frame_fit import fit, settled
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import Camera, Simulator
+from vocc_torch.simulation import Camera, LedPanel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Candidates, PanelShape, Scene
 
@@ -31,7 +31,12 @@ def approach():
     scene = Scene(
         *(torch.from_numpy(place[n]) if n in place else getattr(scene, n) for n in scene.__dataclass_fields__)
     )
-    simulator = Simulator(CAMERA, effects={**PAPER_EFFECTS, **NOISE, "gain": {}}, framing="full")
+    simulator = Simulator(
+        CAMERA,
+        LedPanel(board_reflectance=None),
+        effects={**PAPER_EFFECTS, **NOISE, "gain": {}},
+        framing="full",
+    )
     keys = [FrameKey(BlockKey(0, "approach", 0), i) for i in range(FRAMES)]
     bits = torch.from_numpy(draw.random((FRAMES, 8, 8)) < 0.5)
     grey = simulator.render(scene, bits, keys=keys).grey[:, 0].numpy().copy()
@@ -101,7 +106,12 @@ def shaken(seed, changes=True):
     given = Scene.of(many, ambient_lx=8000.0)
     values = {name: getattr(given, name) for name in given.__dataclass_fields__}
     scene = Scene(**values | {name: torch.from_numpy(one) for name, one in place.items()})
-    simulator = Simulator(CAMERA, effects={**PAPER_EFFECTS, **NOISE, "gain": {}}, framing="full")
+    simulator = Simulator(
+        CAMERA,
+        LedPanel(board_reflectance=None),
+        effects={**PAPER_EFFECTS, **NOISE, "gain": {}},
+        framing="full",
+    )
     keys = [FrameKey(BlockKey(seed, "shaken", 0), i) for i in range(many)]
     bits = torch.from_numpy(draw.random((many, 8, 8)) < 0.5)
     bits = bits if changes else bits[:1].expand(many, -1, -1)
