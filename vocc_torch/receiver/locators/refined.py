@@ -53,8 +53,8 @@ class RefinedLocator(PanelLocator):
 
     ``Panels.score`` is the share of the picture's variation that the lattice explains.
 
-    The panel's face between the LEDs is not modelled. Where it is brighter than the background, corners are off
-    by 0.09 px in the median instead of 0.03, and some panels by whole lines of LEDs.
+    The panel's face between the LEDs is not modelled. Where it is brighter than the background, corners are
+    off by 0.09 px in the median instead of 0.03, and some panels by whole lines of LEDs.
 
     Args:
         paper: the paper's locator: its limits of blobs, and what falls to it.
