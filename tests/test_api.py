@@ -46,6 +46,16 @@ def test_measure_counts_what_the_command_line_counts(app, tmp_path):
     with (tmp_path / "ber.csv").open(newline="") as file:
         assert sorted(float(row["ber"]) for row in csv.DictReader(file)) == sorted(r.ber for r in table.rows)
     assert table.plot(tmp_path / "ber.png").axes
+    for call, path, says in (
+        (table.to_csv, "/dev/null", "cannot write /dev/null: it must be an ordinary file"),
+        (table.to_csv, tmp_path / "no/ber.csv", "no is no folder"),
+        (table.to_csv, 3, "path is 3"),
+        (table.plot, tmp_path / "ber.exe", "has no known image format"),
+        (table.plot, tmp_path / "no/ber.png", "no is no folder"),
+    ):
+        with pytest.raises(vt.VoccError, match=says):
+            call(path)
+    assert not (tmp_path / "no").exists()
     assert "95 %" in str(table)
 
 
@@ -81,6 +91,8 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
         (lambda: vt.load_scene({"colour": 1}), "scene.colour is not a known key"),
         (lambda: vt.load_scene({"effects": {"rain": {}}}), "scene.effects.rain is not a known effect"),
         (lambda: vt.load_scene(3), "scene is 3"),
+        (lambda: FRESH.save("no/folder.pt"), "cannot write no/folder.pt: no is no folder"),
+        (lambda: FRESH.save("/dev/null"), "it must be an ordinary file"),
         (lambda: vt.train(3), "scene is 3"),
         (
             lambda: vt.train("paper", classifier="lmse"),

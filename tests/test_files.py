@@ -5,11 +5,20 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_file, locked, sweep, write_atomically
+from vocc_torch.extras.calibrate.task import known_bits
+from vocc_torch.files import atomic_file, locked, ordinary_file, read_file, sweep, write_atomically
+from vocc_torch.hardware import PanelShape
+from vocc_torch.plugins import ModuleFile
+from vocc_torch.receiver.locators import LearnedLocator
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.recordings.reading import read_recording
+from vocc_torch.report.folder import read_tables
+from vocc_torch.simulation.effects.backdrops import pictures_of
 
 
 def names(folder):
@@ -156,3 +165,78 @@ def test_a_folder_is_held_by_one_process_until_it_ends_or_is_killed(tmp_path):
         assert "is in use by another run: wait until that one ends" in second.stderr
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     assert names(tmp_path) == []
+
+
+def test_a_link_stays_and_its_file_is_written(tmp_path):
+    """Also one that names nothing yet."""
+    (tmp_path / "far").mkdir()
+    for name in ("there", "missing"):
+        (tmp_path / name).symlink_to(tmp_path / "far" / name)
+    (tmp_path / "far" / "there").write_bytes(b"old")
+    for name in ("there", "missing"):
+        write_atomically(tmp_path / name, b"new")
+        assert (tmp_path / name).is_symlink()
+        assert (tmp_path / "far" / name).read_bytes() == b"new"
+    assert names(tmp_path / "far") == ["missing", "there"]
+
+
+def unreadable(tmp_path, kind):
+    """A path that is no ordinary file."""
+    path = tmp_path / "odd"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "link to a device":
+        path.symlink_to("/dev/zero")
+    elif kind == "loop":
+        path.symlink_to(path)
+    else:
+        path.mkdir()
+    return path
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link to a device", "loop", "folder"])
+def test_what_is_no_ordinary_file_is_neither_read_nor_replaced(tmp_path, kind):
+    path = unreadable(tmp_path, kind)
+    before = path.lstat()
+    for refused in (lambda: write_atomically(path, b"x"), lambda: read_file(path, "model")):
+        with pytest.raises(VoccError, match=r"^(cannot write|model) .*odd") as error:
+            refused()
+        assert "\n" not in str(error.value)
+    after = path.lstat()
+    assert (after.st_mode, after.st_ino) == (before.st_mode, before.st_ino)
+    assert names(tmp_path) == ["odd"]
+
+
+READERS = {
+    "model": lambda path: Receiver.load(path),
+    "code": lambda path: ModuleFile(str(path)).module(),
+    "table": read_tables,
+    "bits of a calibration": lambda path: known_bits(path, PanelShape(8, 8)),
+    "message": lambda path: read_file(path, "input"),
+    "weights": lambda path: LearnedLocator(weights=str(path)).settings,
+    "recording": lambda path: list(read_recording(path, "luma")),
+    "folder with a picture of it": lambda path: pictures_of(str(path.parent), Path()),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("kind", ["pipe", "link to a device"])
+def test_no_reader_waits_for_a_pipe_or_reads_a_device(tmp_path, reader, kind):
+    path = unreadable(tmp_path, kind)
+    path = path.rename(path.with_suffix(".png"))
+    with pytest.raises(VoccError) as error:
+        READERS[reader](path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_beyond_a_size_is_not_read(tmp_path):
+    """A hole of a terabyte takes no room on the disk."""
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(VoccError, match="has 1099511627776 bytes, and at most"):
+        read_file(tmp_path / "large")
+    (tmp_path / "small").write_bytes(b"1234")
+    with pytest.raises(VoccError, match="has 4 bytes, and at most 3 are read"):
+        read_file(tmp_path / "small", most_bytes=3)
+    with pytest.raises(ValueError, match="of the block"), ordinary_file(tmp_path / "small"):
+        raise ValueError("of the block")

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
-import yaml
 from omegaconf import OmegaConf
 
 from vocc_torch.errors import VoccError, demand_kind, section, shown, told_known
+from vocc_torch.files import demand_folder
 from vocc_torch.measure import curve, runner, sweep
 from vocc_torch.measure import train as training
 from vocc_torch.measure.build import build_world, receiver_plan
@@ -39,6 +39,7 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder, plots, styles, terminal
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import Frames, Scene
+from vocc_torch.yaml_text import read_yaml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,10 +71,7 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
     shipped = isinstance(scene, str) and not scene.endswith((".yaml", ".yml"))
     plain: Any = _shipped("scene", str(scene)) if shipped else scene
     if isinstance(scene, str | Path) and not shipped:
-        try:
-            plain = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
+        plain = read_yaml(scene, "scene")
     demand_kind("scene", plain, Mapping)
     demand_plain("scene", plain, allowed=(TARGET,))
     if not shipped:
@@ -228,15 +226,17 @@ class Table:
         return self.curves.table().rows
 
     def plot(self, path: str | Path | None = None) -> "Figure":
-        """Draw the curves; ``path`` saves them as a picture too."""
+        """Draw the curves; ``path`` saves them as a picture too: ``.png``, ``.pdf`` or ``.svg``."""
         table = self.curves.table()
         figure = plots.ber_figure(table, styles.axis_label(table.axis), "Bit error rate")
         if path is not None:
-            figure.savefig(path)
+            _demand_path(path)
+            plots.save_figure(figure, path)
         return figure
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, in the columns of ``ber.csv``."""
+        _demand_path(path)
         folder.write_rows(path, folder.ber_rows(self.curves.table()))
 
     def __str__(self) -> str:
@@ -244,6 +244,13 @@ class Table:
         console = terminal.Console(width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False)
         terminal.print_table(self.curves.table(), console)
         return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
+
+
+def _demand_path(path: object) -> None:
+    """Refuse what is no path of a file in a folder that there is."""
+    if not isinstance(path, str | Path) or not Path(path).name:
+        raise VoccError.of("path", shown(path), "that of a file")
+    demand_folder(path)
 
 
 def measure(

@@ -92,8 +92,8 @@ def file_digest(path: str | Path) -> str:
 def atomic_file(path: str | Path) -> Iterator[Path]:
     """Lend a temporary path beside ``path``; what is written there takes its place when the block ends well.
 
-    Missing folders are made. After an error inside the block the temporary file is gone and ``path`` is as it
-    was.
+    Missing folders are made. A link stays, and the file that it names is written. After an error inside the
+    block the temporary file is gone and ``path`` is as it was.
 
     Args:
         path: the file to write.
@@ -102,7 +102,7 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         The temporary path, with the same suffix.
 
     Raises:
-        VoccError: the file cannot be written, with the system's reason.
+        VoccError: the file cannot be written, with the system's reason, or ``path`` is a pipe or a device.
 
     Example:
         >>> import tempfile
@@ -113,6 +113,10 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         ['a.txt']
     """
     target = Path(path)
+    if target.is_symlink():
+        target = Path(os.path.realpath(target))
+    if os.path.lexists(target) and not target.is_file():
+        raise VoccError(f"cannot write {path}: it must be an ordinary file")
     with _to_replace(target) as temporary:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -189,6 +193,22 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     """
     with atomic_file(path) as temporary:
         temporary.write_bytes(content)
+
+
+def demand_folder(path: str | Path) -> None:
+    """Refuse a file that a user names in a folder that there is not: a mistyped folder is not made.
+
+    Raises:
+        VoccError: there is no such folder.
+
+    Example:
+        >>> demand_folder("no/such/folder/model.pt")
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: cannot write no/such/folder/model.pt: no/such/folder is no folder
+    """
+    if not Path(path).parent.is_dir():
+        raise VoccError(f"cannot write {path}: {Path(path).parent} is no folder")
 
 
 def sweep(paths: Iterable[Path]) -> None:

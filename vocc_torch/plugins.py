@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from vocc_torch.errors import VoccError, shown
-from vocc_torch.files import file_digest
+from vocc_torch.files import file_digest, read_file
 from vocc_torch.sources import digest_of, package_digest
 
 TARGET = "_target_"
@@ -91,11 +91,9 @@ class ModuleFile:
         """
         texts, files, folder = dict[str, bytes](), [self.place], self.place.parent
         for path in files:
+            text = texts[path.relative_to(folder).as_posix()] = read_file(path)
             try:
-                text = texts[path.relative_to(folder).as_posix()] = path.read_bytes()
                 nodes = list(ast.walk(ast.parse(text)))
-            except OSError as error:
-                raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
             except (SyntaxError, ValueError):
                 nodes = []  # told of when the file is run
             names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]

@@ -174,6 +174,18 @@ def is_exporting() -> bool:
     return bool(getattr(torch.compiler, "is_exporting", bool)())  # torch 2.5 does not have it
 
 
+def is_traced(values: Tensor) -> bool:
+    """Whether values cannot be looked at: in an export, a compilation or a transform such as ``torch.vmap``.
+
+    Example:
+        >>> is_traced(torch.ones(2))
+        False
+    """
+    if is_exporting() or torch.compiler.is_compiling():
+        return True
+    return torch._C._functorch.is_functorch_wrapped_tensor(values)
+
+
 def holds(facts: Tensor) -> bool:
     """Whether every one of some facts is true; a graph that is being drawn takes them to be.
 
@@ -185,14 +197,14 @@ def holds(facts: Tensor) -> bool:
 
 
 def are_finite(values: Tensor) -> bool:
-    """Whether all of some values are finite; a graph that is being drawn takes them to be.
+    """Whether all of some values are finite; what :func:`is_traced` is taken to be.
 
     Example:
         >>> are_finite(torch.tensor([1e38, 3e38])), are_finite(torch.tensor([1.0, torch.nan]))
         (True, False)
     """
     # A finite sum has finite terms; what overflows is looked at one by one.
-    return is_exporting() or math.isfinite(values.detach().sum()) or bool(values.isfinite().all())
+    return is_traced(values) or math.isfinite(values.detach().sum()) or bool(values.isfinite().all())
 
 
 def without_autocast(device: torch.device) -> AbstractContextManager[object]:

@@ -79,7 +79,9 @@ def test_hand_worked_example():
     flda = FLDA(2).fit(HAND_X, HAND_Y)
     assert flda.direction.tolist() == pytest.approx([8 / 3, 4 / 3], rel=1e-14)
     assert flda.threshold.item() == pytest.approx(40 / 3, rel=1e-14)
-    assert flda(torch.tensor([7.0, 3.0])).item() == pytest.approx((8 * 7 + 4 * 3 - 40) / 3, rel=1e-14)
+    assert flda(torch.tensor([7.0, 3.0]).double()).item() == pytest.approx(
+        (8 * 7 + 4 * 3 - 40) / 3, rel=1e-14
+    )
     assert flda.predict(HAND_X).tolist() == HAND_Y.tolist()
     assert repr(flda) == "FLDA(n_features=2, off=4, on=4)"
 
@@ -463,3 +465,63 @@ def test_what_cannot_be_learned_from_is_refused(x, bits, says):
     rule = needs if "no Off" in says else "it must be a tensor of shape (..., samples, features)"
     with pytest.raises(VoccError, match=f"^{re.escape(f'{says}: {rule}')}$"):
         discriminant(x, bits)
+
+
+# In graphs and transforms
+
+
+@pytest.fixture
+def learner():
+    x = torch.randn(64, 3, generator=torch.Generator().manual_seed(0))
+    return FLDA(3).fit(x, x[:, 0] > 0), x
+
+
+def copied(flda):
+    other = FLDA(3)
+    other.load_state_dict(flda.state_dict())
+    return other
+
+
+def compiled(flda):
+    return torch.compile(flda, fullgraph=True, backend="eager")
+
+
+TRANSFORMS = {
+    "vmap": torch.vmap,
+    "compile": compiled,
+    "compile after load_state_dict": lambda flda: compiled(copied(flda)),
+    "compile after a move": lambda flda: compiled(flda.to("cpu")),
+}
+
+
+@pytest.mark.parametrize("transform", TRANSFORMS)
+def test_transforms_score_alike(learner, transform):
+    flda, x = learner
+    assert torch.equal(TRANSFORMS[transform](flda)(x), flda(x))
+
+
+def test_predict_works_under_vmap(learner):
+    flda, x = learner
+    assert torch.equal(torch.vmap(flda.predict)(x), flda.predict(x))
+
+
+def test_scores_have_the_dtype_of_the_features_and_decisions_that_of_float64(learner):
+    flda, x = learner
+    for dtype in (torch.float64, torch.float32, torch.float16, torch.bfloat16):
+        scores = flda(x.to(dtype))
+        assert scores.dtype == dtype
+        assert torch.equal(scores, flda(x.to(dtype).double()).to(dtype))
+    assert flda((10 * x).int()).dtype == torch.float64
+    near = FLDA(1).fit(torch.tensor([[-2.0], [-1.0], [1.0], [2.0]]), torch.tensor([0, 0, 1, 1]))
+    point = torch.tensor([[-1e-60]], dtype=torch.float64)
+    assert near(point).float() == 0
+    assert not near.predict(point)
+
+
+def test_gradients_in_the_features_are_the_direction(learner):
+    flda, x = learner
+    rows = torch.func.vmap(torch.func.grad(flda))(x)
+    torch.testing.assert_close(rows, flda.direction.to(x.dtype).expand_as(rows))
+    network = torch.nn.Sequential(torch.nn.Linear(5, 3), flda)
+    network(torch.ones(4, 5)).sum().backward()
+    torch.testing.assert_close(network[0].bias.grad, 4 * flda.direction.to(x.dtype))

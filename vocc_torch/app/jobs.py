@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 from vocc_torch.app.config import AppConfig, inside_runs
 from vocc_torch.errors import VoccError
-from vocc_torch.files import write_atomically
+from vocc_torch.files import read_file, write_atomically
 
 FAILED, CONFIG = "failed.txt", "config.yaml"
 
@@ -115,8 +115,8 @@ def begin_again(folder: Path) -> bool:
     names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
     if not inside_runs(folder):
         try:
-            lines = (folder / CONFIG).read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError):
+            lines = read_file(folder / CONFIG).decode("utf-8", "replace").splitlines()
+        except VoccError:
             lines = []
         if not {line.partition(":")[0] for line in lines} >= {key.name for key in fields(AppConfig)}:
             return not names

@@ -11,12 +11,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-from omegaconf import MISSING, OmegaConf, errors
+from omegaconf import MISSING, OmegaConf
 
 from vocc_torch.errors import VoccError, demand_least
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.plugins import DIRECTIVES, demand_plain
 from vocc_torch.receiver.limits import LocatorLimits
+from vocc_torch.yaml_text import read_yaml
 
 if TYPE_CHECKING:
     from vocc_torch.measure.plan import World
@@ -413,19 +414,10 @@ def read_flat(path: str | Path) -> dict[str, object]:
         ...     read_flat(path)
         {'seed': 1, 'panel.rows': 8, 'experiment.values': [30.0, 70.0]}
     """
-    try:
-        text, depth = Path(path).read_text(encoding="utf-8"), 0
-        for event in yaml.parse(text):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if isinstance(event, yaml.AliasEvent) or depth > 20 or "${" in text:
-                raise ValueError("it has an alias, an interpolation, or mappings 20 deep")
-        read = OmegaConf.to_container(OmegaConf.load(path))
-    except OSError as error:
-        raise VoccError(f"cannot read {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, errors.OmegaConfBaseException, ValueError) as error:
-        raise VoccError(f"{path} is not a configuration: {' '.join(str(error).split())}") from None
+    read = read_yaml(path)
     if not isinstance(read, dict) or not read:
         raise VoccError(f"{path} is not a configuration: it must be a mapping of keys")
+    demand_plain(str(path), read, allowed=DIRECTIVES)
     return _flat(read, "")
 
 

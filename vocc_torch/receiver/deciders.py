@@ -88,7 +88,7 @@ class FldaDecider:
         features, columns = readings.features, [readings.names.index(name) for name in self.features]
         if columns != list(range(features.shape[-1])):
             features = features[..., columns]
-        return self.classifier.decision_function(features)
+        return self.classifier.decision_function(features.double())
 
     def to(self, device: torch.device) -> "FldaDecider":
         """Copy it to a device."""

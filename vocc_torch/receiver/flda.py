@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, Self
 
 import torch
@@ -34,7 +35,10 @@ class FLDA(torch.nn.Module):
     statistics do not determine the solution, an ``FLDAWarning`` says so: a constant feature gets weight 0,
     collinear features the least-norm solution, and features that separate the classes without any variance
     rule, with very large but finite scores, where their part of the means' difference is above a millionth.
-    For gradients through the training set see :func:`vocc_torch.receiver.discriminant.discriminant`.
+    ``fit`` is not differentiable. For gradients through the training set use
+    :func:`vocc_torch.receiver.discriminant.discriminant`. Scores are differentiable in the features. Scoring
+    works under ``torch.vmap`` and ``torch.compile(fullgraph=True)``; there, features that are not finite are
+    not refused.
 
     Args:
         n_features: F, at least 1.
@@ -144,17 +148,24 @@ class FLDA(torch.nn.Module):
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 
         A common offset cancels before anything is rounded, and a score does not depend on the batch it is in.
+        It is computed in float64.
 
         Args:
             features: (...,F) real, any floating or integer dtype, on this module's device.
 
         Returns:
-            (...) float64 log-likelihood ratios.
+            (...) log-likelihood ratios in the dtype of floating features, else float64; float16 overflows to
+            infinity beyond 65504.
 
         Raises:
             VoccError: no samples of a class yet, features of the wrong kind or shape, or a score that is not
                 finite, for a feature is not or lies too far from the training set.
         """
+        scores = self._scores(features)
+        return scores.to(features.dtype) if features.is_floating_point() else scores
+
+    def _scores(self, features: torch.Tensor) -> torch.Tensor:
+        """Score feature vectors in float64."""
         points = checked_features(features, self.n_features)
         rule = self._solved()
         scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
@@ -174,7 +185,7 @@ class FLDA(torch.nn.Module):
         Raises:
             VoccError: as ``decision_function``.
         """
-        return self.decision_function(features) >= 0
+        return self._scores(features) >= 0
 
     def extra_repr(self) -> str:
         """Name the sizes in ``repr``."""
@@ -204,11 +215,12 @@ class FLDA(torch.nn.Module):
 
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
-        kept = self.statistics  # `recurse` is about modules within, of which there are none
+        kept, solution = self.statistics, self._solution  # there are no modules within to recurse into
         super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
         if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
             self._store(kept)
-        self._solution = None
+        if solution is not None:
+            self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
         return self
 
     def _load_from_state_dict(self, state: dict[str, torch.Tensor], prefix: str, *rest: Any) -> None:
@@ -219,6 +231,9 @@ class FLDA(torch.nn.Module):
         super()._load_from_state_dict(state, prefix, *rest)
         self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
         self.scatter, self._solution = self.scatter.to(torch.float64), None
+        if bool((self.count > 0).all()):
+            with suppress(VoccError):  # statistics that are none are refused where they are used
+                self._solved()  # here, for nothing can be solved within a graph
 
 
 def _require_both(seen: ClassScatter) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import write_atomically
+from vocc_torch.files import read_file, write_atomically
 
 FORMAT = "vocc_torch.receiver"
 FORMAT_VERSION = 3
@@ -78,14 +78,14 @@ def read_model(
     Raises:
         VoccError: a file that is missing, damaged, of another kind or of another version.
     """
+    if not path.exists():
+        raise VoccError(f"{what} {path} does not exist: give {wanted}")
     try:
-        if path.stat().st_size > MOST_BYTES or not path.is_file():  # reading a pipe would wait for ever
-            raise ValueError
-        content = json.loads(path.read_bytes())
+        content = json.loads(read_file(path, what, MOST_BYTES))
         fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)
-    except FileNotFoundError:
-        raise VoccError(f"{what} {path} does not exist: give {wanted}") from None
-    except (OSError, ValueError, RecursionError):
+    except VoccError as error:
+        raise VoccError(f"{error}: give {wanted}") from None
+    except (ValueError, RecursionError):
         raise VoccError(f"{what} {path} is damaged or of another kind: give {wanted}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise VoccError(f"{what} {path} is not of vocc_torch: give {wanted}")

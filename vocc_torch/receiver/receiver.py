@@ -9,6 +9,7 @@ import torch
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.files import demand_folder
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import Preambles, ReceiverBank
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
@@ -255,11 +256,12 @@ class Receiver(torch.nn.Module):
         """Write the receiver to one file of text: settings, arrays and a checksum, and no code.
 
         Raises:
-            VoccError: no path, a part that cannot be kept, or the file cannot be written.
+            VoccError: no path, a missing folder, a part that cannot be kept, or the file cannot be written.
         """
         demand_kind("path", path, str, Path)
         if not Path(path).name:
             raise VoccError.of("path", shown(str(path)), "that of a file")
+        demand_folder(path)
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
         settings["package"] = {"version": __version__, "source": package_digest("vocc_torch")}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}

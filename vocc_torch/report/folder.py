@@ -1,6 +1,7 @@
 """A run's folder: what may be in it before, its ledgers and configuration, and its tables as CSV files."""
 
 import csv
+import io
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from typing import Any, TypeAlias, get_type_hints
 from rich.console import Console
 
 from vocc_torch.errors import VoccError, printable
-from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.files import atomic_file, ordinary_file, write_atomically
 from vocc_torch.measure import config, curve, train
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.paired import paired_interval, sign_test
@@ -26,6 +27,9 @@ Cells: TypeAlias = Sequence[str | int | float | None]
 
 CONFIG = "config.yaml"
 """The resolved configuration."""
+
+MOST_TABLE_BYTES = 1 << 26
+"""Most bytes of a table that is read: a sweep's has a hundred thousand."""
 
 SAMPLES = "samples.png"
 """What the scenes look like, written before anything is counted."""
@@ -221,8 +225,8 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
     groups: dict[tuple[str, str], list[curve.Row]] = {}
     kinds, plain = get_type_hints(curve.Row), (str, int, float)
     try:
-        with Path(path).open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
+        with ordinary_file(path, most_bytes=MOST_TABLE_BYTES) as file:
+            reader = csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline=""))
             names = list(reader.fieldnames or ())
             wanted = [one.name for one in fields(curve.Row) if one.default is MISSING or one.name in names]
             if missing := [name for name in wanted if name not in names]:
@@ -239,8 +243,6 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                         wrong = f"{name} is {cells[name]!r}: it must be a number"
                         raise VoccError(f"{path}, line {reader.line_num}: {wrong}") from None
                 groups.setdefault((grid, cells[grid] or ""), []).append(curve.Row(**parsed))
-    except OSError as error:
-        raise VoccError(f"cannot read {path}: {error.strerror or error}") from error
     except (csv.Error, UnicodeDecodeError) as error:
         raise VoccError(f"{path} is not a CSV text file: {error}") from error
     return {group: curve.BerTable(rows) for group, rows in groups.items()}

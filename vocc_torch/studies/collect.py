@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal, NoReturn
 
 from vocc_torch.errors import VoccError, printable
+from vocc_torch.files import read_file
 from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import styles
@@ -160,8 +161,8 @@ def read_jobs(place: Path, name: str) -> list[Job]:
         complaint = f"no {TABLE} yet: the same command, run again, finishes this job"
     if (place / FAILED).exists():
         status, complaint = "failed", f"{FAILED} cannot be read"
-        with suppress(OSError, UnicodeDecodeError):
-            lines = (place / FAILED).read_text(encoding="utf-8").splitlines()
+        with suppress(VoccError):
+            lines = read_file(place / FAILED).decode("utf-8", "replace").splitlines()
             complaint = printable(lines[0]) if lines else f"{FAILED} is empty"
     return [
         Job(name, status, complaint, table, {**settings, axis: value} if axis and settings else settings)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
 from vocc_torch.extras.messages.signalling import MessagePlan
-from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.files import atomic_file, ordinary_file, write_atomically
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.report import folder as run_folder
@@ -45,8 +45,11 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     source = Path(settings.input)
     plan = MessagePlan.read(source / PLAN)
     try:
-        film = np.load(source / FRAMES, allow_pickle=False)
-    except (OSError, ValueError) as error:
+        with ordinary_file(source / FRAMES, "input") as array:
+            film = np.load(array, allow_pickle=False)
+    except VoccError:
+        raise
+    except (OSError, ValueError, TypeError) as error:
         raise VoccError(f"input {source / FRAMES} cannot be read ({' '.join(str(error).split())})") from None
     if film.dtype != np.bool_ or film.shape[1:] != (plan.shape.rows, plan.shape.columns) or not len(film):
         raise VoccError(f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}")

@@ -6,8 +6,9 @@ from typing import Any
 
 import yaml
 
-from vocc_torch.errors import VoccError, finite_number, whole_number
+from vocc_torch.errors import VoccError, demand_kind, finite_number, whole_number
 from vocc_torch.hardware import PanelShape
+from vocc_torch.yaml_text import read_yaml
 
 CODES = ("rs", "ldpc", "conv", "none")
 ORDERS = {32: 5, 64: 6, 128: 7, 256: 8}
@@ -58,6 +59,8 @@ class Signalling:
             raise VoccError.of("transmit.code", repr(self.code), f"one of {', '.join(CODES)}")
         if self.block_symbols not in ORDERS:
             raise VoccError.of("transmit.block_symbols", self.block_symbols, "32, 64, 128 or 256")
+        for name in ("anchors", "interleave", "scramble"):
+            demand_kind(f"transmit.{name}", getattr(self, name), bool)
         whole_number("transmit.bands", self.bands, 1, 1024)
         whole_number("transmit.sync_cells", self.sync_cells, 1, 1024)
 
@@ -113,9 +116,4 @@ class MessagePlan:
         Raises:
             VoccError: no such file, or no plan.
         """
-        try:
-            given = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-            raise VoccError(f"plan {path} cannot be read: {reason}") from None
-        return cls.parsed(given, f"plan {path}")
+        return cls.parsed(read_yaml(path, "plan"), f"plan {path}")

@@ -1,6 +1,5 @@
 """``task=transmit``: a file in, a panel's film out."""
 
-import stat
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import OVERHEAD_BYTES, payload_bytes
 from vocc_torch.extras.messages.reception import film_of
 from vocc_torch.extras.messages.signalling import FIELDS, MessagePlan, Signalling
-from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.files import atomic_file, read_file, write_atomically
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.config import Settings
 from vocc_torch.report import folder as run_folder
@@ -41,10 +40,7 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     run_folder.refuse_results(folder)
     if settings.input is None:
         raise VoccError("input is null: task=transmit needs input=FILE, the message")
-    try:
-        message = file_bytes(Path(settings.input))
-    except OSError as error:
-        raise VoccError(f"input {settings.input} cannot be read: {error.strerror or error}") from None
+    message = read_file(settings.input, "input", LARGEST_BYTES)
     plan, console = plan_of(settings, config), Console()
     film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
     pictures = (np.where(one, LIT, DARK).astype(np.uint8) for one in film)
@@ -61,21 +57,6 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     console.print(f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s", highlight=False)
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
     run_folder.print_places(console, folder, places.items())
-
-
-def file_bytes(path: Path) -> bytes:
-    """Read a message.
-
-    Raises:
-        OSError: the file cannot be read.
-        VoccError: no ordinary file, or one that is too large.
-    """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_BYTES:
-        rule = f"an ordinary file of at most {LARGEST_BYTES} bytes"
-        raise VoccError(f"input {path} must be {rule}")
-    with path.open("rb") as file:
-        return file.read(LARGEST_BYTES)
 
 
 def costs(plan: MessagePlan) -> list[str]:

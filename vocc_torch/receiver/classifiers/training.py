@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import write_atomically
+from vocc_torch.files import read_file, write_atomically
 from vocc_torch.sources import package_digest
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
@@ -114,7 +114,7 @@ class Checkpoint:
             return None
         reason = "its checksum does not fit"
         try:
-            whole = self.path.read_bytes()
+            whole = read_file(self.path)
             kept = whole[_CHECKSUM_BYTES:]
             if whole[:_CHECKSUM_BYTES] == self._checksum(kept):
                 # The states of an optimizer and of a schedule have no narrower type.

@@ -13,7 +13,7 @@ from PIL import Image, ImageOps
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
+from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES, ordinary_file
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, within
 from vocc_torch.simulation.roadside import spread
@@ -113,7 +113,7 @@ def pictures_of(folder: str, here: Path) -> tuple[tuple[Path, int], ...]:
 def _opens(path: Path) -> bool:
     """Whether a file is a picture."""
     try:
-        with Image.open(path, formats=PICTURE_FORMATS):
+        with ordinary_file(path) as file, Image.open(file, formats=PICTURE_FORMATS):
             return True
     except (OSError, ValueError, Image.DecompressionBombError):
         return False
@@ -129,7 +129,7 @@ def light_of(path: Path, gamma: float, most_px: int, channel: int | None = None)
         VoccError: a picture that cannot be read.
     """
     try:
-        with Image.open(path, formats=PICTURE_FORMATS) as picture:
+        with ordinary_file(path) as file, Image.open(file, formats=PICTURE_FORMATS) as picture:
             shown = ImageOps.exif_transpose(picture.convert("L"))
             shown.thumbnail((most_px, most_px))
             grey = np.asarray(shown, dtype=np.float32)

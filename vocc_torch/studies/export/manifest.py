@@ -5,7 +5,7 @@ import json
 import os
 from pathlib import Path
 
-from vocc_torch.files import write_atomically
+from vocc_torch.files import read_file, write_atomically
 from vocc_torch.report.folder import MANIFEST
 
 NAME = MANIFEST
@@ -36,13 +36,13 @@ def write(folder: Path) -> None:
 def agrees(folder: Path) -> bool:
     """Whether a folder holds the files of its manifest, with their sizes and digests, and no others."""
     try:
-        entries = json.loads((folder / NAME).read_text("utf-8"))
+        entries = json.loads(read_file(folder / NAME))
         files = {path.name: path for path in folder.iterdir() if path.name != NAME}
         return files.keys() == entries.keys() and all(
             path.is_file() and entries[name] == [path.stat().st_size, digest(path)]
             for name, path in files.items()
         )
-    except (OSError, ValueError, AttributeError):
+    except (OSError, ValueError, AttributeError, RecursionError):
         return False
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_folder, write_atomically
+from vocc_torch.files import atomic_folder, read_file, write_atomically
 from vocc_torch.measure import build, executors, sweep
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.link import block_keys, rendered
@@ -109,8 +109,8 @@ def demand_identity(path: Path, settings: dict[str, Any]) -> None:
     text = json.dumps(settings, sort_keys=True)
     if path.exists():
         try:
-            known = json.loads(path.read_text("utf-8"))
-        except (OSError, ValueError):
+            known = json.loads(read_file(path))
+        except (ValueError, RecursionError):
             raise VoccError(f"{path} is damaged: give another name=, or delete the folder") from None
         if changed := what_changed(known, json.loads(text)):
             raise VoccError(f"{path} is of other settings: {', '.join(changed[:3])}: give another name=")

@@ -50,7 +50,7 @@ class FeatureSpread(evidence.PaperFigure):
         for name in about.get("together", ()):
             chosen = [FEATURE_NAMES.index(part) for part in name.split("+")]
             flda = FLDA(len(FEATURE_NAMES)).fit(features, sent).select(chosen)
-            values[name] = flda.decision_function(features[..., chosen]).numpy()
+            values[name] = flda.decision_function(features[..., chosen].double()).numpy()
             if len(chosen) == 2:
                 first, second = flda.direction.tolist()
                 self.lines[name] = (first, second, float(flda.threshold))
