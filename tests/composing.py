@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.classifiers.study import build_classifier_study
 from vocc_torch.studies.effects.plan import build_effect_study
-from vocc_torch.studies.paper.figures import paper_plan
+from vocc_torch.studies.paper.plan import plan_figures
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
@@ -44,7 +44,7 @@ def built(settings):
     if settings.task == "classifiers":
         return build_classifier_study(settings, settings.rivals, NOWHERE)
     if settings.task == "figures":
-        return paper_plan(settings.figures, plan)
+        return plan_figures(settings, settings.figures, NOWHERE)
     if settings.task == "effects":
         return build_effect_study(settings, settings.effects, NOWHERE)
     if settings.task == "tradeoff":

@@ -63,7 +63,7 @@ SECTIONS = {
         **{"least_ber": 0.01, "trainings": 2, "rare": True},
     },
     "figures": {
-        **{"names": ["fig22"], "focal_lengths_mm": [18.0], "locators": ["truth"]},
+        **{"names": ["fig22"], "readings": ["open"]},
         "experiments": {"ambient": replace(FAR, name="ambient")},
     },
     "effects": {
@@ -223,7 +223,8 @@ def spent(settings):
     if task == "export":
         return identity_of(plan, settings.export), plan.world.device, plan.batch_frames
     if task == "figures":
-        return study.figures, [counted(one) for one in study.studies()], learned(plan)["world"]
+        worlds = [learned(one.plan)["world"] for one in study.readings]
+        return study.names, [counted(one) for one in study.every_study()], worlds
     if task == "effects":
         scene, names = learned(study.plan_of(study.scene, "paper")), (study.shown, study.scene_name)
         return scene, names, study.pairs, study.severities, study.config, study.plan.budget

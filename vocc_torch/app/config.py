@@ -107,7 +107,10 @@ IGNORED = {
     "train": (*RECORDED, *ALONE, *TESTING),
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
-    "figures": (*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "scene.name"),
+    "figures": (
+        *(*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "scene.name"),
+        *("camera.focal_length_mm", "panel.board_reflectance"),  # readings set them
+    ),
     "effects": (
         *(*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "receiver.features"),
         *("budget.trainings", *PARTS),

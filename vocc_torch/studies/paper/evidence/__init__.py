@@ -1,41 +1,64 @@
-"""The paper's figures other than bit error rates: what such a figure is, rests on, and is drawn with."""
+"""The paper's figures other than bit error rates: what they are computed from, and what a figure holds."""
 
-import abc
-import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.grid import Bools as Bools
-from vocc_torch.measure.grid import Floats as Floats
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
-from vocc_torch.report import canvas
-from vocc_torch.report.plots import OFF as OFF
-from vocc_torch.report.plots import ON as ON
-from vocc_torch.report.plots import STATUS as STATUS
+from vocc_torch.report import plots
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Simulator
-from vocc_torch.studies.paper.words import FIGURES
 from vocc_torch.types import Frames, PanelShape, Scene
 
 SAMPLE_FRAMES = 100
 """Section III-B: "100 sample LED panel frames simulated at various conditions"."""
-MARK = "#009E73"
-DASHED: dict[str, Any] = {"color": canvas.INK, "linewidth": 1.3, "linestyle": "--"}
-"""How thresholds are drawn."""
 
 Rows = list[tuple[str | int | float, ...]]
 """Lines of a CSV file, its head first."""
-Picture = tuple[Floats, tuple[float, float, float, float]]
-"""Grey values (h,w), and their extent in LED cells from the panel's corner: left, right, bottom, top."""
+Draw = Callable[[plots.Axes], None]
+"""Draws on empty axes."""
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """One figure of the paper.
+
+    Args:
+        rows: the lines of its CSV file.
+        numbers: what the figure shows, by name; a measured number has an interval.
+        panels: what is drawn, by the heading.
+        columns: most panels in a row.
+    """
+
+    rows: Rows
+    numbers: Mapping[str, float | Estimate]
+    panels: Mapping[str, Draw]
+    columns: int = 3
+
+    def drawn(self, title: str, footnote: str = "") -> plots.Figure:
+        """Draw the panels beside each other."""
+        layout = plots.rows_of(range(len(self.panels)), self.columns)
+        figure, axes = plots.sheet(layout, plots.panel_size(layout), title, footnote)
+        for at, (heading, draw) in enumerate(self.panels.items()):
+            draw(axes[at])
+            axes[at].set_title(heading, loc="left", fontsize=10)
+        return figure
+
+    def estimates(self, name: str) -> dict[str, Estimate]:
+        """The numbers under the figure's name; one without an interval is exact."""
+        return {
+            f"{name}.{key}": found if isinstance(found, Estimate) else Estimate(found, found, found)
+            for key, found in self.numbers.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -44,27 +67,24 @@ class Sample:
 
     Args:
         scene: B scenes.
-        conditions: (B,4) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
         bits: (B,R,C).
         greys: (B,R,C) average grey of each LED's cell.
         thresholds: (B,) halfway between the average greys of the all-On and the all-Off frame of the scene.
-        features: (B,R,C,3) AGR, GRI, NGR.
-        patches: (B,1,(R+2)K,(C+2)K) the rectified panels.
-        pictures: B panels with one cell of margin.
+        features: AGR, GRI and NGR by name, (B,R,C) each.
+        panels: (B,(R+2)K,(C+2)K) the rectified panels.
     """
 
     scene: Scene
-    conditions: Floats
     bits: Bools
     greys: Floats
     thresholds: Floats
-    features: Floats
-    patches: Tensor
-    pictures: list[Picture]
+    features: Mapping[str, Floats]
+    panels: Floats
 
-    def feature(self, name: str) -> Floats:
-        """One of the features, (B,R,C)."""
-        return self.features[..., FEATURE_NAMES.index(name)]
+    @property
+    def distance_m(self) -> Floats:
+        """Distance of each frame's panel, (B,)."""
+        return self.scene.distance_m.double().numpy()
 
 
 @dataclass(frozen=True)
@@ -81,32 +101,32 @@ class Source:
 
     @cached_property
     def sample(self) -> Sample:
-        """The sample frames over the ranges of the plan's scenes."""
-        plan, world = self.plan, self.plan.world
-        link = Link(world.simulator(), None, plan.receiver.reader, plan.batch_frames)
+        """The sample frames over the ranges of the plan's scenes.
+
+        Raises:
+            VoccError: all of their LEDs are On, or all are Off.
+        """
+        plan = self.plan
+        link = Link(plan.world.simulator(), None, plan.receiver.reader, plan.batch_frames)
         keys = block_keys(plan.seed, "figures/sample", self.sample_frames)
-        seen = list(link.observe(world.scene, keys, preambles=True, frames=self.sample_frames))
-        known = [one.preambles for one in seen if one.preambles is not None]
-        pictures = [cut_out(one.frames, one.panels.corners_px, world.panel.shape) for one in seen]
-        scene = Scene.cat([one.scene for one in seen]).to("cpu")
-        thresholds = [preamble_threshold(one.on.average, one.off.average) for one in known]
+        observed = list(link.observe(plan.world.scene, keys, preambles=True, frames=self.sample_frames))
+        preambles = [part.preambles for part in observed if part.preambles is not None]
+        thresholds = [preamble_threshold(known.on.average, known.off.average) for known in preambles]
+        features = array([part.readings.features for part in observed])
+        bits = torch.cat([part.bits for part in observed]).cpu().numpy()
+        if bits.all() or not bits.any():
+            raise VoccError("the sample frames have no Off LED, or no On LED: the figures compare them")
         return Sample(
-            scene=scene,
-            conditions=conditions(scene),
-            bits=torch.cat([one.bits for one in seen]).cpu().numpy(),
-            greys=torch.cat([one.readings.greys.average for one in seen]).cpu().double().numpy(),
-            thresholds=torch.cat(thresholds).cpu().double().flatten().numpy(),
-            features=torch.cat([one.readings.features for one in seen]).cpu().numpy(),
-            patches=torch.cat([one.readings.patches for one in seen]).cpu(),
-            pictures=list(itertools.chain(*pictures)),
+            scene=Scene.cat([part.scene for part in observed]).to("cpu"),
+            bits=bits,
+            greys=array([part.readings.greys.average for part in observed]),
+            thresholds=array(thresholds).ravel(),
+            features={name: features[..., at] for at, name in enumerate(FEATURE_NAMES)},
+            panels=array([part.readings.patches for part in observed])[:, 0],
         )
 
     def bits(self, name: str) -> Tensor:
-        """(1,R,C) bool, the bits that a figure shows in all its scenes.
-
-        Args:
-            name: of the figure's own block of random numbers.
-        """
+        """The bits that a figure shows in all its scenes, (1,R,C) bool, by the figure's name."""
         world = self.plan.world
         return world.scene.draw(BlockKey(self.plan.seed, f"figures/{name}", 0), world.panel.shape)[1][:1]
 
@@ -121,222 +141,84 @@ class Source:
             raise VoccError("scene.effects has no blooming: this figure shows what it does")
         return replace(self.plan.world, effects=effects).simulator()
 
-
-class PaperFigure(abc.ABC):
-    """One figure of the paper: made from a :class:`Source`, what is drawn. ``figures.yaml`` has its words.
-
-    Attributes:
-        rows: the lines of its CSV file.
-        findings: the numbers that the figure shows, by name, for the report.
-    """
-
-    name: ClassVar[str]
-    rows: Rows
-    findings: dict[str, float]
-
-    @abc.abstractmethod
-    def __init__(self, source: Source) -> None:
-        """Simulate and measure what the figure shows; the plan's locator is used where the figure says so."""
-
-    @abc.abstractmethod
-    def draw_on(self, figure: canvas.Figure) -> Mapping[str, object]:
-        """Draw on an empty figure, and return what the footnote says besides the findings, by name."""
-
-    def draw(self) -> canvas.Figure:
-        """Draw the picture, with its title and what it rests on."""
-        about = FIGURES[self.name]
-        figure = canvas.new_figure(10, about["height_in"])
-        said = self.draw_on(figure)
-        canvas.write_title(figure, about["title"], about["footnote"].format_map({**self.findings, **said}))
-        return figure
+    def average_greys(self, simulator: Simulator, scene: Scene, bits: Tensor) -> Floats:
+        """Average grey of each LED's cell at the true corners, (B,R,C)."""
+        frames, panels = simulator.render(scene, bits), simulator.true_panels(scene)
+        return array([self.plan.receiver.reader.read_greys(frames, panels).average])
 
 
-def led_rows(bits: Bools, values: Mapping[str, Floats]) -> Rows:
-    """Lay values of LEDs out as lines, their head first.
-
-    Args:
-        bits: (B,R,C).
-        values: (B,R,C) each, by name.
-
-    Returns:
-        A line an LED. Frames count from 0, rows and columns from 1 as in the paper's text.
-
-    Example:
-        >>> led_rows(np.array([[[True]]]), {"grey": np.array([[[150.0]]])})
-        [('frame', 'led_row', 'led_column', 'bit', 'grey'), (0, 1, 1, 1, 150.0)]
-    """
-    lines = [
-        (frame, row + 1, column + 1, int(bit), *(float(v[frame, row, column]) for v in values.values()))
-        for (frame, row, column), bit in np.ndenumerate(bits)
-    ]
-    return [("frame", "led_row", "led_column", "bit", *values), *lines]
+def array(parts: list[Tensor]) -> Floats:
+    """Join tensors along the batch."""
+    joined: Floats = torch.cat(parts).detach().cpu().double().numpy()
+    return joined
 
 
-def pixel_rows(pictures: Mapping[str, Picture]) -> Rows:
-    """Lay pictures out as lines, their head first; pixels count from 0 at each picture's top left.
-
-    Example:
-        >>> pixel_rows({"a": (np.array([[7.0]]), (0.0, 1.0, 1.0, 0.0))})
-        [('picture', 'row_px', 'column_px', 'grey'), ('a', 0, 0, 7.0)]
-    """
-    lines = [(name, *at, float(v)) for name, (grey, _) in pictures.items() for at, v in np.ndenumerate(grey)]
-    return [("picture", "row_px", "column_px", "grey"), *lines]
-
-
-def conditions(scene: Scene) -> Floats:
-    """Ambient light (lx), LED luminance (cd/m2), distance (m) and background grey, (B,4).
-
-    Example:
-        >>> conditions(Scene.of(distance_m=40.0)).tolist()
-        [[8000.0, 3000.0, 40.0, 102.0]]
-    """
-    parts = (scene.ambient_lx, scene.led_luminance_cd_m2, scene.distance_m, scene.background_grey)
-    return torch.stack(parts, dim=1).double().cpu().numpy()
-
-
-def paper_scene(ambient_lx: float = 4000.0, led_luminance_cd_m2: float = 3500.0) -> Scene:
+def paper_scene(
+    ambient_lx: float = 4000.0, led_luminance_cd_m2: float = 3500.0, grey: float = 102.0
+) -> Scene:
     """Scene of section IV-D-1, by default the middle one of its three.
 
     Distance and background grey, which the paper leaves open there, are in the middle of their ranges.
 
     Example:
-        >>> scene = paper_scene()
-        >>> float(scene.distance_m), float(scene.background_grey)
-        (50.0, 102.0)
+        >>> float(paper_scene().distance_m)
+        50.0
     """
-    middle = {"distance_m": 50.0, "background_grey": 102.0}
-    return Scene.of(1, ambient_lx=ambient_lx, led_luminance_cd_m2=led_luminance_cd_m2, **middle)
+    light = {"ambient_lx": ambient_lx, "led_luminance_cd_m2": led_luminance_cd_m2}
+    return Scene.of(1, **light, distance_m=50.0, background_grey=grey)
 
 
-def cut_out(
-    frames: Frames, corners_px: Tensor, shape: PanelShape, margin_cells: float = 1.0
-) -> list[Picture]:
-    """Cut upright panels and their margins out of frames, as whole pixels.
+def cut_out(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Floats:
+    """Cut the first frame's upright panel out, with a margin of one LED cell, as (h,w) pixels.
 
     Args:
-        frames: B frames or crops.
+        frames: frames or crops.
         corners_px: (B,4,2) sensor coordinates of the grid of LED cells, clockwise from the top left.
         shape: rows and columns.
-        margin_cells: how much to leave around the grid.
-
-    Returns:
-        Of each frame the pixels that overlap the margin, and their extent in LED cells.
 
     Example:
         >>> frame = Frames.whole(torch.zeros(1, 1, 20, 20))
         >>> corners = torch.tensor([[[4.0, 4.0], [12.0, 4.0], [12.0, 12.0], [4.0, 12.0]]])
-        >>> [(grey, extent)] = cut_out(frame, corners, PanelShape(4, 4))
-        >>> grey.shape, extent
-        ((12, 12), (-1.0, 5.0, 5.0, -1.0))
+        >>> cut_out(frame, corners, PanelShape(4, 4)).shape
+        (12, 12)
     """
-    pictures: list[Picture] = []
-    corners = (corners_px - frames.origin_px[:, None]).double().cpu().numpy()
-    for grey, first, last in zip(frames.grey[:, 0], corners[:, 0], corners[:, 2], strict=True):
-        cell = (last - first) / (shape.columns, shape.rows)
-        # A hair of tolerance, so that an edge that rounding moved does not add a line of pixels.
-        low = np.floor(first - margin_cells * cell + 1e-6).astype(int).clip(min=0)
-        high = np.minimum(np.ceil(last + margin_cells * cell - 1e-6).astype(int), grey.shape[::-1])
-        left, top, right, bottom = ((np.stack([low, high]) - first) / cell).round(9).ravel().tolist()
-        cut = grey[low[1] : high[1], low[0] : high[0]].double().cpu().numpy()
-        pictures.append((cut, (left, right, bottom, top)))
-    return pictures
+    first, last = (corners_px[0, [0, 2]] - frames.origin_px[0]).double().cpu().numpy()
+    cell = (last - first) / (shape.columns, shape.rows)
+    # A hair of tolerance, so that an edge that rounding moved does not add a line of pixels.
+    left, top = np.floor(first - cell + 1e-6).astype(int).clip(min=0)
+    right, bottom = np.ceil(last + cell - 1e-6).astype(int)
+    return array([frames.grey[0, 0, top:bottom, left:right]])
 
 
-def add_panel(
-    figure: canvas.Figure, corner: tuple[float, float], width: float, picture: Picture, *words: str
-) -> canvas.Axes:
-    """Show a panel's pixels as the camera wrote them, black at 0 and white at 255, in a square.
+def led_rows(bits: Bools, values: Mapping[str, Floats]) -> Rows:
+    """Lay values of LEDs out as lines, their head first.
+
+    Frames count from 0, rows and columns from 1 as in the paper's text.
 
     Args:
-        figure: the figure.
-        corner: the square's left and bottom, as shares of the figure's width and height.
-        width: as a share of the figure's width.
-        picture: the pixels and where they lie.
-        words: see :func:`heading`; a panel without any is not outlined.
-
-    Returns:
-        Axes without ticks; their coordinates are LED columns and rows, from 0.
-    """
-    axes = figure.add_axes((*corner, width, width * figure.get_figwidth() / figure.get_figheight()))
-    grey, extent = picture
-    axes.imshow(grey, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
-    axes.set_anchor("NW")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(bool(words))
-    axes.spines[:].set_color(canvas.GRID)
-    heading(axes, *words)
-    return axes
-
-
-def heading(axes: canvas.Axes, text: str = "", below: str = "", colour: str = canvas.INK) -> None:
-    """Write above the axes, in bold, and a line in grey between the two."""
-    axes.set_title(text, fontsize=11.5, color=colour, loc="left", pad=20 if below else 5, fontweight="bold")
-    axes.text(0, 1.025, below, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
-
-
-def note(
-    axes: canvas.Axes, text: str, at: tuple[float, float], aside_pt: tuple[float, float] = (0, 0), **look: Any
-) -> None:
-    """Write beside a place of the axes.
-
-    Args:
-        axes: where to write.
-        text: what to write.
-        at: the place.
-        aside_pt: how far beside it, to the right and up, points.
-        look: what else Matplotlib's annotation takes.
-    """
-    axes.annotate(text, at, aside_pt, textcoords="offset points", **{"color": canvas.INK, **look})
-
-
-def plain_axes(axes: canvas.Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
-    """Label axes, with a grid behind the data."""
-    canvas.quiet_axes(axes, grid)
-    axes.set(xlabel=x_label, ylabel=y_label)
-
-
-def status_legend(figure: canvas.Figure) -> None:
-    """Name the statuses at the figure's top right."""
-    look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 7}
-    dots = [canvas.Line2D([], [], color=colour, label=f"{name} LEDs", **look) for _, name, colour in STATUS]
-    place: dict[str, Any] = {"loc": "upper right", "handlelength": 2.0, "handletextpad": 0.1}
-    at = (0.99, 1 - 0.06 / figure.get_figheight())
-    canvas.write_legend(figure, dots, at, columns=2, fontsize=10.5, columnspacing=1.4, **place)
-
-
-def legend_above(axes: canvas.Axes, columns: int) -> None:
-    """Explain what is drawn, in rows above the axes."""
-    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "handlelength": 1.2}
-    axes.legend(columnspacing=1.0, ncols=columns, frameon=False, fontsize=10, **place)
-
-
-def percent_text(share: float) -> str:
-    """Write a share in percent with three digits.
+        bits: (B,R,C).
+        values: (B,R,C) each, by name.
 
     Example:
-        >>> percent_text(0.27469), percent_text(0.00015625)
-        ('27.5 %', '0.0156 %')
+        >>> led_rows(np.array([[[True]]]), {"grey": np.array([[[150.0]]])})
+        [('frame', 'led_row', 'led_column', 'bit', 'grey'), (0, 1, 1, 1, 150.0)]
     """
-    return f"{100 * share:.3g} %"
+    lines: Rows = [("frame", "led_row", "led_column", "bit", *values)]
+    for at, bit in np.ndenumerate(bits):
+        frame, row, column = at
+        numbers = (float(value[at]) for value in values.values())
+        lines.append((frame, row + 1, column + 1, int(bit), *numbers))
+    return lines
 
 
-def signed(value: float) -> str:
-    r"""Write a number with its sign, a minus as typographers want it.
+def pixel_rows(pictures: Mapping[str, Floats]) -> Rows:
+    """Lay pictures out as lines, their head first; pixels count from 0 at each picture's top left.
 
     Example:
-        >>> signed(22.14), signed(-6.99).replace("\N{MINUS SIGN}", "minus ")
-        ('+22.1', 'minus 7.0')
+        >>> pixel_rows({"a": np.array([[7.0]])})
+        [('picture', 'row_px', 'column_px', 'grey'), ('a', 0, 0, 7.0)]
     """
-    return f"{value:+.1f}".replace("-", "\N{MINUS SIGN}")
-
-
-def condition_text(condition: Floats, *, background: bool = False) -> str:
-    """Write ambient light, LED luminance and distance, and, if it is wanted, the background's grey.
-
-    Example:
-        >>> condition_text(np.array([31240.0, 2013.0, 68.2, 86.0]))
-        '31\N{THIN SPACE}240 lx · 2\N{THIN SPACE}013 cd/m² · 68 m'
-    """
-    ambient, luminance, distance_m, grey = condition
-    text = f"{ambient:,.0f} lx \N{MIDDLE DOT} {luminance:,.0f} cd/m² \N{MIDDLE DOT} {distance_m:.0f} m"
-    return text.replace(",", "\N{THIN SPACE}") + (f", background {grey:.0f}" if background else "")
+    lines: Rows = [("picture", "row_px", "column_px", "grey")]
+    for name, picture in pictures.items():
+        lines += [(name, *at, float(grey)) for at, grey in np.ndenumerate(picture)]
+    return lines

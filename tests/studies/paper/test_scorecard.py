@@ -1,0 +1,86 @@
+"""Claims as data, and the scorecard of made-up readings."""
+
+import inspect
+from types import SimpleNamespace
+
+import pytest
+from made_up_evidence import of_rates
+
+from vocc_torch.studies.paper.plan import EVIDENCE, FIGURES
+from vocc_torch.studies.paper.rules import RULES
+from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, assumptions, score, stars
+
+NEAR, FAR = 6.6e-4, 6.6e-3
+
+
+def reading(name, **values):
+    return SimpleNamespace(name=name, values=values, why="made up")
+
+
+def evidence(two):
+    return of_rates(frames=20_000, flda_2={8e3: two, 16e3: 2 * two}, flda_3={8e3: 0.76 * two, 16e3: two})
+
+
+def card_of(rates):
+    readings = [reading(name, board=board, lens=lens) for name, (board, lens, _) in rates.items()]
+    return score(readings, {name: evidence(two) for name, (_, _, two) in rates.items()})
+
+
+FOUR = {"a": (0.4, 25, NEAR), "b": (None, 25, FAR), "c": (0.4, 18, 2 * NEAR), "d": (None, 18, FAR)}
+
+
+def test_every_claim_has_one_of_five_rules_with_its_arguments():
+    assert len(RULES) == 5
+    assert len({claim.name for claim in CLAIMS}) == len(CLAIMS) == 95
+    for claim in CLAIMS:
+        inspect.signature(RULES[claim.rule]).bind(None, **claim.arguments)
+        assert claim.name.partition(".")[0] in PARTS
+        assert all((claim.where, claim.text, claim.paper))
+
+
+def test_numbers_of_claims_are_those_of_figures_that_are_made():
+    names = {*EVIDENCE, "setup", "contrast", "dimming"}
+    for claim in CLAIMS:
+        for group in [claim.arguments.get("value", []), *claim.arguments.get("ascending", [])]:
+            for name in [group] if isinstance(group, str) else group:
+                assert name.partition(".")[0] in names
+    assert {*EVIDENCE} < {*FIGURES}
+
+
+def test_quoted_rates_are_stars_at_their_values():
+    assert stars("contrast") == {"flda_2": [(0.33, 5.3e-4)], "flda_3": [(0.33, 3.9e-4)]}
+    assert stars("distance") == {}
+
+
+def test_claims_without_their_measurement_are_left_out():
+    card = card_of({"a": FOUR["a"]})
+    assert {claim.name for claim in card.judged()} <= {
+        claim.name for claim in CLAIMS if "ambient" in claim.name
+    }
+    assert card.judged("ambient.")
+    assert not card.judged("distance.")
+    assert set(card.judged(figure="Fig. 22")) == set(card.judged())
+
+
+def test_the_reading_with_the_quoted_rates_is_nearest_and_agrees_most():
+    card = card_of(FOUR)
+    decades = {name: card.fits[name].decades for name in FOUR}
+    assert decades["a"].value == pytest.approx(0, abs=0.02)
+    assert decades["b"].value == pytest.approx(1, abs=0.02)
+    assert decades["b"].low > decades["a"].high
+    assert card.fits["a"].verdicts["agree"] > card.fits["b"].verdicts["agree"]
+    rows = list(card.fit_rows())
+    assert [row[0] for row in rows] == ["reading", *FOUR]
+    assert all(len(row) == len(rows[0]) for row in rows)
+    lines = list(card.rows())
+    assert all(len(line) == len(lines[0]) for line in lines)
+    assert len(lines) == 1 + len(card.judgements)
+
+
+def test_the_assumption_that_moves_the_rates_most_comes_first():
+    """Board: |1 - 0| and |1 - 0.3| decades; lens: 0.3 and 0."""
+    board, lens = assumptions(card_of(FOUR))
+    assert (board.key, board.pairs, lens.key, lens.pairs) == ("board", 2, "lens", 2)
+    assert board.decades == pytest.approx((1 + 0.699) / 2, abs=0.02)
+    assert lens.decades == pytest.approx(0.301 / 2, abs=0.02)
+    assert board.verdicts >= lens.verdicts > 0

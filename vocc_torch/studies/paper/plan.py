@@ -1,0 +1,178 @@
+"""What ``task=figures`` measures: the wanted figures, and the studies behind them under every reading."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+import yaml
+
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure import config as configs
+from vocc_torch.measure import curve, grid, sweep
+from vocc_torch.measure.plan import Experiment, Plan
+from vocc_torch.studies.paper import FiguresConfig, numbers
+from vocc_torch.studies.paper.evidence import PaperFigure, Source, features, frames, panels
+from vocc_torch.studies.paper.readings import Reading, load_readings
+from vocc_torch.studies.paper.rules import Evidence
+
+PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
+"""The receivers of the paper's figures."""
+RATE_FIGURES = {"contrast": "fig21", "ambient": "fig22", "luminance": "fig23", "distance": "fig24"}
+"""The figures of bit error rates by experiment."""
+DIMMING = "dimming"
+"""The experiment, and the figure, that is a grid: measured under the first reading only."""
+FIGURES: Mapping[str, Mapping[str, str]] = yaml.safe_load(
+    files(__package__).joinpath("figures.yaml").read_text("utf-8")
+)
+"""Title and caption of every figure that may be asked for by name, in the paper's order."""
+EVIDENCE: Mapping[str, Callable[[Source], PaperFigure]] = {
+    "fig04": panels.grey_overlap,
+    "fig05_06": panels.blooming_interference,
+    "fig08": features.grey_and_agr,
+    "fig09": frames.inward_gradients,
+    "fig10": features.gri_and_agr,
+    "fig12": features.ngr_and_others,
+    "fig13_14": features.projection,
+    "fig17": panels.blur_order,
+    "fig19": frames.frame_histogram,
+    "fig20": panels.contrast_panels,
+    "fig25": frames.processing_time,
+}
+"""The figures other than bit error rates by name."""
+
+
+@dataclass(frozen=True)
+class FigurePlan:
+    """The figures, the readings and the studies.
+
+    Args:
+        names: the figures, in the paper's order.
+        readings: the first is reported in full.
+        studies: of bit error rates, by reading and experiment; readings that differ in the locator alone
+            share a study, and so its frames.
+        rows: of the grid, by ambient light; empty where it is not wanted.
+    """
+
+    names: tuple[str, ...]
+    readings: tuple[Reading, ...]
+    studies: Mapping[tuple[str, str], sweep.Study]
+    rows: Mapping[float, sweep.Study]
+
+    @property
+    def experiments(self) -> tuple[str, ...]:
+        """The experiments of bit error rates, in order."""
+        return tuple(dict.fromkeys(experiment for _, experiment in self.studies))
+
+    def every_study(self) -> list[sweep.Study]:
+        """The studies, each once, those of the first reading first."""
+        return list({study.key: study for study in (*self.studies.values(), *self.rows.values())}.values())
+
+    def evidence(self, campaign: sweep.Campaign) -> dict[str, Evidence]:
+        """What was measured, by reading.
+
+        Raises:
+            VoccError: no frame fell into any contrast bin.
+        """
+        found = {}
+        for reading in self.readings:
+            curves = {
+                name: campaign.measured[self.studies[reading.name, name].key].curves[reading.locator]
+                for name in self.experiments
+            }
+            if not all(one.values for one in curves.values()):
+                key = "figures.experiments.contrast.values"
+                edges = list(self.studies[reading.name, "contrast"].plan.experiment.values)
+                raise VoccError.of(key, edges, "bins that hold frames of these scenes")
+            known = numbers.bin_numbers(curves["contrast"]) if "contrast" in curves else {}
+            if len(self.names) == len(FIGURES):
+                known |= numbers.setup_numbers(reading.plan)
+            found[reading.name] = Evidence(curves, known)
+        return found
+
+    def grid(self, campaign: sweep.Campaign) -> grid.Grid | None:
+        """The grid of ambient light and LED luminance; None where it was not measured."""
+        if not self.rows:
+            return None
+        curves: list[curve.Curves] = []
+        for study in self.rows.values():
+            curves += campaign.measured[study.key].curves.values()
+        return grid.Grid("ambient_lx", tuple(self.rows), curves)
+
+
+def plan_figures(settings: configs.Settings, config: FiguresConfig, folder: Path) -> FigurePlan:
+    """Plan the wanted figures.
+
+    Args:
+        settings: the configuration.
+        config: the study's section of it.
+        folder: the run's folder.
+
+    Raises:
+        VoccError: an unknown figure or reading, an experiment outside its range, or none of the receivers
+            that the figures show.
+    """
+    names = wanted_figures(config.names)
+    readings = load_readings(config.readings, settings, folder)
+    first = readings[0].plan
+    if not {*first.receiver.names} & {*PAPER_RECEIVERS}:
+        known = ", ".join(PAPER_RECEIVERS)
+        raise VoccError.of("receiver.names", list(first.receiver.names), f"at least one of {known}")
+    rated = {
+        name: experiment for name, experiment in config.experiments.items() if RATE_FIGURES.get(name) in names
+    }
+    rows = {}
+    if DIMMING in names and DIMMING in config.experiments:
+        for at, plan in rows_of(first, DIMMING, config.experiments[DIMMING]).items():
+            rows[at] = sweep.Study(f"{DIMMING}-{at:g}", plan, (first.receiver.locator,))
+    return FigurePlan(names, readings, studies(readings, rated), rows)
+
+
+def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
+    """The figures to make, in the paper's order; no name means all.
+
+    Raises:
+        VoccError: an unknown name.
+
+    Example:
+        >>> wanted_figures(["fig22", "fig04"])
+        ('fig04', 'fig22')
+    """
+    for name in names:
+        if name not in FIGURES:
+            raise VoccError.of("figures.names", repr(name), f"of {', '.join(FIGURES)}")
+    return tuple(name for name in FIGURES if not names or name in names)
+
+
+def studies(
+    readings: Sequence[Reading], experiments: Mapping[str, Experiment]
+) -> dict[tuple[str, str], sweep.Study]:
+    """Plan the measurement of every reading, by reading and experiment.
+
+    Args:
+        readings: with their plans.
+        experiments: by name.
+    """
+    planned = {}
+    for reading in readings:
+        alike = [other for other in readings if with_locator(other.plan, reading.locator) == reading.plan]
+        locators = tuple(dict.fromkeys(other.locator for other in alike))
+        for name, experiment in experiments.items():
+            plan = rows_of(alike[0].plan, name, experiment)[0.0]
+            planned[reading.name, name] = sweep.Study(f"{name}-{alike[0].name}", plan, locators)
+    return planned
+
+
+def rows_of(plan: Plan, name: str, experiment: Experiment) -> dict[float, Plan]:
+    """Give the plans of an experiment's rows; a curve has the row 0.
+
+    Raises:
+        VoccError: a value outside its range, by its key.
+    """
+    with section(f"figures.experiments.{name}", before="experiment"):
+        return replace(plan, experiment=experiment).rows()
+
+
+def with_locator(plan: Plan, locator: str) -> Plan:
+    """Give a plan with another locator."""
+    return replace(plan, receiver=replace(plan.receiver, locator=locator))

@@ -1,0 +1,224 @@
+"""Comparisons of bit error rates, and numbers of the paper with the sampling error that they must have had.
+
+Where receivers were trained several times, a rate is that of the algorithm, over trainings and frames.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vocc_torch.measure import curve, estimate, intervals, paired, trainings
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.report.styles import rate_text
+
+
+@dataclass(frozen=True)
+class PaperBudget:
+    """Frames behind the paper's numbers.
+
+    Args:
+        frames: Table 1, "Number of testing frames per sample".
+        contrast_frames: section IV-D-1, over all contrasts together.
+    """
+
+    frames: int = 2000
+    contrast_frames: int = 20000
+
+
+PAPER = PaperBudget()
+UNITS = {"ambient_lx": "lx", "led_luminance_cd_m2": "cd/m²", "distance_m": "m"}
+"""Units of the axes' values; a contrast is written in per cent."""
+
+
+def place(axis: str, value: float) -> str:
+    """Write a value of an axis with its unit.
+
+    Example:
+        >>> place("ambient_lx", 8000.0), place("contrast", 0.33)
+        ('8000 lx', '33 % contrast')
+    """
+    return f"{100 * value:.0f} % contrast" if axis == "contrast" else f"{value:g} {UNITS.get(axis, axis)}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two bit error rates of which a claim says that the first is higher.
+
+    Args:
+        curves: the experiment.
+        above: receiver and value of the axis with the higher rate.
+        below: receiver and value with the lower rate.
+    """
+
+    curves: curve.Curves
+    above: tuple[str, float]
+    below: tuple[str, float]
+
+    def difference(self, confidence: float) -> Estimate:
+        """The first rate less the second one: paired by frame at one value, else of independent frames."""
+        (first, x), (second, y), curves = self.above, self.below, self.curves
+        if x == y:
+            found = curves.trained_pair(first, second, x, confidence)
+            return found or paired.paired_interval(curves.pair(first, second, x), confidence)
+        counts = curves.tested(first, x), curves.tested(second, y)
+        apart = paired.difference_independent(*counts, confidence)
+        if not curves.trained:
+            return apart
+        high, low = (curves.trained[at].rates for at in (self.above, self.below))
+        return trainings.widened(apart, np.subtract(high, low).tolist(), confidence)
+
+    def text(self) -> str:
+        """The two rates and where they were measured."""
+        parts = []
+        for receiver, value in (self.above, self.below):
+            rate = rate_text(self.curves.tested(receiver, value).ber)
+            parts.append(f"{receiver} {rate} at {place(self.curves.axis, value)}")
+        return " and ".join(parts)
+
+
+def measured_rate(curves: curve.Curves, receiver: str, value: float) -> Estimate:
+    """A bit error rate with its interval; without errors the high end is the one-sided limit."""
+    # The limit of a point without errors looks at the receiver's other points.
+    table = curve.BerTable(point for point in curves.points() if point.receiver == receiver)
+    row = next(row for row in table if row.value == value)
+    return row.algorithm or Estimate(row.ber, row.ber_low, row.ber_high)
+
+
+def quoted_counts(curves: curve.Curves, receiver: str, value: float, ber: float) -> Counts:
+    """The counts that a quoted rate stands for, its errors clustered by frame as ours are."""
+    ours = curves.counts[receiver, value]
+    like = ours if ours.half_errors else curves.total(receiver)
+    return clustered_like(like, ber, paper_frames(curves, value))
+
+
+def quoted_difference(curves: curve.Curves, receiver: str, value: float, ber: float) -> Estimate:
+    """Our rate less a quoted one, which is that of a single training and scatters as each of ours does."""
+    theirs = quoted_counts(curves, receiver, value, ber)
+    several = curves.trained.get((receiver, value))
+    if several is None:
+        return paired.difference_independent(curves.counts[receiver, value], theirs)
+    ours = several.pooled if several.pooled.half_errors else curves.counts[receiver, value]
+    apart = paired.difference_independent(ours, theirs)
+    return trainings.widened(apart, several.rates, against_one=True)
+
+
+def decades_apart(curves: curve.Curves, receiver: str, value: float, ber: float) -> Estimate:
+    """Distance of our rate to a quoted one, ``|log10 (measured / quoted)|``.
+
+    The interval takes either rate anywhere in its own. Without errors the distance is that of our limit
+    where the limit lies below the quoted rate, else 0.
+    """
+    ours = measured_rate(curves, receiver, value)
+    theirs = intervals.ber_interval(quoted_counts(curves, receiver, value, ber))
+    least = math.log10(ours.low / theirs.high) if ours.low > 0 else -math.inf
+    most = math.log10(ours.high / theirs.low) if theirs.low > 0 else math.inf
+    near = 0.0 if least <= 0 <= most else min(abs(least), abs(most))
+    far = max(abs(least), abs(most))
+    if ours.value == 0:
+        return Estimate(max(0.0, math.log10(ber / ours.high)), near, far)
+    return Estimate(abs(math.log10(ours.value / ber)), near, far)
+
+
+def paper_frames(curves: curve.Curves, value: float | None) -> float:
+    """How many frames the paper had at a value of the axis, or over all of the axis.
+
+    A contrast bin is taken to have had the share of the paper's frames that it has here.
+    """
+    counted = {at: curves.counts[curves.receivers[0], at].frames for at in curves.values}
+    if curves.axis != "contrast":
+        return PAPER.frames * (len(counted) if value is None else 1)
+    share = 1.0 if value is None else counted[value] / sum(counted.values())
+    return PAPER.contrast_frames * share
+
+
+def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
+    """The counts of a rate whose errors are clustered by frame as those of other counts.
+
+    Args:
+        like: counts whose errors cluster alike; without errors, one wrong bit a wrong frame is taken.
+        ber: the rate, above 0.
+        frames: at least 1.
+
+    Example:
+        >>> counts = clustered_like(Counts(1000, 64_000, 40, 160, 10), 5e-4, 2000)
+        >>> counts.bit_errors, counts.half_errors_squared, counts.frame_errors
+        (64.0, 512, 32)
+    """
+    number = max(1, round(frames))
+    bits = round(number * like.bits / like.frames)
+    half_errors = min(2 * bits, max(1, round(2 * ber * bits)))
+    per_wrong_frame, size = 2.0, 2.0
+    if like.half_errors:
+        per_wrong_frame = like.half_errors / like.frame_errors
+        size = like.half_errors_squared / like.half_errors
+    wrong = min(number, half_errors, max(1, round(half_errors / per_wrong_frame)))
+    squared = max(round(half_errors * size), math.ceil(half_errors**2 / wrong))
+    return Counts(number, bits, half_errors, min(squared, half_errors**2), wrong)
+
+
+Features = tuple[Counts, Counts, paired.PairedCounts]
+"""Errors of two and of three features, and the comparison of both."""
+
+
+def two_and_three(curves: curve.Curves, values: Sequence[float]) -> Features:
+    """What the gain of three features over two is computed from, over some values together."""
+    two, three = (sum((curves.tested(name, at) for at in values), Counts()) for name in ("flda_2", "flda_3"))
+    if curves.trained:
+        pairs = (curves.trained_pairs["flda_2", "flda_3", at] for at in values)
+    else:
+        pairs = (curves.pair("flda_2", "flda_3", at) for at in values)
+    return two, three, sum(pairs, paired.PairedCounts())
+
+
+def gain(curves: curve.Curves, value: float | None) -> Estimate | None:
+    """The share of two features' errors that three do not make, at one value or averaged over the axis.
+
+    None where two features made no error.
+    """
+    found: Estimate | None
+    if value is None:
+        found = paired.mean_gain(two_and_three(curves, [at]) for at in curves.values)
+    else:
+        found = paired.relative_gain(*two_and_three(curves, [value]))
+    scatter = gain_by_training(curves, value)
+    return trainings.widened(found, scatter) if found and scatter else found
+
+
+def gain_by_training(curves: curve.Curves, value: float | None) -> list[float]:
+    """How far each training's gain is from that of all trainings; empty after a single training.
+
+    A ratio of rates is taken as linear in them, so that a training without errors is no gap.
+    """
+    apart = []
+    for at in (curves.values if value is None else (value,)) if curves.trained else ():
+        two, three = (curves.trained[name, at] for name in ("flda_2", "flda_3"))
+        if base := two.pooled.ber:
+            expected = np.multiply(three.pooled.ber / base, two.rates)
+            apart.append(np.subtract(expected, three.rates) / base)
+    means: list[float] = np.mean(apart, axis=0).tolist() if apart else []
+    return means
+
+
+def gain_difference(curves: curve.Curves, found: Estimate, value: float | None, quoted: float) -> Estimate:
+    """Our gain less a quoted one, whose interval is ours scaled by the numbers of frames."""
+    two, *_ = two_and_three(curves, curves.values if value is None else [value])
+    scale = math.sqrt(two.frames / paper_frames(curves, value))
+    scatter = gain_by_training(curves, value)
+    # The paper's two receivers come of one training.
+    alone = trainings.t_reach(scatter) * math.sqrt(len(scatter)) if scatter else 0.0
+    below, above, apart = found.value - found.low, found.high - found.value, found.value - quoted
+    low = apart - math.hypot(below, scale * above, alone)
+    return Estimate(apart, low, apart + math.hypot(above, scale * below, alone))
+
+
+def candidates(curves: curve.Curves, receiver: str) -> list[float]:
+    """The values of the axis that may have the lowest rate: no other value is below them beyond chance."""
+
+    def apart(a: int, b: int, confidence: float) -> Estimate:
+        first, second = ((receiver, curves.values[at]) for at in (a, b))
+        return Comparison(curves, first, second).difference(confidence)
+
+    return [curves.values[at] for at in estimate.may_be_least(len(curves.values), apart)]

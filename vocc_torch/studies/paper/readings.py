@@ -1,0 +1,126 @@
+"""Readings of what the paper leaves open, by name or from a file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from importlib.resources import files as resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure import build, config
+from vocc_torch.measure.plan import Plan
+
+SECTIONS = ("scene", "camera", "panel", "receiver")
+"""Parts of the configuration that a reading may set."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to fill what the paper leaves open.
+
+    Args:
+        name: a word.
+        values: by the key of the configuration, such as ``panel.board_reflectance``.
+        why: what in the text allows it.
+        plan: the study under this reading, at any experiment.
+    """
+
+    name: str
+    values: Mapping[str, Any]
+    why: str
+    plan: Plan
+
+    @property
+    def locator(self) -> str:
+        """Where the panel's corners come from."""
+        return self.plan.receiver.locator
+
+
+def load_readings(names: Sequence[str], settings: config.Settings, folder: Path) -> tuple[Reading, ...]:
+    """Give readings by name, and those of files, in order.
+
+    Args:
+        names: of ``readings.yaml``, or files of the same form, which end in ``.yaml``.
+        settings: what the readings change.
+        folder: of the run.
+
+    Raises:
+        VoccError: no reading, a reading given twice, an unknown name, or a file that has no readings.
+    """
+    shipped = parsed(resources(__package__).joinpath("readings.yaml").read_text("utf-8"), "readings.yaml")
+    chosen: list[tuple[str, dict[str, Any]]] = []
+    for name in names:
+        if name.endswith(".yaml"):
+            try:
+                text = Path(name).read_text("utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                raise VoccError(f"figures.readings: cannot read {name}: {error}") from None
+            chosen += parsed(text, name).items()
+        elif name in shipped:
+            chosen.append((name, shipped[name]))
+        else:
+            rule = f"one of {', '.join(shipped)}, or a file that ends in .yaml"
+            raise VoccError.of("figures.readings", repr(name), rule)
+    if not chosen or len({name for name, _ in chosen}) < len(chosen):
+        raise VoccError.of("figures.readings", list(names), "at least one reading, each once")
+    readings = []
+    for name, entry in chosen:
+        with section(f"figures.readings.{name}"):
+            changed = settings
+            for key, value in entry["set"].items():
+                if key.partition(".")[0] not in SECTIONS:
+                    raise VoccError.of("a key", repr(key), f"one that begins with {', '.join(SECTIONS)}")
+                changed = with_value(changed, key, value)
+            readings.append(Reading(name, entry["set"], entry["why"], build.build_plan(changed, folder)))
+    return tuple(readings)
+
+
+def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
+    """Parse a file of readings.
+
+    Raises:
+        VoccError: anything but names with ``why`` and ``set``.
+
+    Example:
+        >>> parsed("far: {why: no text, set: {camera.focal_length_mm: 50}}", "mine.yaml")
+        {'far': {'why': 'no text', 'set': {'camera.focal_length_mm': 50}}}
+    """
+    try:
+        entries = yaml.safe_load(text)
+    except yaml.YAMLError:
+        entries = None
+    for name, entry in entries.items() if isinstance(entries, dict) and entries else [(path, None)]:
+        well_formed = (
+            isinstance(entry, dict) and {*entry} == {"why", "set"} and isinstance(entry["set"], dict)
+        )
+        if not well_formed:
+            raise VoccError.of(f"figures.readings: {path}", repr(name), "a name with why: and set: below it")
+        config.demand_word(f"figures.readings: {path}", str(name))
+    return dict(entries)
+
+
+def with_value(node: Any, path: str, value: object) -> Any:
+    """Set a key of a dataclass or a mapping, and of those below it.
+
+    Args:
+        node: the dataclass or mapping, which stays as it is.
+        path: the key, such as ``panel.board_reflectance``.
+        value: its value, which the dataclass checks.
+
+    Raises:
+        VoccError: an unknown key.
+
+    Example:
+        >>> from vocc_torch.hardware import Camera
+        >>> with_value({"camera": Camera()}, "camera.focal_length_mm", 18.0)["camera"].focal_length_mm
+        18.0
+    """
+    name, _, rest = path.partition(".")
+    mapping = isinstance(node, dict)
+    children = node if mapping else {known.name: getattr(node, known.name) for known in fields(node)}
+    if name not in children and (rest or not mapping):
+        raise VoccError.of("a key", repr(name), f"one of {', '.join(children)}")
+    below = with_value(children[name], rest, value) if rest else value
+    return {**node, name: below} if mapping else replace(node, **{name: below})

@@ -1,0 +1,309 @@
+"""The five rules by which claims of the paper are judged: order, trend, minimum, quoted and number.
+
+A verdict is *agree*, *differ* or *cannot say*. Frames are the independent units of every interval. A claim of
+m comparisons makes each at 1 - 0.05 / m (Bonferroni): a true claim is contradicted in at most 5 % of studies.
+
+**order, trend.** *Differ* where any comparison contradicts the claim beyond chance; *agree* where none does
+and at least half of them support it beyond chance; else *cannot say*.
+
+**minimum.** The values that no other value is surely below hold the true lowest one in 95 % of studies.
+*Differ* where the claimed value is not among them. *Agree* where it is the lowest measured or next to it, at
+most half of the axis may be the lowest, and at most one of these values saw no error; else *cannot say*.
+Without a value, *agree* where some inner value has surely fewer errors than one on either side, *differ*
+where an end is surely below all inner values.
+
+**quoted.** The paper's number has the sampling error of its own number of frames. *Differ* where the 95 %
+interval of the difference leaves out 0; *agree* where it holds 0 and our interval spans at most a factor of
+10 for a rate, 100 points for a gain; else *cannot say*.
+
+**number.** A figure's number with its interval, against limits, or numbers in ascending order.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from vocc_torch.measure import curve, estimate
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.report.styles import rate_text
+from vocc_torch.studies.paper import rates
+from vocc_torch.studies.paper.rates import Comparison, place
+
+Verdict: TypeAlias = Literal["agree", "differ", "cannot say"]
+VERDICTS: tuple[Verdict, ...] = ("agree", "differ", "cannot say")
+
+
+@dataclass(frozen=True)
+class Strictness:
+    """Limits of the verdicts.
+
+    Args:
+        least_support: share of a claim's comparisons that must support it beyond chance.
+        widest_ratio: of the ends of a rate's interval, beyond which it agrees with nothing.
+        widest_gain: of a gain's interval, likewise.
+    """
+
+    least_support: float = 0.5
+    widest_ratio: float = 10.0
+    widest_gain: float = 1.0
+
+
+STRICT = Strictness()
+
+
+class NotMeasuredError(Exception):
+    """A rule asks for something that was not measured."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was measured under one reading of the paper.
+
+    Args:
+        experiments: curves by experiment: ``contrast``, ``ambient``, ``luminance``, ``distance``.
+        numbers: of the other figures, such as ``fig12.auc_ngr``, each with its interval.
+    """
+
+    experiments: Mapping[str, curve.Curves]
+    numbers: Mapping[str, Estimate]
+
+    def curves(self, experiment: str, receivers: Sequence[str], values: Sequence[float] = ()) -> curve.Curves:
+        """Give an experiment's curves.
+
+        Raises:
+            NotMeasuredError: the experiment, a receiver or a value of its axis is missing.
+        """
+        found = self.experiments.get(experiment)
+        if found is None or not {*receivers} <= {*found.receivers} or not {*values} <= {*found.values}:
+            raise NotMeasuredError(experiment)
+        return found
+
+    def number(self, name: str) -> Estimate:
+        """Give a number.
+
+        Raises:
+            NotMeasuredError: it was not computed.
+        """
+        found = self.numbers.get(name)
+        if found is None or not math.isfinite(found.value):
+            raise NotMeasuredError(name)
+        return found
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict with what it rests on.
+
+    Args:
+        verdict: ``agree``, ``differ`` or ``cannot say``.
+        measured: what was measured, in words.
+        reason: why the verdict is not ``agree``; may be empty.
+        interval: where the measurement is one number.
+    """
+
+    verdict: Verdict
+    measured: str
+    reason: str = ""
+    interval: Estimate | None = None
+
+
+def order(
+    evidence: Evidence, experiments: Sequence[str], above: Sequence[str], below: Sequence[str]
+) -> Judgement:
+    """Judge whether some receivers have higher rates than others, at every value of these experiments."""
+    found = [
+        Comparison(curves, (high, value), (low, value))
+        for experiment in experiments
+        for curves in [evidence.curves(experiment, [*above, *below])]
+        for high, low in itertools.product(above, below)
+        for value in curves.values
+    ]
+    return weighed(found)
+
+
+def trend(
+    evidence: Evidence,
+    experiment: str,
+    receivers: Sequence[str],
+    last: float,
+    rises: bool,
+    first: float | None = None,
+) -> Judgement:
+    """Judge whether rates rise or fall along an axis.
+
+    Args:
+        evidence: what was measured.
+        experiment: its name.
+        receivers: whose rates.
+        last: the value where the trend ends.
+        rises: whether the rates rise.
+        first: the value where it begins; every two values between are compared. Without it the lowest value
+            of the axis is compared with ``last`` alone.
+    """
+    curves = evidence.curves(experiment, receivers, [last] if first is None else [first, last])
+    values = [curves.values[0], last]
+    if first is not None:
+        values = [value for value in curves.values if first <= value <= last]
+    found = [
+        Comparison(curves, (receiver, high), (receiver, low))
+        for receiver in receivers
+        for high, low in itertools.combinations(sorted(values, reverse=rises), 2)
+    ]
+    return weighed(found)
+
+
+def weighed(comparisons: Sequence[Comparison]) -> Judgement:
+    """Judge a claim that implies all these comparisons.
+
+    Raises:
+        NotMeasuredError: there is none.
+    """
+    if not comparisons:
+        raise NotMeasuredError("a comparison")
+    confidence = estimate.joint_confidence(len(comparisons))
+    differences = [comparison.difference(confidence) for comparison in comparisons]
+    support = sum(difference.low > 0 for difference in differences)
+    against = [number for number, difference in enumerate(differences) if difference.high < 0]
+    measured = f"{support} of {len(comparisons)} comparisons for it, {len(against)} against"
+    if against:
+        surest = min(against, key=lambda number: differences[number].high)
+        return Judgement("differ", measured, f"the other way round: {comparisons[surest].text()}")
+    if support >= STRICT.least_support * len(comparisons):
+        return Judgement("agree", measured)
+    return Judgement("cannot say", measured, "too few differences are beyond chance")
+
+
+def minimum(evidence: Evidence, experiment: str, receiver: str, at: float | None = None) -> Judgement:
+    """Judge whether a receiver's rate is lowest at a value of the axis, or anywhere inside the axis."""
+    curves = evidence.curves(experiment, [receiver], [] if at is None else [at])
+    values, candidates = curves.values, rates.candidates(curves, receiver)
+    ber = {value: curves.tested(receiver, value).ber for value in values}
+    lowest = [value for value in values if ber[value] == min(ber.values())]
+    named = ", ".join(place(curves.axis, value) for value in lowest)
+    measured = f"lowest at {named}; {len(candidates)} of {len(values)} values may be the lowest"
+    if at is None:
+        return valley(curves, receiver, measured)
+    interval = Estimate(lowest[0], min(candidates[0], lowest[0]), max(candidates[-1], lowest[0]))
+    if at not in candidates:
+        reason = f"{rate_text(ber[at])} at {place(curves.axis, at)}, {rate_text(ber[lowest[0]])} there"
+        return Judgement("differ", measured, reason, interval)
+    number = values.index(at)
+    reasons = {
+        "other values may be the lowest too": 2 * len(candidates) > len(values),
+        "no error was seen at several values": sum(not ber[value] for value in candidates) > 1,
+        "the lowest rate is elsewhere": not {*lowest} & {*values[max(0, number - 1) : number + 2]},
+    }
+    reason = next((text for text, holds in reasons.items() if holds), "")
+    return Judgement("cannot say" if reason else "agree", measured, reason, interval)
+
+
+def valley(curves: curve.Curves, receiver: str, measured: str) -> Judgement:
+    """Judge whether a rate falls, is lowest inside the axis, and rises again."""
+    values = curves.values
+    if len(values) < 3:
+        raise NotMeasuredError(f"an inner value of {curves.axis}")
+    confidence = estimate.joint_confidence(estimate.all_pairs(len(values)))
+    surely_above = {
+        (high, low)
+        for high, low in itertools.permutations(values, 2)
+        if Comparison(curves, (receiver, high), (receiver, low)).difference(confidence).low > 0
+    }
+    first, *inside, last = values
+    for end in (first, last):
+        if all((value, end) in surely_above for value in inside):
+            return Judgement("differ", measured, f"lowest at an end, {place(curves.axis, end)}")
+    for number, value in enumerate(inside, start=1):
+        sides = values[:number], values[number + 1 :]
+        if all(any((other, value) in surely_above for other in side) for side in sides):
+            return Judgement("agree", measured)
+    return Judgement("cannot say", measured, "a rise on both sides is not beyond chance")
+
+
+def quoted(
+    evidence: Evidence,
+    experiment: str,
+    at: float | None = None,
+    receiver: str = "flda_3",
+    ber: float | None = None,
+    gain: float | None = None,
+) -> Judgement:
+    """Judge a bit error rate, or a share of two features' errors that three do not make, that is quoted.
+
+    Args:
+        evidence: what was measured.
+        experiment: its name.
+        at: value of the axis; None for the average gain over all values.
+        receiver: whose rate.
+        ber: the quoted rate; None for a gain.
+        gain: the quoted gain; None for a rate.
+    """
+    values = [] if at is None else [at]
+    curves = evidence.curves(experiment, [receiver, "flda_2", "flda_3"], values)
+    if ber is not None and at is not None:
+        found = rates.measured_rate(curves, receiver, at)
+        apart = rates.quoted_difference(curves, receiver, at, ber)
+        measured = f"{rate_text(found.value)} [{rate_text(found.low)}, {rate_text(found.high)}]"
+        wide = found.high > STRICT.widest_ratio * found.low
+        gap = f"{found.value / ber:.2g} times the quoted rate"
+    elif gain is not None:
+        share = rates.gain(curves, at)
+        if share is None:
+            return Judgement("cannot say", "no gain", "two features made no error")
+        found, apart = share, rates.gain_difference(curves, share, at, gain)
+        measured = f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}]"
+        wide = found.high - found.low > STRICT.widest_gain
+        gap = f"{100 * (found.value - gain):+.0f} points"
+    else:
+        raise NotMeasuredError("a quoted number")
+    if apart.real:
+        return Judgement("differ", measured, gap, found)
+    return Judgement("cannot say" if wide else "agree", measured, "the interval is wide" * wide, found)
+
+
+def number(
+    evidence: Evidence,
+    value: str = "",
+    least: float = -math.inf,
+    most: float = math.inf,
+    ascending: Sequence[str | Sequence[str]] = (),
+) -> Judgement:
+    """Judge whether a number lies within limits, or whether numbers ascend.
+
+    Args:
+        evidence: what was measured.
+        value: the number's name.
+        least: its lower limit.
+        most: its upper limit.
+        ascending: names, or lists of names, each of which is below all of the next.
+    """
+    if value:
+        found = evidence.number(value)
+        measured = f"{found.value:.4g}"
+        if found.low < found.high:
+            measured += f" [{found.low:.4g}, {found.high:.4g}]"
+        limits = "" if math.isinf(least) else f"at least {least:.4g} "
+        limits += "" if math.isinf(most) else f"at most {most:.4g}"
+        if least <= found.low and found.high <= most:
+            return Judgement("agree", measured, "", found)
+        outside = found.high < least or found.low > most
+        return Judgement("differ" if outside else "cannot say", measured, limits, found)
+    groups = [[names] if isinstance(names, str) else list(names) for names in ascending]
+    numbers = {name: evidence.number(name) for name in itertools.chain(*groups)}
+    measured = ", ".join(f"{name.partition('.')[2]} {found.value:.7g}" for name, found in numbers.items())
+    pairs = [
+        pair for lower, higher in itertools.pairwise(groups) for pair in itertools.product(lower, higher)
+    ]
+    for lower, higher in pairs:
+        if numbers[lower].low > numbers[higher].high:
+            return Judgement("differ", measured, f"{higher} is lower than {lower}")
+    if all(numbers[lower].high < numbers[higher].low for lower, higher in pairs):
+        return Judgement("agree", measured)
+    return Judgement("cannot say", measured, "equal, or the intervals overlap")
+
+
+RULES: Mapping[str, Callable[..., Judgement]] = {
+    rule.__name__: rule for rule in (order, trend, minimum, quoted, number)
+}
+"""The rules by their names in ``claims.yaml``."""
