@@ -7,7 +7,7 @@ from typing import Any, Protocol, Self
 import torch
 
 from vocc_torch.receiver import lattice_model, resample
-from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model
+from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Edges, Lattice, Model
 from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_levels
 from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
@@ -18,8 +18,11 @@ _STEPS, _FREE_STEPS, _LINE_STEPS = 12, 2, (3, 6)
 # A step below the first, in cells, is the last; none is above the second.
 _STILL_CELLS, _MOST_CELLS = 4e-3, 0.4
 # How far a step may go where the picture does not say, as standard deviations: of the corner fields 1, u, v
-# and uv in x and in y and of the blur in cells; of the levels and the background in light, white being 1.
+# and uv in x and in y and of the blur in cells; of the levels and the background in light, white being 1. The
+# face follows.
 _EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
+NO_FACE = 1e-6
+"""How far the light of the face may go from 0 where a panel is taken to have none."""
 # The same for the first steps, while bits are still wrong: hardly any turn, shear and perspective.
 _STIFF_STEPS = 3
 _STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
@@ -58,7 +61,9 @@ class Resampled:
         return lattice_model.read_patches(self.frames, lattice.corners_px, lattice.shape, MARGIN)
 
 
-def fit_lattice(frames: Frames | Pictures, start: Lattice, steps: range = range(_STEPS)) -> Lattice:
+def fit_lattice(
+    frames: Frames | Pictures, start: Lattice, steps: range = range(_STEPS), face_light: float = NO_FACE
+) -> Lattice:
     """Fit corners, spots and two levels to the pictures.
 
     The corners move freely, so a panel may be turned or seen in perspective. What is compared are the grey
@@ -69,6 +74,8 @@ def fit_lattice(frames: Frames | Pictures, start: Lattice, steps: range = range(
         frames: B frames or crops, or what reads B pictures.
         start: where to begin, within about a third of a cell.
         steps: numbers of those to take, of 0 to 11; from a later one on, start is what a fit has returned.
+        face_light: how far the light of the face may go in a step, white being 1; hardly any where the panel
+            has no face.
 
     Returns:
         The lattices, finite; ``rms_dn`` and ``share`` say how well they explain the pictures, and only they
@@ -81,7 +88,7 @@ def fit_lattice(frames: Frames | Pictures, start: Lattice, steps: range = range(
         # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a
         # fit of what is no lattice can go either way.
         twice = active.new_zeros(2) if len(active) == 1 else slice(None)
-        before, after, unsettled = _improved(seen, own[twice], number)
+        before, after, unsettled = _improved(seen, own[twice], number, face_light)
         before, unsettled = before[: len(active)], unsettled[: len(active)]
         better = before.rms_dn < best.rms_dn[active] if number else torch.ones_like(unsettled)
         best.put(active[better], before[better])
@@ -98,13 +105,18 @@ def _read(frames: Pictures, lattice: Lattice) -> torch.Tensor:
     return frames.read(lattice[: len(frames)]).expand(len(lattice.blur), -1, -1)
 
 
-def _improved(frames: Pictures, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, torch.Tensor]:
+def _improved(
+    frames: Pictures, lattice: Lattice, number: int, face_light: float
+) -> tuple[Lattice, Lattice, torch.Tensor]:
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
         background = lattice.background.to(model.grey.dtype)[:, None, None]
         light = linear_light(model.grey) - background
+        edges = model.edges
+        face = lattice.face.to(light.dtype)[:, None, None]
+        light = light - face * edges[0].value[:, :, None] * edges[1].value[:, None]
         bits, found = _two_levels(_amplitudes(light, model))
         levels = lattice.levels if number else found.to(torch.float64)
         lattice = replace(lattice, bits=bits, levels=levels)
@@ -130,7 +142,8 @@ def _improved(frames: Pictures, lattice: Lattice, number: int) -> tuple[Lattice,
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
     variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).to(torch.float64)[:, None]
     curvature = (jacobian @ jacobian.mT).to(torch.float64) / variance[..., None]
-    expected = torch.tensor(_STIFF if number < _STIFF_STEPS else _EXPECTED, dtype=torch.float64)
+    stiffness = _STIFF if number < _STIFF_STEPS else _EXPECTED
+    expected = torch.tensor((*stiffness, face_light), dtype=torch.float64)
     curvature += torch.diag(expected**-2).to(curvature.device)
     slopes = (jacobian @ rest[..., None])[..., 0].to(torch.float64) / variance
     step = torch.linalg.solve(curvature, slopes)
@@ -141,12 +154,13 @@ def _improved(frames: Pictures, lattice: Lattice, number: int) -> tuple[Lattice,
     corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
     blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
     background = (lattice.background + step[:, 12]).clamp(0, 1)
-    after = replace(lattice, corners_px=corners_px, blur=blur, levels=levels, background=background)
+    face = lattice.face + step[:, 13]
+    after = replace(lattice, corners_px=corners_px, blur=blur, levels=levels, background=background, face=face)
     return before, after, unsettled | (greatest >= _STILL_CELLS)
 
 
 def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
-    """Return the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
+    """Return the light's derivatives (B,14,H*W) by what :data:`_EXPECTED` lists, and by the face."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
     (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
     batch, high, wide = model.grey.shape
@@ -158,8 +172,18 @@ def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
     lit = torch.bmm(torch.cat([across, down], 1), amplitude)
     by_x = torch.bmm(lit[:, : 2 * high], sideways.mT).view(batch, 2, high, 3, wide).transpose(2, 3)
     by_y = torch.bmm(lit[:, 2 * high :], straight.mT).view(batch, 3, high, 2, wide).transpose(2, 3)
-    changes = [by_x[:, :, :2], by_y[:, :2], by_x[:, 0, 2], by_y[:, 2, 0]]
-    changes += [model.parts, torch.ones_like(model.grey)]
+    up, along = model.edges
+    face = lattice.face.to(amplitude.dtype)[:, None, None, None, None]
+    samples = [sample_cells(int(leds), SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1 for leds in amplitude.shape[1:]]
+    v_face = torch.stack([up.value, up.value * samples[0]], 1)
+    u_face = torch.stack([along.value, along.value * samples[1]], 1)
+    ends_x = torch.stack([along.shift, along.stretch], 1)
+    ends_y = torch.stack([up.shift, up.stretch], 1)
+    face_x = face * v_face[:, :, None, :, None] * ends_x[:, None, :, None]
+    face_y = face * ends_y[:, :, None, :, None] * u_face[:, None, :, None]
+    changes = [by_x[:, :, :2] + face_x, by_y[:, :2] + face_y, by_x[:, 0, 2], by_y[:, 2, 0]]
+    box = up.value[:, :, None] * along.value[:, None]
+    changes += [model.parts, torch.ones_like(model.grey), box]
     return torch.cat([one.reshape(batch, -1, high * wide) for one in changes], 1)
 
 
@@ -239,7 +263,8 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
     amplitude = lattice.amplitudes()
     costs = [(model.predicted - model.grey).square().sum((1, 2))]
     options = []
-    for axis, spots, others in ((1, model.rows, model.columns), (2, model.columns, model.rows)):
+    sides = ((1, model.rows, model.columns), (2, model.columns, model.rows))
+    for axis, spots, others in sides:
         leds = int(amplitude.shape[axis])
         samples = sample_cells(leds, SAMPLES, MARGIN).to(amplitude)
         blur = lattice.blur[:, 2 - axis, None].float()
@@ -248,6 +273,9 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
             new = torch.exp(-(((samples - near) / blur) ** 2) / 2)
             old = (others.value @ amplitude.select(axis, far)[..., None])[..., 0]
             change = new[:, :, None] * off[:, None] - spots.value[:, :, far, None] * old[:, None]
+            moved = Edges.of(leds, lattice.blur[:, 2 - axis], by).value - model.edges[axis - 1].value
+            face = lattice.face.float()[:, None] * model.edges[2 - axis].value
+            change = change + moved[:, :, None] * face[:, None]
             light = model.light + (change if axis == 1 else change.mT)
             costs.append((grey_values(light) - model.grey).square().sum((1, 2)))
             options.append((axis, by))

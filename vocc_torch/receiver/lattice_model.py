@@ -3,6 +3,7 @@
 :func:`search_lattice` finds where the lattice may lie near a quadrilateral, over pitch, place and blur.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, Self
@@ -34,6 +35,7 @@ class Lattice(Batched):
         blur: (B,2) float64, standard deviation of a spot along the rows and down the columns, cells.
         levels: (B,2) float64, light of an Off and an On LED in its middle above the background; white is 1.
         background: (B,) float64, light of the background.
+        face: (B,) float64, light of the panel's face between the LEDs above the background.
         bits: (B,R,C) bool, which LEDs are taken to be On.
         rms_dn: (B,) float64, root mean square of what the lattice leaves unexplained, DN, with the weights of
             :meth:`Model.trust`.
@@ -46,6 +48,7 @@ class Lattice(Batched):
     blur: Tensor
     levels: Tensor
     background: Tensor
+    face: Tensor
     bits: Tensor
     rms_dn: Tensor
     share: Tensor
@@ -54,10 +57,10 @@ class Lattice(Batched):
     @classmethod
     def at(cls, corners_px: Tensor, blur: Tensor, background_dn: Tensor, shape: PanelShape) -> Self:
         """Start with corners (B,4,2), a blur (B,) and a background (B,), DN; without light."""
-        none = background_dn.new_zeros(3, len(corners_px), dtype=torch.float64)
+        none = background_dn.new_zeros(4, len(corners_px), dtype=torch.float64)
         bits = none.new_zeros(len(corners_px), shape.rows, shape.columns, dtype=torch.bool)
         light = linear_light(background_dn.to(torch.float64))
-        return cls(corners_px.clone(), blur[:, None].repeat(1, 2), none[:2].mT.clone(), light, bits, *none)
+        return cls(corners_px.clone(), blur[:, None].repeat(1, 2), none[:2].mT.clone(), light, *none[:1], bits, *none[1:])
 
     @property
     def shape(self) -> PanelShape:
@@ -113,6 +116,40 @@ def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
+EDGE_OF_BLUR = 0.7
+"""Standard deviation of the face's blurred edge over that of a spot, which has its LED's size in it."""
+
+
+class Edges(NamedTuple):
+    """Profile of the face along an axis at its samples, (B,N) float32.
+
+    Args:
+        value: 1 within the panel, 0 outside.
+        shift: its derivative by the place of the panel, per cell.
+        stretch: its derivative by the place of the ends, outwards, per cell.
+    """
+
+    value: Tensor
+    shift: Tensor
+    stretch: Tensor
+
+    @classmethod
+    def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
+        """Compute the profile of a panel of ``leds`` LEDs from the spots' standard deviation (B,), cells.
+
+        Args:
+            leds: along the axis.
+            blur: of the spots.
+            moved_cells: by which the panel is moved along the axis.
+        """
+        width = EDGE_OF_BLUR * blur.to(torch.float32)[:, None]
+        samples = sample_cells(leds, SAMPLES, MARGIN).to(width) - moved_cells
+        ends = samples / width, (samples - leds) / width
+        rises = [torch.special.ndtr(end) for end in ends]
+        slopes = [torch.exp(-(end**2) / 2) / (width * math.sqrt(2 * math.pi)) for end in ends]
+        return cls(rises[0] - rises[1], slopes[1] - slopes[0], slopes[1] + slopes[0])
+
+
 class Model(NamedTuple):
     """A lattice's picture beside the one that was taken.
 
@@ -120,6 +157,7 @@ class Model(NamedTuple):
         grey: (B,H,W) float32, the picture as resampled about the lattice, DN.
         rows: spots down the columns, one a row.
         columns: spots along the rows, one a column.
+        edges: of the face, down the columns and along the rows.
         parts: (B,2,H,W) light of the Off and of the On LEDs at levels of 1.
         light: (B,H,W) light that the lattice predicts, background included.
         predicted: (B,H,W) its grey values, DN.
@@ -128,24 +166,31 @@ class Model(NamedTuple):
     grey: Tensor
     rows: Spots
     columns: Spots
+    edges: tuple[Edges, Edges]
     parts: Tensor
     light: Tensor
     predicted: Tensor
 
     @classmethod
-    def of(cls, grey: Tensor, lattice: Lattice, spots: tuple[Spots, Spots] | None = None) -> Self:
-        """Predict pictures that are resampled about the lattices; ``spots`` if rows and columns are known."""
+    def of(cls, grey: Tensor, lattice: Lattice, known: "Model | None" = None) -> Self:
+        """Predict pictures that are resampled about the lattices; spots and edges are taken where known."""
         high, wide = lattice.bits.shape[1:]
-        rows, columns = spots or (Spots.of(high, lattice.blur[:, 1]), Spots.of(wide, lattice.blur[:, 0]))
+        if known is None:
+            rows, columns = Spots.of(high, lattice.blur[:, 1]), Spots.of(wide, lattice.blur[:, 0])
+            edges = Edges.of(high, lattice.blur[:, 1]), Edges.of(wide, lattice.blur[:, 0])
+        else:
+            rows, columns, edges = known.rows, known.columns, known.edges
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
         parts = rows.value[:, None] @ both @ columns.value[:, None].mT
         levels, background = lattice.levels.to(grey.dtype), lattice.background.to(grey.dtype)
         light = (parts * levels[:, :, None, None]).sum(1) + background[:, None, None]
-        return cls(grey, rows, columns, parts, light, grey_values(light))
+        face = lattice.face.to(grey.dtype)[:, None, None]
+        light = light + face * edges[0].value[:, :, None] * edges[1].value[:, None]
+        return cls(grey, rows, columns, edges, parts, light, grey_values(light))
 
     def again(self, lattice: Lattice) -> Self:
-        """Predict anew after a change of bits, levels and background only."""
-        return type(self).of(self.grey, lattice, (self.rows, self.columns))
+        """Predict anew after a change of bits, levels, face and background only."""
+        return type(self).of(self.grey, lattice, self)
 
     def trust(self) -> Tensor:
         """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.

@@ -31,6 +31,7 @@ class RefinedSettings:
     least_pitch_px: float = 1.5  # finer lattices are noise: LEDs melt together
     fit_px: int = 192  # side of windows that are fitted together
     parts_per_px: float = 1024.0  # corners are rounded to: sums differ between batches
+    face_light: float = 0.1  # a face's light over the background, white being 1, is of this size at most
     tie_deg: float = 0.25  # error of a panel turned by 45 degrees that changes no order
 
 
@@ -201,7 +202,8 @@ def _fitted(
 ) -> lattice_model.Lattice:
     """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
     start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
-    lattice = lattice_fit.fit_lattice(frames, lattice_model.Lattice.at(start, blur, background, shape))
+    begun = lattice_model.Lattice.at(start, blur, background, shape)
+    lattice = lattice_fit.fit_lattice(frames, begun, face_light=REFINED.face_light)
     poor = (lattice.share_of_all + _noise_share(lattice, noise) < REFINED.good_share).nonzero()[:, 0]
     if not len(poor):
         return lattice
@@ -212,7 +214,8 @@ def _fitted(
     others = [(resample.map_points(start[poor], to, shape), blur[poor]) for to in sized]
     others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
     for again, width in others:
-        found = lattice_fit.fit_lattice(seen, lattice_model.Lattice.at(again, width, level, shape))
+        begun = lattice_model.Lattice.at(again, width, level, shape)
+        found = lattice_fit.fit_lattice(seen, begun, face_light=REFINED.face_light)
         better = found.rms_dn < lattice.rms_dn[poor]
         lattice.put(poor[better], found[better])
     return lattice
