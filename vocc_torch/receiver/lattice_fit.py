@@ -155,7 +155,9 @@ def _improved(
     blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
     background = (lattice.background + step[:, 12]).clamp(0, 1)
     face = lattice.face + step[:, 13]
-    after = replace(lattice, corners_px=corners_px, blur=blur, levels=levels, background=background, face=face)
+    after = replace(
+        lattice, corners_px=corners_px, blur=blur, levels=levels, background=background, face=face
+    )
     return before, after, unsettled | (greatest >= _STILL_CELLS)
 
 
@@ -174,7 +176,9 @@ def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
     by_y = torch.bmm(lit[:, 2 * high :], straight.mT).view(batch, 3, high, 2, wide).transpose(2, 3)
     up, along = model.edges
     face = lattice.face.to(amplitude.dtype)[:, None, None, None, None]
-    samples = [sample_cells(int(leds), SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1 for leds in amplitude.shape[1:]]
+    samples = [
+        sample_cells(int(leds), SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1 for leds in amplitude.shape[1:]
+    ]
     v_face = torch.stack([up.value, up.value * samples[0]], 1)
     u_face = torch.stack([along.value, along.value * samples[1]], 1)
     ends_x = torch.stack([along.shift, along.stretch], 1)

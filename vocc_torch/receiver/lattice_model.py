@@ -60,7 +60,8 @@ class Lattice(Batched):
         none = background_dn.new_zeros(4, len(corners_px), dtype=torch.float64)
         bits = none.new_zeros(len(corners_px), shape.rows, shape.columns, dtype=torch.bool)
         light = linear_light(background_dn.to(torch.float64))
-        return cls(corners_px.clone(), blur[:, None].repeat(1, 2), none[:2].mT.clone(), light, *none[:1], bits, *none[1:])
+        levels, face = none[:2].mT.clone(), none[0]
+        return cls(corners_px.clone(), blur[:, None].repeat(1, 2), levels, light, face, bits, *none[1:])
 
     @property
     def shape(self) -> PanelShape:

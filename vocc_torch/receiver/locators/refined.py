@@ -22,7 +22,8 @@ class RefinedSettings:
     clean_rise_dn: float = 1.5  # rise over the background that is light where nothing else varies
     least_rise_dn: float = 3.0  # the same in noise, at least
     rise_sigmas: float = 5.0  # the same in noise, in its standard deviations
-    good_share: float = 0.992  # below this share a fit is tried again from other starts
+    good_share: float = 0.9985  # below this share a fit is tried again from other starts
+    usual_blur_cells: float = 0.45  # of a spot where the fit starts from the edges of the face
     sizes: tuple[float, ...] = (
         0.89,
         1.12,
@@ -54,8 +55,7 @@ class RefinedLocator(PanelLocator):
 
     ``Panels.score`` is the share of the picture's variation that the lattice explains.
 
-    The panel's face between the LEDs is not modelled. Where it is brighter than the background, corners are
-    off by 0.09 px in the median instead of 0.03, and some panels by whole lines of LEDs.
+    A face between the LEDs that is brighter than the background has a level of its own in the fit.
 
     Args:
         paper: the paper's locator: its limits of blobs, and what falls to it.
@@ -188,7 +188,7 @@ class RefinedLocator(PanelLocator):
     ) -> Tensor:
         """Fit lattices to ``rows`` of the panels, keep the good ones, and return the rows of the others."""
         corners_px, noise = panels.corners_px[rows], noise[rows]
-        lattice = _fitted(frames, corners_px, level[rows], noise, shape)
+        lattice = _fitted(frames, corners_px, level[rows], noise, shape, self.paper)
         good = lattice.share + _noise_share(lattice, noise) >= self.min_share
         good &= _is_sane(lattice, corners_px)
         corners = _upright(lattice.corners_px[good], shape)
@@ -198,7 +198,12 @@ class RefinedLocator(PanelLocator):
 
 
 def _fitted(
-    frames: Frames, corners_px: Tensor, background: Tensor, noise: Tensor, shape: PanelShape
+    frames: Frames,
+    corners_px: Tensor,
+    background: Tensor,
+    noise: Tensor,
+    shape: PanelShape,
+    paper: PaperLocator,
 ) -> lattice_model.Lattice:
     """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
     start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
@@ -213,6 +218,10 @@ def _fitted(
     sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in REFINED.sizes]
     others = [(resample.map_points(start[poor], to, shape), blur[poor]) for to in sized]
     others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
+    # A face that is brighter than the background has an edge of its own, which the paper's threshold finds.
+    face = paper(seen, shape)
+    edges_px = torch.where(face.found[:, None, None], face.corners_px.to(start), start[poor])
+    others.append((edges_px, torch.full_like(blur[poor], REFINED.usual_blur_cells)))
     for again, width in others:
         begun = lattice_model.Lattice.at(again, width, level, shape)
         found = lattice_fit.fit_lattice(seen, begun, face_light=REFINED.face_light)
