@@ -3,6 +3,7 @@
 import io
 import re
 from dataclasses import replace
+from importlib import import_module
 from types import SimpleNamespace
 
 import pytest
@@ -101,7 +102,7 @@ def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch
         made = {"svm": Making(training_s=12.3, frames=497), "panel_otsu": Making()}
         return SimpleNamespace(frames=500, missed=3, made=made)
 
-    monkeypatch.setattr("vocc_torch.measure.train.train", trained)
+    monkeypatch.setattr(import_module("vocc_torch.measure.train"), "train", trained)
     budget, receiver = SimpleNamespace(training_frames=500, trainings=1), SimpleNamespace(classifiers=())
     screen, text = console(terminal=terminal)
     train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)

@@ -146,7 +146,7 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         chosen = key == "experiment" and experiment.training
         if task == "export" and group == "experiment" and trains != (points == "train") and not chosen:
             raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
-        if key == "plug_ins" and settings.model is None:
+        if key == "plug_ins" and settings.model in (None, SHIPPED):
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
         reads = task in ("decode", "receive")
         own_parts = {*(OF_MODEL if reads else ("panel", "receiver", "budget.training_frames")), *PARTS}
