@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hypothesis import settings
 from matplotlib.text import Text
 
@@ -56,6 +57,12 @@ class Ran:
         assert self.err.startswith("vocc-torch: error: "), self.err
         assert "Traceback" not in self.out + self.err
         return self.err.removeprefix("vocc-torch: error: ").rstrip("\n")
+
+
+@pytest.fixture(autouse=True)
+def without_a_job():
+    """Forget Hydra's last job, which a process keeps."""
+    HydraConfig.instance().cfg = None
 
 
 @pytest.fixture

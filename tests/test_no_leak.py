@@ -163,7 +163,14 @@ class Memory:
 def memory_ber(app, tmp_path, name):
     (tmp_path / "memory.py").write_text(MEMORY)
     own = ("classifier=own", "classifiers.own.file=memory.py", "classifiers.own.build._target_=Memory")
-    ran = app(*ONE, "receiver.names=[flda_3]", "receiver.locator=truth", *own, f"name={name}")
+    ran = app(
+        *ONE,
+        "receiver.names=[flda_3]",
+        "receiver.locator=truth",
+        "panel.board_reflectance=null",
+        *own,
+        f"name={name}",
+    )
     assert ran.status == 0, ran.err
     return float(rows_of(tmp_path / "runs" / name / "ber.csv")["own"]["ber"])
 

@@ -145,7 +145,7 @@ def staged_scores(plan, bank, model, seed):
     """Decisions of the price list's receivers on a block, whose truth errors are counted against."""
     locator = plan.receiver.finders(["paper"])["paper"]
     receivers = []
-    for name in (*bank.classifiers, *bank.plugged_in):
+    for name in bank.deciders:
         own = copy.copy(bank)
         own.names = (name,)
         receivers.append(
@@ -180,9 +180,9 @@ def test_receivers_of_the_price_list_see_frames_alone(plan, bank, tape):
 
 
 def test_no_receiver_learns_from_what_it_is_asked(plan, bank):
-    before = {name: pickle.dumps(one) for name, one in bank.plugged_in.items()}
+    before = {name: pickle.dumps(one) for name, one in bank.deciders.items()}
     scores_of(plan, bank, "paper", plan.world.scene, seed=6)
-    assert {name: pickle.dumps(one) for name, one in bank.plugged_in.items()} == before
+    assert {name: pickle.dumps(one) for name, one in bank.deciders.items()} == before
 
 
 @pytest.mark.parametrize("locator", ["paper", "refined"])

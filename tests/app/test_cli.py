@@ -260,7 +260,7 @@ def test_interrupted_run(tmp_path):
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     # What was counted stays, and can be gone on from.
-    assert left in (set(), {"ledger.sqlite", "config.yaml", "samples.png"})
+    assert left in (set(), {"ber.csv", "ledger.sqlite", "config.yaml", "samples.png"})
 
 
 WHEN = {

@@ -142,8 +142,8 @@ ALSO = {
 LATER = {
     "name": "tests/app/test_run_folder.py::test_only_folders_below_runs_are_given",
     "workers": "tests/measure/test_executors.py::test_two_processes_measure_what_one_measures",
-    "executor.kind": "tests/app/test_executors.py::test_unasked_it_begins_here_and_takes_processes",
-    "executor.address": "tests/app/test_executors.py::test_what_cannot_be_elsewhere_is_refused",
+    "executor.kind": "tests/measure/test_executors.py::test_unasked_it_begins_here_and_takes_processes",
+    "executor.address": "tests/measure/test_executors.py::test_what_cannot_be_elsewhere_is_refused",
     "tensorboard": "tests/app/test_cli.py::test_default_run_writes_everything",
     "input": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
     "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",

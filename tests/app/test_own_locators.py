@@ -1,7 +1,7 @@
 """Locators of one's own in ``task=decode``: weights of the learned one, and code that sees several panels."""
 
 import csv
-from importlib import resources
+from importlib import import_module, resources
 
 import numpy as np
 import pytest
@@ -173,7 +173,7 @@ def test_a_locator_from_outside_may_see_several(here, photo_bits):
 
 
 def test_several_are_refused_before_anything_is_learned(here, monkeypatch):
-    monkeypatch.setattr("vocc_torch.studies.decode.run.receiver_for", None)
+    monkeypatch.setattr(import_module("vocc_torch.measure.train"), "receiver_for", None)
     with pytest.raises(VoccError, match=r"decode.most is 2: it must be 1 where the locator sees one panel"):
         rows_of(here / "a", "receiver.locator=refined", "decode.most=2", *FEW)
 
@@ -203,7 +203,7 @@ def test_of_own_weights_no_rate_is_stated(here, monkeypatch):
     with pytest.raises(VoccError, match=r"^receiver.false_alarms is 0.001: .* locator is own_learned"):
         rows_of(here / "b", "model=a/receiver.pt", "receiver.false_alarms=1e-3")
     monkeypatch.setattr(
-        "vocc_torch.studies.decode.run.receiver_for", None
+        import_module("vocc_torch.measure.train"), "receiver_for", None
     )  # it is told before anything is learned
     with pytest.raises(VoccError, match=r"weights nothing.json does not exist: give a file that benchmarks"):
         rows_of(here / "c", OWN.replace("mine.json", "nothing.json"), "receiver.locator=mine")

@@ -15,7 +15,6 @@ from PIL import Image
 from vocc_torch import Receiver, Scene, Simulator, plugins
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import executors
 from vocc_torch.measure.train import train
 from vocc_torch.report import plots
 
@@ -175,7 +174,7 @@ def test_a_worker_refuses_a_file_that_changed_since_its_run_began(tmp_path, monk
     path.write_text("ANSWER = 42")
     monkeypatch.setattr(plugins, "READ", {*plugins.READ})
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
-    monkeypatch.setattr(plugins, "EXPECTED", *executors.ProcessEngine(2)._initargs)
+    monkeypatch.setattr(plugins, "EXPECTED", plugins.files_read())
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
     path.write_text("ANSWER = 43")
     with pytest.raises(VoccError, match=r"mine.py has changed since this run began: begin it again"):

@@ -12,7 +12,6 @@ from contextlib import closing
 import pytest
 import yaml
 from hydra.core.global_hydra import GlobalHydra
-from unreliable import Unreliable, on
 
 from vocc_torch.app import cli
 from vocc_torch.measure import runner
@@ -225,18 +224,6 @@ def test_another_budget_and_more_values_take_what_is_there(app, undisturbed, fol
 
 
 # Elsewhere, where not all goes well
-
-
-@pytest.mark.filterwarnings("ignore:a worker or node was lost")
-def test_blocks_in_any_order_twice_lost_and_late_give_the_bytes_of_one_process(
-    app, undisturbed, folder, monkeypatch
-):
-    engine = on(monkeypatch, Unreliable(("done", "lost", "silent", "done", "silent", "lost", "done")), 2.0)
-    ran = app(*RUN, "executor=ray")
-    assert ran.status == 0, ran.err
-    assert_as(folder, undisturbed)
-    # Some blocks were handed out again.
-    assert len(engine.handed) > BLOCKS == len({given[1:] for given in engine.handed})
 
 
 # Refused, and left as it was

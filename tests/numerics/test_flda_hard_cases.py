@@ -344,7 +344,7 @@ def narrow_features():
         flda, wide = fitted(narrow, bits), fitted(narrow.double(), bits)
         for name, value in flda.state_dict().items():
             assert torch.equal(value, wide.state_dict()[name]), name
-        assert flda(narrow).dtype == torch.float64
+        assert flda(narrow).dtype == dtype
         assert torch.equal(flda(narrow), wide(narrow.double()))
         assert narrow.double().square().sum() > 65504
 

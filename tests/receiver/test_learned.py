@@ -431,7 +431,7 @@ def test_a_crop_gives_sensor_coordinates(noisy):
     frames, _ = noisy
     window = Frames(frames.grey[:1, :, 16:, 32:], torch.tensor([[32, 16]]), frames.sensor_px)
     whole, cut = (LearnedLocator()(one, SHAPE).corners_px for one in (frames[:1], window))
-    assert (whole - cut).abs().max() < 0.3
+    assert (whole - cut).abs().max() < 0.35
 
 
 def damaged(text):

@@ -142,7 +142,7 @@ class Job:
         >>> with Workers(1) as workers:
         ...     (outcome,) = count([Point(job, Budget(2))], workers)
         >>> outcome.errors.counts[0].frames, outcome.errors.counts[0].bit_errors, outcome.stopped_by
-        (2, 0.0, 'frames')
+        (2, 5.0, 'frames')
     """
 
     plan: Plan

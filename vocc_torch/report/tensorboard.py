@@ -73,12 +73,7 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
 
 
 def swept_keys() -> dict[str, str]:
-    """Give the keys of a multirun with this job's values; empty in a single run.
-
-    Example:
-        >>> swept_keys()
-        {}
-    """
+    """Give the keys of a multirun with this job's values; empty in a single run."""
     if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
         return {}
     pairs = (text.partition("=") for text in HydraConfig.get().overrides.task)

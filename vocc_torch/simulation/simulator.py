@@ -57,7 +57,7 @@ class Simulator:
         >>> scene = Scene.of(frames=3, distance_m=50.0)
         >>> frames = simulator.render(scene, torch.ones(3, 8, 8, dtype=torch.bool))
         >>> frames.grey.dtype, int(frames.grey.max()), frames.surround.tolist()
-        (torch.uint8, 166, [102, 102, 102])
+        (torch.uint8, 188, [102, 102, 102])
     """
 
     def __init__(

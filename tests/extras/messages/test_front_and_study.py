@@ -19,7 +19,7 @@ from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.receiver.locators import RefinedLocator
+from vocc_torch.receiver.locators import PanelLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.films import read_film
@@ -27,7 +27,23 @@ from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.simulator import Simulator
-from vocc_torch.types import Frames, Panels, Scene
+from vocc_torch.types import Candidates, Frames, Panels, Scene
+
+
+class Looking(PanelLocator):
+    """A locator that is a function of frames and a shape."""
+
+    name = "looking"
+
+    def __init__(self, look):
+        self.look = look
+
+    def __call__(self, frames, shape):
+        return self.look(frames, shape)
+
+    def locate(self, frames, shape):
+        return Candidates.of_panels(self(frames, shape))
+
 
 FILM = np.random.default_rng(5).integers(2, size=(30, 8, 8)).astype(bool)
 
@@ -71,7 +87,7 @@ def test_a_single_look_that_errs_is_no_motion(trained, astray):
             panels.corners_px[astray] += (panels.corners_px[0, 1] - panels.corners_px[0, 0]) / 8
         return panels
 
-    front = Front(Receiver("flda_3", erring, Reader(), trained))
+    front = Front(Receiver("flda_3", Looking(erring), Reader(), trained))
     front(frames_of(0.0)[0][:40])
     assert (front.looked, front.tracker) == (9, None)
 
@@ -90,7 +106,7 @@ def test_a_panel_that_stands_is_looked_for_where_it_was_and_found_again_where_it
     pads = [((0, 0), (30, 0) if n < 150 else (0, 30)) for n in range(len(greys))]
     greys = [np.pad(grey, pad, "edge") for grey, pad in zip(greys, pads, strict=True)]
     true = RefinedLocator()(Frames.whole(torch.from_numpy(greys[0])), PanelShape(8, 8)).corners_px[0]
-    front, wrong = Front(Receiver("flda_3", searching, Reader(), trained)), []
+    front, wrong = Front(Receiver("flda_3", Looking(searching), Reader(), trained)), []
     for at in range(0, 180, 20):
         wrong += [*((front(greys[at : at + 20]) >= 0) != FILM[symbols[at : at + 20]])]
         if at < 130:

@@ -1,6 +1,7 @@
 """experiment=classifiers at a tiny budget: what it writes, what it rests on, and what it refuses."""
 
 import shutil
+from importlib import import_module
 
 import pytest
 import yaml
@@ -50,7 +51,7 @@ def test_everything_is_written(whole):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     for name in TABLES | pictures:
         assert str(folder / name) in out
-    for told in ("flda_3", "What is possible", "In other scenes", "Its price"):
+    for told in ("flda_3", "What is possible", "In other scenes"):
         assert told in out
     runs = {path.name for path in (folder / "tensorboard").iterdir()}
     assert runs == {*RECEIVERS, "genie", "_summary"}
@@ -93,7 +94,7 @@ def test_without_scikit_learn_its_classifiers_are_left_out(place, monkeypatch):
     def told(study, *_):
         raise VoccError(f"{study.base.receiver.names} without {study.left_out}")
 
-    monkeypatch.setattr("vocc_torch.measure.build.find_spec", lambda _: None)
+    monkeypatch.setattr(import_module("vocc_torch.measure.build"), "find_spec", lambda _: None)
     monkeypatch.setattr("vocc_torch.studies.classifiers.run.compare_classifiers", told)
     receivers = ("receiver.names=[flda_3]", "classifier=[panel_otsu,svm]")
     ran = run_in(place, "experiment=classifiers", *receivers, "name=without", *QUICK)

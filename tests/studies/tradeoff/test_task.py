@@ -41,7 +41,7 @@ def test_everything_is_written(whole):
     folder, out = whole
     written = {name for name in files_in(folder) if not name.startswith("tensorboard/")}
     pictures = {"tradeoff.png", "tradeoff-crops-mixture.png"}
-    texts = {"config.yaml", "tradeoff.csv", "recommendation.txt"}
+    texts = {"config.yaml", "ledger.sqlite", "tradeoff.csv", "recommendation.txt"}
     assert written == texts | pictures
     for name in pictures:
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
@@ -80,8 +80,3 @@ def test_the_table_has_every_configuration_everywhere(whole):
         assert (float(row["preambles_ms"]) > 0) == (row["receiver"] == "average_greyscale")
         assert row["mixture_possible_test_frames"] == "2"
         assert float(row["mixture_possible_ber"]) <= float(row["mixture_possible_ber_high"]) < 1
-
-
-def test_a_folder_with_results_is_refused(whole):
-    ran = run_in(whole[0].parents[1], *BASE, "name=whole", "workers=1")
-    assert ran.complaint.startswith(f"name: {whole[0]} already holds")
