@@ -145,7 +145,7 @@ def staged_scores(plan, bank, model, seed):
     """Decisions of the price list's receivers on a block, whose truth errors are counted against."""
     locator = plan.receiver.finders(["paper"])["paper"]
     receivers = []
-    for name in bank.deciders:
+    for name in (one for one in bank.deciders if "greyscale" not in one):
         own = copy.copy(bank)
         own.deciders = {name: bank.deciders[name]}
         receivers.append(
