@@ -84,7 +84,7 @@ def decode_live(
         finally:
             console.print(run.summary(stream.dropped), soft_wrap=True, markup=False, highlight=False)
     if not run.frames:
-        raise VoccError(f"input {stream.source} gave no frame before it was ended")
+        raise VoccError(f"input {stream.source}: no frame arrived")
     return run
 
 
