@@ -18,7 +18,7 @@ TINY = (
     *(f"~rivals.scenes.{name}" for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")),
     *("rivals.scene_frames=40",),
 )
-BASE = ("experiment=classifiers", *TINY)
+BASE = ("experiment=classifiers", "panel.board_reflectance=null", *TINY)
 QUICK = ("workers=1", "tensorboard=false")
 RECEIVERS = ("average_greyscale", "flda_3", "mlp_features", "panel_otsu")
 TABLES = {"ber.csv", "paired.csv", "classifiers.csv", "genie.csv", "robustness.csv"}
@@ -51,7 +51,7 @@ def test_everything_is_written(whole):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     for name in TABLES | pictures:
         assert str(folder / name) in out
-    for told in ("flda_3", "What is possible", "In other scenes"):
+    for told in ("flda_3", "What is possible", "In other scenes", "Its price"):
         assert told in out
     runs = {path.name for path in (folder / "tensorboard").iterdir()}
     assert runs == {*RECEIVERS, "genie", "_summary"}
@@ -65,7 +65,7 @@ def test_the_points_are_those_of_a_test_by_itself(place, whole):
     """The same experiment as task=test has the very same counts, whoever else is there."""
     alone = run_in(
         place, "experiment=ambient", "experiment.values=[1000,32000]", "receiver=rivals", "name=alone",
-        "receiver.names=[flda_3]", *TINY[:3], "tensorboard=false",
+        "receiver.names=[flda_3]", "panel.board_reflectance=null", *TINY[:3], "tensorboard=false",
     )  # fmt: skip
     assert (alone.status, alone.err) == (0, "")
     (own, ours) = (rows_of(place / "runs" / name / "ber.csv") for name in ("alone", "whole"))
