@@ -21,6 +21,8 @@ _STILL_CELLS, _MOST_CELLS = 4e-3, 0.4
 # and uv in x and in y and of the blur in cells; of the levels and the background in light, white being 1. The
 # face follows.
 _EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
+WHITEST_FACE = 1 / 0.18 - 1
+"""Light of a white face above the background, over that of a background of 18 % grey."""
 NO_FACE = 1e-6
 """How far the light of the face may go from 0 where a panel is taken to have none."""
 # The same for the first steps, while bits are still wrong: hardly any turn, shear and perspective.
@@ -154,7 +156,7 @@ def _improved(
     corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
     blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
     background = (lattice.background + step[:, 12]).clamp(0, 1)
-    face = lattice.face + step[:, 13]
+    face = (lattice.face + step[:, 13]).clamp(-background, WHITEST_FACE * background)
     after = replace(
         lattice, corners_px=corners_px, blur=blur, levels=levels, background=background, face=face
     )

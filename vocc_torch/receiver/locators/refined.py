@@ -22,7 +22,7 @@ class RefinedSettings:
     clean_rise_dn: float = 1.5  # rise over the background that is light where nothing else varies
     least_rise_dn: float = 3.0  # the same in noise, at least
     rise_sigmas: float = 5.0  # the same in noise, in its standard deviations
-    good_share: float = 0.9985  # below this share a fit is tried again from other starts
+    good_share: float = 0.9992  # below this share a fit is tried again from other starts
     usual_blur_cells: float = 0.45  # of a spot where the fit starts from the edges of the face
     sizes: tuple[float, ...] = (
         0.89,
@@ -205,28 +205,37 @@ def _fitted(
     shape: PanelShape,
     paper: PaperLocator,
 ) -> lattice_model.Lattice:
-    """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
+    """Fit lattices from quadrilaterals; where little is explained, with a face, then from other starts."""
     start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
     begun = lattice_model.Lattice.at(start, blur, background, shape)
-    lattice = lattice_fit.fit_lattice(frames, begun, face_light=REFINED.face_light)
-    poor = (lattice.share_of_all + _noise_share(lattice, noise) < REFINED.good_share).nonzero()[:, 0]
-    if not len(poor):
-        return lattice
-    seen, level = frames[poor], background[poor]
-    cells = resample.corner_cells(shape).to(start.device)
-    middle = cells.mean(0)
-    sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in REFINED.sizes]
-    others = [(resample.map_points(start[poor], to, shape), blur[poor]) for to in sized]
-    others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
-    # A face that is brighter than the background has an edge of its own, which the paper's threshold finds.
-    face = paper(seen, shape)
-    edges_px = torch.where(face.found[:, None, None], face.corners_px.to(start), start[poor])
-    others.append((edges_px, torch.full_like(blur[poor], REFINED.usual_blur_cells)))
-    for again, width in others:
-        begun = lattice_model.Lattice.at(again, width, level, shape)
-        found = lattice_fit.fit_lattice(seen, begun, face_light=REFINED.face_light)
-        better = found.rms_dn < lattice.rms_dn[poor]
-        lattice.put(poor[better], found[better])
+    lattice = lattice_fit.fit_lattice(frames, begun)
+
+    def poor() -> Tensor:
+        share = lattice.share_of_all + _noise_share(lattice, noise)
+        return (share < REFINED.good_share).nonzero()[:, 0]
+
+    def retry(rows: Tensor, corners: Tensor, width: Tensor, face_light: float) -> None:
+        begun = lattice_model.Lattice.at(corners, width, background[rows], shape)
+        found = lattice_fit.fit_lattice(frames[rows], begun, face_light=face_light)
+        better = found.rms_dn < lattice.rms_dn[rows]
+        lattice.put(rows[better], found[better])
+
+    if len(rows := poor()):
+        # The edge of a face that is brighter than the background is found by the paper's threshold.
+        face = paper(frames[rows], shape)
+        edges_px = torch.where(face.found[:, None, None], face.corners_px.to(start), start[rows])
+        width = torch.full_like(blur[rows], REFINED.usual_blur_cells)
+        retry(rows, edges_px, width, REFINED.face_light)
+    if len(rows := poor()):
+        cells = resample.corner_cells(shape).to(start.device)
+        middle = cells.mean(0)
+        for size in REFINED.sizes:
+            sized = (middle + size * (cells - middle)).expand(len(rows), 4, 2)
+            corners = resample.map_points(start[rows], sized, shape)
+            retry(rows, corners, blur[rows], lattice_fit.NO_FACE)
+        seen = frames[rows], corners_px[rows], background[rows]
+        oblong = lattice_model.search_lattice(*seen, shape, square=False)
+        retry(rows, *oblong, lattice_fit.NO_FACE)
     return lattice
 
 
