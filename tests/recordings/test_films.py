@@ -10,6 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from test_pictures import read_to_the_end
 
 from vocc_torch.errors import VoccError
 from vocc_torch.recordings.films import field, read_film
@@ -39,17 +40,6 @@ def write_film(path, frames, codec="mpeg4", interlaced=False):
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
     return path
-
-
-def read_to_the_end(recording):
-    """How many frames there were, and what the refusal at the end says."""
-    done = 0
-    try:
-        for _ in recording:
-            done += 1
-    except VoccError as error:
-        return done, str(error)
-    return done, ""
 
 
 def distance(one, other):
