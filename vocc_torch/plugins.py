@@ -41,8 +41,8 @@ PREFIX = "vocc_torch_file_"
 EXPECTED: dict[str, str] = {}
 """In a worker: what :func:`files_read` gave in the process that began it."""
 
-READ: set[str] = set()
-"""The files that this process has run, as they were named."""
+READ: dict[str, tuple[str, str]] = {}
+"""Absolute path and digest of each file that this process has run, by the path as it is named."""
 
 COPIES: dict[str, Path] = {}
 """In a worker on another machine: where the files lie that came with a run, by their paths in its process."""
@@ -115,8 +115,9 @@ class ModuleFile:
             VoccError: the file cannot be read or run, or a worker meets another text than its run began with.
         """
         name = self.module_name
-        READ.add(self.path)
-        if not name.endswith(EXPECTED.get(str(Path(self.path).absolute()), "")):
+        absolute = str(Path(self.path).absolute())
+        READ[self.path] = absolute, name.rpartition("_")[2]
+        if not name.endswith(EXPECTED.get(absolute, "")):
             raise VoccError(f"file {self.path} has changed since this run began: begin it again")
         if name in sys.modules:
             return sys.modules[name]
@@ -147,9 +148,8 @@ class ModuleFile:
 
 
 def files_read() -> dict[str, str]:
-    """Tell each file that this process has run, by its whole path, from others: its last digest."""
-    read = [one for name, one in sys.modules.items() if name.startswith(PREFIX)]
-    return {str(Path(str(one.__file__)).absolute()): one.__name__.rpartition("_")[2] for one in read}
+    """Give the digest of each file that this process has run, by its absolute path."""
+    return dict(READ.values())
 
 
 def carried() -> dict[str, dict[str, bytes]]:

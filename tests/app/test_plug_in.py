@@ -169,10 +169,14 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
 
 
 def test_a_worker_refuses_a_file_that_changed_since_its_run_began(tmp_path, monkeypatch):
-    """Or one ledger would count the frames of two texts as those of one."""
+    """Or one ledger would count the frames of two texts as those of one; a copy elsewhere changes nothing."""
+    copy = tmp_path / "elsewhere" / "mine.py"
+    copy.parent.mkdir()
+    copy.write_text("ANSWER = 42")
+    assert plugins.ModuleFile(str(copy)).named("ANSWER") == 42
     path = tmp_path / "mine.py"
     path.write_text("ANSWER = 42")
-    monkeypatch.setattr(plugins, "READ", {*plugins.READ})
+    monkeypatch.setattr(plugins, "READ", {**plugins.READ})
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
     monkeypatch.setattr(plugins, "EXPECTED", plugins.files_read())
     assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
