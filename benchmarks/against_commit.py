@@ -90,8 +90,16 @@ FRAMES = {"render": 64, "receiver": 32, "link": 256}
 
 def environment(tree: Path) -> dict[str, str]:
     """Give what makes Python import the package of a tree, and glibc keep freed memory as workers do."""
-    kept = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(256 << 20)}
-    return {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin", **kept}
+    kept = {
+        "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
+        "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
+    }
+    return {
+        "PYTHONPATH": str(tree),
+        "OMP_NUM_THREADS": "1",
+        "PATH": "/usr/bin:/bin",
+        **kept,
+    }
 
 
 class Side:
@@ -156,18 +164,34 @@ class Command:
 
     def _now(self) -> float:
         """Give the seconds by the clock, or those that all ended processes have spent."""
-        return time.perf_counter() if self.clock == "perf_counter" else sum(os.times()[2:4])
+        return (
+            time.perf_counter()
+            if self.clock == "perf_counter"
+            else sum(os.times()[2:4])
+        )
 
 
 def main() -> None:
     """Compare and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0] if __doc__ else None
+    )
     parser.add_argument("commit")
     parser.add_argument("--rounds", type=int, default=60)
-    parser.add_argument("--work", choices=FRAMES, default="render", help="what is timed")
-    parser.add_argument("--batch", type=int, default=1, help="frames a call of the receiver or the link")
-    parser.add_argument("--processor-time", action="store_true", help="processor time, on a busy machine")
-    parser.add_argument("--command", help="the words after vocc-torch; '' for the default run")
+    parser.add_argument(
+        "--work", choices=FRAMES, default="render", help="what is timed"
+    )
+    parser.add_argument(
+        "--batch", type=int, default=1, help="frames a call of the receiver or the link"
+    )
+    parser.add_argument(
+        "--processor-time",
+        action="store_true",
+        help="processor time, on a busy machine",
+    )
+    parser.add_argument(
+        "--command", help="the words after vocc-torch; '' for the default run"
+    )
     given = parser.parse_args()
     clock = "process_time" if given.processor_time else "perf_counter"
     with tempfile.TemporaryDirectory() as folder:
@@ -175,7 +199,9 @@ def main() -> None:
         try:
             for commit, tree in trees.items():
                 subprocess.run(
-                    ["git", "worktree", "add", "-q", "--detach", tree, commit], cwd=ROOT, check=True
+                    ["git", "worktree", "add", "-q", "--detach", tree, commit],
+                    cwd=ROOT,
+                    check=True,
                 )
             sides = {
                 name: Side(tree, given.work, given.batch, clock)
@@ -193,14 +219,20 @@ def main() -> None:
                         spent[name].append(seconds)
         finally:
             for tree in trees.values():
-                subprocess.run(["git", "worktree", "remove", "--force", tree], cwd=ROOT, check=False)
+                subprocess.run(
+                    ["git", "worktree", "remove", "--force", tree],
+                    cwd=ROOT,
+                    check=False,
+                )
     ours, theirs = (np.array(seconds) / kind.frames for seconds in spent.values())
     unit, scale = ("ms a frame", 1e3) if given.command is None else ("s", 1.0)
     for name, values in zip(spent, (ours * scale, theirs * scale), strict=True):
         low, middle, high = np.percentile(values, (25, 50, 75))
         print(f"{name:>12}: {middle:.4f} {unit} [{low:.4f}, {high:.4f}]")
     low, middle, high = np.percentile(ours / theirs, (25, 50, 75))
-    print(f"ratio of each round: {middle:.3f} [{low:.3f}, {high:.3f}] over {given.rounds} rounds, one thread")
+    print(
+        f"ratio of each round: {middle:.3f} [{low:.3f}, {high:.3f}] over {given.rounds} rounds, one thread"
+    )
     if given.command is None:
         print(f"same sum: {'yes' if len(set(sums.values())) == 1 else 'NO'}")
 

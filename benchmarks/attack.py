@@ -38,10 +38,22 @@ from vocc_torch.app.config import TASKS, AppConfig, keys_of
 ROOT = Path(__file__).resolve().parents[1]
 PHOTO = ROOT / "tests" / "data" / "led-panel-8x8-photo.png"
 LIMIT_S, MOST_BYTES = 60, 6 << 30
-TINY = ("budget.frames=128", "budget.training_frames=64", "tensorboard=false", "device=cpu")
+TINY = (
+    "budget.frames=128",
+    "budget.training_frames=64",
+    "tensorboard=false",
+    "device=cpu",
+)
 QUICK_MLP = ("classifiers.mlp.training.frames=128", "classifiers.mlp.training.epochs=2")
 RUN = (*TINY, "experiment.values=[1000,4000]", "receiver.names=[flda_3]", "name=x")
-LEARNED = (*TINY, "experiment.values=[1000]", "classifier=mlp", "receiver.names=[]", *QUICK_MLP, "name=x")
+LEARNED = (
+    *TINY,
+    "experiment.values=[1000]",
+    "classifier=mlp",
+    "receiver.names=[]",
+    *QUICK_MLP,
+    "name=x",
+)
 DECODE = ("task=decode", "model=receiver.pt", "device=cpu", "name=x")
 
 
@@ -55,8 +67,16 @@ class Ran:
     @property
     def refused(self) -> bool:
         """Whether it was refused in one line of ours."""
-        lines = [line for line in self.said.splitlines() if not line.startswith("vocc-torch: warning:")]
-        return self.status == 2 and len(lines) == 1 and lines[0].startswith("vocc-torch: error:")
+        lines = [
+            line
+            for line in self.said.splitlines()
+            if not line.startswith("vocc-torch: warning:")
+        ]
+        return (
+            self.status == 2
+            and len(lines) == 1
+            and lines[0].startswith("vocc-torch: error:")
+        )
 
 
 @dataclass
@@ -73,7 +93,9 @@ class Attempt:
     ended_by: tuple[int, ...] = ()
 
 
-def start(arguments: tuple[str, ...], folder: Path, most_file_bytes: int | None = None) -> int:
+def start(
+    arguments: tuple[str, ...], folder: Path, most_file_bytes: int | None = None
+) -> int:
     """Start a command in a child of this process, which has imported all that it needs."""
     process = os.fork()
     if process:
@@ -81,7 +103,9 @@ def start(arguments: tuple[str, ...], folder: Path, most_file_bytes: int | None 
     os.setsid()
     os.chdir(folder)
     for stream, name in ((1, ".out"), (2, ".err")):
-        os.dup2(os.open(f"{folder}{name}", os.O_CREAT | os.O_WRONLY | os.O_TRUNC), stream)
+        os.dup2(
+            os.open(f"{folder}{name}", os.O_CREAT | os.O_WRONLY | os.O_TRUNC), stream
+        )
     resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
     if most_file_bytes is not None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -131,7 +155,9 @@ def judged(attempt: Attempt, place: Path) -> tuple[str, str]:
     """Make one attempt: ``answered``, ``refused`` or ``wrong``, and why."""
     folder = place / "work"
     for path in place.iterdir():
-        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        shutil.rmtree(
+            path
+        ) if path.is_dir() and not path.is_symlink() else path.unlink()
     (place / "victim" / "0").mkdir(parents=True)
     (place / "victim" / "failed.txt").write_text("mine\n")
     (place / "victim" / "0" / "failed.txt").write_text("mine\n")
@@ -179,13 +205,17 @@ class Attacks:
             place.mkdir(exist_ok=True)
             if (ran := run(arguments, place / name)).status:
                 raise SystemExit(f"the undisturbed {name} failed: {ran.said}")
-        self.run, self.learned = (place / name / "runs" / "x" for name in ("run", "learned"))
+        self.run, self.learned = (
+            place / name / "runs" / "x" for name in ("run", "learned")
+        )
         self.model = place / "model" / "runs" / "x" / "receiver.pt"
         shutil.copy(self.model, place / "receiver.pt")
         run((*DECODE, f"input={PHOTO}"), place)
         self.bits = (place / "runs" / "x" / "bits.csv").read_bytes()
 
-    def damaged(self, whole: bytes, cuts: int, flips: int) -> Iterator[tuple[str, bytes]]:
+    def damaged(
+        self, whole: bytes, cuts: int, flips: int
+    ) -> Iterator[tuple[str, bytes]]:
         """Cut a file short, and flip bits of it."""
         for _ in range(cuts):
             at = self.random.randrange(len(whole))
@@ -217,24 +247,38 @@ class Attacks:
             "long.png": encoded(Image.new("L", (1, 40000)), "PNG"),
             "black.png": encoded(Image.new("L", (640, 480)), "PNG"),
             "film.gif": encoded(photo, "GIF", save_all=True, append_images=[photo] * 3),
-            "film.webp": encoded(photo, "WEBP", save_all=True, append_images=[photo] * 3, lossless=True),
-            "pages.tiff": encoded(photo, "TIFF", save_all=True, append_images=[photo] * 3),
+            "film.webp": encoded(
+                photo, "WEBP", save_all=True, append_images=[photo] * 3, lossless=True
+            ),
+            "pages.tiff": encoded(
+                photo, "TIFF", save_all=True, append_images=[photo] * 3
+            ),
             "cmyk.jpg": encoded(photo.convert("CMYK"), "JPEG"),
             "palette.png": encoded(photo.convert("P"), "PNG"),
             "clear.png": encoded(photo.convert("RGBA"), "PNG"),
             "float.tiff": encoded(grey.convert("F"), "TIFF"),
-            "deep.png": encoded(Image.fromarray(np.asarray(grey).astype(np.uint16) * 257), "PNG"),
+            "deep.png": encoded(
+                Image.fromarray(np.asarray(grey).astype(np.uint16) * 257), "PNG"
+            ),
             "no-picture.mp4": b"\0" * 4000,
         }
         for name, content in itertools.chain(
             files.items(),
-            ((f"{name}.png", content) for name, content in self.damaged(PHOTO.read_bytes(), 20, 60)),
-            ((f"{name}.jpg", content) for name, content in self.damaged(encoded(photo, "JPEG"), 20, 60)),
+            (
+                (f"{name}.png", content)
+                for name, content in self.damaged(PHOTO.read_bytes(), 20, 60)
+            ),
+            (
+                (f"{name}.jpg", content)
+                for name, content in self.damaged(encoded(photo, "JPEG"), 20, 60)
+            ),
         ):
             yield Attempt(
                 name,
                 (*DECODE, "input=pictures"),
-                lambda folder, n=name, c=content: self.given(folder, {f"pictures/{n}": c}),
+                lambda folder, n=name, c=content: self.given(
+                    folder, {f"pictures/{n}": c}
+                ),
                 self.whole_bits,
             )
         odd = (
@@ -249,14 +293,20 @@ class Attacks:
             yield Attempt(
                 repr(name),
                 (*DECODE, "input=pictures"),
-                lambda folder, n=name: self.given(folder, {"pictures/" + os.fsdecode(n): PHOTO.read_bytes()}),
+                lambda folder, n=name: self.given(
+                    folder, {"pictures/" + os.fsdecode(n): PHOTO.read_bytes()}
+                ),
                 lambda folder, ran: (
-                    "an escape code was printed" if "\x1b" in ran.said else self.whole_bits(folder, ran)
+                    "an escape code was printed"
+                    if "\x1b" in ran.said
+                    else self.whole_bits(folder, ran)
                 ),
             )
         for kind in ("fifo", "device", "folder", "nothing"):
             yield Attempt(
-                kind, (*DECODE, "input=it.png"), lambda folder, k=kind: self.odd_file(folder, "it.png", k)
+                kind,
+                (*DECODE, "input=it.png"),
+                lambda folder, k=kind: self.odd_file(folder, "it.png", k),
             )
         frames = self.film(photo)
         for name, content in self.damaged(frames, 20, 20):
@@ -275,7 +325,9 @@ class Attacks:
         buffer = io.BytesIO()
         small = photo.resize((photo.width // 2 * 2, photo.height // 2 * 2))
         with av.open(buffer, "w", format="matroska") as container:
-            stream = container.add_stream("mpeg4", rate=25, width=small.width, height=small.height)
+            stream = container.add_stream(
+                "mpeg4", rate=25, width=small.width, height=small.height
+            )
             stream.pix_fmt = "yuv420p"
             for _ in range(12):
                 container.mux(stream.encode(av.VideoFrame.from_image(small)))
@@ -309,7 +361,9 @@ class Attacks:
     @staticmethod
     def rows(folder: Path) -> list[dict[str, str]]:
         """The rows of ``bits.csv``."""
-        with (folder / "runs" / "x" / "bits.csv").open(newline="", errors="surrogateescape") as file:
+        with (folder / "runs" / "x" / "bits.csv").open(
+            newline="", errors="surrogateescape"
+        ) as file:
             return list(csv.DictReader(file))
 
     def whole_bits(self, folder: Path, ran: Ran) -> str:
@@ -318,7 +372,8 @@ class Attacks:
         broken = [
             row
             for row in rows
-            if row["found"] == "1" and (len(row["bits"]) != 64 or set(row["bits"]) - {*"01"})
+            if row["found"] == "1"
+            and (len(row["bits"]) != 64 or set(row["bits"]) - {*"01"})
         ]
         return "bits are not bits" if broken or not rows else ""
 
@@ -331,7 +386,11 @@ class Attacks:
         """Model files that are damaged, forged, foreign or no files."""
 
         def same(folder: Path, ran: Ran) -> str:
-            return "" if (folder / "runs" / "x" / "bits.csv").read_bytes() == self.bits else "other bits"
+            return (
+                ""
+                if (folder / "runs" / "x" / "bits.csv").read_bytes() == self.bits
+                else "other bits"
+            )
 
         class Evil:
             def __reduce__(self) -> tuple[object, ...]:
@@ -352,10 +411,15 @@ class Attacks:
             "braces": b"{" * 100_000,
             "brackets": b"[" * 100_000,
         }
-        for name, whole in itertools.chain(content.items(), self.damaged(self.model.read_bytes(), 25, 125)):
+        for name, whole in itertools.chain(
+            content.items(), self.damaged(self.model.read_bytes(), 25, 125)
+        ):
             given = {"receiver.pt": whole}
             yield Attempt(
-                name, (*DECODE, f"input={PHOTO}"), lambda folder, g=given: self.given(folder, g), same
+                name,
+                (*DECODE, f"input={PHOTO}"),
+                lambda folder, g=given: self.given(folder, g),
+                same,
             )
         for kind in ("fifo", "device", "folder", "dangling", "heavy"):
             yield Attempt(
@@ -364,7 +428,9 @@ class Attacks:
                 lambda folder, k=kind: self.odd_file(folder, "receiver.pt", k),
             )
 
-    def resumed(self, reference: Path, damage: Callable[[Path], object]) -> Callable[[Path], object]:
+    def resumed(
+        self, reference: Path, damage: Callable[[Path], object]
+    ) -> Callable[[Path], object]:
         """Put a finished run without its results there, and damage it."""
 
         def prepare(folder: Path) -> None:
@@ -378,7 +444,9 @@ class Attacks:
         """Compare ``ber.csv`` with that of the undisturbed run."""
 
         def wrong(folder: Path, ran: Ran) -> str:
-            same = (folder / "runs" / "x" / "ber.csv").read_bytes() == (reference / "ber.csv").read_bytes()
+            same = (folder / "runs" / "x" / "ber.csv").read_bytes() == (
+                reference / "ber.csv"
+            ).read_bytes()
             return "" if same else "other counts"
 
         return wrong
@@ -387,7 +455,9 @@ class Attacks:
         """Ledgers that are damaged, those of others, and what is no ledger."""
         whole = (self.run / "ledger.sqlite").read_bytes()
         for name, content in self.damaged(whole, 25, 125):
-            prepare = self.resumed(self.run, lambda run, c=content: (run / "ledger.sqlite").write_bytes(c))
+            prepare = self.resumed(
+                self.run, lambda run, c=content: (run / "ledger.sqlite").write_bytes(c)
+            )
             yield Attempt(name, RUN, prepare, self.same_counts(self.run))
         for kind in ("fifo", "device", "folder", "dangling"):
 
@@ -395,21 +465,37 @@ class Attacks:
                 self.odd_file(folder, "runs/x/ledger.sqlite", k)
 
             yield Attempt(kind, RUN, put)
-        for other in ("seed=1", "budget.training_frames=65", "camera.gamma=2", "panel.rows=4", "scene=night"):
+        for other in (
+            "seed=1",
+            "budget.training_frames=65",
+            "camera.gamma=2",
+            "panel.rows=4",
+            "scene=night",
+        ):
             yield Attempt(
-                other, (*RUN, other), self.resumed(self.run, lambda run: None), lambda *_: "taken for its own"
+                other,
+                (*RUN, other),
+                self.resumed(self.run, lambda run: None),
+                lambda *_: "taken for its own",
             )
 
     def checkpoints(self) -> Iterator[Attempt]:
         """Checkpoints of a training that are damaged."""
         files = [
-            p for p in self.learned.rglob("*") if p.is_file() and p.suffix in (".pt", ".ckpt", ".sqlite")
+            p
+            for p in self.learned.rglob("*")
+            if p.is_file() and p.suffix in (".pt", ".ckpt", ".sqlite")
         ]
         for file in files:
             for name, content in self.damaged(file.read_bytes(), 10, 40):
                 place = file.relative_to(self.learned)
-                prepare = self.resumed(self.learned, lambda run, c=content, p=place: (run / p).write_bytes(c))
-                yield Attempt(f"{place}: {name}", LEARNED, prepare, self.same_counts(self.learned))
+                prepare = self.resumed(
+                    self.learned,
+                    lambda run, c=content, p=place: (run / p).write_bytes(c),
+                )
+                yield Attempt(
+                    f"{place}: {name}", LEARNED, prepare, self.same_counts(self.learned)
+                )
 
     def names(self) -> Iterator[Attempt]:
         """Names of runs that lead out, hide, shout or do not fit."""
@@ -467,7 +553,9 @@ class Attacks:
         ):
             wait_s = self.random.uniform(0, 3)
 
-            def send(folder: Path, process: int, s: signal.Signals = sent, w: float = wait_s) -> None:
+            def send(
+                folder: Path, process: int, s: signal.Signals = sent, w: float = wait_s
+            ) -> None:
                 time.sleep(w)
                 os.kill(process, s)
 
@@ -488,7 +576,10 @@ class Attacks:
                 wait_s = self.random.uniform(0, 2)
 
                 def second(
-                    folder: Path, process: int, a: tuple[str, ...] = arguments, w: float = wait_s
+                    folder: Path,
+                    process: int,
+                    a: tuple[str, ...] = arguments,
+                    w: float = wait_s,
                 ) -> None:
                     time.sleep(w)
                     (folder.parent / "second").mkdir()
@@ -506,7 +597,19 @@ class Attacks:
 
     def disk_full(self) -> Iterator[Attempt]:
         """A disk full at any size of a file, also of that of the refusal; afterwards there is room."""
-        for size in (0, 1000, 4000, 8192, 10_000, 12_288, 16_384, 20_000, 30_000, 50_000, 100_000):
+        for size in (
+            0,
+            1000,
+            4000,
+            8192,
+            10_000,
+            12_288,
+            16_384,
+            20_000,
+            30_000,
+            50_000,
+            100_000,
+        ):
             for arguments, reference in ((RUN, self.run), (LEARNED, self.learned)):
                 yield Attempt(
                     f"files of at most {size} bytes",
@@ -544,16 +647,21 @@ class Attacks:
             "-0.0",
         ]
         for key, value in itertools.product(keys_of(AppConfig), odd):
-            yield Attempt(f"{key}={value[:30]}", (*RUN[:-1], "budget.frames=2", "name=x", f"{key}={value}"))
+            yield Attempt(
+                f"{key}={value[:30]}",
+                (*RUN[:-1], "budget.frames=2", "name=x", f"{key}={value}"),
+            )
         for task in TASKS:
             yield Attempt(
-                f"task={task} of nothing", (f"task={task}", "input=nothing", "model=nothing", "name=x")
+                f"task={task} of nothing",
+                (f"task={task}", "input=nothing", "model=nothing", "name=x"),
             )
 
     def collections(self) -> Iterator[Attempt]:
         """Multiruns that somebody else has made."""
         aliases = "a: &a [x]\n" + "".join(
-            f"{n}: &{n} [{', '.join(['*' + p] * 9)}]\n" for p, n in itertools.pairwise("abcdefghi")
+            f"{n}: &{n} [{', '.join(['*' + p] * 9)}]\n"
+            for p, n in itertools.pairwise("abcdefghi")
         )
         bad = {
             "secret": "name: ${oc.env:SECRET}\n",
@@ -573,12 +681,20 @@ class Attacks:
         for name, config in bad.items():
 
             def prepare(folder: Path, c: str = config) -> None:
-                for job, text in (("0", (self.run / "config.yaml").read_text()), ("1", c)):
+                for job, text in (
+                    ("0", (self.run / "config.yaml").read_text()),
+                    ("1", c),
+                ):
                     shutil.copytree(self.run, folder / "runs" / "m" / job)
                     (folder / "runs" / "m" / job / "config.yaml").write_text(text)
                 (folder / "runs" / "m" / "multirun.yaml").write_text("hydra: {}\n")
 
-            yield Attempt(f"config.yaml: {name}", ("task=collect", "input=runs/m", "name=c"), prepare, told)
+            yield Attempt(
+                f"config.yaml: {name}",
+                ("task=collect", "input=runs/m", "name=c"),
+                prepare,
+                told,
+            )
         for row in ("frames,-512", "ber,nan", "frames," + "9" * 5000):
             column, value = row.split(",")
 
@@ -594,7 +710,11 @@ class Attacks:
                     writer.writeheader()
                     writer.writerows(rows)
 
-            yield Attempt(f"ber.csv: {row[:20]}", ("task=collect", "input=runs/m", "name=c"), forge)
+            yield Attempt(
+                f"ber.csv: {row[:20]}",
+                ("task=collect", "input=runs/m", "name=c"),
+                forge,
+            )
 
 
 FAMILIES = (
@@ -613,15 +733,25 @@ FAMILIES = (
 
 def keep(counts: dict[str, Counter[str]]) -> None:
     """Write the counts of whole families in their places among those of earlier runs."""
-    path, ends = ROOT / "docs" / "results" / "attack.csv", ("answered", "refused", "wrong")
+    path, ends = (
+        ROOT / "docs" / "results" / "attack.csv",
+        ("answered", "refused", "wrong"),
+    )
     rows = {}
     if path.exists():
         with path.open(newline="") as file:
             rows = {row[0]: row for row in csv.reader(file)}
     for family, count in counts.items():
-        rows[family] = [family, str(sum(count.values())), *(str(count[end]) for end in ends)]
+        rows[family] = [
+            family,
+            str(sum(count.values())),
+            *(str(count[end]) for end in ends),
+        ]
     with path.open("w", newline="") as file:
-        lines = [["family", "tried", *ends], *(rows[family] for family in FAMILIES if family in rows)]
+        lines = [
+            ["family", "tried", *ends],
+            *(rows[family] for family in FAMILIES if family in rows),
+        ]
         csv.writer(file, lineterminator="\n").writerows(lines)
 
 
@@ -630,8 +760,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("families", nargs="*", help=f"of {', '.join(FAMILIES)}; all by default")
-    parser.add_argument("--share", type=float, default=1.0, help="of the attempts of each family")
+    parser.add_argument(
+        "families", nargs="*", help=f"of {', '.join(FAMILIES)}; all by default"
+    )
+    parser.add_argument(
+        "--share", type=float, default=1.0, help="of the attempts of each family"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     if stray := set(options.families) - set(FAMILIES):

@@ -58,23 +58,55 @@ WIDTH, HEIGHT = 320, 240
 ALIKE = {"airlight": "veiling_glare"}
 """Effects that a recording does not tell from others, which stand for them."""
 NOISES = ("shot_noise", "prnu", "dsnu", "read_noise")
-UNTOLD = {"attenuation": "the air: ", "bayer": "the sensor's colours", "demosaicing": "the sensor's colours"}
-UNTOLD |= {"read_noise": "read noise: ", "prnu": "(prnu", "dsnu": "dsnu", "row_noise": "row_noise"}
+UNTOLD = {
+    "attenuation": "the air: ",
+    "bayer": "the sensor's colours",
+    "demosaicing": "the sensor's colours",
+}
+UNTOLD |= {
+    "read_noise": "read noise: ",
+    "prnu": "(prnu",
+    "dsnu": "dsnu",
+    "row_noise": "row_noise",
+}
 UNTOLD |= dict.fromkeys(("lamps", "led_scatter"), "what else there may be")
-UNTOLD |= dict.fromkeys(("motion_blur", "lens_distortion"), "motion and the lens's distortion")
+UNTOLD |= dict.fromkeys(
+    ("motion_blur", "lens_distortion"), "motion and the lens's distortion"
+)
 CODED = "the sensor's noise: "
 """How sentences begin, or what is in them, that say of effects that the recording does not tell them."""
 COMPARED = tuple(
     f"effects.{key}"
     for key in (
-        *("blooming.sigma_px", "prnu.share", "dsnu.electrons", "read_noise.electrons", "jpeg.quality"),
-        *("pose.yaw_deg", "pose.pitch_deg", "pose.roll_deg", "lens_distortion.k1", "vignetting.corner_loss"),
+        *(
+            "blooming.sigma_px",
+            "prnu.share",
+            "dsnu.electrons",
+            "read_noise.electrons",
+            "jpeg.quality",
+        ),
+        *(
+            "pose.yaw_deg",
+            "pose.pitch_deg",
+            "pose.roll_deg",
+            "lens_distortion.k1",
+            "vignetting.corner_loss",
+        ),
     )
 )
 """Values of effects that are compared with the truth."""
 LIGHT = ("ambient_lx", "led_luminance_cd_m2")
-FAR = {"highway": (80, 1000, 4000), "fog": (60, 2000, 3000), "night": (80, 3, 600), "tunnel": (60, 60, 1500)}
-FAR |= {"low_sun": (85, 30000, 2000), "dashcam": (90, 20000, 2000), "paper": (80, 1000, 4000)}
+FAR = {
+    "highway": (80, 1000, 4000),
+    "fog": (60, 2000, 3000),
+    "night": (80, 3, 600),
+    "tunnel": (60, 60, 1500),
+}
+FAR |= {
+    "low_sun": (85, 30000, 2000),
+    "dashcam": (90, 20000, 2000),
+    "paper": (80, 1000, 4000),
+}
 """Where a receiver of the paper's scene errs: distance (m), illuminance and luminance."""
 SCENES_MADE = Path("runs/calibration")
 TRAINED_ON, TESTED_ON = 1000, 2048
@@ -112,10 +144,15 @@ def truth_of(name: str, seed: int) -> World:
             middle = draws.uniform(float(angle[1]), float(angle[2]))
             effects["pose"][key] = ["uniform", middle - 0.5, middle + 0.5]
     wide = world.camera.sensor_width_mm * WIDTH / world.camera.width_px
-    camera = replace(world.camera, width_px=WIDTH, height_px=HEIGHT, sensor_width_mm=wide)
+    camera = replace(
+        world.camera, width_px=WIDTH, height_px=HEIGHT, sensor_width_mm=wide
+    )
     camera = replace(camera, gamma=float(draws.uniform(1.8, 2.4)))
     one, _ = world.scene.draw(BlockKey(seed, f"truth/{name}", 0), world.panel.shape)
-    away, scale = float(one.distance_m[0]), camera.focal_length_px / float(one.distance_m[0])
+    away, scale = (
+        float(one.distance_m[0]),
+        camera.focal_length_px / float(one.distance_m[0]),
+    )
     across, down = (float(draws.uniform(-half, half)) / scale for half in (90, 50))
     model = SceneModel(
         constant(one.ambient_lx[0]),
@@ -125,7 +162,9 @@ def truth_of(name: str, seed: int) -> World:
         about(across, 0.02),
         about(down, 0.02),
     )
-    return replace(world, camera=camera, scene=model, effects=effects, framing="full", device="cpu")
+    return replace(
+        world, camera=camera, scene=model, effects=effects, framing="full", device="cpu"
+    )
 
 
 def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
@@ -140,7 +179,9 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, Scene]:
         .render(scene, bits, keys=keys)
         .grey
     )
-    panels = locator_named("refined", PaperLocator())(Frames.whole(greys[:, 0]), world.panel.shape)
+    panels = locator_named("refined", PaperLocator())(
+        Frames.whole(greys[:, 0]), world.panel.shape
+    )
     rows = panels.found.nonzero()[:, 0]
     corners = panels.corners_px.double().numpy()
     rows = rows[agreeing(corners[rows])][:FRAMES]
@@ -174,19 +215,29 @@ def compared(study: Findings, world: World, scene: Scene) -> list[Row]:
         glare = effects["veiling_glare"]
         veil = 10 * glare["glare_illuminance_lx"] / glare["angle_deg"] ** 2
         truth["effects.veiling_glare.luminance_cd_m2 over ambient_lx"] = veil / lux
-    if "airlight" in effects:  # it is told as a veil, and the light before it is another
+    if (
+        "airlight" in effects
+    ):  # it is told as a veil, and the light before it is another
         truth = {key: value for key, value in truth.items() if "lx" not in key}
     for key in COMPARED:
         _, effect, name = key.split(".")
         if effect in effects:
             given = effects[effect][name]
-            truth[key] = float(np.mean(given[1:])) if isinstance(given, list) else float(given)
+            truth[key] = (
+                float(np.mean(given[1:])) if isinstance(given, list) else float(given)
+            )
     rows = []
     for key, value in truth.items():
         name, _, over = key.partition(" over ")
         unit = ambient if over else 1.0
         if name in told and math.isfinite(told[name].deviation):
-            rows.append([key, value, *(one / unit for one in (told[name].middle, *told[name].interval))])
+            rows.append(
+                [
+                    key,
+                    value,
+                    *(one / unit for one in (told[name].middle, *told[name].interval)),
+                ]
+            )
     return rows
 
 
@@ -198,7 +249,11 @@ def judged(study: Findings, world: World) -> list[Row]:
     for effect in dict.fromkeys((*true, *asked)):
         there, named, untold = effect in true, asked.get(effect, False), False
         if there and not named:
-            word = CODED if coded and effect in (*NOISES, "photoelectrons", "gain") else UNTOLD.get(effect)
+            word = (
+                CODED
+                if coded and effect in (*NOISES, "photoelectrons", "gain")
+                else UNTOLD.get(effect)
+            )
             untold = word is not None and any(word in one for one in study.unknown)
         rows.append([effect, *map(int, (there, named, untold))])
     return rows
@@ -212,7 +267,9 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
         return [], [], f"the panel was found in {len(footage)} of {FRAMES} frames"
     camera = replace(world.camera, gamma=2.2, iso_limits=None)
     study = calibrate(footage, camera, world.panel, CalibrateConfig(frames=FRAMES))
-    fitted = torch.from_numpy(np.isin(footage.numbers, study.footage.numbers)).nonzero()[:, 0]
+    fitted = torch.from_numpy(
+        np.isin(footage.numbers, study.footage.numbers)
+    ).nonzero()[:, 0]
     bits, scene = bits[fitted], scene[fitted]
     wrong = int((study.fit.bits != bits.flatten(1).numpy()).sum())
     path = SCENES_MADE / f"{name}_{seed}.yaml"
@@ -220,7 +277,10 @@ def run(name: str, seed: int) -> tuple[list[Row], list[Row], str]:
     path.write_text(study.text(path.stem, "a recording"))
     rows = compared(study, world, scene)
     effects = judged(study, world)
-    off = ", ".join(f"{key} {(est - is_) / (high - low) * 3.92:+.1f}" for key, is_, est, low, high in rows)
+    off = ", ".join(
+        f"{key} {(est - is_) / (high - low) * 3.92:+.1f}"
+        for key, is_, est, low, high in rows
+    )
     missed = [row for row in effects if row[1] and not row[2]]
     many = [effect for effect, there, named, *_ in effects if named and not there]
     text = f"{time.process_time() - began:.1f} s, {wrong} bits wrong, residuals {study.fit.scale**0.5:.2f}; "
@@ -237,10 +297,19 @@ def main() -> None:
         for one in words[1:]:
             rows = receivers(one, 0)
             print(one, rows, flush=True)
-            append("calibration_receivers.csv", "trained_on frames bits bit_errors", one, 0, rows)
+            append(
+                "calibration_receivers.csv",
+                "trained_on frames bits bit_errors",
+                one,
+                0,
+                rows,
+            )
         return
     count = int(words.pop(0)) if words and words[0].isdigit() else 1
-    done = {(row["scene"], int(row["recording"])) for row in read(RESULTS / "calibration_effects.csv")}
+    done = {
+        (row["scene"], int(row["recording"]))
+        for row in read(RESULTS / "calibration_effects.csv")
+    }
     for seed in range(FIRST, FIRST + count):
         for name in words or SCENES:
             if (name, seed) in done:
@@ -249,7 +318,13 @@ def main() -> None:
             print(f"{name} {seed}: {text}", flush=True)
             append("calibration.csv", "key truth estimate low high", name, seed, rows)
             columns = "effect present named untold"
-            append("calibration_effects.csv", columns, name, seed, effects or [["none", 0, 0, 0]])
+            append(
+                "calibration_effects.csv",
+                columns,
+                name,
+                seed,
+                effects or [["none", 0, 0, 0]],
+            )
 
 
 def receivers(name: str, seed: int) -> list[Row]:
@@ -259,30 +334,51 @@ def receivers(name: str, seed: int) -> list[Row]:
     what the scene taught.
     """
     true = truth_of(name, seed)
-    far = {key: constant(value) for key, value in zip(LIGHT, FAR[name][1:], strict=True)}
-    true = replace(true, scene=replace(true.scene, distance_m=about(FAR[name][0], 0.5), **far))
+    far = {
+        key: constant(value) for key, value in zip(LIGHT, FAR[name][1:], strict=True)
+    }
+    true = replace(
+        true, scene=replace(true.scene, distance_m=about(FAR[name][0], 0.5), **far)
+    )
     footage, bits, _ = recorded(true, seed)
     known = replace(true.camera, gamma=2.2, iso_limits=None)
     study = calibrate(footage, known, true.panel, CalibrateConfig(frames=FRAMES))
     bits = bits[torch.from_numpy(np.isin(footage.numbers, study.footage.numbers))]
     wrong_leds = int((study.fit.bits != bits.flatten(1).numpy()).sum())
-    print(f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong", flush=True)
+    print(
+        f"{name}: {wrong_leds} of {bits.numel()} bits of the recording wrong",
+        flush=True,
+    )
     path = SCENES_MADE / f"{name}_far_{seed}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(study.text(path.stem, "a recording"))
-    worlds = {"paper": load_scene("paper"), "calibrated": load_scene(path), "true": true}
-    made = {one: vt.train(world, locator="truth", frames=TRAINED_ON) for one, world in worlds.items()}
+    worlds = {
+        "paper": load_scene("paper"),
+        "calibrated": load_scene(path),
+        "true": true,
+    }
+    made = {
+        one: vt.train(world, locator="truth", frames=TRAINED_ON)
+        for one, world in worlds.items()
+    }
     link = Link(true.simulator(), None, Reader(true.panel.shape))
     wrong: dict[str, list[torch.Tensor]] = {one: [] for one in made}
     keys = block_keys(0, f"calibrated {name}", TESTED_ON)
     with torch.inference_mode():
-        for seen in link.observe_each({"truth": None}, true.scene, keys, preambles=False, frames=TESTED_ON):
+        for seen in link.observe_each(
+            {"truth": None}, true.scene, keys, preambles=False, frames=TESTED_ON
+        ):
             one = seen["truth"]
             for trained, receiver in made.items():
                 read_ = receiver.score(one.readings) >= 0
                 wrong[trained].append((read_ != one.bits).flatten(1).sum(1))
     return [
-        [trained, TESTED_ON, TESTED_ON * true.panel.shape.leds, int(torch.cat(parts).sum())]
+        [
+            trained,
+            TESTED_ON,
+            TESTED_ON * true.panel.shape.leds,
+            int(torch.cat(parts).sum()),
+        ]
         for trained, parts in wrong.items()
     ]
 
@@ -292,7 +388,9 @@ def pictures() -> None:
     told = json.loads((PICTURES / "pictures.json").read_text(encoding="utf-8"))
     for name, one in told.items():
         (picture,) = read_recording(PICTURES / name, "max")
-        corners = panel_corners(one["corner_led_centres_px"], PanelShape(one["rows"], one["columns"]))
+        corners = panel_corners(
+            one["corner_led_centres_px"], PanelShape(one["rows"], one["columns"])
+        )
         footage = Footage(
             picture.grey[None],
             np.zeros(1, np.int64),
@@ -304,15 +402,24 @@ def pictures() -> None:
         )
         panel = replace(LedPanel(), shape=PanelShape(one["rows"], one["columns"]))
         camera, _ = of_size(Camera(), *picture.grey.shape)
-        began, bits = time.process_time(), np.array([[bit == "1" for bit in row] for row in one["bits"]])
+        began, bits = (
+            time.process_time(),
+            np.array([[bit == "1" for bit in row] for row in one["bits"]]),
+        )
         study = calibrate(footage, camera, panel, CalibrateConfig(frames=2))
         wrong = int((study.fit.bits != bits.reshape(1, -1)).sum())
         folder = SCENES_MADE / Path(name).stem
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "scene.yaml").write_text(study.text(folder.name, name))
         write_page(study, name, "vocc-torch task=train", folder)
-        print(f"{name}: {time.process_time() - began:.0f} s, {wrong} of {bits.size} bits wrong", flush=True)
-        print("\n".join(f"  {line}" for line in (*study.doubts, f"{folder}/page.html")), flush=True)
+        print(
+            f"{name}: {time.process_time() - began:.0f} s, {wrong} of {bits.size} bits wrong",
+            flush=True,
+        )
+        print(
+            "\n".join(f"  {line}" for line in (*study.doubts, f"{folder}/page.html")),
+            flush=True,
+        )
 
 
 def read(path: Path) -> list[dict[str, str]]:

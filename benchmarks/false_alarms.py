@@ -43,8 +43,26 @@ WORLDS = (("street", "calibration"), ("street_night", "calibration by night"))
 """Scenes, and the keys of their frames: by one key a street by night would be that of a day, in the dark."""
 BATCH, NONE, CHECKED = 8, -99.0, 6
 STATED = 1e-3
-HEAD = ("locator", "rows", "columns", "frames", "score", "greatest", "tail_frames", "low", "high", "above")
-HEAD += ("above_low", "above_high", "pareto_shape", "shape_low", "shape_high", "anderson_darling")
+HEAD = (
+    "locator",
+    "rows",
+    "columns",
+    "frames",
+    "score",
+    "greatest",
+    "tail_frames",
+    "low",
+    "high",
+    "above",
+)
+HEAD += (
+    "above_low",
+    "above_high",
+    "pareto_shape",
+    "shape_low",
+    "shape_high",
+    "anderson_darling",
+)
 Key = tuple[str, PanelShape]
 
 
@@ -64,7 +82,10 @@ def drawn(batch: int) -> Frames:
     """Draw a batch of panel-free frames: eight of a scene, then eight of the other, and on."""
     scene, point = WORLDS[batch % 2]
     world, at = empty(scene), batch // 2 * BATCH
-    block, rows = BlockKey(0, point, at // BLOCK_FRAMES), range(at % BLOCK_FRAMES, BLOCK_FRAMES, BATCH)
+    block, rows = (
+        BlockKey(0, point, at // BLOCK_FRAMES),
+        range(at % BLOCK_FRAMES, BLOCK_FRAMES, BATCH),
+    )
     return next(rendered(world.simulator(), world.scene, [block], rows, False))[-1][0]
 
 
@@ -78,18 +99,29 @@ def read_scores(key: Key) -> dict[int, float]:
     if not path_of(key).exists():
         return {}
     with path_of(key).open(newline="", encoding="utf-8") as file:
-        return {int(row[0]): float(row[1]) for row in list(csv.reader(file))[1:] if len(row) == 2 and row[1]}
+        return {
+            int(row[0]): float(row[1])
+            for row in list(csv.reader(file))[1:]
+            if len(row) == 2 and row[1]
+        }
 
 
 def append_scores(key: Key, found: dict[int, float]) -> None:
     """Add frames' greatest scores, in one piece."""
-    path, text = path_of(key), "".join(f"{frame},{score:.4f}\n" for frame, score in found.items())
+    path, text = (
+        path_of(key),
+        "".join(f"{frame},{score:.4f}\n" for frame, score in found.items()),
+    )
     start = "" if path.exists() and path.read_bytes().endswith(b"\n") else "\n"
     with path.open("a", encoding="utf-8") as file:
         file.write(("" if path.stat().st_size else "frame,score") + start + text)
 
 
-def greatest(score: Callable[[Frames, PanelShape], torch.Tensor], frame: Frames, shape: PanelShape) -> float:
+def greatest(
+    score: Callable[[Frames, PanelShape], torch.Tensor],
+    frame: Frames,
+    shape: PanelShape,
+) -> float:
     """Score one frame's best place."""
     return max(score(frame, shape).tolist(), default=NONE)
 
@@ -107,18 +139,33 @@ def scored(keys: list[Key], frames: range) -> Iterator[int]:
         for key, known in done.items():
             some = [one for one, score in known.items() if score > NONE]
             for frame in some[:: max(1, len(some) // CHECKED)][:CHECKED]:
-                now = greatest(judges[key[0]], drawn(frame // BATCH)[frame % BATCH :][:1], key[1])
+                now = greatest(
+                    judges[key[0]], drawn(frame // BATCH)[frame % BATCH :][:1], key[1]
+                )
                 if abs(now - known[frame]) > 1e-3:
                     told = f"frame {frame} has {known[frame]:g} there and {now:g} now: delete the file"
-                    raise SystemExit(f"{path_of(key)} holds scores of another locator: {told}")
+                    raise SystemExit(
+                        f"{path_of(key)} holds scores of another locator: {told}"
+                    )
         for batch in range(frames.start // BATCH, math.ceil(frames.stop / BATCH)):
-            wanted = range(max(batch * BATCH, frames.start), min((batch + 1) * BATCH, frames.stop))
-            missing = {key: [one for one in wanted if one not in known] for key, known in done.items()}
+            wanted = range(
+                max(batch * BATCH, frames.start), min((batch + 1) * BATCH, frames.stop)
+            )
+            missing = {
+                key: [one for one in wanted if one not in known]
+                for key, known in done.items()
+            }
             if any(missing.values()):
                 seen = drawn(batch)
                 for key, some in missing.items():
                     rows = [(one, seen[one % BATCH :][:1]) for one in some]
-                    append_scores(key, {one: greatest(judges[key[0]], row, key[1]) for one, row in rows})
+                    append_scores(
+                        key,
+                        {
+                            one: greatest(judges[key[0]], row, key[1])
+                            for one, row in rows
+                        },
+                    )
             yield wanted.stop - frames.start
 
 
@@ -127,22 +174,41 @@ def judged(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     at, floor = row.score_at(STATED), row.floors[-1]
     excess = found[found > floor].sub(floor).sort().values.numpy()
     above = int((found >= at).sum())
-    counted, bent = clopper_pearson(above, len(found)), float(genpareto.fit(excess, floc=0)[0])
+    counted, bent = (
+        clopper_pearson(above, len(found)),
+        float(genpareto.fit(excess, floc=0)[0]),
+    )
     # Of tails that end so abruptly likelihood has no such bounds.
     spread = 1.96 * (1 + bent) / math.sqrt(len(excess)) if bent > -0.5 else math.nan
     below = np.clip(1 - np.exp(-excess / excess.mean()), 1e-12, 1 - 1e-12)
     odd = 2 * np.arange(len(excess)) + 1
-    apart = -len(excess) - float((odd * (np.log(below) + np.log(1 - below[::-1]))).mean())
-    told = [at, float(found.max()), row.above[-1], *row.interval(at), above, counted.low, counted.high]
+    apart = -len(excess) - float(
+        (odd * (np.log(below) + np.log(1 - below[::-1]))).mean()
+    )
+    told = [
+        at,
+        float(found.max()),
+        row.above[-1],
+        *row.interval(at),
+        above,
+        counted.low,
+        counted.high,
+    ]
     told += [bent, bent - spread, bent + spread, apart * (1 + 0.6 / len(excess))]
-    return [row.locator, *map(str, (row.rows, row.columns, row.frames)), *(f"{one:.4g}" for one in told)]
+    return [
+        row.locator,
+        *map(str, (row.rows, row.columns, row.frames)),
+        *(f"{one:.4g}" for one in told),
+    ]
 
 
 def main() -> None:
     """Score, and write both tables."""
     parser = argparse.ArgumentParser(description="False alarms of the locators.")
     parser.add_argument("--first", type=int, default=0, help="the first frame")
-    parser.add_argument("--frames", type=int, default=200, help="how many; 0 writes the tables alone")
+    parser.add_argument(
+        "--frames", type=int, default=200, help="how many; 0 writes the tables alone"
+    )
     parser.add_argument("--shapes", nargs="+", default=["8x8", "4x4"])
     parser.add_argument("--locators", nargs="+", default=["learned"])
     given = parser.parse_args()
@@ -155,15 +221,21 @@ def main() -> None:
     for path in sorted(SCORES.glob("*.csv")):
         name, size = path.stem.rsplit("_", 1)
         shape = PanelShape(*map(int, size.split("x")))
-        found = torch.tensor(list(read_scores((name, shape)).values()), dtype=torch.float64)
+        found = torch.tensor(
+            list(read_scores((name, shape)).values()), dtype=torch.float64
+        )
         found = found.masked_fill(found <= NONE, -torch.inf)
         rows = [
-            one for one in rows if (one.locator, one.rows, one.columns) != (name, shape.rows, shape.columns)
+            one
+            for one in rows
+            if (one.locator, one.rows, one.columns) != (name, shape.rows, shape.columns)
         ]
         rows.append(FalseAlarms.of(name, shape, found))
         told.append(judged(rows[-1], found))
         print(dict(zip(HEAD, told[-1], strict=True)), flush=True)
-    write_table(TABLE, sorted(rows, key=lambda one: (one.locator, one.rows, one.columns)))
+    write_table(
+        TABLE, sorted(rows, key=lambda one: (one.locator, one.rows, one.columns))
+    )
     with (RESULTS / "false_alarms.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([HEAD, *told])
 

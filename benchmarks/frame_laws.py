@@ -44,29 +44,43 @@ class Law:
         """True probability of a wrong bit in a frame, for each receiver."""
         return self.share @ (self.halves > 0)
 
-    def seen(self, rng: np.random.Generator, frames: int, studies: int) -> NDArray[np.int64]:
+    def seen(
+        self, rng: np.random.Generator, frames: int, studies: int
+    ) -> NDArray[np.int64]:
         """Draw how often each line comes up in each of some studies, (studies,K)."""
         return rng.multinomial(frames, self.share, size=studies)
 
     def counts(self, seen: NDArray[np.int64], receiver: int = 0) -> list[Counts]:
         """Sum up what one receiver got wrong in each study."""
         halves, frames = self.halves[:, receiver], seen.sum(axis=1)
-        sums = seen @ np.stack([halves, halves**2, halves > 0, self.missed[:, receiver]], axis=1)
-        return [Counts(n, BITS * n, *row) for n, row in zip(frames.tolist(), sums.tolist(), strict=True)]
+        sums = seen @ np.stack(
+            [halves, halves**2, halves > 0, self.missed[:, receiver]], axis=1
+        )
+        return [
+            Counts(n, BITS * n, *row)
+            for n, row in zip(frames.tolist(), sums.tolist(), strict=True)
+        ]
 
     def paired(self, seen: NDArray[np.int64]) -> list[PairedCounts]:
         """Compare the first receiver with the second in each study."""
         apart, frames = self.halves[:, 0] - self.halves[:, 1], seen.sum(axis=1)
         sides = [np.maximum(apart, 0), np.maximum(-apart, 0)]
-        sums = seen @ np.stack([column for one in sides for column in (one, one**2, one > 0)], axis=1)
+        sums = seen @ np.stack(
+            [column for one in sides for column in (one, one**2, one > 0)], axis=1
+        )
         return [
-            PairedCounts(n, BITS * n, *row) for n, row in zip(frames.tolist(), sums.tolist(), strict=True)
+            PairedCounts(n, BITS * n, *row)
+            for n, row in zip(frames.tolist(), sums.tolist(), strict=True)
         ]
 
 
 def _of_bits(share: NDArray[np.float64]) -> Law:
     """Make the law of 0 to 64 wrong bits of one receiver from their probabilities."""
-    return Law(2 * np.arange(BITS + 1)[:, None], np.zeros((BITS + 1, 1), dtype=bool), share / share.sum())
+    return Law(
+        2 * np.arange(BITS + 1)[:, None],
+        np.zeros((BITS + 1, 1), dtype=bool),
+        share / share.sum(),
+    )
 
 
 def independent(ber: float) -> Law:
@@ -77,7 +91,9 @@ def independent(ber: float) -> Law:
 def clustered(ber: float, correlation: float) -> Law:
     """Each frame has an error probability of its own, from a beta law; its bits correlate."""
     scale = (1 - correlation) / correlation
-    return _of_bits(betabinom.pmf(np.arange(BITS + 1), BITS, ber * scale, (1 - ber) * scale))
+    return _of_bits(
+        betabinom.pmf(np.arange(BITS + 1), BITS, ber * scale, (1 - ber) * scale)
+    )
 
 
 def exactly(bits: int) -> Law:
@@ -99,7 +115,11 @@ def with_missed(law: Law, probability: float) -> Law:
     if not probability:
         return law
     shape = (1, law.halves.shape[1])
-    return mixed(Law(np.full(shape, BITS), np.ones(shape, dtype=bool), np.ones(1)), probability, law)
+    return mixed(
+        Law(np.full(shape, BITS), np.ones(shape, dtype=bool), np.ones(1)),
+        probability,
+        law,
+    )
 
 
 def missed_by_first(law: Law, probability: float) -> Law:
@@ -122,12 +142,21 @@ def mended(law: Law, share: float, spoiled: float) -> Law:
         binom.pmf(bits[None], wrong[:, None], 1 - share),
         binom.pmf(bits[None], BITS - wrong[:, None], spoiled),
     )
-    both = np.stack([np.convolve(one, other)[: BITS + 1] for one, other in zip(kept, new, strict=True)])
+    both = np.stack(
+        [
+            np.convolve(one, other)[: BITS + 1]
+            for one, other in zip(kept, new, strict=True)
+        ]
+    )
     joint = (law.share[:, None] * both).ravel()
     # A line this rare never comes up, and the truth is taken from the lines that are left.
     lines = joint > 1e-10
-    halves = np.stack([np.repeat(2 * wrong, BITS + 1), np.tile(2 * bits, len(wrong))], axis=1)[lines]
-    return Law(halves, np.zeros(halves.shape, dtype=bool), joint[lines] / joint[lines].sum())
+    halves = np.stack(
+        [np.repeat(2 * wrong, BITS + 1), np.tile(2 * bits, len(wrong))], axis=1
+    )[lines]
+    return Law(
+        halves, np.zeros(halves.shape, dtype=bool), joint[lines] / joint[lines].sum()
+    )
 
 
 def apart(first: Law, second: Law) -> Law:
@@ -135,12 +164,19 @@ def apart(first: Law, second: Law) -> Law:
     shares = (first.share[:, None] * second.share[None]).ravel()
     lines = shares > 1e-10
     halves = np.stack(
-        [np.repeat(first.halves[:, 0], len(second.share)), np.tile(second.halves[:, 0], len(first.share))],
+        [
+            np.repeat(first.halves[:, 0], len(second.share)),
+            np.tile(second.halves[:, 0], len(first.share)),
+        ],
         axis=1,
     )[lines]
-    return Law(halves, np.zeros(halves.shape, dtype=bool), shares[lines] / shares[lines].sum())
+    return Law(
+        halves, np.zeros(halves.shape, dtype=bool), shares[lines] / shares[lines].sum()
+    )
 
 
 def alike(law: Law) -> Law:
     """Give two receivers the errors of one."""
-    return Law(np.repeat(law.halves, 2, axis=1), np.repeat(law.missed, 2, axis=1), law.share)
+    return Law(
+        np.repeat(law.halves, 2, axis=1), np.repeat(law.missed, 2, axis=1), law.share
+    )

@@ -14,12 +14,23 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from coverage_tables import Table, averages, no_errors, one_receiver, rare_kinds, stopped, two_receivers
+from coverage_tables import (
+    Table,
+    averages,
+    no_errors,
+    one_receiver,
+    rare_kinds,
+    stopped,
+    two_receivers,
+)
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 
-BEGIN, END = "<!-- generated: python benchmarks/interval_coverage.py -->", "<!-- end -->"
+BEGIN, END = (
+    "<!-- generated: python benchmarks/interval_coverage.py -->",
+    "<!-- end -->",
+)
 
 Simulate: TypeAlias = Callable[[np.random.Generator, int], Table]
 
@@ -53,7 +64,8 @@ def filled(page: str, blocks: Sequence[str]) -> str:
         )
     tails = [part.split(END, 1)[1] for part in rest]
     return first + "".join(
-        f"{BEGIN}\n\n{block}\n\n{END}{tail}" for block, tail in zip(blocks, tails, strict=True)
+        f"{BEGIN}\n\n{block}\n\n{END}{tail}"
+        for block, tail in zip(blocks, tails, strict=True)
     )
 
 
@@ -62,19 +74,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--trials", type=int, default=3000, help="studies a row, at least 8 (default 3000)")
-    parser.add_argument("--seed", type=int, default=0, help="root of the random draws (default 0)")
-    parser.add_argument("--out", type=Path, default=Path("docs/statistics.md"), help="the page to fill in")
+    parser.add_argument(
+        "--trials",
+        type=int,
+        default=3000,
+        help="studies a row, at least 8 (default 3000)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="root of the random draws (default 0)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("docs/statistics.md"),
+        help="the page to fill in",
+    )
     given = parser.parse_args()
     if given.trials < 8 or given.seed < 0:
-        parser.error(f"--trials is {given.trials}, --seed is {given.seed}: at least 8, and at least 0")
+        parser.error(
+            f"--trials is {given.trials}, --seed is {given.seed}: at least 8, and at least 0"
+        )
     blocks = []
     for index, (simulate, fewer) in enumerate(TABLES):
         start, studies = time.process_time(), given.trials // fewer
         text = markdown(simulate(np.random.default_rng([given.seed, index]), studies))
         blocks.append(f"{text}\n\n{studies} studies a row, seed {given.seed}.")
-        print(f"{simulate.__name__}, {time.process_time() - start:.0f} s of CPU\n{text}\n", flush=True)
-    page = given.out.read_text() if given.out.exists() else f"{BEGIN}\n{END}\n" * len(blocks)
+        print(
+            f"{simulate.__name__}, {time.process_time() - start:.0f} s of CPU\n{text}\n",
+            flush=True,
+        )
+    page = (
+        given.out.read_text()
+        if given.out.exists()
+        else f"{BEGIN}\n{END}\n" * len(blocks)
+    )
     write_atomically(given.out, filled(page, blocks).encode())
 
 

@@ -67,8 +67,12 @@ class Variant:
 
 def scenes(count: int, point: str) -> tuple[Scene, torch.Tensor]:
     """Scenes over the whole of Table 1 and their bits; other points give other frames."""
-    blocks = [SceneModel().draw(BlockKey(0, point, i), SHAPE) for i in range(-(-count // 64))]
-    return Scene.cat([s for s, _ in blocks])[:count], torch.cat([b for _, b in blocks])[:count]
+    blocks = [
+        SceneModel().draw(BlockKey(0, point, i), SHAPE) for i in range(-(-count // 64))
+    ]
+    return Scene.cat([s for s, _ in blocks])[:count], torch.cat([b for _, b in blocks])[
+        :count
+    ]
 
 
 def train() -> FLDA:
@@ -89,9 +93,16 @@ class Receive:
     """
 
     def __init__(self, shape: PanelShape, flda: FLDA) -> None:
-        self.locator, self.reader, self.shape, self.flda = PaperLocator(), Reader(shape), shape, flda
+        self.locator, self.reader, self.shape, self.flda = (
+            PaperLocator(),
+            Reader(shape),
+            shape,
+            flda,
+        )
 
-    def __call__(self, frames: Frames, clock: Callable[[], object] = float) -> torch.Tensor:
+    def __call__(
+        self, frames: Frames, clock: Callable[[], object] = float
+    ) -> torch.Tensor:
         """Give the bits (B,R,C), Off where no panel was found; call ``clock`` between the stages."""
         panels = self.locator(frames, self.shape)
         clock()
@@ -101,7 +112,12 @@ class Receive:
 
 
 def ours(
-    framing: str, batch: int, scene: Scene, bits: torch.Tensor, flda: FLDA, device: str = "cpu"
+    framing: str,
+    batch: int,
+    scene: Scene,
+    bits: torch.Tensor,
+    flda: FLDA,
+    device: str = "cpu",
 ) -> Variant:
     """Our pipeline with crops or with full frames."""
     simulator = Simulator(framing=framing, device=device)  # type: ignore[arg-type]  # crop or full
@@ -150,7 +166,10 @@ def with_workers(flda: FLDA, rounds: int, batch: int) -> tuple[int, list[float]]
     with Workers(0) as workers:
         for turn in range(rounds + 1):
             begin = time.perf_counter()
-            calls = [workers.submit(_work, (part, batch, flda)) for part in range(2 * workers.count)]
+            calls = [
+                workers.submit(_work, (part, batch, flda))
+                for part in range(2 * workers.count)
+            ]
             frames = sum(call.result() for call in calls)
             # The first round starts the processes.
             found += [frames / (time.perf_counter() - begin)] * (turn > 0)
@@ -160,9 +179,20 @@ def with_workers(flda: FLDA, rounds: int, batch: int) -> tuple[int, list[float]]
 def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
     """The peer, one frame at a time, with the same discriminant."""
     cfg = PeerConfig()
-    names = ("ambient_lx", "led_luminance_cd_m2", "distance_m", "background_grey", "offset_x_m", "offset_y_m")
+    names = (
+        "ambient_lx",
+        "led_luminance_cd_m2",
+        "distance_m",
+        "background_grey",
+        "offset_x_m",
+        "offset_y_m",
+    )
     values = np.stack([getattr(scene, name).numpy() for name in names], axis=1)
-    sent, direction, threshold = bits.numpy(), flda.direction.numpy(), float(flda.threshold)
+    sent, direction, threshold = (
+        bits.numpy(),
+        flda.direction.numpy(),
+        float(flda.threshold),
+    )
     frame = np.empty(cfg.sensor_px, dtype=np.uint8)
 
     def run(count: int) -> tuple[dict[str, float], NDArray[np.bool_]]:
@@ -174,7 +204,9 @@ def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
             corners, features = read_frame(frame, cfg)
             t.append(time.perf_counter())
             empty = np.zeros((SHAPE.rows, SHAPE.columns), dtype=bool)
-            decided.append(empty if corners is None else decide(features, direction, threshold))
+            decided.append(
+                empty if corners is None else decide(features, direction, threshold)
+            )
             t.append(time.perf_counter())
             spent["render"] += t[1] - t[0]
             spent["locate"] += (
@@ -183,7 +215,9 @@ def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
             spent["decide"] += t[3] - t[2]
         return spent, np.stack(decided)
 
-    return Variant(f"NumPy/OpenCV, {'full frame' if full else 'panel region rendered'}", 0, run)
+    return Variant(
+        f"NumPy/OpenCV, {'full frame' if full else 'panel region rendered'}", 0, run
+    )
 
 
 def rows_of(variants: list[Variant], baseline: str) -> list[list[str]]:
@@ -192,15 +226,29 @@ def rows_of(variants: list[Variant], baseline: str) -> list[list[str]]:
     base, table = statistics.median(reference.frames_per_second()), []
     for v in variants:
         fps = v.frames_per_second()
-        ms = [f"{1e3 * statistics.median(r[s] / v.frames for r in v.rounds):.3f}" for s in STAGES]
+        ms = [
+            f"{1e3 * statistics.median(r[s] / v.frames for r in v.rounds):.3f}"
+            for s in STAGES
+        ]
         each = statistics.median(fps), min(fps), max(fps)
-        table.append([v.name, *(f"{one:.0f}" for one in each), f"{each[0] / base:.2f}", *ms])
+        table.append(
+            [v.name, *(f"{one:.0f}" for one in each), f"{each[0] / base:.2f}", *ms]
+        )
     return table
 
 
-def report(table: list[list[str]], variants: list[Variant], sent: NDArray[np.bool_]) -> None:
+def report(
+    table: list[list[str]], variants: list[Variant], sent: NDArray[np.bool_]
+) -> None:
     """Print the table, and how often the bits are wrong."""
-    heads = ["program", "frames/s, median", "min", "max", "ratio", *(f"{stage}, ms" for stage in STAGES)]
+    heads = [
+        "program",
+        "frames/s, median",
+        "min",
+        "max",
+        "ratio",
+        *(f"{stage}, ms" for stage in STAGES),
+    ]
     for row in (heads, ["---"] * len(heads), *table):
         print("| " + " | ".join(row) + " |")
     reference = variants[0]
@@ -210,7 +258,9 @@ def report(table: list[list[str]], variants: list[Variant], sent: NDArray[np.boo
         shared = min(len(v.bits), len(reference.bits))
         equal = (v.bits[:shared] == reference.bits[:shared]).mean()
         wrong = (v.bits != sent[: len(v.bits)]).mean()
-        print(f"{v.name}: bits equal to the baseline's {equal:.5f}, bit error rate {wrong:.1e}")
+        print(
+            f"{v.name}: bits equal to the baseline's {equal:.5f}, bit error rate {wrong:.1e}"
+        )
 
 
 def write(table: list[list[str]], machine: str, path: Path) -> None:
@@ -225,7 +275,9 @@ def write(table: list[list[str]], machine: str, path: Path) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0] if __doc__ else None
+    )
     parser.add_argument("--frames", type=int, default=256, help="frames a round")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--threads", type=int, default=2)
@@ -242,7 +294,12 @@ def main() -> None:
     variants += [ours(framing, batch, scene, bits, flda) for framing, batch in OURS]
     if cuda:
         variants += [ours("crop", batch, scene, bits, flda, "cuda") for batch in ON_GPU]
-    most = [few, args.frames, *(args.frames if batch > 4 else few for _, batch in OURS), *ON_GPU]
+    most = [
+        few,
+        args.frames,
+        *(args.frames if batch > 4 else few for _, batch in OURS),
+        *ON_GPU,
+    ]
     for variant, frames in zip(variants, most, strict=False):
         variant.frames = frames
         variant.run(min(frames, 16))
@@ -254,14 +311,20 @@ def main() -> None:
     table = rows_of(variants, variants[0].name)
     if not cuda:
         table += [
-            [f"vocc_torch, crop, batch {b}, cuda", *["not measured"] * (4 + len(STAGES))] for b in ON_GPU
+            [
+                f"vocc_torch, crop, batch {b}, cuda",
+                *["not measured"] * (4 + len(STAGES)),
+            ]
+            for b in ON_GPU
         ]
     for batch in (64, 256):
         count, rates = with_workers(flda, args.rounds, batch)
         each = statistics.median(rates), min(rates), max(rates)
         ratio = each[0] / float(table[0][1])
         name = f"vocc_torch, crop, batch {batch}, {count} processes"
-        table.append([name, *(f"{one:.0f}" for one in each), f"{ratio:.2f}", *[""] * len(STAGES)])
+        table.append(
+            [name, *(f"{one:.0f}" for one in each), f"{ratio:.2f}", *[""] * len(STAGES)]
+        )
     print(f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}\n")
     report(table, variants, bits.numpy())
     if args.csv:

@@ -36,11 +36,15 @@ def locator_of(name: str) -> PanelLocator:
     if name.endswith(".json"):
         return LearnedLocator(name)
     return (
-        OutsideLocator(PlugIn.of("locator", name)) if is_target(name) else locator_named(name, PaperLocator())
+        OutsideLocator(PlugIn.of("locator", name))
+        if is_target(name)
+        else locator_named(name, PaperLocator())
     )
 
 
-def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, absent: bool) -> None:
+def row(
+    scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, absent: bool
+) -> None:
     """Render frames one by one, locate, and print a line for each locator."""
     name, *words = scene.split()
     world = vt.load_scene(name)
@@ -52,7 +56,12 @@ def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, a
     errors, scores, spent = ({name: [] for name in locators} for _ in range(3))
     for batch in vt.simulate(world, frames, seed, batch=8, point="located"):
         inside = (
-            ((batch.corners_px >= 0) & (batch.corners_px <= torch.tensor([960.0, 540.0]))).flatten(1).all(1)
+            (
+                (batch.corners_px >= 0)
+                & (batch.corners_px <= torch.tensor([960.0, 540.0]))
+            )
+            .flatten(1)
+            .all(1)
         )
         pitch = torch.stack(cell_size_px(batch.corners_px, world.panel.shape)).amin(0)
         for i in range(len(batch.bits)):
@@ -63,7 +72,10 @@ def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, a
                 begun = time.process_time()
                 found = locator(one, world.panel.shape)
                 spent[name].append(1e3 * (time.process_time() - begun))
-                off = float((found.corners_px[0] - batch.corners_px[i]).norm(dim=1).max() / pitch[i])
+                off = float(
+                    (found.corners_px[0] - batch.corners_px[i]).norm(dim=1).max()
+                    / pitch[i]
+                )
                 good = bool(found.found[0]) and (absent or off < 0.25)
                 hits[name].append(good)
                 errors[name] += [off] if good and not absent else []
@@ -77,7 +89,8 @@ def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, a
         share, low, high = (100 * one for one in (sure.value, sure.low, sure.high))
         share = f"{sum(hit)} of {len(hit)} | {share:.1f} [{low:.1f}, {high:.1f}]"
         print(
-            f"| {scene} | {name} | {share} | {off} | {range_of} | {np.median(spent[name]):.1f} |", flush=True
+            f"| {scene} | {name} | {share} | {off} | {range_of} | {np.median(spent[name]):.1f} |",
+            flush=True,
         )
 
 
@@ -85,20 +98,30 @@ def main() -> None:
     """Read the command line, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--scenes", nargs="+", default=["paper", "dashcam", "night", "street", "street_night"]
+        "--scenes",
+        nargs="+",
+        default=["paper", "dashcam", "night", "street", "street_night"],
     )
     parser.add_argument("--locators", nargs="+", default=list(LOCATORS))
     parser.add_argument("--frames", type=int, default=64)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--absent", action="store_true", help="frames without a panel: located is a false alarm"
+        "--absent",
+        action="store_true",
+        help="frames without a panel: located is a false alarm",
     )
     given = parser.parse_args()
     torch.set_num_threads(1)
     head = "scene | locator | located | % | median error, pitches | least right | greatest wrong | ms"
     print(f"| {head} |\n{'|---' * 8}|")
     for scene in given.scenes:
-        row(scene, {one: locator_of(one) for one in given.locators}, given.frames, given.seed, given.absent)
+        row(
+            scene,
+            {one: locator_of(one) for one in given.locators},
+            given.frames,
+            given.seed,
+            given.absent,
+        )
 
 
 if __name__ == "__main__":

@@ -38,7 +38,17 @@ SHIPPED = (
     "colorwheel",
     "grass",
 )
-SHIPPED += ("gravel", "hubble_deep_field", "logo", "moon", "page", "rocket", "text", "horse", "checkerboard")
+SHIPPED += (
+    "gravel",
+    "hubble_deep_field",
+    "logo",
+    "moon",
+    "page",
+    "rocket",
+    "text",
+    "horse",
+    "checkerboard",
+)
 RECEIVERS = (("paper", "flda_3"), ("refined", "tag_planes"), ("learned", "tag_planes"))
 DISTANCES_M = (30, 50, 70)
 Picture = NDArray[np.uint8]
@@ -46,8 +56,12 @@ Picture = NDArray[np.uint8]
 
 def grey(picture: NDArray[np.generic]) -> Picture:
     """Turn any picture into grey bytes."""
-    plain = np.asarray(picture, dtype=float) / (255.0 if picture.dtype == np.uint8 else 1.0)
-    return np.uint8(255 * (color.rgb2gray(plain[..., :3]) if plain.ndim == 3 else plain))
+    plain = np.asarray(picture, dtype=float) / (
+        255.0 if picture.dtype == np.uint8 else 1.0
+    )
+    return np.uint8(
+        255 * (color.rgb2gray(plain[..., :3]) if plain.ndim == 3 else plain)
+    )
 
 
 def photographs() -> list[Picture]:
@@ -69,9 +83,14 @@ def without_panel() -> Iterator[Picture]:
         yield np.uint8(random.integers(0, 256, size))
         slope = random.normal(size=2)
         yield np.uint8(255 * (0.5 + 0.5 * np.sin((slope[0] * x + slope[1] * y) / 200)))
-        spots = gaussian_filter((random.random(size) < 3e-4).astype(float), random.uniform(1, 8))
+        spots = gaussian_filter(
+            (random.random(size) < 3e-4).astype(float), random.uniform(1, 8)
+        )
         yield np.uint8(60 + 190 * spots / max(spots.max(), 1e-9))
-        square, (side, down, right) = np.full(size, 90, np.uint8), random.integers((15, 0, 0), (90, 150, 230))
+        square, (side, down, right) = (
+            np.full(size, 90, np.uint8),
+            random.integers((15, 0, 0), (90, 150, 230)),
+        )
         square[down : down + side, right : right + side] = random.integers(150, 256)
         yield square
     pictures = photographs()
@@ -79,11 +98,16 @@ def without_panel() -> Iterator[Picture]:
     for _ in range(140 - 80 - len(pictures)):
         whole = pictures[random.integers(len(pictures))]
         high, wide = (int(n * random.uniform(0.2, 0.6)) for n in whole.shape)
-        down, right = random.integers(whole.shape[0] - high), random.integers(whole.shape[1] - wide)
+        down, right = (
+            random.integers(whole.shape[0] - high),
+            random.integers(whole.shape[1] - wide),
+        )
         yield whole[down : down + high, right : right + wide]
 
 
-def with_panel(distance_m: float, lit: int | None = None) -> tuple[list[Picture], torch.Tensor]:
+def with_panel(
+    distance_m: float, lit: int | None = None
+) -> tuple[list[Picture], torch.Tensor]:
     """Render 64 frames of the paper's scenes at a distance, with as many LEDs On where that is given."""
     world = vt.load_scene("paper", f"scene.distance_m={distance_m}")
     (batch,) = vt.simulate(world, 64, point="no panel")
@@ -94,16 +118,31 @@ def with_panel(distance_m: float, lit: int | None = None) -> tuple[list[Picture]
     return [np.ascontiguousarray(one) for one in frames.grey[:, 0].numpy()], bits
 
 
-def row(receiver: vt.Receiver, pictures: list[Picture], bits: torch.Tensor | None) -> list[int]:
+def row(
+    receiver: vt.Receiver, pictures: list[Picture], bits: torch.Tensor | None
+) -> list[int]:
     """Count pictures, those found, scored well and not warned of, and of these those with a wrong bit."""
     nowhere = np.zeros((1, 1, 3), np.uint8)
-    frames = (RecordedFrame("", i, None, nowhere, one) for i, one in enumerate(pictures))
+    frames = (
+        RecordedFrame("", i, None, nowhere, one) for i, one in enumerate(pictures)
+    )
     read = list(decode(receiver, frames))
     calm = [i for i, one in enumerate(read) if one.found and not one.is_doubtful]
     sure = [i for i in calm if not read[i].unlike and not read[i].one_level]
     well = sum(one.found and one.panel_score >= DOUBTFUL_SCORE for one in read)
-    wrong = 0 if bits is None else sum(bool((read[i].bits != bits[i].numpy()).any()) for i in calm)
-    return [len(read), sum(one.found for one in read), well, len(calm), wrong, len(sure)]
+    wrong = (
+        0
+        if bits is None
+        else sum(bool((read[i].bits != bits[i].numpy()).any()) for i in calm)
+    )
+    return [
+        len(read),
+        sum(one.found for one in read),
+        well,
+        len(calm),
+        wrong,
+        len(sure),
+    ]
 
 
 def claimed(names: list[str], streets: int) -> None:
@@ -114,8 +153,17 @@ def claimed(names: list[str], streets: int) -> None:
     for scene in ("street_held_out", "street_held_out_night") if streets else ():
         world = vt.load_scene(scene, "+scene.effects.panel_absent={}")
         batches = vt.simulate(world, streets // 2, batch=8, point=f"no panel, {scene}")
-        kinds[scene] = [one for batch in batches for one in batch.frames.grey[:, 0].numpy()]
-    heads = ("locator", "pictures", "", "claimed", "median, greatest score of these", "least false alarms")
+        kinds[scene] = [
+            one for batch in batches for one in batch.frames.grey[:, 0].numpy()
+        ]
+    heads = (
+        "locator",
+        "pictures",
+        "",
+        "claimed",
+        "median, greatest score of these",
+        "least false alarms",
+    )
     print(f"| {' | '.join(heads)} |\n" + "|---" * len(heads) + "|")
     for name in names:
         locator = locator_named(name, PaperLocator())
@@ -123,28 +171,54 @@ def claimed(names: list[str], streets: int) -> None:
             panels = [locator(one[None].copy(), vt.PanelShape()) for one in some]
             scores = [float(one.score[0]) for one in panels if bool(one.found[0])]
             shown = f"{np.median(scores):.2f}, {max(scores):.2f}" if scores else ""
-            stated = [float(one.false_alarms[0]) for one in panels if isinstance(one, StatedPanels)]
+            stated = [
+                float(one.false_alarms[0])
+                for one in panels
+                if isinstance(one, StatedPanels)
+            ]
             least = f"{min(stated):.2g}" if stated else "states none"
-            print(f"| `{name}` | {kind} | {len(some)} | {len(scores)} | {shown} | {least} |", flush=True)
+            print(
+                f"| `{name}` | {kind} | {len(some)} | {len(scores)} | {shown} | {least} |",
+                flush=True,
+            )
 
 
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--locators", nargs="+", choices=LOCATORS, help="for the table of docs/eyes.md")
-    parser.add_argument("--streets", type=int, default=0, help="frames of held-out streets without a panel")
+    parser.add_argument(
+        "--locators", nargs="+", choices=LOCATORS, help="for the table of docs/eyes.md"
+    )
+    parser.add_argument(
+        "--streets",
+        type=int,
+        default=0,
+        help="frames of held-out streets without a panel",
+    )
     given = parser.parse_args()
     torch.set_num_threads(1)
     if given.locators:
         claimed(given.locators, given.streets)
         return
-    kinds: dict[str, tuple[list[Picture], torch.Tensor | None]] = {"no panel": (list(without_panel()), None)}
+    kinds: dict[str, tuple[list[Picture], torch.Tensor | None]] = {
+        "no panel": (list(without_panel()), None)
+    }
     kinds |= {f"panel at {one} m": with_panel(one) for one in DISTANCES_M}
     kinds["all LEDs On, 50 m"] = with_panel(50, 64)
-    heads = ["frames", "found", f"score of {DOUBTFUL_SCORE:g} or more", "not doubtful", "of these wrong"]
-    print(f"| receiver | | {' | '.join(heads)} | no warning at all |\n" + "|---" * 8 + "|")
+    heads = [
+        "frames",
+        "found",
+        f"score of {DOUBTFUL_SCORE:g} or more",
+        "not doubtful",
+        "of these wrong",
+    ]
+    print(
+        f"| receiver | | {' | '.join(heads)} | no warning at all |\n" + "|---" * 8 + "|"
+    )
     for locator, classifier in RECEIVERS:
-        taught_by = "truth" if locator == "learned" else locator  # as task=decode has it
+        taught_by = (
+            "truth" if locator == "learned" else locator
+        )  # as task=decode has it
         receiver = vt.train("paper", locator=taught_by, classifier=classifier)
         receiver.locator = locator_named(locator, PaperLocator())
         for kind, (pictures, bits) in kinds.items():

@@ -23,7 +23,17 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Backdrop
 
 SIDE_PX, BLOCK = 256, 16
-SHAPES = ((8, 8),) * 6 + ((4, 4), (4, 4), (4, 8), (16, 16), (16, 16), (8, 16), (16, 8), (32, 32), (16, 64))
+SHAPES = ((8, 8),) * 6 + (
+    (4, 4),
+    (4, 4),
+    (4, 8),
+    (16, 16),
+    (16, 16),
+    (8, 16),
+    (16, 8),
+    (32, 32),
+    (16, 64),
+)
 PITCHES_PX = (1.5, 24.0)
 
 
@@ -64,7 +74,8 @@ class Drawn(Backdrop):
     def shade(self, x: Tensor, y: Tensor, context) -> Tensor:
         """Draw each frame's."""
         drawn = [
-            drawing(one, context.camera.sensor_px) for one in context.generators(self.name, of_scene=True)
+            drawing(one, context.camera.sensor_px)
+            for one in context.generators(self.name, of_scene=True)
         ]
         planes = torch.from_numpy(np.stack(drawn))[:, None]
         rows = torch.arange(len(planes)).view(-1, 1, 1, 1)
@@ -89,7 +100,9 @@ def drawing(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
         elif kind == 3:
             pen.line(box, fill=shade, width=int(draw.integers(1, 8)))
         elif kind == 4:
-            letters = "".join(chr(draw.integers(48, 91)) for _ in range(draw.integers(2, 10)))
+            letters = "".join(
+                chr(draw.integers(48, 91)) for _ in range(draw.integers(2, 10))
+            )
             pen.text((x, y), letters, fill=shade, font_size=float(np.clip(h, 6, 80)))
         else:
             # A grating or a regular lattice: equal cells, which carry no bits.
@@ -109,21 +122,33 @@ def drawing(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     return light.astype(np.float32)
 
 
-def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAINING) -> World:
+def world(
+    seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAINING
+) -> World:
     """Render a block of frames of one shape, camera, board and set of effects."""
     key = BlockKey(seed, "train_locator", block)
     draw = key.generator("world")
     shape = PanelShape(*kind.shapes[draw.integers(len(kind.shapes))])
     diameter = 0.06 * draw.uniform(0.35, 0.95)
     board = [None, None, 0.02, 0.05, 0.1, 0.3, 0.8][draw.integers(7)]
-    surfaces = {"led_reflectance": draw.uniform(0.03, 0.8), "background_reflectance": draw.uniform(0.1, 0.6)}
-    panel = LedPanel(shape, diameter, 0.06 - diameter, board_reflectance=board, **surfaces)
+    surfaces = {
+        "led_reflectance": draw.uniform(0.03, 0.8),
+        "background_reflectance": draw.uniform(0.1, 0.6),
+    }
+    panel = LedPanel(
+        shape, diameter, 0.06 - diameter, board_reflectance=board, **surfaces
+    )
     focal_mm = float(draw.uniform(10, 25))
     camera = Camera(
-        focal_mm, width_px=kind.side_px, height_px=kind.side_px, sensor_width_mm=kind.side_px * 13.2 / 1920
+        focal_mm,
+        width_px=kind.side_px,
+        height_px=kind.side_px,
+        sensor_width_mm=kind.side_px * 13.2 / 1920,
     )
     most = min(kind.pitches_px[1], 0.8 * kind.side_px / max(shape.rows, shape.columns))
-    pitch = np.exp(draw.uniform(math.log(kind.pitches_px[0]), math.log(most), kind.frames))
+    pitch = np.exp(
+        draw.uniform(math.log(kind.pitches_px[0]), math.log(most), kind.frames)
+    )
     distance = camera.focal_length_px * 0.06 / pitch
     ambient = np.exp(draw.uniform(math.log(100), math.log(32000), kind.frames))
     turn = draw.choice([5.0, 20.0, 44.0])
@@ -137,7 +162,9 @@ def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAININ
     scene = Scene(
         *(
             torch.from_numpy(
-                np.asarray(values, np.float64).repeat(kind.frames) if np.ndim(values) == 0 else values
+                np.asarray(values, np.float64).repeat(kind.frames)
+                if np.ndim(values) == 0
+                else values
             )
             for values in (
                 ambient,
@@ -153,7 +180,8 @@ def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAININ
         )
     )
     bits = torch.from_numpy(
-        draw.random((kind.frames, shape.rows, shape.columns)) < draw.uniform(0.3, 0.7, (kind.frames, 1, 1))
+        draw.random((kind.frames, shape.rows, shape.columns))
+        < draw.uniform(0.3, 0.7, (kind.frames, 1, 1))
     )
     effects: dict[str, object] = {
         "pose": {
@@ -170,7 +198,9 @@ def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAININ
         "quantization": {"bits": 8},
     }
     if kind.scatter and draw.random() < kind.scatter:
-        effects["led_scatter"] = {"coefficient_of_variation": float(draw.uniform(0.1, 0.9))}
+        effects["led_scatter"] = {
+            "coefficient_of_variation": float(draw.uniform(0.1, 0.9))
+        }
     if cluttered and draw.random() < 0.7:
         effects |= {"led_look": {}, "housing": {}}
         panel = replace(panel, board_reflectance=None)
@@ -193,8 +223,13 @@ def world(seed: int, block: int, *, cluttered: bool = True, kind: Kind = TRAININ
     if cluttered and draw.random() < 0.5:
         built.append(Drawn())
     simulator = Simulator(camera, panel, built)
-    grey, truth = simulator.render(scene, bits, keys=keys).grey, simulator.true_panels(scene, keys)
-    return World(grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape, bits)
+    grey, truth = (
+        simulator.render(scene, bits, keys=keys).grey,
+        simulator.true_panels(scene, keys),
+    )
+    return World(
+        grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape, bits
+    )
 
 
 def shaken(one: World, draw: np.random.Generator) -> World:
@@ -202,25 +237,44 @@ def shaken(one: World, draw: np.random.Generator) -> World:
     grey, corners = one.grey.float(), one.corners_px
     for axis in (0, 1):
         if draw.random() < 0.5:
-            grey, there = grey.flip(3 - axis), (corners != 0).any(2, keepdim=True).any(1, keepdim=True)
+            grey, there = (
+                grey.flip(3 - axis),
+                (corners != 0).any(2, keepdim=True).any(1, keepdim=True),
+            )
             corners = corners.clone()
             corners[..., axis] = grey.shape[3 - axis] - corners[..., axis]
             corners = corners[:, [[1, 0, 3, 2], [3, 2, 1, 0]][axis]] * there
-    gain = torch.from_numpy(draw.uniform(0.25, 1.0, len(grey)) * draw.choice([1, -1], len(grey))).float()
+    gain = torch.from_numpy(
+        draw.uniform(0.25, 1.0, len(grey)) * draw.choice([1, -1], len(grey))
+    ).float()
     gain = gain.view(-1, 1, 1, 1)
-    grey = torch.where(gain < 0, 255 + grey * gain, grey * gain + (1 - gain) * float(draw.uniform(0, 200)))
+    grey = torch.where(
+        gain < 0,
+        255 + grey * gain,
+        grey * gain + (1 - gain) * float(draw.uniform(0, 200)),
+    )
     return World(grey.clamp(0, 255), corners, one.shape)
 
 
 def handmade(one: World, draw: np.random.Generator, off_cells: float = 0.1) -> World:
     """Warp pictures smoothly: LEDs then lie off their lattice, as in panels made by hand; corners stay."""
     warped, (high, wide) = [], one.grey.shape[2:]
-    across, down = np.meshgrid(np.arange(wide, dtype=np.float32), np.arange(high, dtype=np.float32))
-    for grey, corners in zip(one.grey[:, 0].numpy(), one.corners_px.numpy(), strict=True):
-        pitch = max(1.5, math.sqrt(cv2.contourArea(corners) / one.shape.leds)) if corners.any() else 8.0
+    across, down = np.meshgrid(
+        np.arange(wide, dtype=np.float32), np.arange(high, dtype=np.float32)
+    )
+    for grey, corners in zip(
+        one.grey[:, 0].numpy(), one.corners_px.numpy(), strict=True
+    ):
+        pitch = (
+            max(1.5, math.sqrt(cv2.contourArea(corners) / one.shape.leds))
+            if corners.any()
+            else 8.0
+        )
         few = [max(2, round(side / pitch)) for side in (high, wide)]
         moves = (off_cells * pitch * draw.standard_normal((*few, 2))).astype(np.float32)
         moves = cv2.resize(moves, (wide, high), interpolation=cv2.INTER_CUBIC)
         at = (across + moves[..., 0], down + moves[..., 1])
-        warped.append(cv2.remap(grey, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
+        warped.append(
+            cv2.remap(grey, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        )
     return World(torch.from_numpy(np.stack(warped))[:, None], one.corners_px, one.shape)

@@ -24,7 +24,14 @@ import numpy as np
 from peer_read import decide, fisher, read_frame
 from peer_render import Bits, ByteImage, Floats, PeerConfig, render_frame
 
-__all__ = ["PeerConfig", "decide", "fisher", "random_scenes", "read_frame", "render_frame"]
+__all__ = [
+    "PeerConfig",
+    "decide",
+    "fisher",
+    "random_scenes",
+    "read_frame",
+    "render_frame",
+]
 
 ROUND_FRAMES = 20
 """Frames a variant is timed for before the next takes its turn: a busy spell of the machine hits all."""
@@ -107,14 +114,20 @@ class Tally:
         self.times_ms["total"].append((self.last - start) * 1e3)
         self.frames += 1
         self.missed += corners is None
-        self.errors += bits.size / 2 if corners is None else int((decided != bits).sum())
+        self.errors += (
+            bits.size / 2 if corners is None else int((decided != bits).sum())
+        )
 
 
-def measure(frames: int, seed: int, model: tuple[Floats, float], cfg: PeerConfig) -> dict[str, Tally]:
+def measure(
+    frames: int, seed: int, model: tuple[Floats, float], cfg: PeerConfig
+) -> dict[str, Tally]:
     """Time all four variants on the same frames, in turns of ``ROUND_FRAMES`` after one untimed frame."""
     variants = [(full, threads) for full in (True, False) for threads in (1, 2)]
     frame = np.empty(cfg.sensor_px, np.uint8)
-    tallies = {f"full={full} threads={threads}": Tally(frame) for full, threads in variants}
+    tallies = {
+        f"full={full} threads={threads}": Tally(frame) for full, threads in variants
+    }
     scenes = random_scenes(seed, cfg)
     for _ in range(-(-frames // ROUND_FRAMES)):
         batch = list(islice(scenes, ROUND_FRAMES))
@@ -126,7 +139,9 @@ def measure(frames: int, seed: int, model: tuple[Floats, float], cfg: PeerConfig
     return tallies
 
 
-def work(seed: int, frames: int, model: tuple[Floats, float], full: bool, barrier: Barrier) -> None:
+def work(
+    seed: int, frames: int, model: tuple[Floats, float], full: bool, barrier: Barrier
+) -> None:
     """Render and read ``frames`` frames on one thread, between two meetings with the other processes."""
     cv2.setNumThreads(1)
     cfg = PeerConfig()
@@ -138,11 +153,16 @@ def work(seed: int, frames: int, model: tuple[Floats, float], full: bool, barrie
         barrier.wait()
 
 
-def frames_per_second(processes: int, frames: int, model: tuple[Floats, float], full: bool) -> float:
+def frames_per_second(
+    processes: int, frames: int, model: tuple[Floats, float], full: bool
+) -> float:
     """Measure the rate of single-threaded processes side by side, the best use of several cores."""
     context = get_context("spawn")
     barrier = context.Barrier(processes + 1)
-    pool = [context.Process(target=work, args=(i, frames, model, full, barrier)) for i in range(processes)]
+    pool = [
+        context.Process(target=work, args=(i, frames, model, full, barrier))
+        for i in range(processes)
+    ]
     for process in pool:
         process.start()
     barrier.wait()
@@ -158,7 +178,9 @@ def report(name: str, tally: Tally, leds: int) -> None:
     """Print a variant's bit error rate, and each stage's median and 10th to 90th percentile."""
     rate = 1e3 / np.median(tally.times_ms["total"])
     ber = tally.errors / (tally.frames * leds)
-    print(f"\n{name}: {rate:.0f} frames/s, BER {ber:.2e}, panels missed {tally.missed}/{tally.frames}")
+    print(
+        f"\n{name}: {rate:.0f} frames/s, BER {ber:.2e}, panels missed {tally.missed}/{tally.frames}"
+    )
     for stage, times in tally.times_ms.items():
         low, middle, high = np.percentile(times, [10, 50, 90])
         print(f"  {stage:10s} {middle:7.3f} ms   ({low:.3f} to {high:.3f})")
@@ -166,11 +188,27 @@ def report(name: str, tally: Tally, leds: int) -> None:
 
 def main() -> None:
     """Train, measure and print."""
-    parser = argparse.ArgumentParser(description="Bit error rate and times of the plain OpenCV program.")
-    parser.add_argument("--frames", type=int, default=200, help="test frames of each variant (default 200)")
-    parser.add_argument("--train-frames", type=int, default=200, help="training frames (default 200)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the test scenes (default 0)")
-    parser.add_argument("--processes", type=int, default=2, help="processes of the last rates (default 2)")
+    parser = argparse.ArgumentParser(
+        description="Bit error rate and times of the plain OpenCV program."
+    )
+    parser.add_argument(
+        "--frames",
+        type=int,
+        default=200,
+        help="test frames of each variant (default 200)",
+    )
+    parser.add_argument(
+        "--train-frames", type=int, default=200, help="training frames (default 200)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of the test scenes (default 0)"
+    )
+    parser.add_argument(
+        "--processes",
+        type=int,
+        default=2,
+        help="processes of the last rates (default 2)",
+    )
     options = parser.parse_args()
     cfg = PeerConfig()
     model = train(options.train_frames, options.seed + 1, cfg)
@@ -179,7 +217,9 @@ def main() -> None:
         report(name, tally, cfg.rows * cfg.columns)
     for full in (True, False):
         rate = frames_per_second(options.processes, options.frames, model, full)
-        print(f"\nfull={full} in {options.processes} processes of one thread: {rate:.0f} frames/s")
+        print(
+            f"\nfull={full} in {options.processes} processes of one thread: {rate:.0f} frames/s"
+        )
 
 
 if __name__ == "__main__":

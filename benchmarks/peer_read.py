@@ -33,7 +33,9 @@ def close_foreground(
     Returns:
         The closed mask, and the frame row and column of its first pixel; None without any foreground.
     """
-    _, mask = cv2.threshold(frame, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU, scratch(frame.shape))
+    _, mask = cv2.threshold(
+        frame, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU, scratch(frame.shape)
+    )
     lap("otsu")
     x, y, width, height = cv2.boundingRect(mask)
     if width == 0:
@@ -57,7 +59,11 @@ def find_panel(mask: ByteImage, cfg: PeerConfig) -> FloatImage | None:
     best_area = cfg.min_area_px
     for contour in contours:
         area = cv2.contourArea(contour) + cv2.arcLength(contour, True) / 2 + 1
-        if not best_area <= area <= cfg.max_area_share * cfg.sensor_px[0] * cfg.sensor_px[1]:
+        if (
+            not best_area
+            <= area
+            <= cfg.max_area_share * cfg.sensor_px[0] * cfg.sensor_px[1]
+        ):
             continue
         (x, y), (width, height), angle = cv2.minAreaRect(contour)
         if area >= cfg.min_rectangularity * (width + 1) * (height + 1):
@@ -86,7 +92,10 @@ def rectify(frame: ByteImage, corners_px: FloatImage, cfg: PeerConfig) -> FloatI
     """
     k = cfg.samples_per_cell
     right, bottom = k * (cfg.columns + 1) - 0.5, k * (cfg.rows + 1) - 0.5
-    grid = np.array([(k - 0.5, k - 0.5), (right, k - 0.5), (right, bottom), (k - 0.5, bottom)], np.float32)
+    grid = np.array(
+        [(k - 0.5, k - 0.5), (right, k - 0.5), (right, bottom), (k - 0.5, bottom)],
+        np.float32,
+    )
     to_frame = cv2.getPerspectiveTransform(grid, corners_px - np.float32(0.5))
     # Only the samples' surroundings become floats; the margin is a cell, here at most the panel's own extent.
     low, high = corners_px.min(axis=0), corners_px.max(axis=0)
@@ -97,7 +106,9 @@ def rectify(frame: ByteImage, corners_px: FloatImage, cfg: PeerConfig) -> FloatI
     shift = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1]], np.float64)
     size = (k * (cfg.columns + 2), k * (cfg.rows + 2))
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return cv2.warpPerspective(crop, shift @ to_frame, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.warpPerspective(
+        crop, shift @ to_frame, size, flags=flags, borderMode=cv2.BORDER_REPLICATE
+    )
 
 
 @lru_cache(maxsize=8)
@@ -110,7 +121,9 @@ def inward_field(rows: int, columns: int, k: int) -> tuple[FloatImage, FloatImag
     return np.tile(x, (rows, columns)), np.tile(x.T, (rows, columns))
 
 
-def extract_features(patch: FloatImage, corners_px: FloatImage, cfg: PeerConfig) -> FloatImage:
+def extract_features(
+    patch: FloatImage, corners_px: FloatImage, cfg: PeerConfig
+) -> FloatImage:
     """Compute AGR (Eq. 4), GRI (Eq. 7, Sobel's gradient in grey values an original pixel) and NGR (Eq. 9).
 
     Returns:
@@ -124,11 +137,17 @@ def extract_features(patch: FloatImage, corners_px: FloatImage, cfg: PeerConfig)
     samples_per_px_y = k * rows * 2 / (edges_px[1] + edges_px[3])
     inner = (slice(k, -k), slice(k, -k))
     inward_x, inward_y = inward_field(rows, columns, k)
-    inwardness = cv2.Sobel(patch, cv2.CV_32F, 1, 0, scale=samples_per_px_x / 8)[inner] * inward_x
-    inwardness += cv2.Sobel(patch, cv2.CV_32F, 0, 1, scale=samples_per_px_y / 8)[inner] * inward_y
+    inwardness = (
+        cv2.Sobel(patch, cv2.CV_32F, 1, 0, scale=samples_per_px_x / 8)[inner] * inward_x
+    )
+    inwardness += (
+        cv2.Sobel(patch, cv2.CV_32F, 0, 1, scale=samples_per_px_y / 8)[inner] * inward_y
+    )
     features = np.empty((rows, columns, 3), np.float32)
     features[..., 0] = cells[1:-1, 1:-1] / panel_mean
-    features[..., 1] = cv2.resize(inwardness, (columns, rows), interpolation=cv2.INTER_AREA)
+    features[..., 1] = cv2.resize(
+        inwardness, (columns, rows), interpolation=cv2.INTER_AREA
+    )
     features[..., 2] = cv2.filter2D(cells, -1, RING)[1:-1, 1:-1] / panel_mean
     return features
 
@@ -185,5 +204,7 @@ def fisher(features: Floats, bits: Bits) -> tuple[Floats, float]:
     """
     on, off = features[bits], features[~bits]
     centred = np.concatenate([on - on.mean(axis=0), off - off.mean(axis=0)])
-    direction: Floats = np.linalg.solve(centred.T @ centred, on.mean(axis=0) - off.mean(axis=0))
+    direction: Floats = np.linalg.solve(
+        centred.T @ centred, on.mean(axis=0) - off.mean(axis=0)
+    )
     return direction, float(direction @ (on.mean(axis=0) + off.mean(axis=0)) / 2)

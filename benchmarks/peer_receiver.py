@@ -77,7 +77,10 @@ class PeerReceiver:
             left, top, width, height = box
             if not width:
                 return None
-            level, part = int(frame[0, 0]), frame[top : top + height, left : left + width]
+            level, part = (
+                int(frame[0, 0]),
+                frame[top : top + height, left : left + width],
+            )
             threshold = otsu(part, level, frame.size - part.size)
             if level > threshold:
                 left, top, part = 0, 0, frame
@@ -87,7 +90,9 @@ class PeerReceiver:
             kept = self.masks.get(get_ident())
             if kept is None or kept.shape != frame.shape:
                 kept = self.masks[get_ident()] = np.empty(frame.shape, np.uint8)
-            mask = cv2.threshold(frame, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU, kept)[1]
+            mask = cv2.threshold(
+                frame, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU, kept
+            )[1]
         x, y, width, height = cv2.boundingRect(mask)
         if not width:
             return None
@@ -96,16 +101,27 @@ class PeerReceiver:
     def corners(self, mask: Bytes, left: int, top: int) -> Floats | None:
         """Close the box of the foreground, and give the rectangle around the most panel-like component."""
         edge = self.closing_px
-        room = cv2.copyMakeBorder(mask, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=0)
-        closed = cv2.morphologyEx(room, cv2.MORPH_CLOSE, square(edge))[edge:-edge, edge:-edge]
+        room = cv2.copyMakeBorder(
+            mask, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=0
+        )
+        closed = cv2.morphologyEx(room, cv2.MORPH_CLOSE, square(edge))[
+            edge:-edge, edge:-edge
+        ]
         best, best_score = None, 0.0
-        outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        outlines, _ = cv2.findContours(
+            closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+        )
         for outline in outlines:
             if len(outlines) == 1:
                 area, lit = cv2.countNonZero(closed), mask
             else:
-                inside = cv2.drawContours(np.zeros_like(mask), [outline], -1, 255, cv2.FILLED)
-                area, lit = cv2.countNonZero(cv2.bitwise_and(inside, closed)), cv2.bitwise_and(inside, mask)
+                inside = cv2.drawContours(
+                    np.zeros_like(mask), [outline], -1, 255, cv2.FILLED
+                )
+                area, lit = (
+                    cv2.countNonZero(cv2.bitwise_and(inside, closed)),
+                    cv2.bitwise_and(inside, mask),
+                )
             if area < self.min_area_px:
                 continue
             score, corners = self.judged(lit, area)
@@ -136,7 +152,13 @@ class PeerReceiver:
         """Resample the panel and a cell of margin bilinearly to K x K samples a cell."""
         k = self.samples
         edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        cell = max(float(edges[0] + edges[2]) / self.columns, float(edges[1] + edges[3]) / self.rows) / 2
+        cell = (
+            max(
+                float(edges[0] + edges[2]) / self.columns,
+                float(edges[1] + edges[3]) / self.rows,
+            )
+            / 2
+        )
         finer = max(1, round(cell / k))
         low, high = corners.min(axis=0), corners.max(axis=0)
         reach = (high - low) / min(self.rows, self.columns) * 1.5 + 3
@@ -146,12 +168,19 @@ class PeerReceiver:
         crop = frame[top:bottom, left:right].astype(np.float32)
         across, down = grid(self.rows, self.columns, k * finer)
         origin = corners[0] - np.array([left, top], np.float32) - np.float32(0.5)
-        step_x, step_y = (corners[1] - corners[0]) / self.columns, (corners[3] - corners[0]) / self.rows
+        step_x, step_y = (
+            (corners[1] - corners[0]) / self.columns,
+            (corners[3] - corners[0]) / self.rows,
+        )
         at_x = origin[0] + across * step_x[0] + down * step_y[0]
         at_y = origin[1] + across * step_x[1] + down * step_y[1]
-        fine = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        fine = cv2.remap(
+            crop, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
         size = (k * (self.columns + 2), k * (self.rows + 2))
-        return fine if finer == 1 else cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+        return (
+            fine if finer == 1 else cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+        )
 
     def features(self, patch: Floats, corners: Floats) -> Floats:
         """Measure AGR (Eq. 4), GRI (Eq. 7, Sobel, in grey values a pixel) and NGR (Eq. 9), (R,C,3)."""
@@ -160,12 +189,17 @@ class PeerReceiver:
         mean = cells[1:-1, 1:-1].mean()
         edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         inner, (to_x, to_y) = (slice(k, -k), slice(k, -k)), inward(rows, columns, k)
-        scale_x, scale_y = k * columns * 2 / (edges[0] + edges[2]), k * rows * 2 / (edges[1] + edges[3])
+        scale_x, scale_y = (
+            k * columns * 2 / (edges[0] + edges[2]),
+            k * rows * 2 / (edges[1] + edges[3]),
+        )
         towards = cv2.Sobel(patch, cv2.CV_32F, 1, 0, scale=scale_x / 8)[inner] * to_x
         towards += cv2.Sobel(patch, cv2.CV_32F, 0, 1, scale=scale_y / 8)[inner] * to_y
         found = np.empty((rows, columns, 3), np.float32)
         found[..., 0] = cells[1:-1, 1:-1] / mean
-        found[..., 1] = cv2.resize(towards, (columns, rows), interpolation=cv2.INTER_AREA)
+        found[..., 1] = cv2.resize(
+            towards, (columns, rows), interpolation=cv2.INTER_AREA
+        )
         found[..., 2] = cv2.filter2D(cells, -1, RING)[1:-1, 1:-1] / mean
         return found
 
@@ -194,7 +228,9 @@ def otsu(part: Bytes, level: int, outside_px: int) -> int:
     apart = mass[-1] * below - mass * below[-1]
     between = apart * apart / np.maximum(below * rest, 1.0)
     between[(counts == 0) | (rest == 0)] = -1.0
-    return int(between.argmax()) if np.count_nonzero(counts) > 1 else int(counts.argmax())
+    return (
+        int(between.argmax()) if np.count_nonzero(counts) > 1 else int(counts.argmax())
+    )
 
 
 @lru_cache(maxsize=4)
@@ -218,7 +254,9 @@ def clockwise(corners: Floats) -> Floats:
 @lru_cache(maxsize=16)
 def grid(rows: int, columns: int, fine: int) -> tuple[Floats, Floats]:
     """Give the samples' cell coordinates, (1,w) columns and (h,1) rows, with a cell of margin."""
-    x, y = ((np.arange((cells + 2) * fine) + 0.5) / fine - 1 for cells in (columns, rows))
+    x, y = (
+        (np.arange((cells + 2) * fine) + 0.5) / fine - 1 for cells in (columns, rows)
+    )
     return x.astype(np.float32)[None], y.astype(np.float32)[:, None]
 
 

@@ -85,7 +85,9 @@ def disc_coverage(x_edges: Floats, y_edges: Floats, radius_px: float) -> Floats:
     both = left + above
     corner_inside = x * y + both / 2 - math.pi / 4
     # Outside the disc a corner cuts off the left part, the upper part, neither or both.
-    corner_outside = np.where((x > 0) & (y > 0), both - math.pi, np.minimum(left, above))
+    corner_outside = np.where(
+        (x > 0) & (y > 0), both - math.pi, np.minimum(left, above)
+    )
     corner_outside = np.where((x < 0) & (y < 0), 0.0, corner_outside)
     area = np.where(x * x + y * y < 1, corner_inside, corner_outside) * radius_px**2
     covered: Floats = np.diff(np.diff(area, axis=-1), axis=-2)
@@ -112,14 +114,20 @@ def draw_leds(
     y = centre_px[1] + (np.arange(rows) - (rows - 1) / 2) * pitch
     window = np.arange(math.ceil(2 * radius) + 1)
     edges = np.arange(len(window) + 1)
-    first_x, first_y = np.floor(x - radius).astype(int), np.floor(y - radius).astype(int)
+    first_x, first_y = (
+        np.floor(x - radius).astype(int),
+        np.floor(y - radius).astype(int),
+    )
     coverage = disc_coverage(
         ((first_x - x)[:, None] + edges)[None, :, None, :],
         ((first_y - y)[:, None] + edges)[:, None, :, None],
         radius,
     )
     left, top = int(first_x[0]), int(first_y[0])
-    width, height = int(first_x[-1]) - left + len(window), int(first_y[-1]) - top + len(window)
+    width, height = (
+        int(first_x[-1]) - left + len(window),
+        int(first_y[-1]) - top + len(window),
+    )
     pixel_x = (first_x[:, None] + window - left)[None, :, None, :]
     pixel_y = (first_y[:, None] + window - top)[:, None, :, None]
     light = led_excess[:, :, None, None] * coverage
@@ -128,7 +136,9 @@ def draw_leds(
     return canvas.reshape(height, width).astype(np.float32), top, left
 
 
-def encode(exposure: FloatImage, background_grey: float, gamma: float, out: ByteImage) -> None:
+def encode(
+    exposure: FloatImage, background_grey: float, gamma: float, out: ByteImage
+) -> None:
     """Gamma-encode, clip and round exposure in units of the background's (Eq. 1), overwriting ``exposure``.
 
     A logarithm, a product and an exponential are what ``cv2.pow`` computes (equal to 3e-7), at half its time.
@@ -148,7 +158,9 @@ def overlap(start: int, length: int, limit: int) -> tuple[slice, slice]:
     """
     first, last = max(start, 0), min(start + length, limit)
     if first >= last:
-        raise ValueError(f"the panel covers pixels {start} to {start + length}: all are off the sensor")
+        raise ValueError(
+            f"the panel covers pixels {start} to {start + length}: all are off the sensor"
+        )
     return slice(first, last), slice(first - start, last - start)
 
 
@@ -203,7 +215,9 @@ def render_frame(
     scale = cfg.px_per_m(distance_m)
     height, width = cfg.sensor_px
     centre = (width / 2 + offset_x_m * scale, height / 2 + offset_y_m * scale)
-    light, top, left = draw_leds((off + emitted * bits) / background - 1, centre, scale, cfg)
+    light, top, left = draw_leds(
+        (off + emitted * bits) / background - 1, centre, scale, cfg
+    )
     if not full:
         reach = cfg.blur_kernel_px // 2
         light, top, left = np.pad(light, reach), top - reach, left - reach
@@ -219,7 +233,9 @@ def render_frame(
     lap("draw")
 
     kernel = (cfg.blur_kernel_px, cfg.blur_kernel_px)
-    cv2.GaussianBlur(exposure, kernel, cfg.blur_sigma_px, blurred, borderType=cv2.BORDER_REPLICATE)
+    cv2.GaussianBlur(
+        exposure, kernel, cfg.blur_sigma_px, blurred, borderType=cv2.BORDER_REPLICATE
+    )
     lap("blur")
 
     frame = np.empty(cfg.sensor_px, np.uint8) if out is None else out

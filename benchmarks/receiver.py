@@ -29,7 +29,13 @@ from peer_receiver import PeerReceiver
 from torch import Tensor
 
 from vocc_torch import Simulator
-from vocc_torch.measure.timing import Timing, describe_machine, interleaved, median_of, settle_memory
+from vocc_torch.measure.timing import (
+    Timing,
+    describe_machine,
+    interleaved,
+    median_of,
+    settle_memory,
+)
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, PaperLocator, locator_named
 from vocc_torch.receiver.reader import Reader
@@ -47,7 +53,18 @@ NOISE = {
 
 STANDARD = "OpenCV"
 SKIPPING = "OpenCV, our shortcut"
-FIELDS = ("scene", "program", "device", "threads", "batch", "how", "stage", "ms", "ms_low", "ms_high")
+FIELDS = (
+    "scene",
+    "program",
+    "device",
+    "threads",
+    "batch",
+    "how",
+    "stage",
+    "ms",
+    "ms_low",
+    "ms_high",
+)
 MORE = ("frames_per_second", "times_opencv", "machine")
 NOT_MEASURED = "not measured"
 
@@ -65,13 +82,20 @@ class Key:
     stage: str = "all"
 
 
-def rendered(point: str, count: int, noisy: bool = False) -> Iterator[tuple[Tensor, Tensor]]:
+def rendered(
+    point: str, count: int, noisy: bool = False
+) -> Iterator[tuple[Tensor, Tensor]]:
     """Render full frames of the paper's scenes, 16 at a time: bits (b,R,C), and (b,1,H,W) uint8."""
-    simulator = Simulator(effects={**PAPER_EFFECTS, **NOISE} if noisy else PAPER_EFFECTS, framing="filled")
+    simulator = Simulator(
+        effects={**PAPER_EFFECTS, **NOISE} if noisy else PAPER_EFFECTS, framing="filled"
+    )
     scene, bits = scenes(count, point)
     for start in range(0, count, 16):
         rows = slice(start, min(start + 16, count))
-        keys = [FrameKey(BlockKey(0, point, one // 64), one % 64) for one in range(start, rows.stop)]
+        keys = [
+            FrameKey(BlockKey(0, point, one // 64), one % 64)
+            for one in range(start, rows.stop)
+        ]
         frames = simulator.render(scene[rows], bits[rows], nearest_m=30.0, keys=keys)
         yield bits[rows], frames.grey
 
@@ -103,7 +127,9 @@ def with_threads(threads: int, call: Callable[[], object]) -> Callable[[], objec
     return run
 
 
-def on_cpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> dict[Key, Callable[[], object]]:
+def on_cpu(
+    name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace
+) -> dict[Key, Callable[[], object]]:
     """Give every program, batch and number of threads."""
     calls: dict[Key, Callable[[], object]] = {}
     readers: dict[str, Callable[[Tensor], object]] = {}
@@ -117,14 +143,20 @@ def on_cpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> di
         for batch in (size for size in given.batches if size <= len(grey)):
             for threads in given.threads:
                 key = Key(name, program, "cpu", threads, batch, "library threads")
-                calls[key] = with_threads(threads, in_batches(read, grey, batch, pool=False))
+                calls[key] = with_threads(
+                    threads, in_batches(read, grey, batch, pool=False)
+                )
                 if threads == 2 and batch > 1:
                     key = Key(name, program, "cpu", threads, batch, "pool")
-                    calls[key] = with_threads(1, in_batches(read, grey, batch, pool=True))
+                    calls[key] = with_threads(
+                        1, in_batches(read, grey, batch, pool=True)
+                    )
     return calls
 
 
-def stages(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> dict[Key, Callable[[], object]]:
+def stages(
+    name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace
+) -> dict[Key, Callable[[], object]]:
     """Give the stages of ours on one thread: locate, read (rectify and measure), decide."""
     calls: dict[Key, Callable[[], object]] = {}
     reader = Reader(SHAPE)
@@ -133,21 +165,39 @@ def stages(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> di
         for batch in (size for size in given.batches if size <= len(grey)):
             parts = [Frames.whole(part) for part in grey.split(batch)]
             panels = [locate(part, SHAPE) for part in parts]
-            read = [reader.read_features(part, found) for part, found in zip(parts, panels, strict=True)]
+            read = [
+                reader.read_features(part, found)
+                for part, found in zip(parts, panels, strict=True)
+            ]
             work = {
-                "locate": lambda parts=parts, locate=locate: [locate(part, SHAPE) for part in parts],
-                "read": lambda parts=parts, panels=panels: [
-                    reader.read_features(part, found) for part, found in zip(parts, panels, strict=True)
+                "locate": lambda parts=parts, locate=locate: [
+                    locate(part, SHAPE) for part in parts
                 ],
-                "decide": lambda read=read: [flda.decision_function(one) for one in read],
+                "read": lambda parts=parts, panels=panels: [
+                    reader.read_features(part, found)
+                    for part, found in zip(parts, panels, strict=True)
+                ],
+                "decide": lambda read=read: [
+                    flda.decision_function(one) for one in read
+                ],
             }
             for stage, call in work.items():
-                key = Key(name, f"vocc_torch, {locator}", "cpu", 1, batch, "library threads", stage)
+                key = Key(
+                    name,
+                    f"vocc_torch, {locator}",
+                    "cpu",
+                    1,
+                    batch,
+                    "library threads",
+                    stage,
+                )
                 calls[key] = with_threads(1, call)
     return calls
 
 
-def on_gpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> dict[Key, Callable[[], object]]:
+def on_gpu(
+    name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace
+) -> dict[Key, Callable[[], object]]:
     """Give ours on the accelerator: frames that lie there already, and frames that are copied there first."""
     calls: dict[Key, Callable[[], object]] = {}
     device = torch.device("cuda")
@@ -155,12 +205,16 @@ def on_gpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> di
     moved = FLDA(3)
     moved.load_state_dict(flda.state_dict())
     for locator in ("paper", "refined"):
-        receiver = receiver_with(locator_named(locator, PaperLocator()), moved.to(device))
+        receiver = receiver_with(
+            locator_named(locator, PaperLocator()), moved.to(device)
+        )
         for batch in (*given.batches, len(grey)):
             for how, frames in (("resident", resident), ("copied", pinned)):
                 key = Key(name, f"vocc_torch, {locator}", "cuda", 1, batch, how)
                 calls[key] = in_batches(
-                    lambda part, receiver=receiver: receiver.decode(part.to(device, non_blocking=True)),
+                    lambda part, receiver=receiver: receiver.decode(
+                        part.to(device, non_blocking=True)
+                    ),
                     frames,
                     batch,
                     pool=False,
@@ -178,7 +232,10 @@ def agreement(flda: FLDA, count: int) -> str:
         name: PeerReceiver(flda.direction.numpy(), float(flda.threshold), skipping)
         for name, skipping in ((STANDARD, False), (SKIPPING, True))
     }
-    differ, wrong = dict.fromkeys(peers, 0), dict.fromkeys(("ours, paper", "ours, refined", *peers), 0)
+    differ, wrong = (
+        dict.fromkeys(peers, 0),
+        dict.fromkeys(("ours, paper", "ours, refined", *peers), 0),
+    )
     missed = bits = 0
     for sent, grey in rendered("compared", count):
         decoded = ours.decode(grey)
@@ -198,22 +255,36 @@ def agreement(flda: FLDA, count: int) -> str:
     )
 
 
-def rows_of(times: dict[Key, Timing], frames: dict[str, int], machine: str) -> list[dict[str, object]]:
+def rows_of(
+    times: dict[Key, Timing], frames: dict[str, int], machine: str
+) -> list[dict[str, object]]:
     """Write times a frame as rows; of the ways to use two threads the quicker is kept."""
     best: dict[tuple[object, ...], Key] = {}
     spent = {key: median_of(timing.seconds) for key, timing in times.items()}
     for key in times:
         how = key.how if key.device == "cuda" else ""
-        place = (key.scene, key.program, key.device, key.threads, key.batch, how, key.stage)
+        place = (
+            key.scene,
+            key.program,
+            key.device,
+            key.threads,
+            key.batch,
+            how,
+            key.stage,
+        )
         if place not in best or spent[key].value < spent[best[place]].value:
             best[place] = key
     rows: list[dict[str, object]] = []
     for key in best.values():
         own, count = spent[key], frames[key.scene]
-        rival = best.get((key.scene, STANDARD, "cpu", key.threads, key.batch, "", "all"))
+        rival = best.get(
+            (key.scene, STANDARD, "cpu", key.threads, key.batch, "", "all")
+        )
         ratio = spent[rival].value / own.value if rival and key.stage == "all" else None
         ms = [f"{1e3 * value / count:.4g}" for value in (own.value, own.low, own.high)]
-        row: dict[str, object] = dict(zip(FIELDS, (*vars(key).values(), *ms), strict=True))
+        row: dict[str, object] = dict(
+            zip(FIELDS, (*vars(key).values(), *ms), strict=True)
+        )
         row |= {
             "frames_per_second": f"{count / own.value:.4g}",
             "times_opencv": "" if ratio is None else f"{ratio:.2f}",
@@ -254,29 +325,47 @@ def show(rows: list[dict[str, object]]) -> None:
     )
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     for row in rows:
-        ms = f"{row['ms']} [{row['ms_low']}, {row['ms_high']}]" if row["ms"] != NOT_MEASURED else NOT_MEASURED
-        cells = [row[name] for name in FIELDS[:7]] + [ms, row["frames_per_second"], row["times_opencv"]]
+        ms = (
+            f"{row['ms']} [{row['ms_low']}, {row['ms_high']}]"
+            if row["ms"] != NOT_MEASURED
+            else NOT_MEASURED
+        )
+        cells = [row[name] for name in FIELDS[:7]] + [
+            ms,
+            row["frames_per_second"],
+            row["times_opencv"],
+        ]
         print("| " + " | ".join(str(cell) for cell in cells) + " |")
 
 
 def bandwidth(times: dict[Key, Timing], grey: Tensor) -> Iterator[str]:
     """Say what share of the accelerator's bandwidth reading each frame once would be."""
     spent = {key: median_of(timing.seconds).value for key, timing in times.items()}
-    copies = [2**31 / one for key, one in spent.items() if key.program.startswith("copy")]
+    copies = [
+        2**31 / one for key, one in spent.items() if key.program.startswith("copy")
+    ]
     for key, one in spent.items():
-        if key.device == "cuda" and key.how == "resident" and not key.program.startswith("copy"):
+        if (
+            key.device == "cuda"
+            and key.how == "resident"
+            and not key.program.startswith("copy")
+        ):
             rate = grey.numel() / one
             yield f"{key.program}, batch {key.batch}: {rate / 1e9:.1f} GB/s of frames, {rate / copies[0]:.1%}"
 
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0] if __doc__ else None
+    )
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--frames", type=int, default=32, help="frames a round")
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 8, 32])
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--compared", type=int, default=256, help="frames whose bits are compared")
+    parser.add_argument(
+        "--compared", type=int, default=256, help="frames whose bits are compared"
+    )
     parser.add_argument("--csv", type=Path, help="where the rows are written")
     parser.add_argument(
         "--processor-time",
@@ -304,15 +393,21 @@ def main() -> None:
     )
     few = argparse.Namespace(batches=[1], threads=given.threads[:1])
     rounds = max(3, given.rounds // 3)
-    times |= interleaved(on_cpu("noisy", noisy, flda, few), rounds, torch.device("cpu"), clock=clock)
+    times |= interleaved(
+        on_cpu("noisy", noisy, flda, few), rounds, torch.device("cpu"), clock=clock
+    )
     missing: list[dict[str, object]] = []
     if torch.cuda.is_available():
         machine = f"{torch.cuda.get_device_name()}, {machine}"
-        times |= interleaved(on_gpu("paper", clean, flda, given), given.rounds, torch.device("cuda"))
+        times |= interleaved(
+            on_gpu("paper", clean, flda, given), given.rounds, torch.device("cuda")
+        )
     else:
         missing = unmeasured(given, machine)
     rows = rows_of(times, frames, machine) + missing
-    print(f"{machine}; {given.rounds} rounds; ratio: how many times as quick as {STANDARD}\n")
+    print(
+        f"{machine}; {given.rounds} rounds; ratio: how many times as quick as {STANDARD}\n"
+    )
     show(rows)
     if given.csv:
         with given.csv.open("w", newline="", encoding="utf-8") as file:

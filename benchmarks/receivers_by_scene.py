@@ -35,9 +35,21 @@ PICTURES = ROOT / "tests" / "data"
 SCENES = ("paper", "highway", "dashcam", "night", "tunnel", "low_sun", "fog")
 LAST = ("mlp_features", "cnn", "mlp")
 """The dear ones."""
-RATIOS = ("flda_3", "flda_3_mix", "flda_patch", "flda_patch_exposure", "logistic", "boosted_trees", *LAST)
+RATIOS = (
+    "flda_3",
+    "flda_3_mix",
+    "flda_patch",
+    "flda_patch_exposure",
+    "logistic",
+    "boosted_trees",
+    *LAST,
+)
 """Receivers whose scores are meant as log-likelihood ratios before they are calibrated."""
-CORNERS = {"truth": None, "paper": PaperLocator(), "refined": RefinedLocator(PaperLocator())}
+CORNERS = {
+    "truth": None,
+    "paper": PaperLocator(),
+    "refined": RefinedLocator(PaperLocator()),
+}
 LIT = (0, 1, 4, 16, 48, 60, 63, 64)
 """LEDs of the panel's 64 that are On."""
 TABLES = {
@@ -55,7 +67,9 @@ class Table:
     def __init__(self, folder: Path, name: str) -> None:
         self.path = folder / f"{name}.csv"
         if not self.path.exists():
-            self.path.write_text(TABLES[name].replace(" ", ",") + "\n", encoding="utf-8")
+            self.path.write_text(
+                TABLES[name].replace(" ", ",") + "\n", encoding="utf-8"
+            )
 
     def has(self, *part: str) -> bool:
         """Whether rows that begin with these cells are there."""
@@ -64,7 +78,10 @@ class Table:
 
     def add(self, rows: Rows) -> None:
         """Write rows at once, so that a part is there whole or not at all."""
-        lines = [",".join(f"{c:.6g}" if isinstance(c, float) else str(c) for c in row) for row in rows]
+        lines = [
+            ",".join(f"{c:.6g}" if isinstance(c, float) else str(c) for c in row)
+            for row in rows
+        ]
         if lines:
             with self.path.open("a", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
@@ -72,8 +89,14 @@ class Table:
 
 def trained(models: Path) -> dict[str, Receiver]:
     """Train what is not there yet, at the panel's true corners, and load all anew from their files."""
-    shipped = [path.stem for path in sorted((ROOT / "conf" / "classifier").glob("*.yaml"))]
-    names = ["flda_3", *(name for name in shipped if name not in ("own", "sklearn", *LAST)), *LAST]
+    shipped = [
+        path.stem for path in sorted((ROOT / "conf" / "classifier").glob("*.yaml"))
+    ]
+    names = [
+        "flda_3",
+        *(name for name in shipped if name not in ("own", "sklearn", *LAST)),
+        *LAST,
+    ]
     for name in names:
         if not (path := models / f"{name}.pt").exists():
             begun = time.perf_counter()
@@ -82,15 +105,22 @@ def trained(models: Path) -> dict[str, Receiver]:
     return {name: Receiver.load(models / f"{name}.pt", ["sklearn"]) for name in names}
 
 
-def count(receivers: Receivers, scene: str, corners: list[str], frames: int) -> tuple[Rows, Rows]:
+def count(
+    receivers: Receivers, scene: str, corners: list[str], frames: int
+) -> tuple[Rows, Rows]:
     """Give the rows of a scene, and those of its reliability, all receivers on the same frames."""
     world, tables = vt.load_scene(scene), ([], [])
     link = Link(world.simulator(), None, Reader(world.panel.shape))
     sent, found = [], {at: [] for at in corners}
     scores = {(at, name): [] for at in corners for name in receivers}
-    keys, finders = block_keys(0, f"receivers {scene}", frames), {at: CORNERS[at] for at in corners}
+    keys, finders = (
+        block_keys(0, f"receivers {scene}", frames),
+        {at: CORNERS[at] for at in corners},
+    )
     with torch.inference_mode():
-        for seen in link.observe_each(finders, world.scene, keys, preambles=False, frames=frames):
+        for seen in link.observe_each(
+            finders, world.scene, keys, preambles=False, frames=frames
+        ):
             sent.append(seen[corners[0]].bits)
             for at in corners:
                 found[at].append(seen[at].panels.found)
@@ -100,23 +130,42 @@ def count(receivers: Receivers, scene: str, corners: list[str], frames: int) -> 
     for (at, name), parts in scores.items():
         score, there = torch.cat(parts), torch.cat(found[at])
         wrong = half_errors(score >= 0, bits, there).numpy()[None]
-        counts = FrameErrors(wrong, there.numpy()[None], world.panel.shape.leds).counts[0]
+        counts = FrameErrors(wrong, there.numpy()[None], world.panel.shape.leds).counts[
+            0
+        ]
         rate, ratios = ber_interval(counts), receivers[name].calibration(score[there])
         errors = calibration_error(score[there], bits[there]) if name in RATIOS else ""
-        row = [scene, at, name, frames, int(there.sum()), counts.bit_errors, counts.ber, rate.low, rate.high]
+        row = [
+            scene,
+            at,
+            name,
+            frames,
+            int(there.sum()),
+            counts.bit_errors,
+            counts.ber,
+            rate.low,
+            rate.high,
+        ]
         tables[0].append([*row, errors, calibration_error(ratios, bits[there])])
         if at == "truth":
-            tables[1].extend([scene, name, *one] for one in reliability(ratios, bits[there]))
+            tables[1].extend(
+                [scene, name, *one] for one in reliability(ratios, bits[there])
+            )
     return tables
 
 
-def reliability(ratios: torch.Tensor, bits: torch.Tensor) -> list[tuple[int, int, float, int]]:
+def reliability(
+    ratios: torch.Tensor, bits: torch.Tensor
+) -> list[tuple[int, int, float, int]]:
     """Give by the stated probability of a wrong bit, two bins a decade: LEDs, mean stated, wrong bits."""
     stated = torch.sigmoid(-ratios.abs()).flatten().numpy()
     wrong = ((ratios >= 0) != bits).flatten().numpy()
     place = np.floor(2 * np.log10(stated)).astype(int)
     bins = ((int(one), place == one) for one in np.unique(place))
-    return [(one, int(own.sum()), float(stated[own].mean()), int(wrong[own].sum())) for one, own in bins]
+    return [
+        (one, int(own.sum()), float(stated[own].mean()), int(wrong[own].sum()))
+        for one, own in bins
+    ]
 
 
 def of_lit(receivers: Receivers, scene: str, lit: int, frames: int = 64) -> Rows:
@@ -124,13 +173,24 @@ def of_lit(receivers: Receivers, scene: str, lit: int, frames: int = 64) -> Rows
     world, random = vt.load_scene(scene), torch.Generator().manual_seed(lit)
     simulator, (block,) = world.simulator(), block_keys(0, f"lit {scene}", frames)
     drawn, bits = world.scene.draw(block, world.panel.shape)
-    bits = (torch.rand(frames, bits[0].numel(), generator=random).argsort(dim=1) < lit).view_as(bits)
+    bits = (
+        torch.rand(frames, bits[0].numel(), generator=random).argsort(dim=1) < lit
+    ).view_as(bits)
     keys = [FrameKey(block, frame) for frame in range(frames)]
-    taken = simulator.render(drawn, bits, nearest_m=world.scene.nearest_m, keys=keys, panel_only=True)
+    taken = simulator.render(
+        drawn, bits, nearest_m=world.scene.nearest_m, keys=keys, panel_only=True
+    )
     with torch.inference_mode():
-        readings = Reader(world.panel.shape).read(taken, simulator.true_panels(drawn, keys, rendered=True))
-        decided = {name: receiver.score(readings) >= 0 for name, receiver in receivers.items()}
-    return [[scene, lit, name, bits.numel(), int((read != bits).sum())] for name, read in decided.items()]
+        readings = Reader(world.panel.shape).read(
+            taken, simulator.true_panels(drawn, keys, rendered=True)
+        )
+        decided = {
+            name: receiver.score(readings) >= 0 for name, receiver in receivers.items()
+        }
+    return [
+        [scene, lit, name, bits.numel(), int((read != bits).sum())]
+        for name, read in decided.items()
+    ]
 
 
 def panel_corners(centres: list[list[float]], shape: PanelShape) -> torch.Tensor:
@@ -141,7 +201,9 @@ def panel_corners(centres: list[list[float]], shape: PanelShape) -> torch.Tensor
         shape: of the panel.
     """
     right, down = float(shape.columns), float(shape.rows)
-    inner = torch.tensor([[0.5, 0.5], [right - 0.5, 0.5], [right - 0.5, down - 0.5], [0.5, down - 0.5]])
+    inner = torch.tensor(
+        [[0.5, 0.5], [right - 0.5, 0.5], [right - 0.5, down - 0.5], [0.5, down - 0.5]]
+    )
     outer = torch.tensor([[0.0, 0.0], [right, 0.0], [right, down], [0.0, down]])
     seen = torch.tensor(centres, dtype=torch.float64)[None] + 0.5
     homography = get_perspective_transform(inner[None].double(), seen)
@@ -156,23 +218,46 @@ def on_picture(receivers: Receivers, name: str, channel: str, corners: str) -> R
     (picture,) = read_recording(PICTURES / name, channel)
     frame = Frames.of(torch.tensor(picture.grey)[None], "picture")
     locator, rows = CORNERS[corners], []
-    known = Panels.known(panel_corners(told["corner_led_centres_px"], shape)) if locator is None else None
+    known = (
+        Panels.known(panel_corners(told["corner_led_centres_px"], shape))
+        if locator is None
+        else None
+    )
     for one, receiver in receivers.items():
         # No classifier is bound to the 8 x 8 LEDs that it was trained on.
         parts = receiver.classifier, receiver.calibration, receiver.trained_on
         with torch.inference_mode():
-            read = Receiver(one, locator or CORNERS["paper"], Reader(shape), *parts)(frame, known)
+            read = Receiver(one, locator or CORNERS["paper"], Reader(shape), *parts)(
+                frame, known
+            )
         wrong = int((read.bits[0] != bits).sum()) if read.found[0] else ""
         expected = float(torch.sigmoid(-read.llr.abs()).sum()) if read.found[0] else ""
-        rows.append([name, channel, corners, one, int(read.found[0]), shape.leds, wrong, expected])
+        rows.append(
+            [
+                name,
+                channel,
+                corners,
+                one,
+                int(read.found[0]),
+                shape.leds,
+                wrong,
+                expected,
+            ]
+        )
     return rows
 
 
 def main() -> None:
     """Train, count and write, what is not there yet."""
-    parser = argparse.ArgumentParser(description="Receivers by scene and on real pictures.")
-    parser.add_argument("--frames", type=int, default=2048, help="of each scene at the true corners")
-    parser.add_argument("--located", type=int, default=256, help="of each scene with each locator")
+    parser = argparse.ArgumentParser(
+        description="Receivers by scene and on real pictures."
+    )
+    parser.add_argument(
+        "--frames", type=int, default=2048, help="of each scene at the true corners"
+    )
+    parser.add_argument(
+        "--located", type=int, default=256, help="of each scene with each locator"
+    )
     parser.add_argument("--models", type=Path, default=Path("runs/receivers-by-scene"))
     parser.add_argument("--results", type=Path, default=ROOT / "docs" / "results")
     given = parser.parse_args()
@@ -184,9 +269,14 @@ def main() -> None:
         for channel, corners in ((a, b) for a in ("luma", "max") for b in CORNERS):
             if not pictures.has(name, channel, corners):
                 pictures.add(on_picture(receivers, name, channel, corners))
-    for scene, lit in ((a, b) for a in SCENES for b in LIT if not shares.has(a, str(b))):
+    for scene, lit in (
+        (a, b) for a in SCENES for b in LIT if not shares.has(a, str(b))
+    ):
         shares.add(of_lit(receivers, scene, lit))
-    for corners, frames in ((["truth"], given.frames), (["paper", "refined"], given.located)):
+    for corners, frames in (
+        (["truth"], given.frames),
+        (["paper", "refined"], given.located),
+    ):
         for scene in (one for one in SCENES if not scenes.has(one, corners[0])):
             rows, reliable = count(receivers, scene, corners, frames)
             bins.add(reliable)

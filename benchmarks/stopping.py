@@ -24,7 +24,9 @@ ENDLESS = 10**12
 """A budget of frames that no point here comes near."""
 
 
-def at_frame_errors(law: Law, rng: np.random.Generator, studies: int, target: int) -> list[Counts]:
+def at_frame_errors(
+    law: Law, rng: np.random.Generator, studies: int, target: int
+) -> list[Counts]:
     """Stop each study after the first block with which it has its frame errors.
 
     What is wrong in a frame in error does not depend on when the study stops, so only the frames in error are
@@ -35,7 +37,9 @@ def at_frame_errors(law: Law, rng: np.random.Generator, studies: int, target: in
     blocks = np.zeros(studies, dtype=np.int64)
     together = max(1, round(target / rate / BLOCK_FRAMES / 8))
     while (going := np.flatnonzero(wrong < target)).size:
-        drawn = wrong[going, None] + rng.binomial(BLOCK_FRAMES, rate, (going.size, together)).cumsum(axis=1)
+        drawn = wrong[going, None] + rng.binomial(
+            BLOCK_FRAMES, rate, (going.size, together)
+        ).cumsum(axis=1)
         reached = drawn >= target
         used = np.where(reached.any(axis=1), reached.argmax(axis=1), together - 1)
         wrong[going] = drawn[np.arange(going.size), used]
@@ -54,7 +58,9 @@ def looks() -> Iterator[int]:
             yield blocks
 
 
-def at_precision(law: Law, rng: np.random.Generator, studies: int, precision: float) -> list[Counts]:
+def at_precision(
+    law: Law, rng: np.random.Generator, studies: int, precision: float
+) -> list[Counts]:
     """Stop each study at the first look at which both arms of its interval are short enough."""
     rule = Budget(frames=ENDLESS, precision=precision)
     seen = np.zeros((studies, len(law.share)), dtype=np.int64)
@@ -74,9 +80,13 @@ def at_precision(law: Law, rng: np.random.Generator, studies: int, precision: fl
     return law.counts(seen)
 
 
-def _may_be_precise(law: Law, seen: NDArray[np.int64], precision: float) -> NDArray[np.bool_]:
+def _may_be_precise(
+    law: Law, seen: NDArray[np.int64], precision: float
+) -> NDArray[np.bool_]:
     """Say where the normal interval is short enough: the interval in use has a longer upper arm."""
     halves, frames = law.halves[:, 0], seen.sum(axis=1)
     mean, square = seen @ halves / frames, seen @ halves**2 / frames
     spread = np.sqrt((square - mean**2) / frames)
-    return np.asarray((mean > 0) & (1.959 * spread <= precision * np.maximum(mean, 1 / BITS / frames)))
+    return np.asarray(
+        (mean > 0) & (1.959 * spread <= precision * np.maximum(mean, 1 / BITS / frames))
+    )

@@ -49,15 +49,22 @@ def main() -> None:
     parser.add_argument("--absent", type=int, default=60, help="a scene, without one")
     parser.add_argument("--locators", nargs="+", default=LOCATORS, choices=LOCATORS)
     parser.add_argument(
-        "--words", nargs="*", default=[], help="what else the scenes have; nothing is written"
+        "--words",
+        nargs="*",
+        default=[],
+        help="what else the scenes have; nothing is written",
     )
     given = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     locators = {name: locator_named(name, PaperLocator()) for name in given.locators}
     for name, one in locators.items():
-        locators[name] = replace(one, false_alarms=math.inf) if hasattr(one, "false_alarms") else one
-    markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250))
+        locators[name] = (
+            replace(one, false_alarms=math.inf) if hasattr(one, "false_alarms") else one
+        )
+    markers = cv2.aruco.ArucoDetector(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    )
     receiver = vt.train("paper", classifier="tag_planes", frames=64)
     tally: Counter[tuple[str, str, str, str]] = Counter()
     seconds: Counter[tuple[str, str]] = Counter()
@@ -81,7 +88,9 @@ def main() -> None:
                     panels: Panels = locator(batch.frames, world.panel.shape)
                     seconds[scene, name] += time.process_time() - began
                     turned = torch.stack([truth.roll(k, 1) for k in range(4)])
-                    apart = (turned - panels.corners_px).abs().amax((2, 3)).amin(0) / pitch.clamp(min=1e-9)
+                    apart = (turned - panels.corners_px).abs().amax((2, 3)).amin(
+                        0
+                    ) / pitch.clamp(min=1e-9)
                     seen, found = panels.found & (apart < NEAR), panels.found
                     if isinstance(panels, StatedPanels):
                         found = found & (panels.false_alarms <= MOST_FALSE_ALARMS)
@@ -89,33 +98,69 @@ def main() -> None:
                     read = receiver.forward(batch.frames, panels)
                     right = near & (read.bits == batch.bits).flatten(1).all(1)
                     for row in range(len(batch.frames)):
-                        bins = [f"{limit:g}" for limit in PITCHES_PX if float(pitch[row]) < limit]
-                        bins[1:] = ["all", "dull" if batch.scene.ambient_lx[row] < DULL_LX else "bright"]
+                        bins = [
+                            f"{limit:g}"
+                            for limit in PITCHES_PX
+                            if float(pitch[row]) < limit
+                        ]
+                        bins[1:] = [
+                            "all",
+                            "dull"
+                            if batch.scene.ambient_lx[row] < DULL_LX
+                            else "bright",
+                        ]
                         if readable[row]:
-                            bins += ["readable"] + ["readable from 2"] * bool(pitch[row] >= PITCHES_PX[0])
+                            bins += ["readable"] + ["readable from 2"] * bool(
+                                pitch[row] >= PITCHES_PX[0]
+                            )
                         for size in bins if kind == "panel" else ("absent",):
                             key = (scene, name, size)
                             tally[(*key, "frames")] += 1
                             tally[(*key, "found")] += int(found[row])
-                            tally[(*key, "sighted")] += int(seen[row]) if kind == "panel" else 0
-                            tally[(*key, "located")] += int(near[row]) if kind == "panel" else 0
-                            tally[(*key, "right")] += int(right[row]) if kind == "panel" else 0
-    head = ("scene", "locator", "pitch_below_px", "frames", "found", "located", "located_low", "located_high")
+                            tally[(*key, "sighted")] += (
+                                int(seen[row]) if kind == "panel" else 0
+                            )
+                            tally[(*key, "located")] += (
+                                int(near[row]) if kind == "panel" else 0
+                            )
+                            tally[(*key, "right")] += (
+                                int(right[row]) if kind == "panel" else 0
+                            )
+    head = (
+        "scene",
+        "locator",
+        "pitch_below_px",
+        "frames",
+        "found",
+        "located",
+        "located_low",
+        "located_high",
+    )
     with RESULTS.open(newline="", encoding="utf-8") as file:
         rows = [row for row in list(csv.reader(file))[1:] if row[1] not in locators]
-    with Path(os.devnull if given.words else RESULTS).open("w", newline="", encoding="utf-8") as file:
+    with Path(os.devnull if given.words else RESULTS).open(
+        "w", newline="", encoding="utf-8"
+    ) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow((*head, "bits_right", "found_low", "found_high", "sighted"))
         for scene, name, size in sorted({key[:3] for key in tally}):
             n, found, near, right, seen = (
-                tally[scene, name, size, what] for what in ("frames", "found", "located", "right", "sighted")
+                tally[scene, name, size, what]
+                for what in ("frames", "found", "located", "right", "sighted")
             )
             ends = [clopper_pearson(hits, n) for hits in (near, found)]
             bounds = [f"{end:.3g}" for one in ends for end in (one.low, one.high)]
             rows.append(
-                [scene, name, size, *map(str, (n, found, near, *bounds[:2], right, *bounds[2:], seen))]
+                [
+                    scene,
+                    name,
+                    size,
+                    *map(str, (n, found, near, *bounds[:2], right, *bounds[2:], seen)),
+                ]
             )
-            if size in ("all", "absent") or (given.words and size.startswith("readable")):
+            if size in ("all", "absent") or (
+                given.words and size.startswith("readable")
+            ):
                 print(
                     scene,
                     name,

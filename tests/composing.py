@@ -17,7 +17,14 @@ from vocc_torch.studies.paper.plan import plan_figures
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
-REFUSALS = (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError, RecursionError)
+REFUSALS = (
+    HydraException,
+    OmegaConfBaseException,
+    ValueError,
+    TypeError,
+    OverflowError,
+    RecursionError,
+)
 ours = None
 
 

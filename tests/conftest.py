@@ -69,7 +69,9 @@ def without_a_job():
 def app(tmp_path, monkeypatch, capsys):
     """Run the command line in this process, from an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")  # so that the command line's own setting is undone
+    monkeypatch.setenv(
+        "HYDRA_FULL_ERROR", "1"
+    )  # so that the command line's own setting is undone
 
     def run(*arguments):
         GlobalHydra.instance().clear()
@@ -106,7 +108,11 @@ def shown_texts():
     def listed(figure):
         every = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
         ticks = {label for axis in every for label in axis.get_ticklabels(which="both")}
-        found = (text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip())
+        found = (
+            text
+            for text in figure.findobj(Text)
+            if text.get_visible() and text.get_text().strip()
+        )
         return [text for text in found if text not in ticks]
 
     return listed

@@ -12,18 +12,39 @@ from vocc_torch.report import samples
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.classifiers import study as study_module
 
-SHIPPED = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "classifier").glob("*.yaml"))
+SHIPPED = sorted(
+    path.stem
+    for path in (Path(__file__).parents[1] / "conf" / "classifier").glob("*.yaml")
+)
 SHIPPED = [name for name in SHIPPED if name not in ("sklearn", "own")]
 NETWORKS = ("cnn", "mlp", "mlp_features")
 LITTLE = (
-    *("device=cpu", "workers=1", "tensorboard=false", "budget.frames=32", "budget.training_frames=64"),
-    *("experiment.values=[1000,4000]", "receiver.names=[average_greyscale,flda_gri,flda_3]"),
+    *(
+        "device=cpu",
+        "workers=1",
+        "tensorboard=false",
+        "budget.frames=32",
+        "budget.training_frames=64",
+    ),
+    *(
+        "experiment.values=[1000,4000]",
+        "receiver.names=[average_greyscale,flda_gri,flda_3]",
+    ),
     *(f"classifier=[{','.join(SHIPPED)}]",),
-    *(f"classifiers.{name}.training.{value}" for name in NETWORKS for value in ("frames=64", "epochs=1")),
+    *(
+        f"classifiers.{name}.training.{value}"
+        for name in NETWORKS
+        for value in ("frames=64", "epochs=1")
+    ),
 )
 """All that is shipped, at a small budget."""
 
-ONE = (*LITTLE[:3], "budget.frames=64", "budget.training_frames=64", "experiment.values=[4000]")
+ONE = (
+    *LITTLE[:3],
+    "budget.frames=64",
+    "budget.training_frames=64",
+    "experiment.values=[4000]",
+)
 """Fewer still."""
 
 
@@ -61,7 +82,9 @@ class Watch:
     def __init__(self, monkeypatch):
         self.phase = "test"
         phases = ("train", "test", "calibrate", "show")
-        self.keys, self.frames, self.bits = ({phase: set() for phase in phases} for _ in range(3))
+        self.keys, self.frames, self.bits = (
+            {phase: set() for phase in phases} for _ in range(3)
+        )
         self.taught, self.asked, self.labels = set(), set(), set()
         self.pupils, self.examined = set(), set()
         self._on_simulator(monkeypatch)
@@ -74,7 +97,9 @@ class Watch:
             (samples, "write_samples", "show"),
         )
         for module, name, phase in training:
-            monkeypatch.setattr(module, name, self._within(phase, getattr(module, name)))
+            monkeypatch.setattr(
+                module, name, self._within(phase, getattr(module, name))
+            )
 
     def leaks(self):
         """Kinds of things that training and tests have in common; there must be none."""
@@ -88,7 +113,9 @@ class Watch:
         }
         for other in ("train", "test"):
             for kind in (self.keys, self.frames, self.bits):
-                common.setdefault("frames of calibration", set()).update(kind["calibrate"] & kind[other])
+                common.setdefault("frames of calibration", set()).update(
+                    kind["calibrate"] & kind[other]
+                )
         return {kind for kind, shared in common.items() if shared}
 
     def _on_simulator(self, monkeypatch):
@@ -100,7 +127,9 @@ class Watch:
                 # Preambles are of known bits, and belong to a test frame's scene.
                 if key.take == "frame":
                     self.keys[self.phase].add(key)
-                    self.frames[self.phase].add(digest(frames.grey[i], frames.origin_px[i]))
+                    self.frames[self.phase].add(
+                        digest(frames.grey[i], frames.origin_px[i])
+                    )
                     self.bits[self.phase].add(digest(bits[i]))
             return frames
 
@@ -121,7 +150,9 @@ class Watch:
         for kind, method in ((FLDA, "fit"), (FLDA, "update"), (Guarded, "fit")):
             monkeypatch.setattr(kind, method, self._teaching(getattr(kind, method)))
         for kind in (FLDA, Guarded):
-            monkeypatch.setattr(kind, "decision_function", self._asking(kind.decision_function))
+            monkeypatch.setattr(
+                kind, "decision_function", self._asking(kind.decision_function)
+            )
 
     def _teaching(self, method):
         def watched(pupil, x, bits):

@@ -43,7 +43,14 @@ def grid_of(cells, ambient=AMBIENT, luminance=LUMINANCE):
         }
         stopped = dict.fromkeys(luminance, "frames")
         curves = Curves(
-            "dimming", "led_luminance_cd_m2", "truth", tuple(cells), luminance, counts, {}, stopped
+            "dimming",
+            "led_luminance_cd_m2",
+            "truth",
+            tuple(cells),
+            luminance,
+            counts,
+            {},
+            stopped,
         )
         rows.append(curves)
     return Grid("ambient_lx", ambient, tuple(rows))
@@ -53,7 +60,9 @@ def made_up_grid(truths, seed=0, frames=2000, correlation=0.03, **axes):
     """A grid with counts drawn from each receiver's true rates, (rows, columns)."""
     rng = np.random.default_rng(seed)
     cells = {
-        receiver: [[counted(rng, ber, frames, correlation) for ber in row] for row in truth]
+        receiver: [
+            [counted(rng, ber, frames, correlation) for ber in row] for row in truth
+        ]
         for receiver, truth in truths.items()
     }
     return grid_of(cells, **axes)
@@ -63,7 +72,11 @@ def sure_grid(truth, ambient=AMBIENT, luminance=LUMINANCE):
     """A grid with so many frames that its rates are the true ones."""
     frames = 10**9
     wrong = np.rint(truth * BITS * frames).astype(np.int64)
-    return grid_of({"a": [[spread(int(w), frames) for w in row] for row in wrong]}, ambient, luminance)
+    return grid_of(
+        {"a": [[spread(int(w), frames) for w in row] for row in wrong]},
+        ambient,
+        luminance,
+    )
 
 
 def spread(wrong, frames):
@@ -86,8 +99,15 @@ PAPER_LIKE = {
 """Receivers from bad to so good that the plateau about the best has no errors."""
 
 
-def paper_like_grid(receivers=("center_greyscale", "average_greyscale", "flda_2", "flda_3"), **options):
+def paper_like_grid(
+    receivers=("center_greyscale", "average_greyscale", "flda_2", "flda_3"), **options
+):
     """A grid that looks like the simulator's."""
-    ambient, luminance = options.get("ambient", AMBIENT), options.get("luminance", LUMINANCE)
-    truths = {name: true_ber(ambient, luminance, **PAPER_LIKE[name]) for name in receivers}
+    ambient, luminance = (
+        options.get("ambient", AMBIENT),
+        options.get("luminance", LUMINANCE),
+    )
+    truths = {
+        name: true_ber(ambient, luminance, **PAPER_LIKE[name]) for name in receivers
+    }
     return made_up_grid(truths, **options)

@@ -16,11 +16,12 @@ def paired_of(decided_a, decided_b, sent, found, found_b=None):
     """The comparison of two receivers from their bits, each perhaps with panels found in its own way."""
     places = [found, found if found_b is None else found_b]
     wrong = [
-        half_errors(*one).numpy() for one in zip((decided_a, decided_b), (sent, sent), places, strict=True)
+        half_errors(*one).numpy()
+        for one in zip((decided_a, decided_b), (sent, sent), places, strict=True)
     ]
-    return FrameErrors(np.stack(wrong), np.stack([one.numpy() for one in places]), sent[0].numel()).pairs[
-        0, 1
-    ]
+    return FrameErrors(
+        np.stack(wrong), np.stack([one.numpy() for one in places]), sent[0].numel()
+    ).pairs[0, 1]
 
 
 def compared(a_bits, b_bits, bits=64):

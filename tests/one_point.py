@@ -17,7 +17,9 @@ A = Key("truth", "a"), 0
 
 def banks(plan, fldas):
     """The plan's receivers with each locator's training."""
-    return {name: ReceiverBank(plan.receiver.names, flda) for name, flda in fldas.items()}
+    return {
+        name: ReceiverBank(plan.receiver.names, flda) for name, flda in fldas.items()
+    }
 
 
 def job_of(plan, of_locators, value):
@@ -25,10 +27,14 @@ def job_of(plan, of_locators, value):
     return plain_job(Study("", plan, tuple(of_locators)), of_locators, value, None)
 
 
-def run_point(job, rule, *, store=None, batch_frames=64, told=lambda frames, counts: None):
+def run_point(
+    job, rule, *, store=None, batch_frames=64, told=lambda frames, counts: None
+):
     """Add blocks of one point in index order until the rule holds."""
     with Workers(1) as workers:
-        (outcome,) = runner.count([runner.Point(job, rule, store, told)], workers, batch_frames)
+        (outcome,) = runner.count(
+            [runner.Point(job, rule, store, told)], workers, batch_frames
+        )
     return outcome
 
 
@@ -37,7 +43,9 @@ def sweep_point(plan, flda, value):
     rule = replace(plan.budget, frames=plan.frames_in_point)
     job = job_of(plan, banks(plan, {plan.receiver.locator: flda}), value)
     outcome = run_point(job, rule, batch_frames=plan.batch_frames)
-    return points_of(plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by)
+    return points_of(
+        plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by
+    )
 
 
 @dataclass(eq=False)

@@ -72,7 +72,11 @@ def head_of(path):
 
 def files_in(folder):
     """The files below a folder, by their relative path."""
-    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def contents_of(folder, *suffixes):

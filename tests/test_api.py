@@ -26,28 +26,58 @@ def test_measure_is_a_function_although_a_package_has_its_name():
 
 
 def test_measure_counts_what_the_command_line_counts(app, tmp_path):
-    words = ("experiment=scenes", "experiment.values=[50,70]", "scene.distance_m=60", "seed=3", "name=x")
-    words += ("classifier=lmmse", "receiver.names=[flda_3]", "tensorboard=false", "device=cpu")
+    words = (
+        "experiment=scenes",
+        "experiment.values=[50,70]",
+        "scene.distance_m=60",
+        "seed=3",
+        "name=x",
+    )
+    words += (
+        "classifier=lmmse",
+        "receiver.names=[flda_3]",
+        "tensorboard=false",
+        "device=cpu",
+    )
     ran = app(*words, "budget.frames=64", "budget.training_frames=64")
     assert ran.status == 0, ran.err
     with (tmp_path / "runs" / "x" / "ber.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    wanted = {(row["receiver"], float(row["value"])): float(row["bit_errors"]) for row in rows}
+    wanted = {
+        (row["receiver"], float(row["value"])): float(row["bit_errors"]) for row in rows
+    }
     scene, seen = vt.load_scene("paper", "scene.distance_m=60", "device=cpu"), []
-    receivers = {name: vt.train(scene, classifier=name, frames=64, seed=3) for name in ("flda_3", "lmmse")}
-    table = vt.measure(receivers, scene, "distance_m", [50, 70], 64, seed=3, progress=seen.append)
+    receivers = {
+        name: vt.train(scene, classifier=name, frames=64, seed=3)
+        for name in ("flda_3", "lmmse")
+    }
+    table = vt.measure(
+        receivers, scene, "distance_m", [50, 70], 64, seed=3, progress=seen.append
+    )
     assert {(row.receiver, row.value): row.bit_errors for row in table.rows} == wanted
     assert sum(wanted.values()) > 0
     assert sum(seen) == 128
-    kept = vt.Receiver.load(tmp_path / "runs" / "x" / "receiver.pt")  # the classifier, not FLDA
+    kept = vt.Receiver.load(
+        tmp_path / "runs" / "x" / "receiver.pt"
+    )  # the classifier, not FLDA
     own = receivers["lmmse"]
-    assert (kept.name, kept.calibration, kept.trained_on) == (own.name, own.calibration, own.trained_on)
+    assert (kept.name, kept.calibration, kept.trained_on) == (
+        own.name,
+        own.calibration,
+        own.trained_on,
+    )
     table.to_csv(tmp_path / "ber.csv")
     with (tmp_path / "ber.csv").open(newline="") as file:
-        assert sorted(float(row["ber"]) for row in csv.DictReader(file)) == sorted(r.ber for r in table.rows)
+        assert sorted(float(row["ber"]) for row in csv.DictReader(file)) == sorted(
+            r.ber for r in table.rows
+        )
     assert table.plot(tmp_path / "ber.png").axes
     for call, path, says in (
-        (table.to_csv, "/dev/null", "cannot write /dev/null: it must be an ordinary file"),
+        (
+            table.to_csv,
+            "/dev/null",
+            "cannot write /dev/null: it must be an ordinary file",
+        ),
         (table.to_csv, tmp_path / "no/ber.csv", "no is no folder"),
         (table.to_csv, 3, "path is 3"),
         (table.plot, tmp_path / "ber.exe", "has no known image format"),
@@ -60,7 +90,11 @@ def test_measure_counts_what_the_command_line_counts(app, tmp_path):
 
 
 def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
-    words = ("+scene.effects.pose={yaw_deg:[uniform,-5,5]}", "~scene.effects.blooming", "panel.rows=4")
+    words = (
+        "+scene.effects.pose={yaw_deg:[uniform,-5,5]}",
+        "~scene.effects.blooming",
+        "panel.rows=4",
+    )
     wanted = vt.load_scene("night", *words)
     assert wanted.panel.shape.rows == 4
     assert {"pose", "shot_noise"} <= {*wanted.effects}
@@ -73,10 +107,16 @@ def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
 
 
 def test_simulated_frames_do_not_depend_on_the_batch():
-    whole, parts = (list(vt.simulate("paper", 40, seed=1, batch=size)) for size in (64, 16))
+    whole, parts = (
+        list(vt.simulate("paper", 40, seed=1, batch=size)) for size in (64, 16)
+    )
     for name in ("bits", "corners_px"):
-        assert torch.equal(getattr(whole[0], name), torch.cat([getattr(one, name) for one in parts]))
-    assert torch.equal(whole[0].frames.grey, torch.cat([one.frames.grey for one in parts]))
+        assert torch.equal(
+            getattr(whole[0], name), torch.cat([getattr(one, name) for one in parts])
+        )
+    assert torch.equal(
+        whole[0].frames.grey, torch.cat([one.frames.grey for one in parts])
+    )
 
 
 FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
@@ -89,33 +129,66 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
         (lambda: vt.load_scene("nowhere.yaml"), "scene nowhere.yaml cannot be read"),
         (lambda: vt.load_scene({"distance_m": -3}), "scene.distance_m"),
         (lambda: vt.load_scene({"colour": 1}), "scene.colour is not a known key"),
-        (lambda: vt.load_scene({"effects": {"rain": {}}}), "scene.effects.rain is not a known effect"),
+        (
+            lambda: vt.load_scene({"effects": {"rain": {}}}),
+            "scene.effects.rain is not a known effect",
+        ),
         (lambda: vt.load_scene(3), "scene is 3"),
-        (lambda: FRESH.save("no/folder.pt"), "cannot write no/folder.pt: no is no folder"),
+        (
+            lambda: FRESH.save("no/folder.pt"),
+            "cannot write no/folder.pt: no is no folder",
+        ),
         (lambda: FRESH.save("/dev/null"), "it must be an ordinary file"),
         (lambda: vt.train(3), "scene is 3"),
         (
             lambda: vt.train("paper", classifier="lmse"),
             "classifier is 'lmse': did you mean lmmse? known:",
         ),
-        (lambda: vt.train("paper", classifier=None), "classifier is None: it must be of type str"),
+        (
+            lambda: vt.train("paper", classifier=None),
+            "classifier is None: it must be of type str",
+        ),
         (lambda: vt.train("paper", locator="refind"), "locator is 'refind'"),
         (lambda: vt.train("paper", features=["agr", "colour"]), "features is"),
         (lambda: vt.train("paper", frames=1), "frames is 1: it must be at least 2"),
-        (lambda: vt.load_scene("paper", "camera.gama=2"), "camera.gama is not a known key: did you mean"),
-        (lambda: vt.load_scene("paper", "budget.frames=2"), "budget.frames is not a known key"),
-        (lambda: vt.load_scene("paper", "camera.gamma=x"), "camera.gamma is 'x': it must be a number"),
-        (lambda: vt.load_scene("paper", "panel.rows=1,2"), "panel.rows is 1,2: it must be one value"),
-        (lambda: vt.load_scene("paper", "panel.rows=[1"), "panel.rows=[1 cannot be read"),
-        (lambda: vt.load_scene("paper", "scene.effects={}"), "scene.effects={} takes none away"),
-        (lambda: vt.load_scene("paper", "~scene.effects.fog"), "scene.effects.fog is not set"),
+        (
+            lambda: vt.load_scene("paper", "camera.gama=2"),
+            "camera.gama is not a known key: did you mean",
+        ),
+        (
+            lambda: vt.load_scene("paper", "budget.frames=2"),
+            "budget.frames is not a known key",
+        ),
+        (
+            lambda: vt.load_scene("paper", "camera.gamma=x"),
+            "camera.gamma is 'x': it must be a number",
+        ),
+        (
+            lambda: vt.load_scene("paper", "panel.rows=1,2"),
+            "panel.rows is 1,2: it must be one value",
+        ),
+        (
+            lambda: vt.load_scene("paper", "panel.rows=[1"),
+            "panel.rows=[1 cannot be read",
+        ),
+        (
+            lambda: vt.load_scene("paper", "scene.effects={}"),
+            "scene.effects={} takes none away",
+        ),
+        (
+            lambda: vt.load_scene("paper", "~scene.effects.fog"),
+            "scene.effects.fog is not set",
+        ),
         (
             lambda: vt.load_scene("dashcam", "camera.f_number=2"),
             "camera.f_number is set by the scene",
         ),
         (lambda: next(vt.simulate("paper", 0)), "frames is 0"),
         (lambda: next(vt.simulate("paper", 8, batch=0)), "batch is 0"),
-        (lambda: vt.measure(FRESH, "paper", "colour", [1]), "experiment.axis is 'colour'"),
+        (
+            lambda: vt.measure(FRESH, "paper", "colour", [1]),
+            "experiment.axis is 'colour'",
+        ),
         (lambda: vt.measure({}, "paper", "distance_m", [50]), "receivers is {}"),
         (lambda: vt.measure({"a": 3}, "paper", "distance_m", [50]), "receivers.a is 3"),
     ],

@@ -18,10 +18,14 @@ def test_every_effect_is_in_both_tables_and_every_scene_in_its_own():
         assert f"| `{kind.name}` |" in vocabulary
         assert f"`{kind.name}`" in effects
     shown = re.findall(r"^\| `(\w+)` \|", scenes, flags=re.MULTILINE)
-    assert sorted(shown) == sorted(path.stem for path in (ROOT / "conf" / "scene").glob("*.yaml"))
+    assert sorted(shown) == sorted(
+        path.stem for path in (ROOT / "conf" / "scene").glob("*.yaml")
+    )
 
 
 def test_the_pages_scene_of_ten_lines_is_one():
     block = re.search(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL).group(1)
     assert len([line for line in block.splitlines() if not line.startswith("#")]) == 10
-    assert set(yaml.safe_load(block)["effects"]) <= {kind.name for kind in PHYSICAL_ORDER}
+    assert set(yaml.safe_load(block)["effects"]) <= {
+        kind.name for kind in PHYSICAL_ORDER
+    }

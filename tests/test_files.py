@@ -11,7 +11,14 @@ import pytest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate.task import known_bits
-from vocc_torch.files import atomic_file, locked, ordinary_file, read_file, sweep, write_atomically
+from vocc_torch.files import (
+    atomic_file,
+    locked,
+    ordinary_file,
+    read_file,
+    sweep,
+    write_atomically,
+)
 from vocc_torch.hardware import PanelShape
 from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver.locators import LearnedLocator
@@ -51,7 +58,9 @@ def test_the_temporary_path_lies_beside_the_file_and_keeps_its_suffix(tmp_path):
     assert names(tmp_path) == ["curve.png"]
 
 
-@pytest.mark.parametrize("failure", [OSError(errno.ENOSPC, "No space left on device"), OSError("odd")])
+@pytest.mark.parametrize(
+    "failure", [OSError(errno.ENOSPC, "No space left on device"), OSError("odd")]
+)
 def test_a_full_disk_leaves_the_old_file_and_no_other(tmp_path, monkeypatch, failure):
     path = tmp_path / "ledger.csv"
     write_atomically(path, b"old")
@@ -96,7 +105,10 @@ def test_what_stands_in_the_place_is_refused_by_name(tmp_path):
 
 
 def test_nothing_written_is_an_error_and_not_an_empty_file(tmp_path):
-    with pytest.raises(VoccError, match=r"^cannot write "), atomic_file(tmp_path / "a.txt"):
+    with (
+        pytest.raises(VoccError, match=r"^cannot write "),
+        atomic_file(tmp_path / "a.txt"),
+    ):
         pass
     assert names(tmp_path) == []
 
@@ -161,7 +173,9 @@ def test_a_folder_is_held_by_one_process_until_it_ends_or_is_killed(tmp_path):
     killed(f"{hold}\n    pass")
     with locked(tmp_path):
         code = f"{hold}\n    pass"
-        second = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        second = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=False
+        )
         assert "is in use by another run: wait until that one ends" in second.stderr
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     assert names(tmp_path) == []
@@ -198,7 +212,10 @@ def unreadable(tmp_path, kind):
 def test_what_is_no_ordinary_file_is_neither_read_nor_replaced(tmp_path, kind):
     path = unreadable(tmp_path, kind)
     before = path.lstat()
-    for refused in (lambda: write_atomically(path, b"x"), lambda: read_file(path, "model")):
+    for refused in (
+        lambda: write_atomically(path, b"x"),
+        lambda: read_file(path, "model"),
+    ):
         with pytest.raises(VoccError, match=r"^(cannot write|model) .*odd") as error:
             refused()
         assert "\n" not in str(error.value)
@@ -238,5 +255,8 @@ def test_a_file_beyond_a_size_is_not_read(tmp_path):
     (tmp_path / "small").write_bytes(b"1234")
     with pytest.raises(VoccError, match="has 4 bytes, and at most 3 are read"):
         read_file(tmp_path / "small", most_bytes=3)
-    with pytest.raises(ValueError, match="of the block"), ordinary_file(tmp_path / "small"):
+    with (
+        pytest.raises(ValueError, match="of the block"),
+        ordinary_file(tmp_path / "small"),
+    ):
         raise ValueError("of the block")

@@ -22,23 +22,56 @@ from vocc_torch.studies.tradeoff import plan as tradeoff_module
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
 
 TRADEOFF = (
-    *("task=tradeoff", "device=cpu", "workers=1", "tensorboard=false", "budget.frames=16"),
+    *(
+        "task=tradeoff",
+        "device=cpu",
+        "workers=1",
+        "tensorboard=false",
+        "budget.frames=16",
+    ),
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
     *("scene.offset_x_m=0", "scene.offset_y_m=0", "scene.distance_m=[uniform,50,70]"),
     *("budget.training_frames=64", "tradeoff.repeats=1"),
-    *("tradeoff.batch_sizes=[1]", "tradeoff.locators=[truth]", "tradeoff.varied=[flda_3]"),
+    *(
+        "tradeoff.batch_sizes=[1]",
+        "tradeoff.locators=[truth]",
+        "tradeoff.varied=[flda_3]",
+    ),
     *("receiver.names=[flda_3]", "classifier=lmmse", "tradeoff.samples_per_led=[8,4]"),
 )
 COMMANDS = {
     "test": (*LITTLE, "receiver.locator=paper"),
     "tradeoff": TRADEOFF,
     "classifiers": (
-        *("experiment=classifiers", "device=cpu", "workers=1", "budget.frames=32", "tensorboard=false"),
-        *("budget.training_frames=64", "receiver.names=[flda_3]", "classifier=[lmmse,mlp_features]"),
-        *("classifiers.mlp_features.training.frames=64", "classifiers.mlp_features.training.epochs=1"),
-        *("rivals.scene_training_frames=64", "rivals.genie_frames=2", "rivals.scene_frames=32"),
-        *("rivals.experiments.ambient.values=[1000]", "rivals.experiments.distance.values=[70]"),
-        *(f"~rivals.scenes.{name}" for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")),
+        *(
+            "experiment=classifiers",
+            "device=cpu",
+            "workers=1",
+            "budget.frames=32",
+            "tensorboard=false",
+        ),
+        *(
+            "budget.training_frames=64",
+            "receiver.names=[flda_3]",
+            "classifier=[lmmse,mlp_features]",
+        ),
+        *(
+            "classifiers.mlp_features.training.frames=64",
+            "classifiers.mlp_features.training.epochs=1",
+        ),
+        *(
+            "rivals.scene_training_frames=64",
+            "rivals.genie_frames=2",
+            "rivals.scene_frames=32",
+        ),
+        *(
+            "rivals.experiments.ambient.values=[1000]",
+            "rivals.experiments.distance.values=[70]",
+        ),
+        *(
+            f"~rivals.scenes.{name}"
+            for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")
+        ),
     ),
 }
 
@@ -60,20 +93,37 @@ def test_training_and_tests_have_no_frame_in_common(undrawn, monkeypatch, name):
     ran = undrawn(*COMMANDS[name], "name=x")
     assert ran.status == 0, ran.err
     assert watch.leaks() == set()
-    assert min(len(watch.taught), len(watch.asked), len(watch.labels), len(watch.bits["test"])) > 15
+    assert (
+        min(
+            len(watch.taught),
+            len(watch.asked),
+            len(watch.labels),
+            len(watch.bits["test"]),
+        )
+        > 15
+    )
     assert {one for one in watch.examined if not one.startswith("FLDA")} <= {
         *watch.pupils,
         *("panel_kmeans", "panel_otsu", "tag_planes"),
     }
     if name == "test":
         assert {*SHIPPED, "FLDA of 3"} <= watch.examined
-        assert {*SHIPPED, "FLDA of 3"} - {"panel_kmeans", "panel_otsu", "tag_planes"} <= watch.pupils
+        assert {*SHIPPED, "FLDA of 3"} - {
+            "panel_kmeans",
+            "panel_otsu",
+            "tag_planes",
+        } <= watch.pupils
 
 
 def test_seeds_have_no_frame_in_common(undrawn, monkeypatch):
     """Trained with one seed, tested with another: as disjoint as within one."""
     watch = Watch(monkeypatch)
-    few = ("budget.frames=64", "budget.training_frames=128", "experiment.values=[4000]", "classifier=lmmse")
+    few = (
+        "budget.frames=64",
+        "budget.training_frames=128",
+        "experiment.values=[4000]",
+        "classifier=lmmse",
+    )
     for seed in (0, 1):
         assert undrawn(*LITTLE[:3], *few, f"seed={seed}", f"name=x{seed}").status == 0
     assert watch.leaks() == set()
@@ -92,7 +142,8 @@ def names_of_tests(monkeypatch):
         train_module,
         "block_keys",
         lambda seed, _, frames: [
-            BlockKey(seed, "ambient/ambient_lx=4000", i) for i in range(-(-frames // 64))
+            BlockKey(seed, "ambient/ambient_lx=4000", i)
+            for i in range(-(-frames // 64))
         ],
     )
 
@@ -101,13 +152,17 @@ def draws_without_names(monkeypatch):
     """Frames have other names and the same draws."""
     sequence = BlockKey._sequence
     monkeypatch.setattr(
-        BlockKey, "_sequence", lambda key, stream: sequence(dataclasses.replace(key, point="any"), stream)
+        BlockKey,
+        "_sequence",
+        lambda key, stream: sequence(dataclasses.replace(key, point="any"), stream),
     )
 
 
 def same_scenes_as_well(monkeypatch):
     names_of_tests(monkeypatch)
-    monkeypatch.setattr(Experiment, "training_model", lambda self, world: self.model_at(world, 4000.0))
+    monkeypatch.setattr(
+        Experiment, "training_model", lambda self, world: self.model_at(world, 4000.0)
+    )
 
 
 def names_of_training_in_the_price_list(monkeypatch):
@@ -118,11 +173,23 @@ LEAKS = {
     names_of_training: {"frames of one name", "bits", "labels of test frames"},
     names_of_tests: {"frames of one name", "bits", "labels of test frames"},
     names_of_training_in_the_price_list: {
-        *("frames of one name", "pictures", "bits", "labels of test frames", "what is seen of a panel"),
+        *(
+            "frames of one name",
+            "pictures",
+            "bits",
+            "labels of test frames",
+            "what is seen of a panel",
+        ),
     },
     draws_without_names: {"bits", "labels of test frames"},
     same_scenes_as_well: {
-        *("frames of one name", "pictures", "bits", "labels of test frames", "what is seen of a panel"),
+        *(
+            "frames of one name",
+            "pictures",
+            "bits",
+            "labels of test frames",
+            "what is seen of a panel",
+        ),
     },
 }
 
@@ -131,7 +198,12 @@ LEAKS = {
 def test_a_leak_made_on_purpose_is_found(undrawn, monkeypatch, leak):
     watch = Watch(monkeypatch)
     leak(monkeypatch)
-    few = ("receiver.names=[flda_3]", "receiver.locator=truth", "classifier=lmmse", "name=x")
+    few = (
+        "receiver.names=[flda_3]",
+        "receiver.locator=truth",
+        "classifier=lmmse",
+        "name=x",
+    )
     if leak is names_of_training_in_the_price_list:
         few = (*TRADEOFF, "tradeoff.varied=[]", "name=x")
     ran = undrawn(*(ONE if few[0] != TRADEOFF[0] else ()), *few)
@@ -162,7 +234,11 @@ class Memory:
 
 def memory_ber(app, tmp_path, name):
     (tmp_path / "memory.py").write_text(MEMORY)
-    own = ("classifier=own", "classifiers.own.file=memory.py", "classifiers.own.build._target_=Memory")
+    own = (
+        "classifier=own",
+        "classifiers.own.file=memory.py",
+        "classifiers.own.build._target_=Memory",
+    )
     ran = app(
         *ONE,
         "receiver.names=[flda_3]",
@@ -184,7 +260,9 @@ def test_a_receiver_that_only_remembers_tosses_coins(undrawn, tmp_path):
     assert memory_ber(undrawn, tmp_path, "x") == pytest.approx(0.5, abs=0.05)
 
 
-def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(undrawn, tmp_path, monkeypatch):
+def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(
+    undrawn, tmp_path, monkeypatch
+):
     draws_without_names(monkeypatch)
     assert memory_ber(undrawn, tmp_path, "x") < 0.01
 
@@ -206,26 +284,43 @@ def hoarded(undrawn, tmp_path, monkeypatch):
     """What a classifier was ever handed, and who watched."""
     watch = Watch(monkeypatch)
     (tmp_path / "hoarder.py").write_text(HOARDER)
-    own = ("classifier=own", "classifiers.own.file=hoarder.py", "classifiers.own.build._target_=Hoarder")
+    own = (
+        "classifier=own",
+        "classifiers.own.file=hoarder.py",
+        "classifiers.own.build._target_=Hoarder",
+    )
     ran = undrawn(*ONE, "receiver.names=[flda_3]", *own, "name=x")
     assert ran.status == 0, ran.err
-    (name,) = (one for one in list(sys.modules) if one.startswith("vocc_torch_file_hoarder"))
+    (name,) = (
+        one for one in list(sys.modules) if one.startswith("vocc_torch_file_hoarder")
+    )
     return sys.modules.pop(name).KEPT, watch
 
 
-def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(undrawn, tmp_path, monkeypatch):
+def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(
+    undrawn, tmp_path, monkeypatch
+):
     """Labels come with ``fit`` and at no other time; no memory lies beside what is handed over."""
     kept, watch = hoarded(undrawn, tmp_path, monkeypatch)
     assert [what for what, *_ in kept][:2] == ["fit", "decision_function"]
     assert {what for what, *_ in kept[1:]} == {"decision_function"}
     (_, (x, bits), named) = kept[0]
-    assert (bits.dtype, bits.shape, x.shape[:-1], named) == (torch.bool, (64, 8, 8), (64, 8, 8), {})
+    assert (bits.dtype, bits.shape, x.shape[:-1], named) == (
+        torch.bool,
+        (64, 8, 8),
+        (64, 8, 8),
+        {},
+    )
     assert {digest(one) for one in bits} == watch.bits["train"]
     assert len(watch.bits["test"]) == 64
     for _, given, named in kept[1:]:
         assert (len(given), named) == (1, {})
         (asked,) = given
-        assert (type(asked), asked.dtype, asked.shape[1:]) == (torch.Tensor, torch.float32, (8, 8, 3))
+        assert (type(asked), asked.dtype, asked.shape[1:]) == (
+            torch.Tensor,
+            torch.float32,
+            (8, 8, 3),
+        )
         assert (asked.requires_grad, vars(asked)) == (False, {})
         assert asked.untyped_storage().nbytes() == 4 * asked.numel()
     asked = sum(len(given[0]) for _, given, _ in kept[1:])
@@ -239,7 +334,9 @@ def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(undrawn, tm
 
 def test_validation_is_of_other_panels_than_training_and_sets_no_scale():
     """Every LED has a number of its own, by which the module is seen to learn from it or be judged by it."""
-    x = torch.linspace(0, 1, 20 * 9).view(20, 3, 3, 1)[torch.randperm(20, generator=torch.manual_seed(0))]
+    x = torch.linspace(0, 1, 20 * 9).view(20, 3, 3, 1)[
+        torch.randperm(20, generator=torch.manual_seed(0))
+    ]
     seen = {True: [], False: []}
 
     class Seen(torch.nn.Linear):

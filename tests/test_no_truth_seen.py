@@ -36,7 +36,9 @@ def plan(tmp_path_factory):
     register_schema()
     GlobalHydra.instance().clear()
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        settings = resolved(compose("config", overrides=[*LITTLE, "receiver.locator=paper"]))
+        settings = resolved(
+            compose("config", overrides=[*LITTLE, "receiver.locator=paper"])
+        )
     return build_plan(settings, tmp_path_factory.mktemp("plan"))
 
 
@@ -46,7 +48,10 @@ def bank(plan):
 
 
 def held(model, **values):
-    given = {name: Distribution("constant", (float(value),)) for name, value in values.items()}
+    given = {
+        name: Distribution("constant", (float(value),))
+        for name, value in values.items()
+    }
     return dataclasses.replace(model, **given)
 
 
@@ -77,17 +82,23 @@ def scores_of(plan, bank, locator, model, seed):
     """Scores of every receiver on a block."""
     finder = plan.receiver.finders([locator])[locator]
     link = Link(plan.world.simulator(), finder, plan.receiver.reader)
-    (seen,) = link.observe(model, [BlockKey(seed, "swapped", 0)], preambles=True, frames=24)
+    (seen,) = link.observe(
+        model, [BlockKey(seed, "swapped", 0)], preambles=True, frames=24
+    )
     return bank.scores(seen.readings, seen.preambles), seen.bits
 
 
 @pytest.mark.parametrize("locator", ["paper", "refined"])
-def test_with_another_truth_the_same_frames_have_the_same_scores(plan, bank, tape, locator):
+def test_with_another_truth_the_same_frames_have_the_same_scores(
+    plan, bank, tape, locator
+):
     """Scene, corners, bits and keys are swapped for others' once the frames are rendered: no score moves."""
     model = plan.world.scene
     first, bits = scores_of(plan, bank, locator, model, seed=0)
     tape.play()
-    other = held(model, distance_m=37, ambient_lx=1500, led_luminance_cd_m2=2100, offset_x_m=0.2)
+    other = held(
+        model, distance_m=37, ambient_lx=1500, led_luminance_cd_m2=2100, offset_x_m=0.2
+    )
     again, other_bits = scores_of(plan, bank, locator, other, seed=1)
     assert not torch.equal(bits, other_bits)
     assert {*SHIPPED, "flda_3", "average_greyscale"} <= set(first)
@@ -101,7 +112,13 @@ def test_with_true_corners_it_sees_them_and_nothing_else_of_the_truth(plan, bank
     place = {"distance_m": 55, "offset_x_m": 0.1, "offset_y_m": -0.1}
     first, _ = scores_of(plan, bank, "truth", held(plan.world.scene, **place), seed=0)
     tape.play()
-    other = held(plan.world.scene, **place, ambient_lx=1500, led_luminance_cd_m2=2100, background_grey=90)
+    other = held(
+        plan.world.scene,
+        **place,
+        ambient_lx=1500,
+        led_luminance_cd_m2=2100,
+        background_grey=90,
+    )
     again, _ = scores_of(plan, bank, "truth", other, seed=1)
     assert all(torch.equal(scores, again[name]) for name, scores in first.items())
 
@@ -123,7 +140,9 @@ def reads_the_bits(monkeypatch):
         def leaky(reader, takes, panels):
             readings, levels = read(reader, takes, panels)
             faint = readings.features + 1e-6 * bits[..., None]
-            patches = readings.patches + 1e-2 * bits.double().mean((1, 2)).view(-1, 1, 1, 1)
+            patches = readings.patches + 1e-2 * bits.double().mean((1, 2)).view(
+                -1, 1, 1, 1
+            )
             return readings._replace(features=faint, patches=patches), levels
 
         monkeypatch.setattr(Reader, "read_takes", leaky)
@@ -149,7 +168,10 @@ def staged_scores(plan, bank, model, seed):
         own = copy.copy(bank)
         own.deciders = {name: bank.deciders[name]}
         receivers.append(
-            (Key("paper", name), StagedReceiver(own, plan.receiver.reader, locator, torch.float32))
+            (
+                Key("paper", name),
+                StagedReceiver(own, plan.receiver.reader, locator, torch.float32),
+            )
         )
     given, decide = [], StagedReceiver.decide
     with pytest.MonkeyPatch.context() as patch:
@@ -160,16 +182,22 @@ def staged_scores(plan, bank, model, seed):
             return scores
 
         patch.setattr(StagedReceiver, "decide", recorded)
-        job = Job(dataclasses.replace(plan, seed=seed), model, "swapped", Apart(receivers))
+        job = Job(
+            dataclasses.replace(plan, seed=seed), model, "swapped", Apart(receivers)
+        )
         return given, job.count([0], 64).half_errors
 
 
 def test_receivers_of_the_price_list_see_frames_alone(plan, bank, tape):
     first, wrong = staged_scores(plan, bank, plan.world.scene, seed=0)
     tape.play()
-    again, swapped = staged_scores(plan, bank, held(plan.world.scene, distance_m=37), seed=1)
+    again, swapped = staged_scores(
+        plan, bank, held(plan.world.scene, distance_m=37), seed=1
+    )
     assert (
-        len(first) == len(again) == len(SHIPPED) + len([n for n in plan.receiver.names if n in FLDA_FEATURES])
+        len(first)
+        == len(again)
+        == len(SHIPPED) + len([n for n in plan.receiver.names if n in FLDA_FEATURES])
     )
     for (x, decided), (x_again, decided_again) in zip(first, again, strict=True):
         assert torch.equal(x, x_again)
@@ -180,15 +208,23 @@ def test_receivers_of_the_price_list_see_frames_alone(plan, bank, tape):
 
 
 def test_no_receiver_learns_from_what_it_is_asked(plan, bank):
-    before = {name: pickle.dumps(one) for name, one in bank.deciders.items() if name not in FLDA_FEATURES}
+    before = {
+        name: pickle.dumps(one)
+        for name, one in bank.deciders.items()
+        if name not in FLDA_FEATURES
+    }
     scores_of(plan, bank, "paper", plan.world.scene, seed=6)
     assert {
-        name: pickle.dumps(one) for name, one in bank.deciders.items() if name not in FLDA_FEATURES
+        name: pickle.dumps(one)
+        for name, one in bank.deciders.items()
+        if name not in FLDA_FEATURES
     } == before
 
 
 @pytest.mark.parametrize("locator", ["paper", "refined"])
-def test_where_the_simulator_cuts_the_crop_tells_a_receiver_nothing(plan, bank, locator):
+def test_where_the_simulator_cuts_the_crop_tells_a_receiver_nothing(
+    plan, bank, locator
+):
     """The crop is centred on the panel, so its place is truth: with more of the uniform surround on one side
     than on the other the same bits are decided at the same corners."""
     simulator, shape = plan.world.simulator(), plan.world.panel.shape
@@ -196,17 +232,28 @@ def test_where_the_simulator_cuts_the_crop_tells_a_receiver_nothing(plan, bank, 
     scene, bits = plan.world.scene.draw(BlockKey(4, "cut", 0), shape)
     frames = simulator.render(scene[:16], bits[:16])
     padded = torch.nn.functional.pad(frames.grey.int(), (31, 2, 5, 18), value=-1)
-    wide = torch.where(padded < 0, frames.surround.int().view(-1, 1, 1, 1), padded).to(torch.uint8)
-    moved = Frames(wide, frames.origin_px - torch.tensor([31, 5]), frames.sensor_px, frames.surround)
+    wide = torch.where(padded < 0, frames.surround.int().view(-1, 1, 1, 1), padded).to(
+        torch.uint8
+    )
+    moved = Frames(
+        wide,
+        frames.origin_px - torch.tensor([31, 5]),
+        frames.sensor_px,
+        frames.surround,
+    )
     given = []
     for one in (frames, moved):
         panels = finder(one, shape)
         readings = plan.receiver.reader.read(one, panels)
         # Any preambles will do.
-        given.append((panels, bank.scores(readings, Preambles(readings.greys, readings.greys))))
+        given.append(
+            (panels, bank.scores(readings, Preambles(readings.greys, readings.greys)))
+        )
     (panels, scores), (panels_moved, scores_moved) = given
     assert panels.found.all()
-    torch.testing.assert_close(panels.corners_px, panels_moved.corners_px, rtol=0, atol=1e-9)
+    torch.testing.assert_close(
+        panels.corners_px, panels_moved.corners_px, rtol=0, atol=1e-9
+    )
     for name, one in scores.items():
         torch.testing.assert_close(one, scores_moved[name], rtol=1e-4, atol=1e-4)
         assert torch.equal(one >= 0, scores_moved[name] >= 0), name

@@ -30,10 +30,16 @@ def outputs_of(source, known):
     pictures = len(plt.get_fignums()) + isinstance(value, Figure)
     plt.close("all")
     shown = [] if value is None else [{"data": {"text/plain": repr(value)}}]
-    return [{"text": told.getvalue()}, *shown, *[{"data": {"image/png": ""}}] * pictures]
+    return [
+        {"text": told.getvalue()},
+        *shown,
+        *[{"data": {"image/png": ""}}] * pictures,
+    ]
 
 
-@pytest.fixture(scope="module", params=["here", pytest.param("kernel", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=["here", pytest.param("kernel", marks=pytest.mark.slow)]
+)
 def run(request, tmp_path_factory):
     """Its cells after they ran, in a folder as deep as its own, so that it finds the photograph."""
     root = tmp_path_factory.mktemp("copy")
@@ -43,7 +49,9 @@ def run(request, tmp_path_factory):
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     if request.param == "kernel":
         settings = {"metadata": {"path": folder}}
-        NotebookClient(notebook, timeout=120, kernel_name="python3", resources=settings).execute()
+        NotebookClient(
+            notebook, timeout=120, kernel_name="python3", resources=settings
+        ).execute()
         return notebook
     known = {"__name__": "notebook"}
     with contextlib.chdir(folder), timing.threads(1):
@@ -54,18 +62,37 @@ def run(request, tmp_path_factory):
 
 
 def texts(notebook):
-    outputs = [one for cell in notebook.cells if cell.cell_type == "code" for one in cell.outputs]
-    return "\n".join(one.get("text") or one.get("data", {}).get("text/plain", "") for one in outputs)
+    outputs = [
+        one
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+        for one in cell.outputs
+    ]
+    return "\n".join(
+        one.get("text") or one.get("data", {}).get("text/plain", "") for one in outputs
+    )
 
 
 def test_the_notebook_runs_and_reads_the_photograph(run, photo_bits):
     said = texts(run)
     rows = re.findall(r"^[#.](?: [#.]){7}$", said, flags=re.M)
-    assert "".join(rows).replace(" ", "").replace("#", "1").replace(".", "0") == photo_bits
-    assert sum("image/png" in one.get("data", {}) for c in run.cells for one in c.get("outputs", [])) == 2
+    assert (
+        "".join(rows).replace(" ", "").replace("#", "1").replace(".", "0") == photo_bits
+    )
+    assert (
+        sum(
+            "image/png" in one.get("data", {})
+            for c in run.cells
+            for one in c.get("outputs", [])
+        )
+        == 2
+    )
 
 
 def test_what_the_notebook_shows_is_what_it_gives(run):
     """The rates that are stored in it come from this very code, numbers of the machine aside."""
-    stored, found = (re.findall(r"\d\.\de-\d", texts(one)) for one in (nbformat.read(NOTEBOOK, 4), run))
+    stored, found = (
+        re.findall(r"\d\.\de-\d", texts(one))
+        for one in (nbformat.read(NOTEBOOK, 4), run)
+    )
     assert stored == found

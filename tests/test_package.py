@@ -40,7 +40,13 @@ def wheel(tmp_path_factory):
 
 def pip(arguments):
     """Run pip, quietly and offline."""
-    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *arguments.split()]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        *arguments.split(),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -48,9 +54,16 @@ def pip(arguments):
 def test_wheel_holds_every_module_and_configuration(wheel):
     with zipfile.ZipFile(wheel) as archive:
         inside = set(archive.namelist())
-    ours = [path for path in (ROOT / "vocc_torch").rglob("*.*") if "__pycache__" not in path.parts]
+    ours = [
+        path
+        for path in (ROOT / "vocc_torch").rglob("*.*")
+        if "__pycache__" not in path.parts
+    ]
     modules = {path.relative_to(ROOT).as_posix() for path in ours}
-    conf = {f"vocc_torch/{path.relative_to(ROOT).as_posix()}" for path in (ROOT / "conf").rglob("*.yaml")}
+    conf = {
+        f"vocc_torch/{path.relative_to(ROOT).as_posix()}"
+        for path in (ROOT / "conf").rglob("*.yaml")
+    }
     wanted = modules | conf | {"vocc_torch/conf/__init__.py"}
     assert len(conf) > 10
     assert wanted - inside == set()

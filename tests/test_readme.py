@@ -29,17 +29,29 @@ def test_the_block_of_the_page_on_following_follows(capsys):
     text = (README.parent / "docs" / "following.md").read_text()
     (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(block, {})
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["0", "0"]
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
+        "0",
+        "0",
+    ]
 
 
 def test_the_classifier_of_the_page_plugs_in(tmp_path, monkeypatch):
     """With the command that stands below it, on fewer frames."""
     text = (README.parent / "docs" / "plug-ins.md").read_text()
-    (tmp_path / "mine.py").write_text(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)[0])
+    (tmp_path / "mine.py").write_text(
+        re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)[0]
+    )
     (command,) = re.findall(r"^vocc-torch (\+classifiers\.mean\S+)$", text, flags=re.M)
-    quick = ["budget.frames=32", "budget.training_frames=64", "experiment.values=[4000]", "tensorboard=false"]
+    quick = [
+        "budget.frames=32",
+        "budget.training_frames=64",
+        "experiment.values=[4000]",
+        "tensorboard=false",
+    ]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["vocc-torch", *command.split(), "name=own", *quick])
+    monkeypatch.setattr(
+        "sys.argv", ["vocc-torch", *command.split(), "name=own", *quick]
+    )
     GlobalHydra.instance().clear()  # what another test has left
     assert run() == 0
     with (tmp_path / "runs/own/ber.csv").open(newline="") as file:

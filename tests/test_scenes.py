@@ -18,7 +18,9 @@ from vocc_torch.simulation.effects import PHYSICAL_ORDER
 from vocc_torch.studies.curve import strangers
 from vocc_torch.types import PanelShape
 
-SCENES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "scene").glob("*.yaml"))
+SCENES = sorted(
+    path.stem for path in (Path(__file__).parents[1] / "conf" / "scene").glob("*.yaml")
+)
 BUSY = [one for one in SCENES if one.startswith("street")]
 """Scenes whose frames take long: default runs look at some of them only."""
 KEYS = [FrameKey(BlockKey(0, "scenes", 0), frame) for frame in range(3)]
@@ -41,7 +43,11 @@ def shot(plan, effects=None, *, panel_only=True):
         plan.world.effects.update(effects)
     scene, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
     frames = plan.world.simulator().render(
-        scene[:3], bits[:3], nearest_m=plan.world.scene.nearest_m, keys=KEYS, panel_only=panel_only
+        scene[:3],
+        bits[:3],
+        nearest_m=plan.world.scene.nearest_m,
+        keys=KEYS,
+        panel_only=panel_only,
     )
     return frames.grey
 
@@ -59,7 +65,10 @@ def alarm(method):
 def some(*kept):
     """All scenes, the busy ones but for some as slow tests."""
     slow = pytest.mark.slow
-    return [pytest.param(one, marks=slow if one in BUSY and one not in kept else ()) for one in SCENES]
+    return [
+        pytest.param(one, marks=slow if one in BUSY and one not in kept else ())
+        for one in SCENES
+    ]
 
 
 @pytest.mark.parametrize("scene", some())
@@ -69,12 +78,22 @@ def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
     for kind in PHYSICAL_ORDER:
         if kind.name in plan.world.effects:
             continue
-        methods = {name for one in kind.__mro__[:-2] for name, of in vars(one).items() if callable(of)}
+        methods = {
+            name
+            for one in kind.__mro__[:-2]
+            for name, of in vars(one).items()
+            if callable(of)
+        }
         for method in ("__init__", *sorted(methods - {"__init__"})):
-            if not (method.startswith("__") and method not in ("__init__", "__post_init__", "__call__")):
+            if not (
+                method.startswith("__")
+                and method not in ("__init__", "__post_init__", "__call__")
+            ):
                 monkeypatch.setattr(kind, method, alarm(getattr(kind, method)))
     seen = next(
-        Link.of(plan_of(f"scene={scene}", "receiver.locator=truth", "batch_frames=4")).observe(
+        Link.of(
+            plan_of(f"scene={scene}", "receiver.locator=truth", "batch_frames=4")
+        ).observe(
             plan.world.scene, block_keys(0, "scenes", 4), preambles=True, frames=4
         )
     )
@@ -92,7 +111,11 @@ def test_a_window_has_the_whole_frames_pixels(scene):
     scenes, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
     near, full = (
         plan.world.simulator().render(
-            scenes[:2], bits[:2], nearest_m=plan.world.scene.nearest_m, keys=KEYS[:2], panel_only=only
+            scenes[:2],
+            bits[:2],
+            nearest_m=plan.world.scene.nearest_m,
+            keys=KEYS[:2],
+            panel_only=only,
         )
         for only in (True, False)
     )
@@ -100,7 +123,9 @@ def test_a_window_has_the_whole_frames_pixels(scene):
     edge = 12
     for i in range(2):
         x, y = (near.origin_px[i] - full.origin_px[i]).tolist()
-        part = full.grey[i, 0, y : y + height, x : x + width][edge:-edge, edge:-edge].int()
+        part = full.grey[i, 0, y : y + height, x : x + width][
+            edge:-edge, edge:-edge
+        ].int()
         gap = (part - near.grey[i, 0, edge:-edge, edge:-edge].int()).abs()
         assert int(gap.max()) <= 1
         assert float((gap > 0).float().mean()) < 1e-3
@@ -133,8 +158,20 @@ def test_an_own_scene_is_a_yaml_of_ten_lines(app, tmp_path):
     own.mkdir(parents=True)
     (own / "rain.yaml").write_text(TEN_LINES)
     assert len(TEN_LINES.strip().splitlines()) == 10
-    small = ("budget.frames=64", "budget.training_frames=64", "experiment.values=[30,40]", "name=own")
-    ran = app("--config-dir", "mine", "scene=rain", "experiment=scenes", "tensorboard=false", *small)
+    small = (
+        "budget.frames=64",
+        "budget.training_frames=64",
+        "experiment.values=[30,40]",
+        "name=own",
+    )
+    ran = app(
+        "--config-dir",
+        "mine",
+        "scene=rain",
+        "experiment=scenes",
+        "tensorboard=false",
+        *small,
+    )
     assert ran.status == 0, ran.err
     written = yaml.safe_load((tmp_path / "runs" / "own" / "config.yaml").read_text())
     assert written["scene"]["effects"]["pose"] == {"yaw_deg": ["uniform", -10, 10]}
@@ -144,4 +181,7 @@ def test_a_test_beyond_the_scene_is_said():
     (said, *_) = strangers(plan_of("scene=night", "experiment.values=[4000]"))
     wanted = "note: this tests ambient_lx from 4000 to 4000, and the receiver trains on 1 to 50;"
     assert said.startswith(wanted)
-    assert strangers(plan_of("scene=night", "experiment=scenes", "experiment.values=[40]")) == []
+    assert (
+        strangers(plan_of("scene=night", "experiment=scenes", "experiment.values=[40]"))
+        == []
+    )

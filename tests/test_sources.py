@@ -34,12 +34,18 @@ def code(tmp_path, monkeypatch):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "__init__.py").write_text("")
         (tmp_path / folder / "levels.py").write_text("LEVEL = 0.5\n")
-    (tmp_path / "own_package/parts.py").write_text(LEVEL.replace("from helpers", "from own_package.helpers"))
+    (tmp_path / "own_package/parts.py").write_text(
+        LEVEL.replace("from helpers", "from own_package.helpers")
+    )
     (tmp_path / "mine.py").write_text(LEVEL)
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
     package_digest.cache_clear()
-    for name in [name for name in sys.modules if name.partition(".")[0] in ("own_package", "helpers")]:
+    for name in [
+        name
+        for name in sys.modules
+        if name.partition(".")[0] in ("own_package", "helpers")
+    ]:
         del sys.modules[name]
 
 
@@ -47,12 +53,16 @@ def code(tmp_path, monkeypatch):
 def test_a_helper_of_a_plug_in_is_part_of_its_code(code, target):
     def maker():
         package_digest.cache_clear()
-        return PlugIn("c", "level", target if ":" not in target else f"{code}/{target}").maker
+        return PlugIn(
+            "c", "level", target if ":" not in target else f"{code}/{target}"
+        ).maker
 
     before = maker()
     (code / "data.csv").write_text("not watched")
     assert maker() == before != ""
-    helper = code / ("own_package/helpers/levels.py" if ":" not in target else "helpers/levels.py")
+    helper = code / (
+        "own_package/helpers/levels.py" if ":" not in target else "helpers/levels.py"
+    )
     helper.write_text("LEVEL = 0.7\n")
     assert maker() != before
 
@@ -65,17 +75,27 @@ def test_helpers_travel_with_a_file(code):
     }
 
 
-def test_a_model_of_a_changed_helper_is_refused_and_one_of_a_changed_package_is_not(code, monkeypatch):
+def test_a_model_of_a_changed_helper_is_refused_and_one_of_a_changed_package_is_not(
+    code, monkeypatch
+):
     receiver = vocc_torch.train("paper", classifier=f"{code}/mine.py:Level", frames=16)
     receiver.save(code / "level.pt")
-    monkeypatch.setattr("vocc_torch.receiver.receiver.package_digest", lambda name: "another")
-    assert vocc_torch.Receiver.load(code / "level.pt", [f"{code}/mine.py"]).name == "Level"
+    monkeypatch.setattr(
+        "vocc_torch.receiver.receiver.package_digest", lambda name: "another"
+    )
+    assert (
+        vocc_torch.Receiver.load(code / "level.pt", [f"{code}/mine.py"]).name == "Level"
+    )
     (code / "helpers/levels.py").write_text("LEVEL = 0.7\n")
-    with pytest.raises(VoccError, match="has other source than the model was made with: train it again"):
+    with pytest.raises(
+        VoccError, match="has other source than the model was made with: train it again"
+    ):
         vocc_torch.Receiver.load(code / "level.pt", [f"{code}/mine.py"])
 
 
-def test_a_ledger_of_other_source_is_refused_in_a_line_that_helps(tmp_path, monkeypatch):
+def test_a_ledger_of_other_source_is_refused_in_a_line_that_helps(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     path = Path("a.sqlite")
     with Store.open(path, {"seed": 0}) as ledger:
@@ -102,6 +122,10 @@ def test_the_digest_is_the_same_from_an_archive_and_with_other_line_endings(tmp_
     words = "from vocc_torch.sources import package_digest as p; print(p('packed') == p('plain'), p('plain'))"
     path = f"{tmp_path}/package.zip:{tmp_path}:{source.parent}"
     done = subprocess.run(
-        [sys.executable, "-c", words], capture_output=True, text=True, check=True, env={"PYTHONPATH": path}
+        [sys.executable, "-c", words],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"PYTHONPATH": path},
     )
     assert done.stdout.split()[0] == "True"

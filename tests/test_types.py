@@ -13,7 +13,12 @@ NAMES = [field.name for field in fields(Scene)]
 
 def numbered(count):
     """A scene whose every value tells its field and its frame."""
-    return Scene(*(torch.arange(1, count + 1, dtype=torch.float64) * 10**k for k in range(len(NAMES))))
+    return Scene(
+        *(
+            torch.arange(1, count + 1, dtype=torch.float64) * 10**k
+            for k in range(len(NAMES))
+        )
+    )
 
 
 def same(one, two):
@@ -22,7 +27,12 @@ def same(one, two):
 
 def test_scene_fields_carry_their_units_and_plain_numbers():
     scene = Scene.of(
-        3, ambient_lx=1, led_luminance_cd_m2=0, distance_m=2.5, background_grey=90, offset_x_m=-4
+        3,
+        ambient_lx=1,
+        led_luminance_cd_m2=0,
+        distance_m=2.5,
+        background_grey=90,
+        offset_x_m=-4,
     )
     assert len(scene) == 3
     expected = dict(zip(NAMES, (1, 0, 2.5, 90, -4, 0), strict=True))
@@ -35,15 +45,30 @@ def test_scene_fields_carry_their_units_and_plain_numbers():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"frames": 0}, "frames is 0: it must be a whole number, at least 1 and at most 16777216"),
+        (
+            {"frames": 0},
+            "frames is 0: it must be a whole number, at least 1 and at most 16777216",
+        ),
         ({"ambient_lx": -1.0}, "scene.ambient_lx is -1: it must be at least 0"),
         ({"ambient_lx": 2e12}, "scene.ambient_lx is 2e+12: it must be at most 1e+12"),
         ({"distance_m": -3.0}, "scene.distance_m is -3: it must be above 0"),
         ({"background_grey": 0.0}, "scene.background_grey is 0: it must be above 0"),
-        ({"background_grey": 256.0}, "scene.background_grey is 256: it must be at most 255"),
-        ({"led_luminance_cd_m2": -0.5}, "scene.led_luminance_cd_m2 is -0.5: it must be at least 0"),
-        ({"offset_x_m": float("nan")}, "scene.offset_x_m is nan: it must be a finite number"),
-        ({"distance_m": float("inf")}, "scene.distance_m is inf: it must be a finite number"),
+        (
+            {"background_grey": 256.0},
+            "scene.background_grey is 256: it must be at most 255",
+        ),
+        (
+            {"led_luminance_cd_m2": -0.5},
+            "scene.led_luminance_cd_m2 is -0.5: it must be at least 0",
+        ),
+        (
+            {"offset_x_m": float("nan")},
+            "scene.offset_x_m is nan: it must be a finite number",
+        ),
+        (
+            {"distance_m": float("inf")},
+            "scene.distance_m is inf: it must be a finite number",
+        ),
     ],
 )
 def test_scenes_out_of_range_are_refused_by_name(values, message):
@@ -55,9 +80,16 @@ def test_scenes_out_of_range_are_refused_by_name(values, message):
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.int64])
 def test_the_refusal_names_the_field_that_is_out_of_range_and_its_value(dtype):
     for name, wrong in zip(NAMES, (-1, 2e12, -2, 300, -2e9, 2e9), strict=True):
-        scene = Scene(*(value.to(dtype) for value in (getattr(Scene.of(3), each) for each in NAMES)))
+        scene = Scene(
+            *(
+                value.to(dtype)
+                for value in (getattr(Scene.of(3), each) for each in NAMES)
+            )
+        )
         getattr(scene, name)[1] = wrong
-        with pytest.raises(VoccError, match=rf"^scene\.{name} is {wrong:g}: ".replace("+", r"\+")):
+        with pytest.raises(
+            VoccError, match=rf"^scene\.{name} is {wrong:g}: ".replace("+", r"\+")
+        ):
             scene.checked()
 
 
@@ -65,7 +97,9 @@ def test_the_refusal_names_the_field_that_is_out_of_range_and_its_value(dtype):
 def test_a_field_that_is_no_tensor_of_real_numbers_is_refused(wrong):
     for name in NAMES:
         scene = replace(Scene.of(2), **{name: wrong})
-        with pytest.raises(VoccError, match=rf"^scene\.{name} is .*: it must be a tensor \(B,\)"):
+        with pytest.raises(
+            VoccError, match=rf"^scene\.{name} is .*: it must be a tensor \(B,\)"
+        ):
             scene.checked()
 
 

@@ -22,7 +22,11 @@ ORDERS = {
     "nested interpolation": f"${{oc.decode:'${{{OPEN}}}'}}",
     "environment": "${oc.env:HOME}",
     "call": {"_target_": "builtins.open", "file": CALLED, "mode": "w"},
-    "call of the package's": {"_target_": "vocc_torch.files.write_atomically", "path": CALLED, "content": ""},
+    "call of the package's": {
+        "_target_": "vocc_torch.files.write_atomically",
+        "path": CALLED,
+        "content": "",
+    },
     "partial call": {"_target_": "builtins.open", "_partial_": True},
     "arguments": {"_args_": [CALLED, "w"]},
     "call within lists": [[{"_target_": "builtins.open", "file": CALLED, "mode": "w"}]],
@@ -89,42 +93,84 @@ def test_no_value_of_a_model_is_carried_out(forged, place, order):
     value = ORDERS[order]
     if place == "feature":
         target = "vocc_torch.receiver.classifiers.TagPlanes"
-        value = [{"name": "own", "_target_": target, "arguments": {"rounds": value}, "maker": ""}]
+        value = [
+            {
+                "name": "own",
+                "_target_": target,
+                "arguments": {"rounds": value},
+                "maker": "",
+            }
+        ]
     said = refusal(forged(PLACES[place], value))
-    assert "it must be" in said or (place == "feature" and "is no part of a receiver" in said)
+    assert "it must be" in said or (
+        place == "feature" and "is no part of a receiver" in said
+    )
 
 
 @pytest.mark.parametrize(
-    "words", ["decode input=a.png", "receive input=a.png", "export_receiver"], ids=str.split
+    "words",
+    ["decode input=a.png", "receive input=a.png", "export_receiver"],
+    ids=str.split,
 )
 def test_no_task_carries_out_a_value_of_a_model(forged, tmp_path, words):
     Image.new("L", (64, 64)).save(tmp_path / "a.png")
-    (tmp_path / "plan.yaml").write_text(MessagePlan(PanelShape(8, 8), Signalling()).text)
+    (tmp_path / "plan.yaml").write_text(
+        MessagePlan(PanelShape(8, 8), Signalling()).text
+    )
     path = forged(PLACES["argument"], ORDERS["interpolation"])
-    command = [sys.executable, "-m", "vocc_torch", f"task={words}", f"model={path}", "name=x"]
-    done = subprocess.run(" ".join(command).split(), capture_output=True, text=True, check=False)
-    assert (done.returncode, "it must be a value without ${" in done.stderr) == (2, True), done.stderr
+    command = [
+        sys.executable,
+        "-m",
+        "vocc_torch",
+        f"task={words}",
+        f"model={path}",
+        "name=x",
+    ]
+    done = subprocess.run(
+        " ".join(command).split(), capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, "it must be a value without ${" in done.stderr) == (
+        2,
+        True,
+    ), done.stderr
     assert not Path(CALLED).exists()
 
 
-def test_a_file_that_is_admitted_gives_what_it_defines_and_not_what_it_imports(forged, tmp_path):
+def test_a_file_that_is_admitted_gives_what_it_defines_and_not_what_it_imports(
+    forged, tmp_path
+):
     mine = tmp_path / "mine.py"
     mine.write_text(MINE)
     part = PlugIn("classifiers.lmmse", "lmmse", f"{mine}:Level", {"at": 0.5}).settings
-    honest = {**part, "inputs": {"features": ["agr"], "patch": None}, "values": {"at": 0.25}}
-    assert vt.Receiver.load(forged(("classifier",), honest), [str(mine)]).classifier.classifier.at == 0.25
-    for name, arguments in (("FileIO", {"file": CALLED, "mode": "w"}), ("JSONDecoder", {})):
+    honest = {
+        **part,
+        "inputs": {"features": ["agr"], "patch": None},
+        "values": {"at": 0.25},
+    }
+    assert (
+        vt.Receiver.load(
+            forged(("classifier",), honest), [str(mine)]
+        ).classifier.classifier.at
+        == 0.25
+    )
+    for name, arguments in (
+        ("FileIO", {"file": CALLED, "mode": "w"}),
+        ("JSONDecoder", {}),
+    ):
         changes = {"_target_": f"mine.py:{name}", "arguments": arguments}
         said = refusal(forged(("classifier",), honest | changes), str(mine))
         assert "is imported there and not defined" in said
 
 
 @pytest.mark.parametrize(
-    "name", ["Guarded", "TorchClassifier", "SklearnClassifier", "adapters.scaled", "rules"]
+    "name",
+    ["Guarded", "TorchClassifier", "SklearnClassifier", "adapters.scaled", "rules"],
 )
 def test_of_the_package_only_classifiers_are_built(forged, name):
     target = f"vocc_torch.receiver.classifiers.{name}"
-    assert "is no part of a receiver" in refusal(forged(("classifier", "_target_"), target))
+    assert "is no part of a receiver" in refusal(
+        forged(("classifier", "_target_"), target)
+    )
 
 
 SCENES = {
@@ -138,7 +184,9 @@ SCENES = {
 def test_a_scene_resolves_nothing(tmp_path, text):
     path = tmp_path / "scene.yaml"
     path.write_text(text)
-    with pytest.raises(VoccError, match=r"(value without|left out: a file holds values)"):
+    with pytest.raises(
+        VoccError, match=r"(value without|left out: a file holds values)"
+    ):
         vt.load_scene(path)
 
 

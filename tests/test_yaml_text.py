@@ -15,20 +15,49 @@ from vocc_torch.measure.config import read_flat
 from vocc_torch.yaml_text import MOST_BYTES, MOST_LEVELS, parse_yaml, read_yaml
 
 WORD = st.text(st.characters(codec="ascii", exclude_categories=("Cc",)), max_size=8)
-SCALAR = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | WORD
-VALUE = st.recursive(SCALAR, lambda of: st.lists(of, max_size=4) | st.dictionaries(WORD, of, max_size=4))
+SCALAR = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | WORD
+)
+VALUE = st.recursive(
+    SCALAR, lambda of: st.lists(of, max_size=4) | st.dictionaries(WORD, of, max_size=4)
+)
 
 
 @given(
-    st.recursive(SCALAR, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(WORD, inner, max_size=4))
+    st.recursive(
+        SCALAR,
+        lambda inner: (
+            st.lists(inner, max_size=4) | st.dictionaries(WORD, inner, max_size=4)
+        ),
+    )
 )
 def test_json_is_read_as_json_reads_it(value):
     """YAML 1.2 holds JSON."""
     assert parse_yaml(json.dumps(value)) == value
 
 
-CORE = {"030": 30, "-7": -7, "1:30": "1:30", "1_000": "1_000", "0x1F": "0x1F", "0o17": "0o17", "1e-3": 1e-3}
-CORE |= {"yes": "yes", "off": "off", "TRUE": True, "~": None, "": None, "2024-01-01": "2024-01-01", ".5": 0.5}
+CORE = {
+    "030": 30,
+    "-7": -7,
+    "1:30": "1:30",
+    "1_000": "1_000",
+    "0x1F": "0x1F",
+    "0o17": "0o17",
+    "1e-3": 1e-3,
+}
+CORE |= {
+    "yes": "yes",
+    "off": "off",
+    "TRUE": True,
+    "~": None,
+    "": None,
+    "2024-01-01": "2024-01-01",
+    ".5": 0.5,
+}
 CORE |= {"-.inf": -math.inf, "<<": "<<", "'030'": "030"}
 
 
@@ -39,14 +68,18 @@ def test_scalars_are_those_of_the_core_schema_in_decimal(text):
 
 
 BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
-    f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+    f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n"
+    for old, new in zip("abcdefgh", "bcdefghi", strict=True)
 )
 REFUSED = {
     "aliases that multiply": (BOMB, "alias"),
     "deep": ("[" * 500 + "]" * 500, f"more than {MOST_LEVELS} levels"),
     "deep in blocks": ("".join(f"{' ' * level}a:\n" for level in range(500)), "levels"),
     "never closed": ("[" * 500, "levels"),
-    "a key written twice": ("distance_m: 30\ndistance_m: 50", "key distance_m is there twice (line 2)"),
+    "a key written twice": (
+        "distance_m: 30\ndistance_m: 50",
+        "key distance_m is there twice (line 2)",
+    ),
     "a key of a key": ("effects: {fog: {a: 1, a: 2}}", "key a is there twice"),
     "a tag": ("a: !!python/object:os.system {}", "could not determine a constructor"),
     "a tag of numbers": ("a: !!int '1:30'", "invalid literal"),

@@ -20,10 +20,33 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["FLDA", "Camera", "Decoded", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene"]
-__all__ += ["Simulated", "Simulator", "Table", "VoccError", "load_scene", "measure", "simulate", "train"]
+__all__ = [
+    "FLDA",
+    "Camera",
+    "Decoded",
+    "Frames",
+    "LedPanel",
+    "PanelShape",
+    "Panels",
+    "Receiver",
+    "Scene",
+]
+__all__ += [
+    "Simulated",
+    "Simulator",
+    "Table",
+    "VoccError",
+    "load_scene",
+    "measure",
+    "simulate",
+    "train",
+]
 
-_HOMES = {"errors": ["VoccError"], "receiver.flda": ["FLDA"], "receiver.receiver": ["Decoded", "Receiver"]}
+_HOMES = {
+    "errors": ["VoccError"],
+    "receiver.flda": ["FLDA"],
+    "receiver.receiver": ["Decoded", "Receiver"],
+}
 _HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
 _HOMES |= {"api": ["Simulated", "Table", "load_scene", "measure", "simulate", "train"]}
 _HOMES |= {"types": ["Frames", "PanelShape", "Panels", "Scene"]}

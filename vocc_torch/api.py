@@ -51,7 +51,9 @@ TEMPLATES = ("own", "sklearn")
 """Options of the group classifier that name no class."""
 
 
-def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: str) -> World:
+def load_scene(
+    scene: str | Path | Mapping[str, object] = "paper", *overrides: str
+) -> World:
     """Give the world of a scene: camera, panel, the distributions of its values, and its effects.
 
     Args:
@@ -86,8 +88,13 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
 
 def _options(group: str) -> list[str]:
     """List the options of a group of the configuration."""
-    files = (entry.name for entry in resources.files("vocc_torch.conf").joinpath(group).iterdir())
-    return sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml"))
+    files = (
+        entry.name
+        for entry in resources.files("vocc_torch.conf").joinpath(group).iterdir()
+    )
+    return sorted(
+        name.removesuffix(".yaml") for name in files if name.endswith(".yaml")
+    )
 
 
 def _shipped(group: str, name: str) -> dict[str, Any]:
@@ -99,7 +106,11 @@ def _shipped(group: str, name: str) -> dict[str, Any]:
     options = _options(group)
     if name not in options:
         raise VoccError(f"{group} is {shown(name)}: {told_known(name, options)}")
-    text = resources.files("vocc_torch.conf").joinpath(group, f"{name}.yaml").read_text(encoding="utf-8")
+    text = (
+        resources.files("vocc_torch.conf")
+        .joinpath(group, f"{name}.yaml")
+        .read_text(encoding="utf-8")
+    )
     plain: Any = OmegaConf.to_container(OmegaConf.create(text))
     return dict(plain)
 
@@ -140,23 +151,36 @@ def train(
     for name, value in (("locator", locator), ("classifier", classifier)):
         demand_kind(name, value, str)
     builtin = classifier if classifier in FLDA_FEATURES else "flda_3"
-    receiver = ReceiverSettings([builtin], locator, list(features or FEATURE_NAMES), save=classifier)
+    receiver = ReceiverSettings(
+        [builtin], locator, list(features or FEATURE_NAMES), save=classifier
+    )
     parts = ReceiverParts(receiver)
     if is_target(classifier):
         receiver.save = classifier.replace(":", ".").rpartition(".")[2]
-        parts.classifiers[receiver.save] = ClassifierSettings(build={TARGET: classifier})
-    elif classifier not in FLDA_FEATURES and not (classifier == "flda" and features is not None):
+        parts.classifiers[receiver.save] = ClassifierSettings(
+            build={TARGET: classifier}
+        )
+    elif classifier not in FLDA_FEATURES and not (
+        classifier == "flda" and features is not None
+    ):
         trained = [name for name in _options("classifier") if name not in TEMPLATES]
         if classifier not in trained:
             known = told_known(classifier, [*FLDA_FEATURES, *trained])
-            raise VoccError(f"classifier is {shown(classifier)}: {known}, or FILE.py:NAME")
-        parts.classifiers[classifier] = typed(ClassifierSettings, _shipped("classifier", classifier))
+            raise VoccError(
+                f"classifier is {shown(classifier)}: {known}, or FILE.py:NAME"
+            )
+        parts.classifiers[classifier] = typed(
+            ClassifierSettings, _shipped("classifier", classifier)
+        )
     with (
         section("locator", before="receiver.locator"),
         section("features", before="receiver.features"),
         section("frames", before="budget.training_frames"),
     ):
-        receivers, budget = receiver_plan(parts, world.panel.shape), Budget(training_frames=frames)
+        receivers, budget = (
+            receiver_plan(parts, world.panel.shape),
+            Budget(training_frames=frames),
+        )
         experiment = Experiment("own", "distance_m", world.scene.distance_m.bounds[:1])
         plan = Plan(world, receivers, experiment, budget, NOWHERE, seed)
     return training.calibrated_receiver(plan, training.train(plan))
@@ -181,7 +205,12 @@ class Simulated(NamedTuple):
 
 
 def simulate(
-    scene: World | str, frames: int, seed: int = 0, *, batch: int = BLOCK_FRAMES, point: str = "frames"
+    scene: World | str,
+    frames: int,
+    seed: int = 0,
+    *,
+    batch: int = BLOCK_FRAMES,
+    point: str = "frames",
 ) -> Iterator[Simulated]:
     """Simulate frames of a scene; the same ones for every size of a batch.
 
@@ -205,9 +234,13 @@ def simulate(
             raise VoccError.of(name, value, "a whole number of at least 1")
     world = load_scene(scene) if isinstance(scene, str) else scene
     simulator, keys = world.simulator(), block_keys(seed, point, frames)
-    for drawn, bits, names, takes in rendered(simulator, world.scene, keys, range(0, frames, batch), False):
+    for drawn, bits, names, takes in rendered(
+        simulator, world.scene, keys, range(0, frames, batch), False
+    ):
         corners = simulator.true_panels(drawn, names, rendered=True).corners_px
-        yield Simulated(takes[0], bits, corners, drawn, simulator.further_bits(drawn, names))
+        yield Simulated(
+            takes[0], bits, corners, drawn, simulator.further_bits(drawn, names)
+        )
 
 
 @dataclass(frozen=True)
@@ -228,7 +261,9 @@ class Table:
     def plot(self, path: str | Path | None = None) -> "Figure":
         """Draw the curves; ``path`` saves them as a picture too: ``.png``, ``.pdf`` or ``.svg``."""
         table = self.curves.table()
-        figure = plots.ber_figure(table, styles.axis_label(table.axis), "Bit error rate")
+        figure = plots.ber_figure(
+            table, styles.axis_label(table.axis), "Bit error rate"
+        )
         if path is not None:
             _demand_path(path)
             plots.save_figure(figure, path)
@@ -241,7 +276,9 @@ class Table:
 
     def __str__(self) -> str:
         """Write the table as text."""
-        console = terminal.Console(width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False)
+        console = terminal.Console(
+            width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False
+        )
         terminal.print_table(self.curves.table(), console)
         return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
 
@@ -290,7 +327,11 @@ def measure(
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
     demand_kind("receivers", receivers, Receiver, Mapping)
-    named = {receivers.name: receivers} if isinstance(receivers, Receiver) else dict(receivers)
+    named = (
+        {receivers.name: receivers}
+        if isinstance(receivers, Receiver)
+        else dict(receivers)
+    )
     if not named:
         raise VoccError.of("receivers", "{}", "a receiver, or several by name")
     for name, receiver in named.items():
@@ -304,10 +345,18 @@ def measure(
             settings = {**identity(plan, (OWN,)), "receivers": digests(named)}
             opened = held.enter_context(Store.open(store, settings))
         jobs = (
-            runner.Job(plan, axes.model_at(world, value), sweep.point_name(axes, value), Whole(named))
+            runner.Job(
+                plan,
+                axes.model_at(world, value),
+                sweep.point_name(axes, value),
+                Whole(named),
+            )
             for value in axes.values
         )
-        points = (runner.Point(job, plan.budget, opened, lambda more, _: progress(more)) for job in jobs)
+        points = (
+            runner.Point(job, plan.budget, opened, lambda more, _: progress(more))
+            for job in jobs
+        )
         outcomes = dict(zip(axes.values, runner.count(points, Workers(1)), strict=True))
     return Table(sweep.curves_of(experiment, axis, OWN, tuple(named), outcomes))
 
@@ -336,7 +385,9 @@ class Whole:
         """Give the locators by the receiver's name."""
         return {name: receiver.locator for name, receiver in self.receivers.items()}
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, Observation]]:
+    def __call__(
+        self, views: Mapping[str, Observation], /
+    ) -> Iterator[tuple[torch.Tensor, Observation]]:
         """Decide one batch."""
         for name, receiver in self.receivers.items():
             view = views[name]

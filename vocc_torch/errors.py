@@ -64,7 +64,11 @@ def section(key: str, before: str = "") -> Iterator[None]:
             raise
         if not before and said.startswith(f"{key}."):
             raise
-        rest = said[len(before) :].replace(f"{before}.", f"{key}.") if before else f".{said}"
+        rest = (
+            said[len(before) :].replace(f"{before}.", f"{key}.")
+            if before
+            else f".{said}"
+        )
         moved = type(error)(f"{key}{rest}")
         moved.value, moved.rule = error.value, error.rule
         raise moved from None
@@ -79,7 +83,9 @@ def shown(value: object) -> str:
     """
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # an object may refuse to be written, as whole numbers of over 4300 digits do
+    except (
+        Exception
+    ):  # an object may refuse to be written, as whole numbers of over 4300 digits do
         return f"of the type {type(value).__name__}"
     return text if len(text) <= 41 else f"{text[:19]}...{text[-19:]}"
 
@@ -103,7 +109,9 @@ def told_known(given: object, known: Iterable[str]) -> str:
     """
     names = list(known)
     near = difflib.get_close_matches(str(given), names, n=1)
-    return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(names) or 'none'}"
+    return (
+        f"did you mean {near[0]}? " if near else ""
+    ) + f"known: {', '.join(names) or 'none'}"
 
 
 def demand_kind(name: str, value: object, *kinds: type) -> None:
@@ -116,7 +124,11 @@ def demand_kind(name: str, value: object, *kinds: type) -> None:
         >>> demand_kind("scene", 3, int)
     """
     if not isinstance(value, kinds):
-        raise VoccError.of(name, shown(value), f"of type {' or '.join(kind.__name__ for kind in kinds)}")
+        raise VoccError.of(
+            name,
+            shown(value),
+            f"of type {' or '.join(kind.__name__ for kind in kinds)}",
+        )
 
 
 def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:
@@ -135,7 +147,11 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
         50.0
     """
     try:
-        if isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
+        if (
+            isinstance(value, Real)
+            and not isinstance(value, bool)
+            and math.isfinite(value)
+        ):
             return float(value)
     except OverflowError:
         pass
@@ -165,6 +181,12 @@ def whole_number(name: str, value: object, low: int, high: int) -> int:
         >>> whole_number("panel.rows", 8, 1, 1024)
         8
     """
-    if isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high:
+    if (
+        isinstance(value, Integral)
+        and not isinstance(value, bool)
+        and low <= int(value) <= high
+    ):
         return int(value)
-    raise VoccError.of(name, shown(value), f"a whole number, at least {low} and at most {high}")
+    raise VoccError.of(
+        name, shown(value), f"a whole number, at least {low} and at most {high}"
+    )

@@ -15,12 +15,43 @@ from pathlib import Path
 from vocc_torch.errors import VoccError, printable
 
 PICTURE_SUFFIXES = (
-    *(".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif", ".pgm", ".ppm"),
+    *(
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".bmp",
+        ".tif",
+        ".tiff",
+        ".webp",
+        ".gif",
+        ".pgm",
+        ".ppm",
+    ),
     *(".avif", ".heic", ".heif", ".hif", ".jp2", ".j2k"),
 )
-PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "GIF", "PPM", "AVIF", "JPEG2000")
+PICTURE_FORMATS = (
+    "PNG",
+    "JPEG",
+    "BMP",
+    "TIFF",
+    "WEBP",
+    "GIF",
+    "PPM",
+    "AVIF",
+    "JPEG2000",
+)
 """What a picture may be, whatever its name says: others of Pillow's readers run programs."""
-VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
+VIDEO_SUFFIXES = (
+    ".mp4",
+    ".mkv",
+    ".avi",
+    ".mov",
+    ".webm",
+    ".m4v",
+    ".mpg",
+    ".mpeg",
+    ".mjpeg",
+)
 
 MOST_BYTES = 1 << 30
 """Most bytes of a file that is read at once, unless its reader allows fewer: more fills a laptop's memory."""
@@ -52,11 +83,16 @@ def ordinary_file(
     """
     try:
         # A pipe without a writer would wait for ever, were it opened otherwise.
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        handle = os.open(
+            path,
+            os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0),
+        )
         file = os.fdopen(handle, "rb")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise VoccError(f"{what} {printable(str(path))} cannot be read: {reason}") from None
+        raise VoccError(
+            f"{what} {printable(str(path))} cannot be read: {reason}"
+        ) from None
     with file:
         about, refused = os.fstat(handle), ""
         if not stat.S_ISREG(about.st_mode):
@@ -68,7 +104,9 @@ def ordinary_file(
         yield file
 
 
-def read_file(path: str | Path, what: str = "file", most_bytes: int = MOST_BYTES) -> bytes:
+def read_file(
+    path: str | Path, what: str = "file", most_bytes: int = MOST_BYTES
+) -> bytes:
     """Read a file at once, as :func:`ordinary_file` opens it.
 
     Raises:
@@ -173,7 +211,10 @@ def _to_replace(target: Path) -> Iterator[Path]:
 def _temporary(target: Path) -> Path:
     """Name a path beside a target that is free, and that :func:`sweep` knows when this process is gone."""
     mine = f".{target.stem}.{os.getpid()}"
-    names = (target.with_name(f"{mine}-{number}.tmp{target.suffix}") for number in itertools.count())
+    names = (
+        target.with_name(f"{mine}-{number}.tmp{target.suffix}")
+        for number in itertools.count()
+    )
     # Whatever has such a name already, a folder or a link, is not ours.
     return next(path for path in names if not os.path.lexists(path))
 
@@ -224,7 +265,9 @@ def sweep(paths: Iterable[Path]) -> None:
     """
     for path in paths if sys.platform != "win32" else ():
         if made := re.fullmatch(r"\..+\.(\d{1,9})(-\d+)?\.tmp(\..+)?", path.name):
-            with suppress(OSError):  # the process is another user's, or the path is no file
+            with suppress(
+                OSError
+            ):  # the process is another user's, or the path is no file
                 try:
                     os.kill(int(made[1]), 0)
                 except ProcessLookupError:

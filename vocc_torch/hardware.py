@@ -15,8 +15,16 @@ if TYPE_CHECKING:
 MOST_LEDS = 1024
 """Most LEDs in a row or a column."""
 
-CAMERA_RANGES = {"focal_length_mm": (1e-3, 1e6), "sensor_width_mm": (1e-3, 1e4), "f_number": (0.1, 1e3)}
-CAMERA_RANGES |= {"exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3), "gamma": (0.1, 10.0)}
+CAMERA_RANGES = {
+    "focal_length_mm": (1e-3, 1e6),
+    "sensor_width_mm": (1e-3, 1e4),
+    "f_number": (0.1, 1e3),
+}
+CAMERA_RANGES |= {
+    "exposure_time_s": (1e-9, 1e4),
+    "calibration_constant": (0.1, 1e3),
+    "gamma": (0.1, 10.0),
+}
 """Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
 
 MOST_SIDE_PX = 32768
@@ -27,7 +35,10 @@ ISO_RANGE = (1e-30, 1e20)
 
 
 def demand_ranges(
-    owner: object, section: str, whole: Mapping[str, int], ranges: Mapping[str, tuple[float, float]]
+    owner: object,
+    section: str,
+    whole: Mapping[str, int],
+    ranges: Mapping[str, tuple[float, float]],
 ) -> None:
     """Refuse by name the first attribute that is outside its range, and make ints and floats of them.
 
@@ -41,10 +52,16 @@ def demand_ranges(
         VoccError: an attribute that is no such number.
     """
     for name, most in whole.items():
-        object.__setattr__(owner, name, whole_number(f"{section}.{name}", getattr(owner, name), 1, most))
+        object.__setattr__(
+            owner,
+            name,
+            whole_number(f"{section}.{name}", getattr(owner, name), 1, most),
+        )
     for name, (low, high) in ranges.items():
         rule = f"at least {low:g} and at most {high:g}"
-        value = finite_number(f"{section}.{name}", getattr(owner, name), f"a number, {rule}")
+        value = finite_number(
+            f"{section}.{name}", getattr(owner, name), f"a number, {rule}"
+        )
         if not low <= value <= high:
             rule = "above 0" if value <= 0 < low else rule
             raise VoccError.of(f"{section}.{name}", f"{value:g}", rule)
@@ -93,11 +110,17 @@ class Camera:
             return
         least, most = ISO_RANGE
         try:
-            low, high = (finite_number("camera.iso_limits", end) for end in self.iso_limits)
+            low, high = (
+                finite_number("camera.iso_limits", end) for end in self.iso_limits
+            )
             if not least <= low <= high <= most:
                 raise ValueError
         except (TypeError, ValueError):
-            given = list(self.iso_limits) if isinstance(self.iso_limits, tuple) else self.iso_limits
+            given = (
+                list(self.iso_limits)
+                if isinstance(self.iso_limits, tuple)
+                else self.iso_limits
+            )
             rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
             raise VoccError.of("camera.iso_limits", shown(given), rule) from None
         object.__setattr__(self, "iso_limits", (low, high))
@@ -183,7 +206,9 @@ class LedPanel:
             ranges["board_reflectance"] = (0, 1)
         demand_ranges(self, "panel", {}, ranges)
         if self.background_reflectance == 0:
-            raise VoccError.of("panel.background_reflectance", 0, "above 0, because auto-ISO meters it")
+            raise VoccError.of(
+                "panel.background_reflectance", 0, "above 0, because auto-ISO meters it"
+            )
 
     @property
     def pitch_m(self) -> float:

@@ -96,11 +96,22 @@ class ModuleFile:
                 nodes = list(ast.walk(ast.parse(text)))
             except (SyntaxError, ValueError):
                 nodes = []  # told of when the file is run
-            names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-            names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+            names = [
+                alias.name
+                for node in nodes
+                if isinstance(node, ast.Import)
+                for alias in node.names
+            ]
+            names += [
+                node.module
+                for node in nodes
+                if isinstance(node, ast.ImportFrom) and node.module
+            ]
             for name in {name.partition(".")[0] for name in names} - {__package__}:
                 beside = [folder / f"{name}.py", *(folder / name).rglob("*.py")]
-                files += [found for found in beside if found.is_file() and found not in files]
+                files += [
+                    found for found in beside if found.is_file() and found not in files
+                ]
         return texts
 
     @property
@@ -118,12 +129,16 @@ class ModuleFile:
         absolute = str(Path(self.path).absolute())
         READ[self.path] = absolute, name.rpartition("_")[2]
         if not name.endswith(EXPECTED.get(absolute, "")):
-            raise VoccError(f"file {self.path} has changed since this run began: begin it again")
+            raise VoccError(
+                f"file {self.path} has changed since this run began: begin it again"
+            )
         if name in sys.modules:
             return sys.modules[name]
         spec = importlib.util.spec_from_file_location(name, self.place)
         if spec is None or spec.loader is None:
-            raise VoccError(f"file {self.path} is no Python file: its name must end in .py")
+            raise VoccError(
+                f"file {self.path} is no Python file: its name must end in .py"
+            )
         made = importlib.util.module_from_spec(spec)
         # Before it runs, because dataclasses and pickles look their module up.
         sys.modules[name] = made
@@ -132,7 +147,9 @@ class ModuleFile:
         # A file that would end the program is no exception.
         except (Exception, SystemExit) as error:
             del sys.modules[name]
-            raise VoccError(f"file {self.path} cannot be run ({one_line(error)})") from error
+            raise VoccError(
+                f"file {self.path} cannot be run ({one_line(error)})"
+            ) from error
         return made
 
     def named(self, name: str) -> object:
@@ -164,7 +181,9 @@ def carried() -> dict[str, dict[str, bytes]]:
     read, given = files_read(), {}
     for one in (ModuleFile(path) for path in sorted(READ) if Path(path).is_file()):
         if read.get(str(Path(one.path).absolute()), one.digest) != one.digest:
-            raise VoccError(f"file {one.path} has changed since this run began: begin it again")
+            raise VoccError(
+                f"file {one.path} has changed since this run began: begin it again"
+            )
         given[one.path] = one.texts
     return given
 
@@ -219,9 +238,14 @@ class PlugIn:
     def __post_init__(self) -> None:
         """Check the name and the form of the target."""
         if not self.name.isidentifier():
-            raise VoccError(f"{self.key}: the name of a part must be a word, and {shown(self.name)} is none")
+            raise VoccError(
+                f"{self.key}: the name of a part must be a word, and {shown(self.name)} is none"
+            )
         for target in (self.target, *targets(self.arguments)):
-            if not is_target(target) or target.partition(".")[0] in sys.stdlib_module_names:
+            if (
+                not is_target(target)
+                or target.partition(".")[0] in sys.stdlib_module_names
+            ):
                 rule = "PACKAGE.MODULE.NAME or FILE.py:NAME, and nothing of Python's own library"
                 raise VoccError.of(f"{self.key}.{TARGET}", shown(target), rule)
 
@@ -245,7 +269,9 @@ class PlugIn:
         target = rest.pop(TARGET, None)
         if not isinstance(target, str):
             raise VoccError(f"{key} has no {TARGET}: it must name a class or function")
-        return cls(key, name or target.replace(":", ".").rpartition(".")[2], target, rest)
+        return cls(
+            key, name or target.replace(":", ".").rpartition(".")[2], target, rest
+        )
 
     @property
     def settings(self) -> dict[str, object]:
@@ -255,7 +281,11 @@ class PlugIn:
 
     @classmethod
     def admitted(
-        cls, key: str, settings: Mapping[str, Any], admitted: Sequence[str], shipped: Collection[str] = ()
+        cls,
+        key: str,
+        settings: Mapping[str, Any],
+        admitted: Sequence[str],
+        shipped: Collection[str] = (),
     ) -> Self:
         """Read back what a model file keeps, if the user names where its code comes from.
 
@@ -272,17 +302,28 @@ class PlugIn:
         target, arguments = str(settings[TARGET]), dict(settings["arguments"])
         demand_plain(f"{key}.arguments", arguments)
         path, colon, word = target.rpartition(":")
-        file = next((name for name in admitted if colon and Path(name).name == Path(path).name), None)
+        file = next(
+            (name for name in admitted if colon and Path(name).name == Path(path).name),
+            None,
+        )
         if file is None and target not in shipped:
             package = target.partition(".")[0]
             if package == __package__:
-                raise VoccError(f"{key} comes from {shown(target)}, which is no part of a receiver")
+                raise VoccError(
+                    f"{key} comes from {shown(target)}, which is no part of a receiver"
+                )
             if colon or package not in admitted:
                 needed = Path(path).name if colon else package
-                raise VoccError(f"{key} comes from {shown(target)}: add plug_ins=[{needed}] to run its code")
-        plug_in = cls(key, settings["name"], f"{file}:{word}" if colon else target, arguments)
+                raise VoccError(
+                    f"{key} comes from {shown(target)}: add plug_ins=[{needed}] to run its code"
+                )
+        plug_in = cls(
+            key, settings["name"], f"{file}:{word}" if colon else target, arguments
+        )
         if plug_in.maker != settings["maker"]:
-            raise VoccError(f"{key}: {target} has other source than the model was made with: train it again")
+            raise VoccError(
+                f"{key}: {target} has other source than the model was made with: train it again"
+            )
         if not plug_in.defined_there:
             raise VoccError(
                 f"{key}: {target} is imported there and not defined: name the file that defines it"
@@ -294,9 +335,15 @@ class PlugIn:
         """Whether its file, one beside it, or its package defines the target, and does not only import it."""
         module = sys.modules.get(getattr(self.found(), "__module__", None) or "")
         if self.file is None:
-            return module is not None and module.__name__.partition(".")[0] == self.target.partition(".")[0]
+            return (
+                module is not None
+                and module.__name__.partition(".")[0] == self.target.partition(".")[0]
+            )
         place = Path(getattr(module, "__file__", None) or "")
-        return place.name in self.file.texts and self.file.texts[place.name] == place.read_bytes()
+        return (
+            place.name in self.file.texts
+            and self.file.texts[place.name] == place.read_bytes()
+        )
 
     @property
     def file(self) -> ModuleFile | None:
@@ -318,7 +365,9 @@ class PlugIn:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
             reason = " ".join(str(error.__cause__ or error).split())
-            raise VoccError(f"{self.key}: {self.target} cannot be imported ({reason})") from error
+            raise VoccError(
+                f"{self.key}: {self.target} cannot be imported ({reason})"
+            ) from error
 
     @functools.cached_property
     def made(self) -> Any:
@@ -339,24 +388,34 @@ class PlugIn:
             VoccError: it cannot be built.
         """
         if not callable(kind):
-            raise VoccError(f"{self.key}: {self.target} is neither a class nor a function")
+            raise VoccError(
+                f"{self.key}: {self.target} is neither a class nor a function"
+            )
         try:
             return kind(**assembled(arguments))
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
             reason = " ".join(str(error.__cause__ or error).split())
-            with suppress(TypeError, ValueError):  # of classes that cannot be looked into
+            with suppress(
+                TypeError, ValueError
+            ):  # of classes that cannot be looked into
                 taken = inspect.signature(kind).parameters
                 strays = [name for name in arguments if name not in taken]
-                if strays and not any(one.kind == one.VAR_KEYWORD for one in taken.values()):
+                if strays and not any(
+                    one.kind == one.VAR_KEYWORD for one in taken.values()
+                ):
                     reason = f"it takes no {strays[0]}, but {', '.join(taken)}"
-            raise VoccError(f"{self.key}: {self.target} cannot be built ({reason})") from error
+            raise VoccError(
+                f"{self.key}: {self.target} cannot be built ({reason})"
+            ) from error
 
     @property
     def packages(self) -> set[str]:
         """The packages of its class, and of those within its arguments."""
-        return {one.partition(".")[0] for one in (self.target, *targets(self.arguments))}
+        return {
+            one.partition(".")[0] for one in (self.target, *targets(self.arguments))
+        }
 
     @property
     def maker(self) -> str:
@@ -364,8 +423,13 @@ class PlugIn:
         if self.file:
             return self.file.digest
         try:
-            home = getattr(pkgutil.resolve_name(self.target), "__module__", None) or self.target
-            names = {name.partition(".")[0] for name in (self.target, home)} - {__package__}
+            home = (
+                getattr(pkgutil.resolve_name(self.target), "__module__", None)
+                or self.target
+            )
+            names = {name.partition(".")[0] for name in (self.target, home)} - {
+                __package__
+            }
             return " ".join(package_maker(name) for name in sorted(names))
         except Exception:
             return ""  # it cannot be built, which is told when it is
@@ -377,8 +441,12 @@ class PlugIn:
     @property
     def files(self) -> dict[str, str]:
         """What tells the files that its arguments name from others, by argument."""
-        texts = {key: one for key, one in self.arguments.items() if isinstance(one, str)}
-        return {key: file_digest(one) for key, one in texts.items() if Path(one).is_file()}
+        texts = {
+            key: one for key, one in self.arguments.items() if isinstance(one, str)
+        }
+        return {
+            key: file_digest(one) for key, one in texts.items() if Path(one).is_file()
+        }
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""
@@ -404,7 +472,9 @@ def is_target(text: str) -> bool:
     """
     path, colon, name = text.rpartition(":")
     words = [name] if colon else name.split(".")
-    return all(word.isidentifier() for word in words) and (path.endswith(".py") if colon else len(words) > 1)
+    return all(word.isidentifier() for word in words) and (
+        path.endswith(".py") if colon else len(words) > 1
+    )
 
 
 def targets(build: object) -> Iterator[str]:
@@ -444,7 +514,9 @@ def demand_plain(key: str, value: object, allowed: Collection[str] = ()) -> None
         for name, item in value.items():
             if name in DIRECTIVES and name not in allowed:
                 raise VoccError.of(
-                    f"{key}.{name}", shown(item), "left out: a file holds values and calls nothing"
+                    f"{key}.{name}",
+                    shown(item),
+                    "left out: a file holds values and calls nothing",
                 )
             demand_plain(key, name)
             demand_plain(f"{key}.{name}", item, allowed)
@@ -478,5 +550,11 @@ def assembled(value: object) -> Any:
     path, colon, name = target.rpartition(":")
     call: Any = ModuleFile(path).named(name) if colon else pkgutil.resolve_name(target)
     if unknown := [key for key in DIRECTIVES if key in parts]:
-        raise VoccError(f"{target}: {unknown[0]} is no key of a part: known are {', '.join(DIRECTIVES[:3])}")
-    return functools.partial(call, *positional, **parts) if partial else call(*positional, **parts)
+        raise VoccError(
+            f"{target}: {unknown[0]} is no key of a part: known are {', '.join(DIRECTIVES[:3])}"
+        )
+    return (
+        functools.partial(call, *positional, **parts)
+        if partial
+        else call(*positional, **parts)
+    )

@@ -26,7 +26,10 @@ def training_point(number: int) -> str:
 
 def _words(text: str) -> list[int]:
     """Hash a name to four 32-bit words that do not depend on Python's hash seed."""
-    return [int(word) for word in np.frombuffer(hashlib.sha256(text.encode()).digest(), "<u4", 4)]
+    return [
+        int(word)
+        for word in np.frombuffer(hashlib.sha256(text.encode()).digest(), "<u4", 4)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,9 @@ class BlockKey:
         """Refuse what SeedSequence would refuse later and less clearly."""
         for name in ("seed", "block"):
             if getattr(self, name) < 0:
-                raise VoccError(f"{name} is {getattr(self, name)}: it must be at least 0")
+                raise VoccError(
+                    f"{name} is {getattr(self, name)}: it must be at least 0"
+                )
 
     def generator(self, stream: str) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again."""
@@ -91,7 +96,9 @@ class BlockKey:
         words = [self.seed, self.block, *_words(self.point), *_words(stream)]
         # NumPy reads an array of the same words some times faster than a list of numbers of any size.
         short = max(self.seed, self.block) < 1 << 32
-        return np.random.SeedSequence(np.array(words, dtype=np.uint32) if short else words)
+        return np.random.SeedSequence(
+            np.array(words, dtype=np.uint32) if short else words
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +130,9 @@ class FrameKey:
     def __post_init__(self) -> None:
         """Check the index."""
         if not 0 <= self.frame < BLOCK_FRAMES:
-            raise VoccError(f"frame is {self.frame}: it must be 0 to {BLOCK_FRAMES - 1}")
+            raise VoccError(
+                f"frame is {self.frame}: it must be 0 to {BLOCK_FRAMES - 1}"
+            )
 
     def generator(self, stream: str, *, of_scene: bool = False) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again.
@@ -132,7 +141,9 @@ class FrameKey:
             stream: the name.
             of_scene: draw what belongs to the scene and so is the same in all its takes, not to one picture.
         """
-        return self.block.generator(f"{stream}/{self.frame}" if of_scene else self._of_picture(stream))
+        return self.block.generator(
+            f"{stream}/{self.frame}" if of_scene else self._of_picture(stream)
+        )
 
     def tiles(self, stream: str) -> Callable[[int, int], np.random.Generator]:
         """Give a fresh generator of each tile of this picture; see :meth:`BlockKey.tiles`."""

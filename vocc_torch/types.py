@@ -18,8 +18,16 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, finite_number, shown, whole_number
 from vocc_torch.hardware import PanelShape as PanelShape
 
-SCENE_RANGES = {"ambient_lx": (0.0, 1e12), "led_luminance_cd_m2": (0.0, 1e12), "distance_m": (0.0, 1e9)}
-SCENE_RANGES |= {"background_grey": (0.0, 255.0), "offset_x_m": (-1e9, 1e9), "offset_y_m": (-1e9, 1e9)}
+SCENE_RANGES = {
+    "ambient_lx": (0.0, 1e12),
+    "led_luminance_cd_m2": (0.0, 1e12),
+    "distance_m": (0.0, 1e9),
+}
+SCENE_RANGES |= {
+    "background_grey": (0.0, 255.0),
+    "offset_x_m": (-1e9, 1e9),
+    "offset_y_m": (-1e9, 1e9),
+}
 """Lowest and highest allowed of each value of a scene."""
 
 ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})
@@ -55,11 +63,15 @@ class Batched:
 
     def __getitem__(self, rows: slice | Tensor) -> Self:
         """Take some of the rows, by a slice, a bool mask or their numbers (n,) int64."""
-        return type(self)(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+        return type(self)(
+            *(getattr(self, name)[rows] for name in self.__dataclass_fields__)
+        )
 
     def to(self, device: torch.device | str) -> Self:
         """Move every field to ``device``."""
-        return type(self)(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))
+        return type(self)(
+            *(getattr(self, name).to(device) for name in self.__dataclass_fields__)
+        )
 
     def put(self, rows: slice | Tensor, others: "Batched") -> None:
         """Overwrite the chosen rows in place, of the fields that ``others`` has too."""
@@ -111,9 +123,21 @@ class Scene(Batched):
                 in its range.
         """
         frames = whole_number("frames", frames, 1, MOST_FRAMES)
-        given = (ambient_lx, led_luminance_cd_m2, distance_m, background_grey, offset_x_m, offset_y_m)
-        values = [finite_number(f"scene.{name}", one) for name, one in zip(SCENE_RANGES, given, strict=True)]
-        return cls(*(torch.full((frames,), value, dtype=torch.float64) for value in values)).checked()
+        given = (
+            ambient_lx,
+            led_luminance_cd_m2,
+            distance_m,
+            background_grey,
+            offset_x_m,
+            offset_y_m,
+        )
+        values = [
+            finite_number(f"scene.{name}", one)
+            for name, one in zip(SCENE_RANGES, given, strict=True)
+        ]
+        return cls(
+            *(torch.full((frames,), value, dtype=torch.float64) for value in values)
+        ).checked()
 
     def checked(self) -> "Scene":
         """Give back this scene, in float64, or refuse it by the name of the first field that is out of range.
@@ -124,12 +148,18 @@ class Scene(Batched):
         values = [getattr(self, name) for name in SCENE_RANGES]
         for name, value in zip(SCENE_RANGES, values, strict=True):
             if not isinstance(value, Tensor) or value.is_complex():
-                raise VoccError(f"scene.{name} is {shown(value)}: it must be a tensor (B,) of real numbers")
+                raise VoccError(
+                    f"scene.{name} is {shown(value)}: it must be a tensor (B,) of real numbers"
+                )
             if value.ndim != 1 or value.shape != values[0].shape:
-                raise VoccError(f"scene.{name} has shape {tuple(value.shape)}: each field must be (B,)")
+                raise VoccError(
+                    f"scene.{name} has shape {tuple(value.shape)}: each field must be (B,)"
+                )
         if len(self):
             # All bounds at once: on an accelerator each look at a number waits for all the work before it.
-            table = torch.stack([value.detach().to(values[0].device, torch.float64) for value in values])
+            table = torch.stack(
+                [value.detach().to(values[0].device, torch.float64) for value in values]
+            )
             lows, highs = torch.stack(table.aminmax(dim=1)).tolist()
             for name, low, high in zip(SCENE_RANGES, lows, highs, strict=True):
                 if not (math.isfinite(low) and math.isfinite(high)):
@@ -146,7 +176,12 @@ class Scene(Batched):
     @staticmethod
     def cat(scenes: Sequence["Scene"]) -> "Scene":
         """Join batches in order."""
-        return Scene(*(torch.cat([getattr(scene, name) for scene in scenes]) for name in SCENE_RANGES))
+        return Scene(
+            *(
+                torch.cat([getattr(scene, name) for scene in scenes])
+                for name in SCENE_RANGES
+            )
+        )
 
 
 def tensor_of(name: str, value: object) -> Tensor:
@@ -164,14 +199,19 @@ def tensor_of(name: str, value: object) -> Tensor:
     try:
         if isinstance(value, np.ndarray):
             return torch.from_numpy(np.array(value))
-    except (TypeError, ValueError):  # of objects or text, or of another machine's byte order
+    except (
+        TypeError,
+        ValueError,
+    ):  # of objects or text, or of another machine's byte order
         pass
     raise VoccError.of(name, shown(value), "a tensor or a NumPy array of numbers")
 
 
 def is_exporting() -> bool:
     """Whether torch.export is drawing a graph now, for which numbers have no values yet."""
-    return bool(getattr(torch.compiler, "is_exporting", bool)())  # torch 2.5 does not have it
+    return bool(
+        getattr(torch.compiler, "is_exporting", bool)()
+    )  # torch 2.5 does not have it
 
 
 def is_traced(values: Tensor) -> bool:
@@ -204,7 +244,11 @@ def are_finite(values: Tensor) -> bool:
         (True, False)
     """
     # A finite sum has finite terms; what overflows is looked at one by one.
-    return is_traced(values) or math.isfinite(values.detach().sum()) or bool(values.isfinite().all())
+    return (
+        is_traced(values)
+        or math.isfinite(values.detach().sum())
+        or bool(values.isfinite().all())
+    )
 
 
 def without_autocast(device: torch.device) -> AbstractContextManager[object]:
@@ -215,7 +259,11 @@ def without_autocast(device: torch.device) -> AbstractContextManager[object]:
         ...     torch.is_autocast_enabled("cpu")
         False
     """
-    return torch.autocast(device.type, enabled=False) if torch.is_autocast_enabled(device.type) else _NOTHING
+    return (
+        torch.autocast(device.type, enabled=False)
+        if torch.is_autocast_enabled(device.type)
+        else _NOTHING
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,10 +299,20 @@ class Frames:
             VoccError: no tensor and no NumPy array, or another shape.
         """
         grey = tensor_of("grey", grey)
-        planes = grey[None, None] if grey.ndim == 2 else grey.unsqueeze(1) if grey.ndim == 3 else grey
+        planes = (
+            grey[None, None]
+            if grey.ndim == 2
+            else grey.unsqueeze(1)
+            if grey.ndim == 3
+            else grey
+        )
         if planes.ndim != 4 or planes.shape[1] != 1:
-            raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)")
-        origin = torch.zeros(planes.shape[0], 2, dtype=torch.int64, device=planes.device)
+            raise VoccError(
+                f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)"
+            )
+        origin = torch.zeros(
+            planes.shape[0], 2, dtype=torch.int64, device=planes.device
+        )
         return cls(planes, origin, (planes.shape[-2], planes.shape[-1]))
 
     @classmethod
@@ -271,18 +329,30 @@ class Frames:
         if isinstance(images, Frames):
             return images
         grey = tensor_of(name, images)
-        coloured = grey.ndim == 3 and grey.shape[2] in (3, 4)  # and no frames of so few columns
-        fits = not coloured and (grey.ndim in (2, 3) or (grey.ndim == 4 and grey.shape[1] == 1))
+        coloured = grey.ndim == 3 and grey.shape[2] in (
+            3,
+            4,
+        )  # and no frames of so few columns
+        fits = not coloured and (
+            grey.ndim in (2, 3) or (grey.ndim == 4 and grey.shape[1] == 1)
+        )
         if grey.dtype != torch.uint8 or not grey.numel() or not fits:
             given = f"dtype {grey.dtype} and shape {tuple(grey.shape)}"
-            raise VoccError.of(name, given, "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty", "has")
+            raise VoccError.of(
+                name,
+                given,
+                "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty",
+                "has",
+            )
         return cls.whole(grey)
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
         """What a file of 8 bits holds: (B,H,W) greys, or where there is colour (B,H,W,3)."""
         shown = self.grey[:, 0] if self.colour is None else self.colour.movedim(1, -1)
-        kept: NDArray[np.uint8] = shown.round().clamp(0, 255).byte().contiguous().cpu().numpy()
+        kept: NDArray[np.uint8] = (
+            shown.round().clamp(0, 255).byte().contiguous().cpu().numpy()
+        )
         return kept
 
     def __len__(self) -> int:
@@ -293,7 +363,9 @@ class Frames:
         """Take a slice of the frames, or those of an index or a bool mask."""
         surround = None if self.surround is None else self.surround[rows]
         colour = None if self.colour is None else self.colour[rows]
-        return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround, colour)
+        return Frames(
+            self.grey[rows], self.origin_px[rows], self.sensor_px, surround, colour
+        )
 
 
 Images = Frames | Tensor | NDArray[np.uint8]
@@ -326,7 +398,9 @@ class Panels(Batched):
         """Wrap corners that are known, not located."""
         corners_px = tensor_of("corners_px", corners_px)
         ones = torch.ones(corners_px.shape[0], device=corners_px.device)
-        return cls(corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long())
+        return cls(
+            corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long()
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,7 +435,12 @@ class Candidates(Batched):
     def of(cls, corners_px: Tensor, score: Tensor) -> Self:
         """Take one candidate of each frame, (B,4,2) corners and (B,) scores, without stated false alarms."""
         frame = torch.arange(len(score), device=score.device)
-        return cls(frame, corners_px.double(), score.double(), torch.full_like(score.double(), math.nan))
+        return cls(
+            frame,
+            corners_px.double(),
+            score.double(),
+            torch.full_like(score.double(), math.nan),
+        )
 
     @classmethod
     def of_panels(cls, panels: Panels) -> Self:
@@ -371,7 +450,9 @@ class Candidates(Batched):
         alarms = panels.false_alarms if isinstance(panels, StatedPanels) else nothing
         return cls(frame, panels.corners_px[frame], panels.score[frame], alarms[frame])
 
-    def panels(self, frames: int, most_false_alarms: float, most: int = 1) -> tuple[Tensor, StatedPanels]:
+    def panels(
+        self, frames: int, most_false_alarms: float, most: int = 1
+    ) -> tuple[Tensor, StatedPanels]:
         """Take up to ``most`` panels of each of B frames, where no more false alarms are expected than that.
 
         Of a limit that is NaN, of a locator that states none, all are taken.
@@ -392,15 +473,23 @@ class Candidates(Batched):
         told = sure.tolist()
         for number in range(frames):
             seen = [row for row, frame in enumerate(whose) if frame == number]
-            rows += [(number, row) for row in [row for row in seen if told[row]][:most] or seen[:1] or [-1]]
-        pairs = torch.tensor(rows, dtype=torch.int64, device=self.frame.device).view(-1, 2)
+            rows += [
+                (number, row)
+                for row in [row for row in seen if told[row]][:most] or seen[:1] or [-1]
+            ]
+        pairs = torch.tensor(rows, dtype=torch.int64, device=self.frame.device).view(
+            -1, 2
+        )
         frame, row = pairs.unbind(1)
         # The last row stands for nothing seen.
         corners, score = (
-            torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row] for one in (self.corners_px, self.score)
+            torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row]
+            for one in (self.corners_px, self.score)
         )
         unseen = math.nan if math.isnan(most_false_alarms) else math.inf
-        alarms = torch.cat([self.false_alarms, self.false_alarms.new_full((1,), unseen)])[row]
+        alarms = torch.cat(
+            [self.false_alarms, self.false_alarms.new_full((1,), unseen)]
+        )[row]
         found = ~(alarms > most_false_alarms) & (row >= 0)
         count = torch.bincount(self.frame[sure], minlength=frames)[frame]
         corners = corners * found[:, None, None]
@@ -423,9 +512,15 @@ def resolve_device(name: str) -> torch.device:
         device = torch.device(name)
     except RuntimeError:
         device = None
-    if device is None or device.type not in ("cpu", "cuda") or (device.type == "cpu" and device.index):
+    if (
+        device is None
+        or device.type not in ("cpu", "cuda")
+        or (device.type == "cpu" and device.index)
+    ):
         raise VoccError.of("device", repr(name), "auto, cpu or cuda")
     if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
         there = f"{torch.cuda.device_count()} CUDA devices"
-        raise VoccError(f"device is {name!r}, and this machine has {there}: use device=cpu or device=auto")
+        raise VoccError(
+            f"device is {name!r}, and this machine has {there}: use device=cpu or device=auto"
+        )
     return device

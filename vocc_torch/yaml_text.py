@@ -68,7 +68,8 @@ def _number(loader: Any, node: Any) -> float | int:
 
 _CONSTRUCTED = ("null", "bool", "str", "seq", "map")
 _PlainLoader.yaml_constructors = {
-    f"{_PREFIX}{kind}": yaml.SafeLoader.yaml_constructors[f"{_PREFIX}{kind}"] for kind in _CONSTRUCTED
+    f"{_PREFIX}{kind}": yaml.SafeLoader.yaml_constructors[f"{_PREFIX}{kind}"]
+    for kind in _CONSTRUCTED
 } | {None: yaml.SafeLoader.construct_undefined}
 for _kind, (_pattern, _first) in _SCALARS.items():
     _known = re.compile(rf"^(?:{_pattern})$")
@@ -104,4 +105,6 @@ def read_yaml(path: str | Path, what: str = "file") -> Any:
     Raises:
         VoccError: no ordinary file, more than 128 KiB, or what :func:`parse_yaml` refuses.
     """
-    return parse_yaml(read_file(path, what, MOST_BYTES), f"{what} {printable(str(path))}")
+    return parse_yaml(
+        read_file(path, what, MOST_BYTES), f"{what} {printable(str(path))}"
+    )

@@ -23,6 +23,8 @@ class Streak(Effect, on=Quantity.EXPOSURE):
 
     def __call__(self, value, context):
         """Smear (B,1,H,W) exposure; beyond the border lies what lies at it."""
-        wide = functional.pad(value, (self.half_px, self.half_px, 0, 0), mode="replicate")
+        wide = functional.pad(
+            value, (self.half_px, self.half_px, 0, 0), mode="replicate"
+        )
         smeared = functional.avg_pool2d(wide, (1, 2 * self.half_px + 1), stride=1)
         return (1 - self.share) * value + self.share * smeared

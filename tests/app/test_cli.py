@@ -28,13 +28,35 @@ from vocc_torch.simulation.effects import PHYSICAL_ORDER
 
 ROOT = Path(__file__).parents[2]
 COLUMNS = [
-    *("experiment", "axis", "value", "receiver", "locator", "frames", "bits", "bit_errors"),
+    *(
+        "experiment",
+        "axis",
+        "value",
+        "receiver",
+        "locator",
+        "frames",
+        "bits",
+        "bit_errors",
+    ),
     *("ber", "ber_low", "ber_high", "frame_errors", "panels_missed", "stopped_by"),
-    *("trainings", "ber_mean", "ber_sd", "ber_best", "ber_worst", "algorithm_low", "algorithm_high"),
+    *(
+        "trainings",
+        "ber_mean",
+        "ber_sd",
+        "ber_best",
+        "ber_worst",
+        "algorithm_low",
+        "algorithm_high",
+    ),
     *("method", "effective_frames", "unseen_below", "location_share"),
 ]
 TINY = ("budget.frames=2", "budget.training_frames=16")
-QUICK = (*TINY, "experiment.values=[4000]", "receiver.names=[flda_3]", "tensorboard=false")
+QUICK = (
+    *TINY,
+    "experiment.values=[4000]",
+    "receiver.names=[flda_3]",
+    "tensorboard=false",
+)
 LEARN = ("task=train", "budget.training_frames=16")
 
 
@@ -46,7 +68,11 @@ def rows_of(path):
 
 def files_in(folder):
     """Every file below a folder, with its bytes."""
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 # What runs write
@@ -66,25 +92,47 @@ def test_default_run_writes_everything(app, tmp_path):
     rows = rows_of(folder / "ber.csv")
     names = ["center_greyscale", "average_greyscale", "flda_2", "flda_3"]
     values = ["1000", "2000", "4000", "8000", "16000", "32000"]
-    assert [(row["receiver"], row["value"]) for row in rows] == [(n, v) for n in names for v in values]
+    assert [(row["receiver"], row["value"]) for row in rows] == [
+        (n, v) for n in names for v in values
+    ]
     for row in rows:
-        assert (row["experiment"], row["axis"], row["locator"]) == ("ambient", "ambient_lx", "paper")
+        assert (row["experiment"], row["axis"], row["locator"]) == (
+            "ambient",
+            "ambient_lx",
+            "paper",
+        )
         assert (row["frames"], row["bits"], row["stopped_by"]) == ("2", "128", "frames")
-        assert 0 <= float(row["ber_low"]) <= float(row["ber"]) <= float(row["ber_high"]) <= 1
+        assert (
+            0
+            <= float(row["ber_low"])
+            <= float(row["ber"])
+            <= float(row["ber_high"])
+            <= 1
+        )
     with Image.open(folder / "ber.png") as figure:
         assert figure.format == "PNG"
     assert Receiver.load(folder / "receiver.pt").name == "flda_3"
     settings = yaml.safe_load((folder / "config.yaml").read_text())
     spent = {"frames": 2, "training_frames": 16, "target_frame_errors": None}
-    assert settings["budget"] == spent | {"precision": None, "least_ber": 0.0, "trainings": 1, "rare": False}
+    assert settings["budget"] == spent | {
+        "precision": None,
+        "least_ber": 0.0,
+        "trainings": 1,
+        "rare": False,
+    }
     runs = {run.name for run in (folder / "tensorboard").iterdir()}
     assert runs == {"_summary", *names}
-    assert all(list((folder / "tensorboard" / run).glob("events.out.tfevents.*")) for run in runs)
+    assert all(
+        list((folder / "tensorboard" / run).glob("events.out.tfevents.*"))
+        for run in runs
+    )
     for name in ("ber.csv", "ber.png", "receiver.pt", "tensorboard"):
         assert str(folder / name) in ran.out
 
 
-def test_written_configuration_gives_the_same_run_again_and_a_name_is_used_once(app, tmp_path):
+def test_written_configuration_gives_the_same_run_again_and_a_name_is_used_once(
+    app, tmp_path
+):
     """config.yaml is the whole configuration: run from it alone, the counts are the same."""
     assert app(*QUICK, "seed=7", "name=first").status == 0
     first, before = tmp_path / "runs" / "first", files_in(tmp_path)
@@ -101,7 +149,9 @@ def test_written_configuration_gives_the_same_run_again_and_a_name_is_used_once(
     saved = ("--config-path", first, "--config-name", "config")
     assert app(*saved, "name=second").status == 0
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
-    assert (tmp_path / "runs/second/ber.csv").read_bytes() == (first / "ber.csv").read_bytes()
+    assert (tmp_path / "runs/second/ber.csv").read_bytes() == (
+        first / "ber.csv"
+    ).read_bytes()
 
 
 def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp_path):
@@ -109,10 +159,18 @@ def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp
     assert ran.complaint.startswith("panel.rows is 0")
     folder = tmp_path / "runs" / "two"
     assert {path.name for path in folder.iterdir()} == {"0", "1", "2", "multirun.yaml"}
-    assert {path.name for path in (folder / "1").iterdir()} == {"config.yaml", "failed.txt"}
+    assert {path.name for path in (folder / "1").iterdir()} == {
+        "config.yaml",
+        "failed.txt",
+    }
     for job, rows in ((0, 8), (2, 4)):
         assert Receiver.load(folder / f"{job}" / "receiver.pt").name == "flda_2"
-        assert yaml.safe_load((folder / f"{job}" / "config.yaml").read_text())["panel"]["rows"] == rows
+        assert (
+            yaml.safe_load((folder / f"{job}" / "config.yaml").read_text())["panel"][
+                "rows"
+            ]
+            == rows
+        )
         assert ran.out.index(f"job {job}: ") < ran.out.index(f"panel.rows={rows}")
 
 
@@ -161,10 +219,16 @@ def test_a_fault_of_ours_is_not_disguised(app, monkeypatch, tmp_path):
     ("error", "said"),
     [
         (MemoryError(), "not enough memory: give a smaller batch_frames"),
-        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "not enough memory"),
+        (
+            RuntimeError("DefaultCPUAllocator: can't allocate memory"),
+            "not enough memory",
+        ),
         (PermissionError(13, "no", "x"), "x: no"),
         (PermissionError(13, "no", "\x1b[31m"), r"\x1b[31m: no"),
-        (UnicodeEncodeError("utf-8", "\udcff.png", 0, 1, "no"), r"'\udcff.png' cannot be written as utf-8"),
+        (
+            UnicodeEncodeError("utf-8", "\udcff.png", 0, 1, "no"),
+            r"'\udcff.png' cannot be written as utf-8",
+        ),
     ],
 )
 def test_the_machines_limits_are_one_line(app, monkeypatch, tmp_path, error, said):
@@ -207,12 +271,15 @@ def test_runs_is_a_file(app, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("limit", "failing"), [(500, "ledger.sqlite"), (20_000, "samples.png"), (20_000, "ber.png")]
+    ("limit", "failing"),
+    [(500, "ledger.sqlite"), (20_000, "samples.png"), (20_000, "ber.png")],
 )
 def test_full_disk(app, tmp_path, monkeypatch, limit, failing):
     """What was whole before stays; nothing is left half-written. A limit on files stands in for the disk."""
     if failing == "ber.png":
-        monkeypatch.setattr("vocc_torch.report.samples.write_samples", lambda *_, **__: None)
+        monkeypatch.setattr(
+            "vocc_torch.report.samples.write_samples", lambda *_, **__: None
+        )
         monkeypatch.setattr(Store, "add_trained", lambda *_: None)  # which is larger
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
@@ -222,7 +289,9 @@ def test_full_disk(app, tmp_path, monkeypatch, limit, failing):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert failing in complaint
     # SQLite has words of its own for a file that cannot grow.
-    assert ("disk I/O error" if failing == "ledger.sqlite" else "File too large") in complaint
+    assert (
+        "disk I/O error" if failing == "ledger.sqlite" else "File too large"
+    ) in complaint
     left = {path.name for path in (tmp_path / "runs").rglob("*") if path.is_file()}
     assert failing not in left
     assert not [name for name in left if "tmp" in name]
@@ -242,7 +311,11 @@ from vocc_torch.__main__ import main
 def started(*command, cwd):
     """Start a process whose pipes are closed and whose end is awaited when the block is left."""
     return subprocess.Popen(
-        [sys.executable, *command], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, *command],
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
 
 
@@ -274,7 +347,11 @@ def test_interrupted_while_it_loads_or_ends(command, tmp_path, prepare):
     (tmp_path / "hydra.py").write_text(
         "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nmain = 1 / 0\n"
     )
-    ran = command("sede=1", cwd=tmp_path, code=f"{INTERRUPTIBLE}\nsys.path[0] = '/'\n{prepare}\nmain()")
+    ran = command(
+        "sede=1",
+        cwd=tmp_path,
+        code=f"{INTERRUPTIBLE}\nsys.path[0] = '/'\n{prepare}\nmain()",
+    )
     assert ran.status == 130
     assert ran.err.splitlines()[-1] == "vocc-torch: interrupted"
     assert "Traceback" not in ran.err
@@ -284,9 +361,13 @@ def test_a_calibrated_scene_goes_by_its_runs_name(app, tmp_path):
     scene = tmp_path / "runs" / "mine" / "scene" / "mine.yaml"
     scene.parent.mkdir(parents=True)
     scene.write_text(
-        (ROOT / "conf" / "scene" / "paper.yaml").read_text().replace("name: paper", "name: mine")
+        (ROOT / "conf" / "scene" / "paper.yaml")
+        .read_text()
+        .replace("name: paper", "name: mine")
     )
-    ran = app("scene=mine", "task=train", "budget.training_frames=64", "device=cpu", "name=x")
+    ran = app(
+        "scene=mine", "task=train", "budget.training_frames=64", "device=cpu", "name=x"
+    )
     assert ran.status == 0, ran.err
     assert "name: mine" in (tmp_path / "runs" / "x" / "config.yaml").read_text()
     # Nothing that is no name of a run is looked for.
@@ -305,11 +386,16 @@ def test_reader_that_leaves_early(tmp_path):
     assert left <= {"ledger.sqlite", "config.yaml", "samples.png"}
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="needs a disk that is always full"
+)
 def test_a_mistake_that_nobody_can_be_told_is_a_mistake_still(tmp_path):
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "vocc_torch", "seed=x"]
-        assert subprocess.run(command, cwd=tmp_path, stdout=full, stderr=full).returncode == 2
+        assert (
+            subprocess.run(command, cwd=tmp_path, stdout=full, stderr=full).returncode
+            == 2
+        )
 
 
 def test_a_terminal_of_ascii_gets_escapes(app, monkeypatch):
@@ -333,11 +419,14 @@ print([name for name in ("torch", "kornia", "matplotlib") if name in sys.modules
 """
 
 
-def test_help_describes_keys_and_lists_what_is_there_by_name_and_needs_no_torch(command, tmp_path):
+def test_help_describes_keys_and_lists_what_is_there_by_name_and_needs_no_torch(
+    command, tmp_path
+):
     text = command("--help", cwd=tmp_path, code=WITHOUT_TORCH).out
     assert text.splitlines()[-1] == "0 []"
     assert (
-        "experiment: ambient, classifiers, contrast, dimming, distance, luminance, messages, scenes" in text
+        "experiment: ambient, classifiers, contrast, dimming, distance, luminance, messages, scenes"
+        in text
     )
     assert "vocc-torch task=decode input=PHOTO" in text
     for key in ("seed:", "focal_length_mm:", "sigma_px:", "training_frames:"):
@@ -361,13 +450,17 @@ def test_misspelled_key_needs_no_torch(command, tmp_path):
     assert command("sede=1", cwd=tmp_path, code=WITHOUT_TORCH).out == "2 []\n"
 
 
-SHIPPED = sorted(f"{path.parent.name}={path.stem}" for path in (ROOT / "conf").glob("*/*.yaml"))
+SHIPPED = sorted(
+    f"{path.parent.name}={path.stem}" for path in (ROOT / "conf").glob("*/*.yaml")
+)
 OF_TEMPLATES = {
     "classifier=own": (
         f"classifiers.own.file={ROOT / 'examples/classifiers/nearest_mean.py'}",
         "classifiers.own.build._target_=NearestMean",
     ),
-    "classifier=sklearn": ("classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB",),
+    "classifier=sklearn": (
+        "classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB",
+    ),
 }
 """What a user adds to the options that name no class."""
 
@@ -383,7 +476,9 @@ def test_every_shipped_option_is_accepted(option):
 def commands_of(page):
     """The ``vocc-torch`` commands that a page shows, without the program's name; of a sweep its first job."""
     text = re.sub(r"\\\n\s*", "", page.read_text())
-    for line in re.findall(r"^\s*(?:\$ )?vocc-torch(?= |$)(.*)$", text, flags=re.MULTILINE):
+    for line in re.findall(
+        r"^\s*(?:\$ )?vocc-torch(?= |$)(.*)$", text, flags=re.MULTILINE
+    ):
         words = shlex.split(line, comments=True)
         many = "-m" in words
         yield tuple(
@@ -393,7 +488,11 @@ def commands_of(page):
         )
 
 
-PAGES = [ROOT / "README.md", ROOT / "runs" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "runs" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 SHOWN = {words: page.name for page in PAGES for words in commands_of(page)}
 
 
@@ -401,7 +500,9 @@ SHOWN = {words: page.name for page in PAGES for words in commands_of(page)}
 def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     """Each is built once, also where several pages show it."""
     code = re.findall(
-        r"^```python\n(.*?)^```", (ROOT / "docs/plug-ins.md").read_text(), re.DOTALL | re.MULTILINE
+        r"^```python\n(.*?)^```",
+        (ROOT / "docs/plug-ins.md").read_text(),
+        re.DOTALL | re.MULTILINE,
     )
     (tmp_path / "mine.py").write_text("\n".join(code))
     (tmp_path / "examples").symlink_to(ROOT / "examples")

@@ -41,7 +41,12 @@ from vocc_torch.studies.decode.summary import Summary
 def model(tmp_path_factory):
     """A receiver that task=train wrote."""
     folder = tmp_path_factory.mktemp("model")
-    words = ("budget.training_frames=64", "receiver.save=flda_3", "panel.board_reflectance=null", "name=x")
+    words = (
+        "budget.training_frames=64",
+        "receiver.save=flda_3",
+        "panel.board_reflectance=null",
+        "name=x",
+    )
     run_task(composed("task=train", *words), folder)
     return folder / "receiver.pt"
 
@@ -60,7 +65,11 @@ def decode(tmp_path, monkeypatch):
     return run
 
 
-CLOSE, FAR, DESK = "led-panel-8x8-photo.png", "led-array-4x4-bench.jpg", "led-matrix-8x16-desk.jpg"
+CLOSE, FAR, DESK = (
+    "led-panel-8x8-photo.png",
+    "led-array-4x4-bench.jpg",
+    "led-matrix-8x16-desk.jpg",
+)
 READ = {
     "by default": (CLOSE, (), LearnedLocator),
     "letters, aslant, on a crowded desk": (DESK, (), LearnedLocator),
@@ -73,32 +82,51 @@ READ = {
 def truth_of(photo, name):
     """What is written of a picture, and the words for its panel's size."""
     truth = json.loads((photo.parent / "pictures.json").read_text())[name]
-    return "".join(truth["bits"]), [f"panel.{side}={truth[side]}" for side in ("rows", "columns")]
+    return "".join(truth["bits"]), [
+        f"panel.{side}={truth[side]}" for side in ("rows", "columns")
+    ]
 
 
 @pytest.mark.parametrize("case", READ)
-def test_a_receiver_is_trained_where_no_model_is_given(decode, photo, case, tmp_path, monkeypatch):
+def test_a_receiver_is_trained_where_no_model_is_given(
+    decode, photo, case, tmp_path, monkeypatch
+):
     """And reads real pictures: a close-up, text, a small panel; what is slow is not done while it learns."""
     searched = []
-    monkeypatch.setattr(learned, "sighted", lambda *given: searched.append(0) or sighted(*given))
+    monkeypatch.setattr(
+        learned, "sighted", lambda *given: searched.append(0) or sighted(*given)
+    )
     name, words, locator = READ[case]
     bits, shape = truth_of(photo, name)
-    rows = decode(photo.parent / name, *shape, *words, "budget.training_frames=16", "decode.annotate=false")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bits.csv", "receiver.pt", "config.yaml"}
+    rows = decode(
+        photo.parent / name,
+        *shape,
+        *words,
+        "budget.training_frames=16",
+        "decode.annotate=false",
+    )
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "bits.csv",
+        "receiver.pt",
+        "config.yaml",
+    }
     assert rows[0]["bits"] == bits
     kept = Receiver.load(tmp_path / "out" / "receiver.pt")
     assert (kept.name, type(kept.locator)) == ("tag_planes", locator)
     assert len(searched) == (locator is LearnedLocator)
 
 
-def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(decode, photo, tmp_path):
+def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(
+    decode, photo, tmp_path
+):
     bits, shape = truth_of(photo, FAR)
     few = (*shape, "budget.training_frames=16", "decode.annotate=false")
     Image.new("L", (640, 480), 90).save(tmp_path / "flat.png")
     with pytest.raises(VoccError, match="no place looks like one surely enough"):
         decode("flat.png", *few)
     with pytest.raises(
-        VoccError, match="no panel of 4 x 4 LEDs in 1 of 1 frames: at the likeliest place"
+        VoccError,
+        match="no panel of 4 x 4 LEDs in 1 of 1 frames: at the likeliest place",
     ) as said:
         decode(photo.parent / FAR, *few, "receiver.false_alarms=1e-5")
     word = re.search(r"give (receiver\.false_alarms=\S+)", str(said.value))[1]
@@ -113,9 +141,23 @@ def nothing_in(*rates):
     read = Summary()
     for number, rate in enumerate(rates):
         frame = RecordedFrame(
-            "film.mp4", number, 0.1, np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1), np.uint8)
+            "film.mp4",
+            number,
+            0.1,
+            np.zeros((1, 1, 3), np.uint8),
+            np.zeros((1, 1), np.uint8),
         )
-        none = np.zeros((4, 2)), np.zeros((4, 4), bool), {}, 0.0, 0.0, 0, False, 0.0, False
+        none = (
+            np.zeros((4, 2)),
+            np.zeros((4, 4), bool),
+            {},
+            0.0,
+            0.0,
+            0,
+            False,
+            0.0,
+            False,
+        )
         read.add(Reading(frame, False, *none, false_alarms=rate))
     return read
 
@@ -123,8 +165,14 @@ def nothing_in(*rates):
 @pytest.mark.parametrize(
     ("rates", "said"),
     [
-        ((0.2,), "in film.mp4, frame 0, 0.2 false alarms are expected in a frame without a panel: give"),
-        ((math.inf, 0.04, 1.0, 0.02, 0.03, math.nan), "in film.mp4, frame 3, 0.02 false alarms are expected"),
+        (
+            (0.2,),
+            "in film.mp4, frame 0, 0.2 false alarms are expected in a frame without a panel: give",
+        ),
+        (
+            (math.inf, 0.04, 1.0, 0.02, 0.03, math.nan),
+            "in film.mp4, frame 3, 0.02 false alarms are expected",
+        ),
         ((0.02,) * 10, "in a frame without a panel, 0.2 in 10: give"),
         (
             (1.0, 0.04) * 5,
@@ -149,24 +197,41 @@ def test_the_rate_that_is_named_is_enough_and_hardly_more(rate):
 def test_what_was_tried_is_not_advised():
     paper = SimpleNamespace(locator=PaperLocator(), shape=TOLD.shape)
     said = nothing_in(math.nan, 0.0, -1.0).hint(DecodeConfig(), True, paper)
-    assert "see receiver.location for the locator's limits and decode.channel=auto" in said
-    assert "see receiver.location" not in nothing_in(math.nan).hint(DecodeConfig(), True, TOLD)
+    assert (
+        "see receiver.location for the locator's limits and decode.channel=auto" in said
+    )
+    assert "see receiver.location" not in nothing_in(math.nan).hint(
+        DecodeConfig(), True, TOLD
+    )
     followed = nothing_in(math.nan).hint(DecodeConfig(follow="auto"), True, TOLD)
     assert followed.startswith("try decode.follow=false")
-    assert "channel" not in nothing_in(math.inf).hint(DecodeConfig(channel="auto"), True, TOLD)
-    assert "receiver=recommended" not in nothing_in(math.inf).hint(DecodeConfig(), False, TOLD)
+    assert "channel" not in nothing_in(math.inf).hint(
+        DecodeConfig(channel="auto"), True, TOLD
+    )
+    assert "receiver=recommended" not in nothing_in(math.inf).hint(
+        DecodeConfig(), False, TOLD
+    )
     assert (
-        nothing_in(0.01).hint(DecodeConfig(follow="true"), True, TOLD).startswith("try decode.follow=false")
+        nothing_in(0.01)
+        .hint(DecodeConfig(follow="true"), True, TOLD)
+        .startswith("try decode.follow=false")
     )
 
 
 def test_the_settings_of_a_run_are_those_of_its_model(decode, photo, tmp_path):
     """Not those that decode takes without one."""
     words = "receiver.location.closing_px=9", "budget.training_frames=16"
-    run_task(composed("task=train", *words, "receiver.locator=refined", "name=x"), tmp_path / "trained")
+    run_task(
+        composed("task=train", *words, "receiver.locator=refined", "name=x"),
+        tmp_path / "trained",
+    )
     decode(photo, f"model={tmp_path / 'trained' / 'receiver.pt'}")
     used = OmegaConf.load(tmp_path / "out" / "config.yaml")
-    assert (used.receiver.locator, used.receiver.save, used.receiver.location.closing_px) == (
+    assert (
+        used.receiver.locator,
+        used.receiver.save,
+        used.receiver.location.closing_px,
+    ) == (
         "refined",
         "flda_3",
         9,
@@ -176,8 +241,13 @@ def test_the_settings_of_a_run_are_those_of_its_model(decode, photo, tmp_path):
 
 def test_a_model_of_few_leds_brings_its_own_locator(decode, photo, tmp_path):
     """Of which the one that decode takes without a model states nothing."""
-    small, few = ("panel.rows=2", "panel.columns=4"), ("budget.training_frames=16", "name=x")
-    with pytest.raises(VoccError, match="panel is 2 x 4: it must be of at least 16 LEDs"):
+    small, few = (
+        ("panel.rows=2", "panel.columns=4"),
+        ("budget.training_frames=16", "name=x"),
+    )
+    with pytest.raises(
+        VoccError, match="panel is 2 x 4: it must be of at least 16 LEDs"
+    ):
         decode(photo, *small)
     folder = tmp_path / "trained"
     run_task(composed("task=train", *small, *few), folder)
@@ -199,22 +269,41 @@ def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys
     with Image.open(photo) as image:
         image.convert("RGB").save(pictures / "b.bmp")
     rows = decode(pictures, f"model={model}", "decode.scale=2")
-    assert [(row["source"], row["found"]) for row in rows] == [("a.png", "0"), ("b.bmp", "1"), ("b.png", "1")]
+    assert [(row["source"], row["found"]) for row in rows] == [
+        ("a.png", "0"),
+        ("b.bmp", "1"),
+        ("b.png", "1"),
+    ]
     assert "2 of 3 frames show a panel" in capsys.readouterr().out
     # Two pictures of one name do not overwrite one another.
     drawn = list((tmp_path / "out" / "annotated").iterdir())
-    with Image.open(photo) as given, Image.open(drawn[0]) as one, Image.open(drawn[1]) as other:
+    with (
+        Image.open(photo) as given,
+        Image.open(drawn[0]) as one,
+        Image.open(drawn[1]) as other,
+    ):
         assert one.size == other.size == (given.width * 2, given.height * 2)
 
 
 def test_annotated_pictures_have_names_of_their_own(decode, model, photo, tmp_path):
     """Two endings, the name that one of them could get, capitals, two pages, a long name and no text."""
     (tmp_path / "pictures").mkdir()
-    names = ["a.bmp", "a.jpg", "a.jpg.png", "A.png", "a-1.png", "a-2.png", "a-3.png", "é" * 125 + ".png"]
+    names = [
+        "a.bmp",
+        "a.jpg",
+        "a.jpg.png",
+        "A.png",
+        "a-1.png",
+        "a-2.png",
+        "a-3.png",
+        "é" * 125 + ".png",
+    ]
     for name in [*names, os.fsdecode(b"\xff.png")]:
         (tmp_path / "pictures" / name).write_bytes(photo.read_bytes())
     with Image.open(photo) as one:
-        one.save(tmp_path / "pictures" / "a.tiff", save_all=True, append_images=[one.copy()])
+        one.save(
+            tmp_path / "pictures" / "a.tiff", save_all=True, append_images=[one.copy()]
+        )
     rows = decode(tmp_path / "pictures", f"model={model}")
     drawn = [path.stem for path in (tmp_path / "out" / "annotated").iterdir()]
     assert len(rows) == len({name.lower() for name in drawn}) == len(names) + 3
@@ -248,15 +337,23 @@ def test_leds_that_look_alike_are_told(decode, model, tmp_path, capsys):
         decode(tmp_path / "pictures", f"model={model}")
     split = train("paper", classifier="tag_planes", frames=2)
     read = split(seen, Simulator(camera).true_panels(scene))
-    assert (parted(read.scores, read.bits) < LEAST_PARTED).tolist() == [False, True, True]
+    assert (parted(read.scores, read.bits) < LEAST_PARTED).tolist() == [
+        False,
+        True,
+        True,
+    ]
     assert (read.bits[1:] != bits[1:]).float().mean() > 0.2
 
 
-def test_one_bad_picture_is_named_and_the_others_are_kept(decode, model, photo, photo_bits, tmp_path):
+def test_one_bad_picture_is_named_and_the_others_are_kept(
+    decode, model, photo, photo_bits, tmp_path
+):
     (tmp_path / "pictures").mkdir()
     for name, size in (("[red]a.png", -1), ("b.png", 1000), ("c.png", -1)):
         (tmp_path / "pictures" / name).write_bytes(photo.read_bytes()[:size])
-    with pytest.raises(VoccError, match=r"b.png cannot be read .*; bits.csv has the 2 frames"):
+    with pytest.raises(
+        VoccError, match=r"b.png cannot be read .*; bits.csv has the 2 frames"
+    ):
         decode("pictures", f"model={model}")
     with (tmp_path / "out" / "bits.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -298,7 +395,9 @@ RECORDINGS = {
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_a_recording_that_cannot_be_used_leaves_nothing(decode, model, photo, tmp_path, name):
+def test_a_recording_that_cannot_be_used_leaves_nothing(
+    decode, model, photo, tmp_path, name
+):
     (tmp_path / "text.png").write_text("no picture")
     (tmp_path / "film.mp4").write_text("no film")
     (tmp_path / "empty").mkdir()
@@ -324,7 +423,11 @@ def test_models_that_do_not_fit(decode, model, photo, tmp_path):
     for path, more, part in (
         *unread,
         ("no.pt", (), "model no.pt does not exist"),
-        (model, ("panel.rows=4",), "8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8"),
+        (
+            model,
+            ("panel.rows=4",),
+            "8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8",
+        ),
     ):
         with pytest.raises(VoccError, match=part):
             decode(photo, f"model={path}", *more)
@@ -352,13 +455,24 @@ def test_the_receiver_that_ships_is_what_its_command_trains(decode, photo, tmp_p
         assert trained.trained_on[name] == pytest.approx(bounds, rel=1e-6)
 
 
-def test_a_panel_that_hangs_upside_down_is_read_upright(decode, photo, photo_bits, tmp_path):
-    Image.open(photo).rotate(180).transpose(Image.Transpose.FLIP_LEFT_RIGHT).save(tmp_path / "down.png")
+def test_a_panel_that_hangs_upside_down_is_read_upright(
+    decode, photo, photo_bits, tmp_path
+):
+    Image.open(photo).rotate(180).transpose(Image.Transpose.FLIP_LEFT_RIGHT).save(
+        tmp_path / "down.png"
+    )
     # Turned by 180 degrees and then mirrored: both undo what was done, for the two commute.
-    assert decode(tmp_path / "down.png", "decode.turn=180", "decode.mirror=true")[0]["bits"] == photo_bits
+    assert (
+        decode(tmp_path / "down.png", "decode.turn=180", "decode.mirror=true")[0][
+            "bits"
+        ]
+        == photo_bits
+    )
 
 
-def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(photo, photo_bits, tmp_path):
+def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(
+    photo, photo_bits, tmp_path
+):
     """Matroska through a pipe; the table has a row a frame once the film ends."""
     with av.open(str(tmp_path / "film.mkv"), "w") as container:
         picture = Image.open(photo).convert("RGB").crop((0, 0, 360, 346))
@@ -368,10 +482,23 @@ def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(photo, photo_bits,
         for _ in range(4):
             container.mux(stream.encode(av.VideoFrame.from_image(picture)))
         container.mux(stream.encode())
-    command = [sys.executable, "-m", "vocc_torch", "task=decode", "input=-", "name=live"]
+    command = [
+        sys.executable,
+        "-m",
+        "vocc_torch",
+        "task=decode",
+        "input=-",
+        "name=live",
+    ]
     with (tmp_path / "film.mkv").open("rb") as film:
         run = subprocess.run(
-            command, cwd=tmp_path, stdin=film, capture_output=True, text=True, timeout=300, check=False
+            command,
+            cwd=tmp_path,
+            stdin=film,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
         )
     assert run.returncode == 0, run.stderr
     assert "4 of 4 frames show a panel; latency" in run.stdout

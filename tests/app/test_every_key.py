@@ -21,18 +21,33 @@ from vocc_torch.studies.effects import Severity
 from vocc_torch.studies.export.run import identity_of
 
 ROOT = Path(__file__).parents[2]
-LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
+LMMSE = ClassifierSettings(
+    {"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"}
+)
 PART = {"_target_": "vocc_torch.receiver.locators.paper.PaperLocator"}
 FAR = Experiment("far", "distance_m", (60.0, 70.0))
 DIM = Experiment("dim", "ambient_lx", (1000.0, 2000.0))
-GRID = Experiment("dim", "ambient_lx", (2000.0,), row_axis="led_luminance_cd_m2", rows=(1000.0,))
+GRID = Experiment(
+    "dim", "ambient_lx", (2000.0,), row_axis="led_luminance_cd_m2", rows=(1000.0,)
+)
 CAMERA = {
-    **{"focal_length_mm": 18.0, "sensor_width_mm": 12.0, "width_px": 1280, "height_px": 720, "f_number": 8.0},
+    **{
+        "focal_length_mm": 18.0,
+        "sensor_width_mm": 12.0,
+        "width_px": 1280,
+        "height_px": 720,
+        "f_number": 8.0,
+    },
     **{"exposure_time_s": 1e-3, "gamma": 1.8, "iso_limits": (100.0, 64000.0)},
 }
 SECTIONS = {
     "scene": {
-        **{"name": "other", "ambient_lx": 5000.0, "led_luminance_cd_m2": 2500.0, "distance_m": 45.0},
+        **{
+            "name": "other",
+            "ambient_lx": 5000.0,
+            "led_luminance_cd_m2": 2500.0,
+            "distance_m": 45.0,
+        },
         **{
             "background_grey": 90.0,
             "offset_x_m": 0.5,
@@ -43,23 +58,57 @@ SECTIONS = {
     "scene.camera": CAMERA,
     "camera": {**CAMERA, "calibration_constant": 14.0},
     "panel": {
-        **{"rows": 6, "columns": 4, "led_diameter_m": 0.02, "led_gap_m": 0.04, "led_reflectance": 0.3},
+        **{
+            "rows": 6,
+            "columns": 4,
+            "led_diameter_m": 0.02,
+            "led_gap_m": 0.04,
+            "led_reflectance": 0.3,
+        },
         **{"background_reflectance": 0.2, "board_reflectance": 0.1},
     },
     "receiver": {
-        **{"names": ["flda_2", "flda_3"], "locator": "refined", "features": ["agr", "gri"]},
-        **{"samples_per_led": 16, "gradient": "central", "save": "flda_2", "false_alarms": 0.01},
+        **{
+            "names": ["flda_2", "flda_3"],
+            "locator": "refined",
+            "features": ["agr", "gri"],
+        },
+        **{
+            "samples_per_led": 16,
+            "gradient": "central",
+            "save": "flda_2",
+            "false_alarms": 0.01,
+        },
     },
     "receiver.location": {
-        **{"closing_px": 13, "min_area_px": 50, "min_rectangularity": 0.6, "min_compactness": 0.8},
+        **{
+            "closing_px": 13,
+            "min_area_px": 50,
+            "min_rectangularity": 0.6,
+            "min_compactness": 0.8,
+        },
         "quadrilateral": "upright",
     },
     "experiment": {
-        **{"name": "other", "axis": "led_luminance_cd_m2", "values": (2000.0,), "row_axis": "distance_m"},
-        **{"scene": {"distance_m": 45.0}, "training": {"distance_m": 45.0}, "rows": (40.0, 50.0)},
+        **{
+            "name": "other",
+            "axis": "led_luminance_cd_m2",
+            "values": (2000.0,),
+            "row_axis": "distance_m",
+        },
+        **{
+            "scene": {"distance_m": 45.0},
+            "training": {"distance_m": 45.0},
+            "rows": (40.0, 50.0),
+        },
     },
     "budget": {
-        **{"frames": 700, "training_frames": 600, "target_frame_errors": 50, "precision": 0.2},
+        **{
+            "frames": 700,
+            "training_frames": 600,
+            "target_frame_errors": 50,
+            "precision": 0.2,
+        },
         **{"least_ber": 0.01, "trainings": 2, "rare": True},
     },
     "figures": {
@@ -67,19 +116,49 @@ SECTIONS = {
         "experiments": {"ambient": replace(FAR, name="ambient")},
     },
     "effects": {
-        **{"names": ["defocus"], "located_frames": 1, "severity_frames": 1, "repeats": 1},
+        **{
+            "names": ["defocus"],
+            "located_frames": 1,
+            "severity_frames": 1,
+            "repeats": 1,
+        },
         "parts": {"defocus": {"defocus": {"focus_distance_m": 9}}},
         "severity": {"defocus": Severity("defocus.focus_distance_m", [12.0, 8.0])},
     },
     "tradeoff": {
-        **{"locators": ["truth"], "samples_per_led": [16], "gradients": ["central"], "dtypes": ["float64"]},
-        **{"varied": ["flda_2"], "combine": "all", "batch_sizes": [2], "frames": ["crops"], "repeats": 1},
-        **{"threads": 2, "frames_a_preamble": 2, "genie_frames": 1, "scenes": {"far": {"distance_m": 70}}},
+        **{
+            "locators": ["truth"],
+            "samples_per_led": [16],
+            "gradients": ["central"],
+            "dtypes": ["float64"],
+        },
+        **{
+            "varied": ["flda_2"],
+            "combine": "all",
+            "batch_sizes": [2],
+            "frames": ["crops"],
+            "repeats": 1,
+        },
+        **{
+            "threads": 2,
+            "frames_a_preamble": 2,
+            "genie_frames": 1,
+            "scenes": {"far": {"distance_m": 70}},
+        },
         **{"devices": ["cpu", "cuda"], "onnx": True},
     },
     "rivals": {
-        **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},
-        **{"scene_frames": 1, "scene_training_frames": 2, "experiments": {"ambient": DIM, "distance": FAR}},
+        **{
+            "reference": "flda_2",
+            "points": {"ambient": 2000},
+            "genie_frames": 1,
+            "scenes": {},
+        },
+        **{
+            "scene_frames": 1,
+            "scene_training_frames": 2,
+            "experiments": {"ambient": DIM, "distance": FAR},
+        },
     },
     "decode": {
         "channel": "max",
@@ -93,36 +172,94 @@ SECTIONS = {
     },
     "export": {"points": "test", "frames": 64, "shard_frames": 64},
     "transmit": {
-        **{"symbol_rate_hz": 50.0, "code": "none", "code_rate": 0.5, "block_symbols": 64, "bands": 2},
+        **{
+            "symbol_rate_hz": 50.0,
+            "code": "none",
+            "code_rate": 0.5,
+            "block_symbols": 64,
+            "bands": 2,
+        },
         **{"sync_cells": 1, "anchors": False, "interleave": False, "scramble": False},
         **{"repeats": 2, "cell_px": 16},
     },
     "record": {
-        **{"fps": 150.0, "drift": 0.01, "start_s": 0.1, "readout_s": 0.01, "dropped": 0.1, "repeated": 0.1},
-        **{"black": 0.1, "burst_frames": 3, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
+        **{
+            "fps": 150.0,
+            "drift": 0.01,
+            "start_s": 0.1,
+            "readout_s": 0.01,
+            "dropped": 0.1,
+            "repeated": 0.1,
+        },
+        **{
+            "black": 0.1,
+            "burst_frames": 3,
+            "speed_m_s": 1.0,
+            "margin": 2.0,
+            "quality": 20,
+        },
     },
     "calibrate": {
         **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},
         **{"quantum_efficiency": 0.5, "fps": 50.0},
     },
-    "train_detector": {"small_blocks": 2, "wide_blocks": 1, "scout_steps": 2, "judge_steps": 2},
+    "train_detector": {
+        "small_blocks": 2,
+        "wide_blocks": 1,
+        "scout_steps": 2,
+        "judge_steps": 2,
+    },
     "receive": {
-        **{"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
+        **{
+            "plan": "p.yaml",
+            "fps": 100.0,
+            "locate_every": 1,
+            "channel": "max",
+            "soft": "hard",
+        },
         "follow": "true",
     },
     "messages": {
-        **{"distance_m": [40.0], "ambient_lx": [3.0], "ratio": [3.0], "at_distance_m": 70.0, "at_ratio": 3.0},
-        **{"codes": ["none"], "soft": ["hard"], "interleave": [False], "recordings": 2, "blocks": 2},
+        **{
+            "distance_m": [40.0],
+            "ambient_lx": [3.0],
+            "ratio": [3.0],
+            "at_distance_m": 70.0,
+            "at_ratio": 3.0,
+        },
+        **{
+            "codes": ["none"],
+            "soft": ["hard"],
+            "interleave": [False],
+            "recordings": 2,
+            "blocks": 2,
+        },
     },
 }
 SECTIONS["messages.signalling"] = {
-    name: value for name, value in SECTIONS["transmit"].items() if name not in ("repeats", "cell_px")
+    name: value
+    for name, value in SECTIONS["transmit"].items()
+    if name not in ("repeats", "cell_px")
 }
 SECTIONS["messages.record"] = SECTIONS["record"]
 OTHER = {
-    **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
-    **{"name": "other", "seed": 1, "precision": "float64", "framing": "full", "batch_frames": 32},
-    **{"classifiers": {"own": LMMSE}, "locators": {"own": PART}, "features": {"own": PART}},
+    **{
+        f"{place}.{name}": value
+        for place, keys in SECTIONS.items()
+        for name, value in keys.items()
+    },
+    **{
+        "name": "other",
+        "seed": 1,
+        "precision": "float64",
+        "framing": "full",
+        "batch_frames": 32,
+    },
+    **{
+        "classifiers": {"own": LMMSE},
+        "locators": {"own": PART},
+        "features": {"own": PART},
+    },
     **{"device": "cpu", "workers": 3, "tensorboard": False},
     **{"executor.kind": "here", "executor.address": "local"},
     **{"input": "photo.png", "model": "receiver.pt", "plug_ins": ["mine.py"]},
@@ -165,7 +302,10 @@ WHO = ("workers", "executor")
 
 FROM_OTHERS = {
     "tradeoff": {
-        **{"receiver.locator": "locators", "receiver.samples_per_led": "samples_per_led"},
+        **{
+            "receiver.locator": "locators",
+            "receiver.samples_per_led": "samples_per_led",
+        },
         **{"receiver.gradient": "gradients", "device": "devices"},
     }
 }
@@ -178,7 +318,13 @@ def of(task):
     own = settings.effects
     rivals, figures = settings.rivals, settings.figures
     kept = {"defocus", "night", "ambient", "distance", "dimming", "lmmse"}
-    several = (own.parts, own.severity, rivals.scenes, figures.experiments, settings.classifiers)
+    several = (
+        own.parts,
+        own.severity,
+        rivals.scenes,
+        figures.experiments,
+        settings.classifiers,
+    )
     for part in several[: None if task in ("classifiers", "tradeoff") else -1]:
         for name in set(part) - kept:
             del part[name]
@@ -188,29 +334,48 @@ def of(task):
 def changed(settings, key, value):
     """The settings with one key changed."""
     first, _, rest = key.partition(".")
-    return replace(settings, **{first: changed(getattr(settings, first), rest, value) if rest else value})
+    return replace(
+        settings,
+        **{first: changed(getattr(settings, first), rest, value) if rest else value},
+    )
 
 
 def learned(plan):
     """What a trained receiver comes from."""
     told = identity(plan, [plan.receiver.locator])
     told["experiment"] = told["experiment"]["training"]
-    return told | {"save": plan.receiver.save, "batches": (plan.world.device, plan.batch_frames)}
+    return told | {
+        "save": plan.receiver.save,
+        "batches": (plan.world.device, plan.batch_frames),
+    }
 
 
 def counted(study):
     """What the counts of a study come from, and how far they go."""
     trained = learned(study.plan)
-    return trained, study.identity, study.plan.budget, study.plan.experiment.values, study.locators
+    return (
+        trained,
+        study.identity,
+        study.plan.budget,
+        study.plan.experiment.values,
+        study.locators,
+    )
 
 
 def spent(settings):
     """What a task's results come from, as the package itself names it, and the settings of its own."""
     task, study = settings.task, built(settings)
     plan = build_plan(settings, NOWHERE)
-    if task in ("train", "decode", "export_receiver"):  # which name no receivers; train alone narrows scenes
+    if task in (
+        "train",
+        "decode",
+        "export_receiver",
+    ):  # which name no receivers; train alone narrows scenes
         scenes = plan.experiment.training if task == "train" else {}
-        one, experiment = replace(plan.receiver, names=("flda_3",)), replace(plan.experiment, training=scenes)
+        one, experiment = (
+            replace(plan.receiver, names=("flda_3",)),
+            replace(plan.experiment, training=scenes),
+        )
         held = plan.budget.frames if task == "export_receiver" else 0
         return held, learned(replace(plan, receiver=one, experiment=experiment))
     if task == "transmit":
@@ -218,18 +383,36 @@ def spent(settings):
     if task in ("record", "receive"):
         one = replace(plan, receiver=replace(plan.receiver, names=("flda_3",)))
         one = replace(one, experiment=replace(plan.experiment, training={}))
-        told = learned(one) if task == "receive" else (learned(one)["world"], learned(one)["batches"])
+        told = (
+            learned(one)
+            if task == "receive"
+            else (learned(one)["world"], learned(one)["batches"])
+        )
         return told, plan.seed, settings.record, settings.receive, settings.framing
     if task == "calibrate":
         one, world = plan.receiver, plan.world
-        found = one.locator, one.locators, one.location, one.false_alarms, world.camera, world.panel
+        found = (
+            one.locator,
+            one.locators,
+            one.location,
+            one.false_alarms,
+            world.camera,
+            world.panel,
+        )
         return found, settings.calibrate
     if task == "messages":
         told = identity(plan, [plan.receiver.locator])["experiment"]["scene"]
-        return learned(replace(plan, receiver=replace(plan.receiver, save="flda_3"))), told, settings.messages
+        return (
+            learned(replace(plan, receiver=replace(plan.receiver, save="flda_3"))),
+            told,
+            settings.messages,
+        )
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
-        return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
+        return grid, [
+            counted(Study("", row, (row.receiver.locator,)))
+            for row in plan.rows().values()
+        ]
     if task == "train_detector":
         return plan.seed, settings.train_detector
     if task == "export":
@@ -238,13 +421,32 @@ def spent(settings):
         worlds = [learned(one.plan)["world"] for one in study.readings]
         return study.names, [counted(one) for one in study.every_study()], worlds
     if task == "effects":
-        scene, names = learned(study.plan_of(study.scene, "paper")), (study.shown, study.scene_name)
-        return scene, names, study.pairs, study.severities, study.config, study.plan.budget
+        scene, names = (
+            learned(study.plan_of(study.scene, "paper")),
+            (study.shown, study.scene_name),
+        )
+        return (
+            scene,
+            names,
+            study.pairs,
+            study.severities,
+            study.config,
+            study.plan.budget,
+        )
     if task == "tradeoff":
         told = [learned(study.training(one)) for one in study.settings[:1]]
-        return study.settings, told, study.config, study.missing, study.scene_name, study.plan.budget
+        return (
+            study.settings,
+            told,
+            study.config,
+            study.missing,
+            study.scene_name,
+            study.plan.budget,
+        )
     if task == "classifiers":
-        scenes = {name: identity(one, ["truth"]) for name, one in study.scene_plans.items()}
+        scenes = {
+            name: identity(one, ["truth"]) for name, one in study.scene_plans.items()
+        }
         return [counted(one) for one in study.studies], scenes, study.config, study.home
     return None
 
@@ -266,22 +468,40 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     source = inspect.getsource(getattr(place, run) if of_two else place)
     usual, silent, refused = spent(base), [], []
     brought = FROM_OTHERS.get(task, {})
-    others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
+    others = (
+        composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought))
+        if brought
+        else None
+    )
     for key, value in (
         OTHER
-        | ({"receiver.locator": "paper"} if task in ("decode", "receive", "messages", "calibrate") else {})
+        | (
+            {"receiver.locator": "paper"}
+            if task in ("decode", "receive", "messages", "calibrate")
+            else {}
+        )
         | ({"receiver.names": ["flda_3"]} if task == "messages" else {})
     ).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
             with suppress(VoccError):  # the task may refuse that too
-                alone, settings = spent(changed(base, name, also)), changed(base, name, also)
+                alone, settings = (
+                    spent(changed(base, name, also)),
+                    changed(base, name, also),
+                )
         try:
             refuse_ignored(settings, [word])
-            if key in LATER and (key != "scene.name" or task == "test"):  # the study reads it, or its section
-                done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
+            if key in LATER and (
+                key != "scene.name" or task == "test"
+            ):  # the study reads it, or its section
+                done = any(
+                    f"{of}.{key.rpartition('.')[2]}" in source
+                    for of in ("settings", "config")
+                )
                 done = done or key in ("name", "scene.name")
-                done = done or (key.partition(".")[0] in WHO and "Workers.of(settings)" in source)
+                done = done or (
+                    key.partition(".")[0] in WHO and "Workers.of(settings)" in source
+                )
             elif key in brought:
                 own = [getattr(one.tradeoff, brought[key]) for one in (base, others)]
                 done = own[0][0] != own[1][0] and own[1][0] == value
@@ -296,13 +516,28 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
 
 
 def test_with_a_model_what_it_was_made_with_is_refused():
-    base, used = replace(of("decode"), model="r.pt"), {"name", "device", "input", "model", "plug_ins"}
-    used.add("receiver.false_alarms")  # of which the model has one, and another may be given
+    base, used = (
+        replace(of("decode"), model="r.pt"),
+        {"name", "device", "input", "model", "plug_ins"},
+    )
+    used.add(
+        "receiver.false_alarms"
+    )  # of which the model has one, and another may be given
     for key, value in OTHER.items():
-        if key in used or key.startswith("decode.") or key in ("panel.rows", "panel.columns"):
+        if (
+            key in used
+            or key.startswith("decode.")
+            or key in ("panel.rows", "panel.columns")
+        ):
             refuse_ignored(base, [f"{key}={value}"])
         else:
-            with pytest.raises(VoccError, match=f"^{key} is .*(the model brings|does not use)"):
+            with pytest.raises(
+                VoccError, match=f"^{key} is .*(the model brings|does not use)"
+            ):
                 refuse_ignored(base, [f"{key}={value}"])
-    with pytest.raises(VoccError, match=r"^receiver.false_alarms is 0.1: the model brings"):
-        refuse_ignored(replace(of("receive"), model="r.pt"), ["receiver.false_alarms=0.1"])
+    with pytest.raises(
+        VoccError, match=r"^receiver.false_alarms is 0.1: the model brings"
+    ):
+        refuse_ignored(
+            replace(of("receive"), model="r.pt"), ["receiver.false_alarms=0.1"]
+        )

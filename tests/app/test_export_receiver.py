@@ -17,7 +17,12 @@ from vocc_torch.measure.train import calibrated_receiver, train
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.calibration import Calibration
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.export_receiver import GRAPHS, compared, crops, run_export_receiver
+from vocc_torch.studies.export_receiver import (
+    GRAPHS,
+    compared,
+    crops,
+    run_export_receiver,
+)
 
 NETWORKS = ("cnn", "mlp", "mlp_features")
 IN_GRAPHS = (
@@ -59,9 +64,17 @@ class BrightBox:
 def receiver_of(name):
     """A calibrated receiver of a classifier that ships, or of FLDA."""
     words = [] if name == "flda_3" else [f"classifier={name}"]
-    words += [f"++classifiers.{name}.training={{frames: 600, epochs: 6}}"] if name in NETWORKS else []
-    plan = study_of("task=train", f"receiver.save={name}", "receiver.locator=truth", *BRIEF, *words)
-    return calibrated_receiver(plan, train(replace(plan, experiment=replace(plan.experiment, training={}))))
+    words += (
+        [f"++classifiers.{name}.training={{frames: 600, epochs: 6}}"]
+        if name in NETWORKS
+        else []
+    )
+    plan = study_of(
+        "task=train", f"receiver.save={name}", "receiver.locator=truth", *BRIEF, *words
+    )
+    return calibrated_receiver(
+        plan, train(replace(plan, experiment=replace(plan.experiment, training={})))
+    )
 
 
 @pytest.fixture(scope="module", params=["paper", "BrightBox"])
@@ -72,7 +85,13 @@ def exported(tmp_path_factory, request):
     mine.write_text(MINE)
     locator = f"{mine}:BrightBox" if request.param == "BrightBox" else request.param
     words = ("classifier=lmmse", "receiver.save=lmmse", f"receiver.locator={locator}")
-    settings = composed("task=export_receiver", *BRIEF, *words, "scene.distance_m=30", "budget.frames=96")
+    settings = composed(
+        "task=export_receiver",
+        *BRIEF,
+        *words,
+        "scene.distance_m=30",
+        "budget.frames=96",
+    )
     with contextlib.redirect_stdout(said):
         run_export_receiver(settings, folder)
     return folder, Receiver.load(folder / "receiver.pt", [str(mine)]), said.getvalue()
@@ -89,21 +108,31 @@ def test_both_graphs_are_written_and_held_against_torch(exported):
     graphs = [onnx.load(folder / name).graph for name in made]
     names = [[one.name for one in (*graph.input, *graph.output)] for graph in graphs]
     read = ["bits", "scores", "llr"]
-    assert names == [["frames", "corners", *read], ["frames", *read, "corners", "found"]][: len(made)]
+    assert (
+        names
+        == [["frames", "corners", *read], ["frames", *read, "corners", "found"]][
+            : len(made)
+        ]
+    )
 
 
 @pytest.mark.slow
 def test_onnxruntime_decides_as_torch_does(exported):
     """On crops of other sizes, large panels and small ones, and a single one at the end."""
     folder, receiver, _ = exported
-    run, study = onnx_graph.read_graph(folder / "receiver.onnx", threads=1), study_of(*EXPORT, NEAR)
+    run, study = (
+        onnx_graph.read_graph(folder / "receiver.onnx", threads=1),
+        study_of(*EXPORT, NEAR),
+    )
     found = compared(onnx_graph.TensorReceiver(receiver), run, crops(study, 151))
     assert (found.bits, found.bits_apart) == (151 * 64, 0)
     assert 0 < found.most < 1e-4  # the last digits of float32
     frames, corners = next(crops(study, 50))
     bits, scores, ratios = run(frames, corners)
     torch.testing.assert_close(receiver.calibration(scores), ratios, rtol=0, atol=0)
-    corners[0] = torch.nan  # which nothing refuses there, and which touches no other frame
+    corners[0] = (
+        torch.nan
+    )  # which nothing refuses there, and which touches no other frame
     assert torch.equal(run(frames, corners)[0][1:], bits[1:])
     assert run(frames[:1], corners[:1])[0].shape == (1, 8, 8)
 
@@ -114,11 +143,19 @@ def test_a_whole_frame_is_read_in_a_graph_by_a_locator_of_tensors_alone(exported
     """In one of the frames is nothing to find."""
     folder, receiver, _ = exported
     frames = torch.full((4, 100, 150), 91, dtype=torch.uint8)
-    frames[:3, 5:94, 20:109] = next(crops(study_of(*EXPORT, "scene.distance_m=[uniform,30,50]"), 3))[0]
+    frames[:3, 5:94, 20:109] = next(
+        crops(study_of(*EXPORT, "scene.distance_m=[uniform,30,50]"), 3)
+    )[0]
     seen = receiver.decode(frames)
-    bits, scores, ratios, corners, found = onnx_graph.read_graph(folder / "receiver_whole.onnx")(frames)
+    bits, scores, ratios, corners, found = onnx_graph.read_graph(
+        folder / "receiver_whole.onnx"
+    )(frames)
     assert found.tolist() == [True, True, True, False]
-    for own, wanted in ((bits, seen.bits), (corners, seen.corners_px), (found, seen.found)):
+    for own, wanted in (
+        (bits, seen.bits),
+        (corners, seen.corners_px),
+        (found, seen.found),
+    ):
         assert torch.equal(own, wanted)
     for own, wanted in ((scores, seen.scores), (ratios, seen.llr)):
         torch.testing.assert_close(own, wanted, rtol=0, atol=1e-4)
@@ -127,7 +164,10 @@ def test_a_whole_frame_is_read_in_a_graph_by_a_locator_of_tensors_alone(exported
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*IN_GRAPHS, *NETWORKS])
 def test_not_a_bit_of_ten_thousand_crops_differs(name, tmp_path):
-    receiver, (far, near) = receiver_of(name), (study_of(*EXPORT), study_of(*EXPORT, NEAR))
+    receiver, (far, near) = (
+        receiver_of(name),
+        (study_of(*EXPORT), study_of(*EXPORT, NEAR)),
+    )
     onnx_graph.write_graph(receiver, tmp_path / "receiver.onnx", *next(crops(far, 2)))
     run = onnx_graph.read_graph(tmp_path / "receiver.onnx", threads=1)
     given = itertools.chain(crops(far, 9500), crops(near, 500))
@@ -138,7 +178,8 @@ def test_not_a_bit_of_ten_thousand_crops_differs(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"), [("logistic", "decides by scikit-learn"), ("panel_otsu", "fits no ONNX graph")]
+    ("name", "reason"),
+    [("logistic", "decides by scikit-learn"), ("panel_otsu", "fits no ONNX graph")],
 )
 def test_a_receiver_that_no_graph_holds_is_refused_by_its_name(name, reason, tmp_path):
     given = next(crops(study_of(*EXPORT), 2))
@@ -149,22 +190,34 @@ def test_a_receiver_that_no_graph_holds_is_refused_by_its_name(name, reason, tmp
 
 
 def test_without_the_extra_it_says_what_to_install(app, monkeypatch):
-    monkeypatch.setattr(onnx_graph, "find_spec", lambda name: None if name == "onnxscript" else name)
+    monkeypatch.setattr(
+        onnx_graph, "find_spec", lambda name: None if name == "onnxscript" else name
+    )
     said = app("task=export_receiver", "name=one").complaint
     assert said == "an ONNX graph needs onnxscript: pip install 'vocc-torch[onnx]'"
 
 
 @pytest.mark.parametrize("word", ["input=photo.png", "plug_ins=[mine.py]"])
 def test_what_it_does_not_use_is_refused(app, word):
-    assert app("task=export_receiver", "name=one", word).complaint.startswith(word.partition("=")[0])
+    assert app("task=export_receiver", "name=one", word).complaint.startswith(
+        word.partition("=")[0]
+    )
 
 
 def test_ratios_are_numpys_interpolation_to_the_last_bit():
     rng = np.random.default_rng(3)
-    off, on = (tuple(tuple(np.sort(rng.exponential(size=40)).tolist()) for _ in range(2)) for _ in range(2))
+    off, on = (
+        tuple(tuple(np.sort(rng.exponential(size=40)).tolist()) for _ in range(2))
+        for _ in range(2)
+    )
     on = ((*on[0][:5], on[0][4], *on[0][5:]), (*on[1], 9.0))  # a place twice
     scores = np.concatenate(
-        [rng.normal(size=4000) * 3, on[0], np.negative(off[0]), [0.0, -0.0, 1e300, -1e300]]
+        [
+            rng.normal(size=4000) * 3,
+            on[0],
+            np.negative(off[0]),
+            [0.0, -0.0, 1e300, -1e300],
+        ]
     )
     wanted = np.where(scores >= 0, np.interp(scores, *on), -np.interp(-scores, *off))
     given = Calibration(off, on)(torch.from_numpy(scores))

@@ -12,7 +12,15 @@ import sklearn
 import torch
 
 from vocc_torch.measure import plan as identity_module
-from vocc_torch.measure.plan import Budget, ClassifierPlan, Experiment, Plan, ReceiverPlan, World, identity
+from vocc_torch.measure.plan import (
+    Budget,
+    ClassifierPlan,
+    Experiment,
+    Plan,
+    ReceiverPlan,
+    World,
+    identity,
+)
 from vocc_torch.measure.store import canonical
 from vocc_torch.plugins import ModuleFile, PlugIn
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -30,26 +38,68 @@ def under(place, **values):
     return {f"{place}.{name}": value for name, value in values.items()}
 
 
-SCENE = ("ambient_lx", "led_luminance_cd_m2", "distance_m", "background_grey", "offset_x_m", "offset_y_m")
+SCENE = (
+    "ambient_lx",
+    "led_luminance_cd_m2",
+    "distance_m",
+    "background_grey",
+    "offset_x_m",
+    "offset_y_m",
+)
 DEPENDS = {
     "seed": 1,
-    **under("world.camera", focal_length_mm=18.0, sensor_width_mm=12.0, width_px=1280, height_px=720),
-    **under("world.camera", exposure_time_s=1e-3, f_number=8.0, calibration_constant=14.0, gamma=1.0),
+    **under(
+        "world.camera",
+        focal_length_mm=18.0,
+        sensor_width_mm=12.0,
+        width_px=1280,
+        height_px=720,
+    ),
+    **under(
+        "world.camera",
+        exposure_time_s=1e-3,
+        f_number=8.0,
+        calibration_constant=14.0,
+        gamma=1.0,
+    ),
     **under("world.camera", iso_limits=(100.0, 3200.0)),
-    **under("world.panel", shape=SMALL, led_diameter_m=0.02, led_gap_m=0.04, led_reflectance=0.3),
+    **under(
+        "world.panel",
+        shape=SMALL,
+        led_diameter_m=0.02,
+        led_gap_m=0.04,
+        led_reflectance=0.3,
+    ),
     **under("world.panel", background_reflectance=0.2, board_reflectance=0.1),
     **under("world.scene", **dict.fromkeys(SCENE, NEAR)),
-    **under("world", effects={**PAPER_EFFECTS, "blooming": {"sigma_px": 2.0}}, framing="full"),
+    **under(
+        "world",
+        effects={**PAPER_EFFECTS, "blooming": {"sigma_px": 2.0}},
+        framing="full",
+    ),
     **under("world", dtype=torch.float64),
     **under("receiver", names=("flda_3", "flda_2")),
-    **under("receiver.location", closing_px=13, min_area_px=50, min_rectangularity=0.6, min_compactness=0.8),
+    **under(
+        "receiver.location",
+        closing_px=13,
+        min_area_px=50,
+        min_rectangularity=0.6,
+        min_compactness=0.8,
+    ),
     **under("receiver.location", quadrilateral="upright"),
     **under("receiver.reader", shape=SMALL, samples_per_led=6, gradient="central"),
     **under("receiver", false_alarms=0.01),
     **under("receiver", locators={"own": PlugIn("c", "own", "mine.Own")}),
     **under("receiver.reader", more=(PlugIn("c", "own", "mine.Own"),)),
-    **under("receiver", classifiers=(ClassifierPlan("own", PlugIn("c", "own", "mine.Own")),)),
-    **under("experiment", name="another", axis="led_luminance_cd_m2", scene={"distance_m": NEAR}),
+    **under(
+        "receiver", classifiers=(ClassifierPlan("own", PlugIn("c", "own", "mine.Own")),)
+    ),
+    **under(
+        "experiment",
+        name="another",
+        axis="led_luminance_cd_m2",
+        scene={"distance_m": NEAR},
+    ),
     **under("experiment", training={"distance_m": NEAR}),
     **under("budget", training_frames=999, trainings=2, rare=True),
 }
@@ -58,8 +108,15 @@ DEPENDS = {
 DOES_NOT = {
     **{"folder": Path("elsewhere"), "batch_frames": 1, "world.device": "cpu"},
     **under("receiver", save="flda_agr", locator="truth"),
-    **under("experiment", values=(10.0, 20.0, 30.0), row_axis="distance_m", rows=(30.0, 50.0)),
-    **under("budget", frames=10**6, target_frame_errors=5, precision=0.1, least_ber=1e-5),
+    **under(
+        "experiment",
+        values=(10.0, 20.0, 30.0),
+        row_axis="distance_m",
+        rows=(30.0, 50.0),
+    ),
+    **under(
+        "budget", frames=10**6, target_frame_errors=5, precision=0.1, least_ber=1e-5
+    ),
 }
 """What only changes how, where, how far or at which points; the locators that count are an argument."""
 
@@ -72,30 +129,41 @@ def plan():
 
 def leaves(value, path=""):
     """The dotted names of what is no dataclass; a distribution and a panel's shape are one value each."""
-    if not dataclasses.is_dataclass(value) or isinstance(value, Distribution | PanelShape):
+    if not dataclasses.is_dataclass(value) or isinstance(
+        value, Distribution | PanelShape
+    ):
         yield path
         return
     for field in dataclasses.fields(value):
-        yield from leaves(getattr(value, field.name), f"{path}.{field.name}" if path else field.name)
+        yield from leaves(
+            getattr(value, field.name), f"{path}.{field.name}" if path else field.name
+        )
 
 
 def changed(value, path, new):
     """The same with one leaf replaced; the two shapes of a plan go together."""
     if path in ("world.panel.shape", "receiver.reader.shape"):
-        whole = _replaced(value.world, "panel.shape", new), _replaced(value.receiver, "reader.shape", new)
+        whole = (
+            _replaced(value.world, "panel.shape", new),
+            _replaced(value.receiver, "reader.shape", new),
+        )
         return replace(value, world=whole[0], receiver=whole[1])
     if path in ("experiment.row_axis", "experiment.rows"):  # one goes with the other
         grid = replace(value.experiment, row_axis="distance_m", rows=(30.0, 50.0))
         return replace(value, experiment=grid)
     if path == "budget.least_ber":  # it goes with a precision only
-        budget = replace(value.budget, precision=0.2, target_frame_errors=None, least_ber=new)
+        budget = replace(
+            value.budget, precision=0.2, target_frame_errors=None, least_ber=new
+        )
         return replace(value, budget=budget)
     return _replaced(value, path, new)
 
 
 def _replaced(value, path, new):
     first, _, rest = path.partition(".")
-    return replace(value, **{first: _replaced(getattr(value, first), rest, new) if rest else new})
+    return replace(
+        value, **{first: _replaced(getattr(value, first), rest, new) if rest else new}
+    )
 
 
 def test_every_field_of_a_plan_is_known_here(plan):
@@ -111,14 +179,21 @@ def test_what_changes_the_numbers_changes_the_identity(plan, path):
 
 
 @pytest.mark.parametrize("path", DOES_NOT)
-def test_what_does_not_change_the_numbers_does_not_change_the_identity(plan, path, monkeypatch):
-    monkeypatch.setattr(identity_module, "resolve_device", lambda _: torch.device("cpu"))
+def test_what_does_not_change_the_numbers_does_not_change_the_identity(
+    plan, path, monkeypatch
+):
+    monkeypatch.setattr(
+        identity_module, "resolve_device", lambda _: torch.device("cpu")
+    )
     other = changed(plan, path, DOES_NOT[path])
     assert identity(other, ["paper"]) == identity(plan, ["paper"])
 
 
 def test_locators_and_their_order_are_part_of_it(plan):
-    told = [identity(plan, locators) for locators in (["paper"], ["truth"], ["paper", "truth"])]
+    told = [
+        identity(plan, locators)
+        for locators in (["paper"], ["truth"], ["paper", "truth"])
+    ]
     assert len({canonical(one) for one in told}) == 3
 
 
@@ -152,7 +227,9 @@ def test_effects_named_and_their_parameters_are_part_of_it_and_their_order_is_no
     assert told(dict(reversed(paper.items()))) == told(paper)
     for name in paper:
         if name != "saturation":  # quantization needs it
-            assert told({other: given for other, given in paper.items() if other != name}) != told(paper)
+            assert told(
+                {other: given for other, given in paper.items() if other != name}
+            ) != told(paper)
     assert told({**paper, "attenuation": {"visibility_m": 100.0}}) != told(paper)
     assert told({**paper, "attenuation": {"visibility_m": 40000}}) == told(paper)
 
@@ -161,7 +238,14 @@ def test_effects_named_and_their_parameters_are_part_of_it_and_their_order_is_no
     ("name", "written"),
     [
         ("quantization", [{}, {"bits": 8}, {"bits": 10}]),
-        ("pose", [{"yaw_deg": 10}, {"yaw_deg": 10.0, "roll_deg": 0}, {"yaw_deg": ["uniform", 9, 10]}]),
+        (
+            "pose",
+            [
+                {"yaw_deg": 10},
+                {"yaw_deg": 10.0, "roll_deg": 0},
+                {"yaw_deg": ["uniform", 9, 10]},
+            ],
+        ),
     ],
 )
 def test_a_default_that_is_written_out_changes_nothing(plan, name, written):
@@ -178,7 +262,9 @@ def test_a_default_that_is_written_out_changes_nothing(plan, name, written):
 def test_kind_of_device_is_part_of_it_and_its_number_is_not(plan, monkeypatch):
     told = {}
     for device in ("cpu", "cuda:0", "cuda:1"):
-        monkeypatch.setattr(identity_module, "resolve_device", lambda _, at=device: torch.device(at))
+        monkeypatch.setattr(
+            identity_module, "resolve_device", lambda _, at=device: torch.device(at)
+        )
         told[device] = identity(plan, ["paper"])
     assert told["cuda:0"] == told["cuda:1"] != told["cpu"]
 
@@ -193,19 +279,31 @@ def test_releases_are_part_of_it_and_their_patches_are_not(plan, monkeypatch, mo
 
 
 def told(plan, *classifiers):
-    return canonical(identity(replace(plan, receiver=ReceiverPlan(classifiers=classifiers)), ["paper"]))
+    return canonical(
+        identity(
+            replace(plan, receiver=ReceiverPlan(classifiers=classifiers)), ["paper"]
+        )
+    )
 
 
-def test_another_release_of_what_makes_a_classifier_is_another_identity(plan, monkeypatch):
-    bayes = ClassifierPlan("bayes", PlugIn("c", "bayes", "sklearn.naive_bayes.GaussianNB"))
+def test_another_release_of_what_makes_a_classifier_is_another_identity(
+    plan, monkeypatch
+):
+    bayes = ClassifierPlan(
+        "bayes", PlugIn("c", "bayes", "sklearn.naive_bayes.GaussianNB")
+    )
     before = told(plan, bayes)
     monkeypatch.setattr(sklearn, "__version__", "0.1")
     assert told(plan, bayes) != before
 
 
-def test_code_that_a_classifier_comes_from_is_part_of_the_identity(plan, tmp_path, monkeypatch):
+def test_code_that_a_classifier_comes_from_is_part_of_the_identity(
+    plan, tmp_path, monkeypatch
+):
     """Its own file, what that imports from its folder, and a module that is found by name."""
-    (tmp_path / "own.py").write_text("from beside import sign\n\n\nclass Own:\n    pass\n")
+    (tmp_path / "own.py").write_text(
+        "from beside import sign\n\n\nclass Own:\n    pass\n"
+    )
     (tmp_path / "beside.py").write_text("sign = 1\n")
     (tmp_path / "mine_by_name.py").write_text("class Own:\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -227,8 +325,14 @@ def test_code_that_a_classifier_comes_from_is_part_of_the_identity(plan, tmp_pat
 
 def test_where_checkpoints_are_is_no_part_of_it(plan):
     kept, not_kept = (
-        ClassifierPlan("mlp", PlugIn("c", "mlp", "vocc_torch.receiver.classifiers.Mlp"), training=recipe)
+        ClassifierPlan(
+            "mlp",
+            PlugIn("c", "mlp", "vocc_torch.receiver.classifiers.Mlp"),
+            training=recipe,
+        )
         for recipe in (TrainingRecipe(checkpoints="here"), TrainingRecipe())
     )
     assert told(plan, kept) == told(plan, not_kept)
-    assert told(plan, replace(kept, training=TrainingRecipe(epochs=3))) != told(plan, kept)
+    assert told(plan, replace(kept, training=TrainingRecipe(epochs=3))) != told(
+        plan, kept
+    )

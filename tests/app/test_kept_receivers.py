@@ -26,7 +26,9 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 
 SHIPPED = sorted(
-    path.stem for path in Path("conf/classifier").glob("*.yaml") if path.stem not in ("own", "sklearn")
+    path.stem
+    for path in Path("conf/classifier").glob("*.yaml")
+    if path.stem not in ("own", "sklearn")
 )
 NETWORKS = ("cnn", "mlp", "mlp_features")
 FRAMES = """
@@ -78,12 +80,20 @@ def mine(tmp_path_factory):
 @pytest.fixture(scope="module")
 def learned(mine):
     """Every classifier that ships, and one from outside, trained: the plan and the training."""
-    brief = [f"++classifiers.{name}.training={{frames: 32, epochs: 1}}" for name in NETWORKS]
+    brief = [
+        f"++classifiers.{name}.training={{frames: 32, epochs: 1}}" for name in NETWORKS
+    ]
     own = (
         f"+classifiers.level.build._target_={mine}:Level",
         f"receiver.features=[agr,gri,ngr,{mine}:spread]",
     )
-    words = ("task=train", f"classifier=[{','.join(SHIPPED)}]", "receiver.save=level", *brief, *own)
+    words = (
+        "task=train",
+        f"classifier=[{','.join(SHIPPED)}]",
+        "receiver.save=level",
+        *brief,
+        *own,
+    )
     plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=32")
     return plan, train(plan, keep=True)
 
@@ -95,8 +105,12 @@ def kept(learned, mine, tmp_path_factory):
     locators = {"level": f"{mine}:Finder", "lmmse": "refined"}
     (bits, frames), made = sent(16), {}
     for name in (*SHIPPED, "level", "flda", "flda_2"):
-        found = study_of("task=train", f"receiver.locator={locators.get(name, 'paper')}").receiver
-        one = replace(plan.receiver, save=name, locator=found.locator, locators=found.locators)
+        found = study_of(
+            "task=train", f"receiver.locator={locators.get(name, 'paper')}"
+        ).receiver
+        one = replace(
+            plan.receiver, save=name, locator=found.locator, locators=found.locators
+        )
         receiver = trained_receiver(replace(plan, receiver=one), training)
         receiver.calibration = Calibration.of(receiver(frames).scores, bits)
         receiver.save(folder / f"{name}.pt")
@@ -106,7 +120,9 @@ def kept(learned, mine, tmp_path_factory):
 
 def sent(count):
     """Bits and frames of a far panel in low light."""
-    scene = Scene.of(frames=count, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
+    scene = Scene.of(
+        frames=count, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60
+    )
     bits = torch.rand(count, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
     return bits, Simulator().render(scene, bits)
 
@@ -115,26 +131,42 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
     """All of them, and what they took; one that takes up less than it gave is left to be trained again."""
     plan, training = learned
     key = training_key(plan, ["truth"])
-    more = replace(training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31)
+    more = replace(
+        training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31
+    )
     with Store.open(tmp_path / "a.sqlite", {}) as ledger:
-        KeptTrainings([ledger]).keep(key, plan, {"truth": replace(training, more=(more,))})
-    with Store.open(tmp_path / "a.sqlite", {}) as ledger, Store.open(tmp_path / "b.sqlite", {}) as other:
+        KeptTrainings([ledger]).keep(
+            key, plan, {"truth": replace(training, more=(more,))}
+        )
+    with (
+        Store.open(tmp_path / "a.sqlite", {}) as ledger,
+        Store.open(tmp_path / "b.sqlite", {}) as other,
+    ):
         kept = KeptTrainings([other, ledger])
         again = kept.known(key, plan)["truth"]
         assert kept.known(training_key(replace(plan, seed=1), ["truth"]), plan) is None
         # Whatever its network knows, this one comes back with other weights.
         net = training.classifiers["mlp"]
-        monkeypatch.setattr(type(net.classifier), "load_state_dict", lambda self, state: None)
+        monkeypatch.setattr(
+            type(net.classifier), "load_state_dict", lambda self, state: None
+        )
         kept.keep(key, plan, {"truth": replace(training, classifiers={"mlp": net})})
         assert other.trained(key) is None
     drawn = torch.Generator().manual_seed(7)
     for one, back in ((training, again), (more, again.more[0])):
-        assert (one.frames, one.missed, one.made) == (back.frames, back.missed, back.made)
+        assert (one.frames, one.missed, one.made) == (
+            back.frames,
+            back.missed,
+            back.made,
+        )
         assert torch.equal(one.features, back.features)
         assert torch.equal(one.flda.direction, back.flda.direction)
         for name, learner in one.classifiers.items():
             x = torch.rand(1, 8, 8, learner.inputs.size, generator=drawn)
-            given = [which.decision_function(x) for which in (learner, back.classifiers[name])]
+            given = [
+                which.decision_function(x)
+                for which in (learner, back.classifiers[name])
+            ]
             assert torch.equal(*given), name
 
 
@@ -150,13 +182,22 @@ def test_whoever_loads_it_reads_the_same_bits(kept, mine, monkeypatch, count):
         monkeypatch.setattr(sys, "argv", ["-c", str(mine), str(count), *paths])
         exec(FRAMES, {})
     else:
-        subprocess.run([sys.executable, "-c", FRAMES, str(mine), str(count), *paths], check=True)
+        subprocess.run(
+            [sys.executable, "-c", FRAMES, str(mine), str(count), *paths], check=True
+        )
     assert set(SHIPPED) < set(read)
     for name, path in zip(read, paths, strict=True):
         again = torch.load(f"{path}.read", weights_only=True)
-        wanted = (read[name].bits, read[name].scores, read[name].llr, read[name].corners_px)
+        wanted = (
+            read[name].bits,
+            read[name].scores,
+            read[name].llr,
+            read[name].corners_px,
+        )
         assert torch.equal(wanted[0], again[0]), name
-        for one, other in zip(wanted, again, strict=True):  # a solver may round by where its numbers lie
+        for one, other in zip(
+            wanted, again, strict=True
+        ):  # a solver may round by where its numbers lie
             torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9)
         assert read[name].found.all(), name
 
@@ -168,28 +209,47 @@ def refused(path, *plug_ins):
     return str(error.value)
 
 
-def test_code_from_outside_runs_only_where_it_is_named_and_unchanged(kept, mine, tmp_path):
+def test_code_from_outside_runs_only_where_it_is_named_and_unchanged(
+    kept, mine, tmp_path
+):
     path = kept[0] / "level.pt"
     assert "add plug_ins=[mine.py] to run its code" in refused(path)
     assert "add plug_ins=[mine.py]" in refused(path, "other.py")
     changed = tmp_path / "mine.py"
     changed.write_text(f"{MINE}# another\n")
-    assert "has other source than the model was made with: train it again" in refused(path, str(changed))
+    assert "has other source than the model was made with: train it again" in refused(
+        path, str(changed)
+    )
     changed.write_text(MINE)  # the same text elsewhere will do
     assert Receiver.load(path, [str(changed)]).name == "level"
 
 
 FORGED = {
-    "a command": ({"_target_": "os.system", "arguments": {"command": "true"}}, "os.system"),
+    "a command": (
+        {"_target_": "os.system", "arguments": {"command": "true"}},
+        "os.system",
+    ),
     "what could write": (
         {"_target_": "vocc_torch.receiver.classifiers.training.write_atomically"},
         "which is no part of a receiver",
     ),
-    "another package": ({"_target_": "shutil.rmtree", "arguments": {"path": "x"}}, "shutil"),
-    "a call within": ({"arguments": {"classes": {"_target_": "os.getcwd"}}}, "os.getcwd"),
+    "another package": (
+        {"_target_": "shutil.rmtree", "arguments": {"path": "x"}},
+        "shutil",
+    ),
+    "a call within": (
+        {"arguments": {"classes": {"_target_": "os.getcwd"}}},
+        "os.getcwd",
+    ),
     "an attribute": ({"values": {"fit": 1}}, "fit is no attribute that it learns"),
-    "a class's own": ({"values": {"__class__": 1}}, "__class__ is no attribute that it learns"),
-    "unknown inputs": ({"inputs": {"features": ["colour"], "patch": None}}, "inputs.features"),
+    "a class's own": (
+        {"values": {"__class__": 1}},
+        "__class__ is no attribute that it learns",
+    ),
+    "unknown inputs": (
+        {"inputs": {"features": ["colour"], "patch": None}},
+        "inputs.features",
+    ),
     "no mapping": ({"arguments": 3}, "damaged"),
 }
 HOLLOW = {
@@ -232,7 +292,9 @@ def test_an_estimator_with_a_class_that_skops_does_not_trust(kept, mine, tmp_pat
     stranger = ModuleFile(str(mine)).named("Estimator")()
     state["skops"] = torch.frombuffer(bytearray(dumps(stranger)), dtype=torch.uint8)
     write_model(tmp_path / "forged.pt", settings, state)
-    assert "cannot take up what it learned" in refused(tmp_path / "forged.pt", str(mine))
+    assert "cannot take up what it learned" in refused(
+        tmp_path / "forged.pt", str(mine)
+    )
     settings, state = read_model(kept[0] / "logistic.pt")
     settings["classifier"]["values"]["release"] = "0.1"
     write_model(tmp_path / "old.pt", settings, state)
@@ -246,8 +308,12 @@ def test_a_classifier_that_holds_what_no_file_can():
     odd = Odd()
     odd.helper = json
     plug_in = study_of("classifier=lmmse").receiver.classifiers[0].build
-    receiver = Receiver("odd", PaperLocator(), Reader(), Guarded("odd", odd, Inputs(), plug_in))
-    with pytest.raises(VoccError, match=r"^classifier odd: its helper is a module: it must be a number"):
+    receiver = Receiver(
+        "odd", PaperLocator(), Reader(), Guarded("odd", odd, Inputs(), plug_in)
+    )
+    with pytest.raises(
+        VoccError, match=r"^classifier odd: its helper is a module: it must be a number"
+    ):
         receiver.save("never.pt")
     assert not Path("never.pt").exists()
 
@@ -258,7 +324,12 @@ def test_base64_is_what_the_arrays_say(kept):
     raw = np.frombuffer(base64.b64decode(arrays["base64"]), dtype="<f8")
     settings, state = read_model(kept[0] / "flda.pt")
     assert np.array_equal(raw, state["direction"].numpy())
-    assert settings["classifier"]["inputs"]["features"] == ["agr", "gri", "ngr", "spread"]
+    assert settings["classifier"]["inputs"]["features"] == [
+        "agr",
+        "gri",
+        "ngr",
+        "spread",
+    ]
 
 
 # What scores are worth
@@ -268,7 +339,9 @@ def gaussian(seed, count, scale):
     """Scores whose true log-likelihood ratio is known, times a scale that hides it."""
     draw = np.random.default_rng(seed)
     bits = draw.random(count) < 0.5
-    ratio = draw.normal(2.0 * np.where(bits, 1, -1), 2.0)  # N(+-2, 4): the ratio is the value itself
+    ratio = draw.normal(
+        2.0 * np.where(bits, 1, -1), 2.0
+    )  # N(+-2, 4): the ratio is the value itself
     return torch.from_numpy(scale * ratio), torch.from_numpy(bits), ratio
 
 

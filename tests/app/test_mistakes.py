@@ -21,7 +21,11 @@ def test_a_mistake_is_one_line_that_names_the_key(line):
         assert part in said
 
 
-DEEP = {"lists": "[" * 500 + "]" * 500, "mappings": "{a:" * 80 + "1" + "}" * 80, "digits": "9" * 5000}
+DEEP = {
+    "lists": "[" * 500 + "]" * 500,
+    "mappings": "{a:" * 80 + "1" + "}" * 80,
+    "digits": "9" * 5000,
+}
 
 
 @pytest.mark.parametrize("value", DEEP.values(), ids=DEEP.keys())
@@ -34,7 +38,9 @@ def test_what_no_parser_bears_is_one_line_that_names_the_key(value):
 def test_a_name_that_a_terminal_reads_is_refused(name):
     settings = composed("name=x")
     settings.name = name
-    with pytest.raises(VoccError, match=r"^name is '[ -~]+': it must be printable") as refusal:
+    with pytest.raises(
+        VoccError, match=r"^name is '[ -~]+': it must be printable"
+    ) as refusal:
         settings.__post_init__()
     assert refusal.value.value.isprintable()
 
@@ -58,7 +64,10 @@ def test_a_configuration_of_a_stranger_is_not_resolved_or_expanded(tmp_path, tex
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has CUDA: device=cuda is no mistake here")
+@pytest.mark.skipif(
+    torch.cuda.is_available(),
+    reason="this machine has CUDA: device=cuda is no mistake here",
+)
 @pytest.mark.parametrize("device", ["cuda", "cuda:1"])
 def test_a_device_that_is_not_there(device):
     said = complaint_of(f"device={device}")
@@ -67,7 +76,12 @@ def test_a_device_that_is_not_there(device):
 
 
 def test_what_a_model_must_agree_with_may_be_said():
-    assert composed("task=decode", "model=r.pt", "panel.rows=4", "decode.scale=2").panel.rows == 4
+    assert (
+        composed(
+            "task=decode", "model=r.pt", "panel.rows=4", "decode.scale=2"
+        ).panel.rows
+        == 4
+    )
 
 
 def test_what_looks_like_a_key_that_is_passed_over_is_none():
@@ -75,7 +89,12 @@ def test_what_looks_like_a_key_that_is_passed_over_is_none():
     part = "+locators.location={_target_: mine.py:Finder}"
     assert composed(part, "receiver.locator=location").receiver.locator == "location"
     assert composed("experiment=classifiers").task == "classifiers"
-    assert composed("task=tradeoff", part, "receiver.locator=location", "receiver.location.closing_px=5")
+    assert composed(
+        "task=tradeoff",
+        part,
+        "receiver.locator=location",
+        "receiver.location.closing_px=5",
+    )
 
 
 def test_the_scene_changes_the_camera_and_the_experiment_the_scene():
@@ -83,13 +102,21 @@ def test_the_scene_changes_the_camera_and_the_experiment_the_scene():
     assert plan.world.camera.gamma == 2
     assert plan.world.camera.focal_length_mm != 25
     assert plan.experiment.scene["distance_m"] == 33
-    assert plan.experiment.model_at(plan.world, 4000.0).ambient_lx.bounds == (4000, 4000)
+    assert plan.experiment.model_at(plan.world, 4000.0).ambient_lx.bounds == (
+        4000,
+        4000,
+    )
 
 
 # Classes and files that do not serve as classifiers
 
 TINY = (
-    *("experiment.values=[4000]", "budget.frames=64", "budget.training_frames=64", "tensorboard=false"),
+    *(
+        "experiment.values=[4000]",
+        "budget.frames=64",
+        "budget.training_frames=64",
+        "tensorboard=false",
+    ),
     *("receiver.names=[flda_3]", "receiver.locator=truth", "device=cpu", "name=x"),
 )
 BROKEN = """
@@ -159,7 +186,11 @@ def refused(*words):
 
 
 def own(file, target):
-    return ("classifier=own", f"classifiers.own.file={file}", f"classifiers.own.build._target_={target}")
+    return (
+        "classifier=own",
+        f"classifiers.own.file={file}",
+        f"classifiers.own.build._target_={target}",
+    )
 
 
 @pytest.mark.parametrize(
@@ -172,11 +203,23 @@ def own(file, target):
         ("Unpicklable", "classifier own: it must be possible to pickle it"),
         ("Raises", "classifier own: fit failed (RuntimeError: two lines)"),
         ("NoFit", "classifier own is of type NoFit without fit"),
-        ("NoScores", "classifiers.own: NoScores must have decision_function, predict_proba or predict"),
-        ("NoForward", "classifier own: forward failed on (1024, 3) (NotImplementedError"),
-        ("TwoScores", "classifier own: the module gave (1024, 2) for 1024 LEDs: it must give one score each"),
+        (
+            "NoScores",
+            "classifiers.own: NoScores must have decision_function, predict_proba or predict",
+        ),
+        (
+            "NoForward",
+            "classifier own: forward failed on (1024, 3) (NotImplementedError",
+        ),
+        (
+            "TwoScores",
+            "classifier own: the module gave (1024, 2) for 1024 LEDs: it must give one score each",
+        ),
         ("NotANumber", "classifier own: the validation loss is not finite"),
-        ("NothingToLearn", "classifier own: the module has nothing that learns: use a class"),
+        (
+            "NothingToLearn",
+            "classifier own: the module has nothing that learns: use a class",
+        ),
     ],
 )
 def test_a_class_that_does_not_serve(tmp_path, target, words):
@@ -229,12 +272,18 @@ def test_a_file_that_does_not_serve(tmp_path, monkeypatch, name, text, words):
     ],
 )
 def test_an_estimator_that_does_not_serve(target, part):
-    assert part in refused("classifier=sklearn", f"classifiers.sklearn.build._target_={target}")
+    assert part in refused(
+        "classifier=sklearn", f"classifiers.sklearn.build._target_={target}"
+    )
 
 
-@pytest.mark.parametrize("word", ["classifiers.lmmse.build.classes=0", "+classifiers.lmmse.build.colour=0"])
+@pytest.mark.parametrize(
+    "word", ["classifiers.lmmse.build.classes=0", "+classifiers.lmmse.build.colour=0"]
+)
 def test_an_argument_that_a_class_does_not_take(word):
-    assert word.partition("=")[0].rpartition(".")[2] in refused("classifier=lmmse", word)
+    assert word.partition("=")[0].rpartition(".")[2] in refused(
+        "classifier=lmmse", word
+    )
 
 
 PARTS = """
@@ -283,27 +332,51 @@ NUMBER = 3
 BROKEN_PARTS = [
     ("locator", "raises", "locator raises failed (RuntimeError: two lines)"),
     ("locator", "ends", "locator ends failed (SystemExit: 0)"),
-    ("locator", "nothing", "locator nothing: its answer is None: it must be of type Panels"),
+    (
+        "locator",
+        "nothing",
+        "locator nothing: its answer is None: it must be of type Panels",
+    ),
     (
         "locator",
         "three",
         "locator three gave corners_px of (64, 3, 2): it must be a finite tensor of (64, 4, 2)",
     ),
-    ("locator", "not_a_number", "locator not_a_number gave corners_px of (64, 4, 2): it must be a finite"),
-    ("locator", "no_tensor", "locator no_tensor gave found of list: it must be a finite tensor of (64,)"),
-    ("locator", "point", "locator point gave corners that enclose nothing: they must be clockwise"),
+    (
+        "locator",
+        "not_a_number",
+        "locator not_a_number gave corners_px of (64, 4, 2): it must be a finite",
+    ),
+    (
+        "locator",
+        "no_tensor",
+        "locator no_tensor gave found of list: it must be a finite tensor of (64,)",
+    ),
+    (
+        "locator",
+        "point",
+        "locator point gave corners that enclose nothing: they must be clockwise",
+    ),
     ("locator", "mirrored", "locator mirrored gave corners that enclose nothing"),
     ("locator", "Asks", "receiver.locator: "),
     ("locator", "NUMBER", "NUMBER is neither a class nor a function"),
     ("locator", "Missing", "has no Missing"),
     ("features", "raises", "feature raises failed (RuntimeError: two lines)"),
-    ("features", "nothing", "feature nothing gave NoneType: it must give finite numbers of shape (64, 8, 8)"),
+    (
+        "features",
+        "nothing",
+        "feature nothing gave NoneType: it must give finite numbers of shape (64, 8, 8)",
+    ),
     (
         "features",
         "grey",
         "feature grey gave (64, 1, 80, 80): it must give finite numbers of shape (64, 8, 8)",
     ),
-    ("features", "infinite", "feature infinite gave (64, 8, 8): it must give finite numbers"),
+    (
+        "features",
+        "infinite",
+        "feature infinite gave (64, 8, 8): it must give finite numbers",
+    ),
     ("features", "Asks", "receiver.features: "),
     ("features", "Missing", "has no Missing"),
 ]
@@ -313,4 +386,6 @@ BROKEN_PARTS = [
 def test_a_locator_or_feature_that_does_not_serve(tmp_path, kind, target, words):
     (tmp_path / "parts.py").write_text(PARTS)
     one = f"{tmp_path / 'parts.py'}:{target}"
-    assert words in refused(*TINY, f"receiver.{kind}={one if kind == 'locator' else f'[agr,{one}]'}")
+    assert words in refused(
+        *TINY, f"receiver.{kind}={one if kind == 'locator' else f'[agr,{one}]'}"
+    )

@@ -80,9 +80,15 @@ def test_a_fault_in_a_worker_is_seen_and_loses_nothing(command, stand_in):
     ):
         assert lines.count(f"vocc-torch: error: {complaint}") == 1
     # Every line says whose it is, and no line is torn.
-    assert {line[:8] for line in ran.out.splitlines()} == {"job 0 | ", "job 1 | ", "job 2 | "}
+    assert {line[:8] for line in ran.out.splitlines()} == {
+        "job 0 | ",
+        "job 1 | ",
+        "job 2 | ",
+    }
     # The jobs share the cores: as many threads for each as its part of them.
-    (threads,) = {line.split()[-1] for line in ran.out.splitlines() if "| threads " in line}
+    (threads,) = {
+        line.split()[-1] for line in ran.out.splitlines() if "| threads " in line
+    }
     assert int(threads) == max(1, cpu_count() // 2)
 
 
@@ -116,9 +122,14 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
         finally:
             run.kill()
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
-    assert out.endswith("interrupted: the same command with name=two goes on from there\n")
+    assert out.endswith(
+        "interrupted: the same command with name=two goes on from there\n"
+    )
     # What had been counted stays.
-    left = {path.relative_to(stand_in / "runs").as_posix() for path in (stand_in / "runs").rglob("*")}
+    left = {
+        path.relative_to(stand_in / "runs").as_posix()
+        for path in (stand_in / "runs").rglob("*")
+    }
     assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.sqlite"}
 
 
@@ -147,8 +158,14 @@ def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_pat
 MISTAKES = {
     "hydra/launcher=jolib": ["hydra/launcher is 'jolib'", "basic, joblib"],
     "hydra.launcher.n_jobs=2": ["hydra.launcher.n_jobs", "=joblib"],
-    "hydra/launcher=joblib hydra.launcher.n_jobs=0": ["hydra.launcher.n_jobs is 0", "-1 for one a core"],
-    "hydra/launcher=joblib hydra.launcher.n_jobs=two": ["hydra.launcher.n_jobs is 'two'", "a whole number"],
+    "hydra/launcher=joblib hydra.launcher.n_jobs=0": [
+        "hydra.launcher.n_jobs is 0",
+        "-1 for one a core",
+    ],
+    "hydra/launcher=joblib hydra.launcher.n_jobs=two": [
+        "hydra.launcher.n_jobs is 'two'",
+        "a whole number",
+    ],
 }
 
 
@@ -170,7 +187,11 @@ def test_mistakes_of_the_launcher_are_one_line(app, words):
         (("ledger.sqlite",), ("ledger.sqlite",), True),
         ((FAILED, "ledgers"), ("ledgers",), True),
         ((FAILED, CONFIG, "ledger.sqlite"), (CONFIG, "ledger.sqlite"), True),
-        (("ber.csv", CONFIG, "ledger.sqlite"), ("ber.csv", CONFIG, "ledger.sqlite"), False),
+        (
+            ("ber.csv", CONFIG, "ledger.sqlite"),
+            ("ber.csv", CONFIG, "ledger.sqlite"),
+            False,
+        ),
         (("ber.csv", FAILED, "ledger.sqlite"), ("ber.csv", "ledger.sqlite"), False),
         ((CONFIG,), (CONFIG,), False),
         (("mine.txt",), ("mine.txt",), False),
@@ -213,5 +234,9 @@ def test_lines_are_numbered_however_they_are_written(pieces):
         assert under.getvalue() == "" or under.getvalue().endswith("\n")
     lines.close()
     text = "".join(pieces)
-    wanted = text.split("\n") if text and not text.endswith("\n") else text.split("\n")[:-1]
-    assert under.getvalue().splitlines() == [f"job 3 | {line}".rstrip() for line in wanted]
+    wanted = (
+        text.split("\n") if text and not text.endswith("\n") else text.split("\n")[:-1]
+    )
+    assert under.getvalue().splitlines() == [
+        f"job 3 | {line}".rstrip() for line in wanted
+    ]

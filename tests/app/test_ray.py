@@ -35,10 +35,20 @@ cluster.shutdown()
 """Starts a cluster, tells its address, and for each line kills or adds a node."""
 
 AMBIENT = (
-    *("experiment=ambient", "budget.frames=1536", "budget.training_frames=256", "tensorboard=false"),
+    *(
+        "experiment=ambient",
+        "budget.frames=1536",
+        "budget.training_frames=256",
+        "tensorboard=false",
+    ),
     *("receiver=paper", "device=cpu"),
 )
-TINY = (*AMBIENT, "budget.frames=128", "experiment.values=[1000]", "receiver.names=[flda_3]")
+TINY = (
+    *AMBIENT,
+    "budget.frames=128",
+    "experiment.values=[1000]",
+    "receiver.names=[flda_3]",
+)
 
 
 @contextmanager
@@ -69,7 +79,14 @@ def cluster(nodes, **environment):
 
 def begun(cwd, address, *words):
     """The command on a cluster, under way."""
-    command = [sys.executable, "-m", "vocc_torch", *words, "executor=ray", f"executor.address={address}"]
+    command = [
+        sys.executable,
+        "-m",
+        "vocc_torch",
+        *words,
+        "executor=ray",
+        f"executor.address={address}",
+    ]
     there = {**os.environ, "OMP_NUM_THREADS": "1"}
     piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=cwd, env=there, text=True, **piped)
@@ -100,7 +117,9 @@ def test_where_no_cluster_is_one_line_says_so(address, tmp_path):
     assert not (tmp_path / "runs" / "x" / "ledger.sqlite").exists()
 
 
-def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(app, tmp_path):
+def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(
+    app, tmp_path
+):
     assert app(*AMBIENT, "workers=1", "name=one").status == 0
     with cluster(3) as (address, told):
         run = begun(tmp_path, address, *AMBIENT, "name=many")
@@ -113,7 +132,9 @@ def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(app, 
         status, _, err = ended(run)
     assert status == 0, err
     for name in ("ber.csv", "paired.csv"):
-        assert (tmp_path / "runs/one" / name).read_bytes() == (tmp_path / "runs/many" / name).read_bytes()
+        assert (tmp_path / "runs/one" / name).read_bytes() == (
+            tmp_path / "runs/many" / name
+        ).read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +145,10 @@ def two():
 
 
 def test_two_experiments_share_a_cluster(app, two, tmp_path):
-    runs = [begun(tmp_path, two, *TINY, f"seed={seed}", f"name=many{seed}") for seed in (0, 1)]
+    runs = [
+        begun(tmp_path, two, *TINY, f"seed={seed}", f"name=many{seed}")
+        for seed in (0, 1)
+    ]
     for run in runs:
         assert ended(run)[0] == 0
     for seed in (0, 1):
@@ -135,7 +159,10 @@ def test_two_experiments_share_a_cluster(app, two, tmp_path):
 
 def test_a_users_files_travel(app, two, tmp_path):
     """Named relative to where the run is started, which no node knows."""
-    shutil.copy(Path(__file__).parents[2] / "examples/classifiers/nearest_mean.py", tmp_path / "mine.py")
+    shutil.copy(
+        Path(__file__).parents[2] / "examples/classifiers/nearest_mean.py",
+        tmp_path / "mine.py",
+    )
     words = (*TINY, "+classifiers.mean.build._target_=mine.py:NearestMean")
     status, _, err = ended(begun(tmp_path, two, *words, "name=many"))
     assert (status, err) == (0, "")
@@ -148,7 +175,9 @@ def test_a_node_with_another_version_of_the_package_is_refused(tmp_path):
     other = tmp_path / "other" / "vocc_torch"
     shutil.copytree(Path(vocc_torch.__file__).parent, other)
     (other / "rng.py").write_text((other / "rng.py").read_text() + "# another text\n")
-    path = os.pathsep.join([str(other.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    path = os.pathsep.join(
+        [str(other.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    )
     with cluster(1, PYTHONPATH=path) as (address, _):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert (status, err.count("\n")) == (2, 1)
@@ -158,8 +187,13 @@ def test_a_node_with_another_version_of_the_package_is_refused(tmp_path):
 
 def test_a_task_that_runs_out_of_memory_is_one_line(tmp_path):
     """Ray ends tasks where more of the machine's memory is in use than it is told to allow."""
-    limits = {"RAY_memory_usage_threshold": "0.01", "RAY_memory_monitor_refresh_ms": "100"}
+    limits = {
+        "RAY_memory_usage_threshold": "0.01",
+        "RAY_memory_monitor_refresh_ms": "100",
+    }
     with cluster(1, **limits) as (address, _):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert status == 2
-    assert err.splitlines()[-1].startswith("vocc-torch: error: a task ran out of memory on its node, 3 times")
+    assert err.splitlines()[-1].startswith(
+        "vocc-torch: error: a task ran out of memory on its node, 3 times"
+    )

@@ -54,8 +54,23 @@ def test_only_folders_below_runs_are_given(outside):
     (outside / "work" / "runs" / "within").symlink_to("two")
     for name in ("x", "a/b", "within/x", "..x", "circle", "a,b"):
         assert Path(run_folder(name)) == Path("runs") / name
-    bad = ["", ".", "/", "..", "x/..", "x/../..", "../../victim", "out", "out/empty", "out/new", "two/0"]
-    bad += ["out/work/runs", *(str(outside / name) for name in ("victim", "new", "work/runs"))]
+    bad = [
+        "",
+        ".",
+        "/",
+        "..",
+        "x/..",
+        "x/../..",
+        "../../victim",
+        "out",
+        "out/empty",
+        "out/new",
+        "two/0",
+    ]
+    bad += [
+        "out/work/runs",
+        *(str(outside / name) for name in ("victim", "new", "work/runs")),
+    ]
     for name in bad:
         with pytest.raises(VoccError, match="must be a folder below runs/"):
             run_folder(name)
@@ -97,13 +112,18 @@ def test_a_sweep_elsewhere_takes_results_and_begins_a_failed_job_again(app, outs
     sweep = ("-m", "hydra.sweep.dir=../elsewhere")
     assert app(*SMALL, *sweep, "panel.rows=0").complaint.startswith("panel.rows is 0")
     place = outside / "elsewhere" / "0"
-    assert sorted(path.name for path in place.iterdir()) == ["config.yaml", "failed.txt"]
+    assert sorted(path.name for path in place.iterdir()) == [
+        "config.yaml",
+        "failed.txt",
+    ]
     assert app("task=train", *SMALL, *sweep, "panel.rows=4").status == 0
     assert (place / "receiver.pt").exists()
     assert not (place / "failed.txt").exists()
 
 
-def test_the_second_of_two_runs_at_once_is_refused_and_deletes_nothing(app, photo, tmp_path):
+def test_the_second_of_two_runs_at_once_is_refused_and_deletes_nothing(
+    app, photo, tmp_path
+):
     """While the first one decodes; and what it has left by then stays."""
     drawn = tmp_path / "runs" / "x" / "annotated" / "a.png"
     drawn.parent.mkdir(parents=True)
@@ -111,8 +131,13 @@ def test_the_second_of_two_runs_at_once_is_refused_and_deletes_nothing(app, phot
     (tmp_path / "runs" / "new").mkdir()
     for name in ("x", "new"):
         with locked(tmp_path / "runs" / name):
-            said = app("task=decode", f"input={photo}", f"name={name}", *SMALL).complaint
-        assert f"{name} is in use by another run: wait until that one ends, or give another name=" in said
+            said = app(
+                "task=decode", f"input={photo}", f"name={name}", *SMALL
+            ).complaint
+        assert (
+            f"{name} is in use by another run: wait until that one ends, or give another name="
+            in said
+        )
     assert drawn.read_bytes() == b"mine"
     assert list((tmp_path / "runs" / "new").iterdir()) == []
 
@@ -134,17 +159,29 @@ def test_what_killed_runs_left_is_swept_at_the_next_start(app, tmp_path, monkeyp
 
 
 SHORT = (
-    *("budget.frames=128", "budget.training_frames=16", "experiment.values=[4000,8000]", "name=again"),
+    *(
+        "budget.frames=128",
+        "budget.training_frames=16",
+        "experiment.values=[4000,8000]",
+        "name=again",
+    ),
     *("receiver.names=[flda_3]", "tensorboard=false", "device=cpu"),
 )
 
 
-def test_a_table_that_loses_frames_or_values_says_so_and_the_ledger_gives_them_back(app):
+def test_a_table_that_loses_frames_or_values_says_so_and_the_ledger_gives_them_back(
+    app,
+):
     assert "replaced" not in app(*SHORT).out
     first = Path("runs/again/ber.csv").read_bytes()
     assert "replaced" not in app(*SHORT).out
-    told = " ".join(app(*SHORT, "budget.frames=64", "experiment.values=[8000]").out.split())
-    assert "replaced: ber.csv had 128 frames at ambient_lx 4000, 8000; ledger.sqlite has them" in told
+    told = " ".join(
+        app(*SHORT, "budget.frames=64", "experiment.values=[8000]").out.split()
+    )
+    assert (
+        "replaced: ber.csv had 128 frames at ambient_lx 4000, 8000; ledger.sqlite has them"
+        in told
+    )
     assert "replaced" not in app(*SHORT).out
     assert Path("runs/again/ber.csv").read_bytes() == first
 
@@ -169,7 +206,9 @@ def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypa
         *((4000.0, 128, "frames"), (8000.0, 64, "interrupted"))
     ]
     assert app(*SHORT).status == 0
-    tables = [Path(f"runs/{name}/ber.csv").read_bytes() for name in ("again", "undisturbed")]
+    tables = [
+        Path(f"runs/{name}/ber.csv").read_bytes() for name in ("again", "undisturbed")
+    ]
     assert tables[0] == tables[1]
 
 

@@ -16,7 +16,9 @@ class NeighbourNet(nn.Module):
     def __init__(self, n_inputs, hidden=24):
         super().__init__()
         self.weigh = nn.Linear(n_inputs, n_inputs)
-        self.decide = nn.Sequential(nn.Linear(n_inputs, hidden), nn.Tanh(), nn.Linear(hidden, 1))
+        self.decide = nn.Sequential(
+            nn.Linear(n_inputs, hidden), nn.Tanh(), nn.Linear(hidden, 1)
+        )
 
     def forward(self, x):
         """Score."""

@@ -55,7 +55,9 @@ def call(arguments, folder):
         check=False,
     )
     if done.returncode:
-        sys.exit(f"vocc-torch {shlex.join(arguments)}\nended with {done.returncode}: {done.stderr[-2000:]}")
+        sys.exit(
+            f"vocc-torch {shlex.join(arguments)}\nended with {done.returncode}: {done.stderr[-2000:]}"
+        )
     return done.stdout
 
 
@@ -84,7 +86,8 @@ def reduced(source, target):
 def recommended(text):
     """The rates that a recommendation states, of sentences that do not begin with a time."""
     wanted = re.findall(
-        r"(?:For a BER|What is possible|The best here).*?\.(?= [A-Z]|$)", " ".join(text.split())
+        r"(?:For a BER|What is possible|The best here).*?\.(?= [A-Z]|$)",
+        " ".join(text.split()),
     )
     return [" ".join(RATE.findall(said)) for said in wanted]
 
@@ -102,10 +105,15 @@ def keep_run(run, into):
             said.add(f"rows {name} {reduced(path, into / name)}")
         elif path.suffix == ".md":
             said |= {
-                f"heading {name} {line}" for line in path.read_text().splitlines() if line.startswith("#")
+                f"heading {name} {line}"
+                for line in path.read_text().splitlines()
+                if line.startswith("#")
             }
         elif into.name == "recommendation" and path.suffix == ".txt":
-            said |= {f"rates {name} {at:02} {text}" for at, text in enumerate(recommended(path.read_text()))}
+            said |= {
+                f"rates {name} {at:02} {text}"
+                for at, text in enumerate(recommended(path.read_text()))
+            }
     write_lines(said, into)
 
 
@@ -150,9 +158,13 @@ def parameters(thing):
 def keep_names(folder, into):
     """Write the package's names, the groups of ``--help``, and each task's keys with their values."""
     lines = set(public_names())
-    groups = re.findall(r"^(\w+): ([\w, ]+)$", call(["--help"], folder).split("\nKeys")[0], re.MULTILINE)
+    groups = re.findall(
+        r"^(\w+): ([\w, ]+)$", call(["--help"], folder).split("\nKeys")[0], re.MULTILINE
+    )
     options = {group: words.split(", ") for group, words in groups}
-    lines |= {f"option {group}={word}" for group, words in options.items() for word in words}
+    lines |= {
+        f"option {group}={word}" for group, words in options.items() for word in words
+    }
     for task in options["task"]:
         keys = yaml.safe_load(call([f"task={task}", "--cfg", "job"], folder))
         lines |= {f"key {task} {line}" for line in leaves(keys)}
@@ -161,7 +173,8 @@ def keep_names(folder, into):
         {
             line
             for line in lines
-            if not re.match(r"key (?!test)", line) or line.split(" ", 2)[2] not in common
+            if not re.match(r"key (?!test)", line)
+            or line.split(" ", 2)[2] not in common
         },
         into,
     )
@@ -189,9 +202,10 @@ def same(column, old, new):
     if old == new or column in ("ber", "bits", "bit_errors", "frame_errors", "frames"):
         return old == new
     try:
-        return math.isclose(float(old), float(new), rel_tol=1e-5, abs_tol=1e-6) and {old, new}.isdisjoint(
-            "01"
-        )
+        return math.isclose(float(old), float(new), rel_tol=1e-5, abs_tol=1e-6) and {
+            old,
+            new,
+        }.isdisjoint("01")
     except ValueError:
         return False
 
@@ -214,7 +228,11 @@ def table_differences(old, new):
 def differences(names, frozen, made):
     """A line for each difference between what is frozen and what was made."""
     for name in names:
-        paths = {path.relative_to(root) for root in (frozen, made) for path in (root / name).rglob("*.*")}
+        paths = {
+            path.relative_to(root)
+            for root in (frozen, made)
+            for path in (root / name).rglob("*.*")
+        }
         for path in sorted(paths):
             old, new = frozen / path, made / path
             if not (old.exists() and new.exists()):
@@ -222,11 +240,15 @@ def differences(names, frozen, made):
             elif path.as_posix() in BYTE_EQUAL:
                 if old.read_bytes() != new.read_bytes():
                     yield f"{path}: not equal byte for byte"
-                    yield from (f"{path}: {line}" for line in table_differences(old, new))
+                    yield from (
+                        f"{path}: {line}" for line in table_differences(old, new)
+                    )
             elif path.suffix == ".csv":
                 yield from (f"{path}: {line}" for line in table_differences(old, new))
             else:
-                for line in difflib.ndiff(*(file.read_text().splitlines() for file in (old, new))):
+                for line in difflib.ndiff(
+                    *(file.read_text().splitlines() for file in (old, new))
+                ):
                     if line[0] == "-" or (line[0] == "+" and name != NAMES):
                         yield f"{path}: {'is gone' if line[0] == '-' else 'is new'}: {line[2:]}"
 
@@ -237,9 +259,18 @@ def main(words=None):
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("verb", choices=("make", "check", "compare"))
     parser.add_argument(
-        "--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names)
+        "--only",
+        nargs="+",
+        choices=names,
+        default=names,
+        metavar="NAME",
+        help=", ".join(names),
     )
-    parser.add_argument("--into", type=Path, help="a folder for what is made; compare takes it from there")
+    parser.add_argument(
+        "--into",
+        type=Path,
+        help="a folder for what is made; compare takes it from there",
+    )
     chosen = parser.parse_args(words)
     if chosen.verb == "make":
         make(chosen.only, chosen.into or DATA)

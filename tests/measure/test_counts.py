@@ -35,7 +35,9 @@ def by_hand(decided, sent, found):
 
 
 def count(decided, sent, found):
-    return Counts.of(*(torch.from_numpy(np.asarray(array)) for array in (decided, sent, found)))
+    return Counts.of(
+        *(torch.from_numpy(np.asarray(array)) for array in (decided, sent, found))
+    )
 
 
 @given(
@@ -46,7 +48,9 @@ def count(decided, sent, found):
     st.sampled_from([0.0, 0.01, 0.3, 1.0]),
     st.sampled_from([0.0, 0.1, 1.0]),
 )
-def test_counts_are_the_definition_frame_by_frame(seed, number, rows, columns, error_rate, miss_rate):
+def test_counts_are_the_definition_frame_by_frame(
+    seed, number, rows, columns, error_rate, miss_rate
+):
     arrays = frames(seed, number, rows, columns, error_rate, miss_rate)
     assert count(*arrays) == by_hand(*arrays)
 
@@ -57,7 +61,13 @@ def test_counts_of_the_parts_add_up_to_the_whole(seed, first, second):
     whole = count(decided, sent, found)
     head = count(decided[:first], sent[:first], found[:first])
     tail = count(decided[first:], sent[first:], found[first:])
-    assert head + tail == tail + head == sum([head, tail]) == sum([head, tail], Counts()) == whole
+    assert (
+        head + tail
+        == tail + head
+        == sum([head, tail])
+        == sum([head, tail], Counts())
+        == whole
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,15 +94,52 @@ def test_impossible_counts_are_refused_by_name(numbers, name):
 @pytest.mark.parametrize(
     ("decided", "sent", "found", "name"),
     [
-        (torch.zeros(1, 2, 2), torch.zeros(1, 2, 2).bool(), torch.ones(1).bool(), "decided"),
-        (torch.zeros(1, 2, 2).bool(), torch.zeros(1, 2, 2).int(), torch.ones(1).bool(), "sent"),
-        (torch.zeros(1, 2, 2).bool(), torch.zeros(1, 2, 2).bool(), torch.ones(1), "found"),
-        (torch.zeros(1, 2, 3).bool(), torch.zeros(1, 2, 2).bool(), torch.ones(1).bool(), "decided"),
-        (torch.zeros(4, 4).bool(), torch.zeros(4, 4).bool(), torch.ones(4).bool(), "sent"),
-        (torch.zeros(1, 0, 2).bool(), torch.zeros(1, 0, 2).bool(), torch.ones(1).bool(), "sent"),
-        (torch.zeros(1, 2, 2).bool(), torch.zeros(1, 2, 2).bool(), torch.ones(2).bool(), "found"),
+        (
+            torch.zeros(1, 2, 2),
+            torch.zeros(1, 2, 2).bool(),
+            torch.ones(1).bool(),
+            "decided",
+        ),
+        (
+            torch.zeros(1, 2, 2).bool(),
+            torch.zeros(1, 2, 2).int(),
+            torch.ones(1).bool(),
+            "sent",
+        ),
+        (
+            torch.zeros(1, 2, 2).bool(),
+            torch.zeros(1, 2, 2).bool(),
+            torch.ones(1),
+            "found",
+        ),
+        (
+            torch.zeros(1, 2, 3).bool(),
+            torch.zeros(1, 2, 2).bool(),
+            torch.ones(1).bool(),
+            "decided",
+        ),
+        (
+            torch.zeros(4, 4).bool(),
+            torch.zeros(4, 4).bool(),
+            torch.ones(4).bool(),
+            "sent",
+        ),
+        (
+            torch.zeros(1, 0, 2).bool(),
+            torch.zeros(1, 0, 2).bool(),
+            torch.ones(1).bool(),
+            "sent",
+        ),
+        (
+            torch.zeros(1, 2, 2).bool(),
+            torch.zeros(1, 2, 2).bool(),
+            torch.ones(2).bool(),
+            "found",
+        ),
     ],
 )
-def test_bits_that_do_not_belong_together_are_refused_by_name(decided, sent, found, name):
+def test_bits_that_do_not_belong_together_are_refused_by_name(
+    decided, sent, found, name
+):
     with pytest.raises(VoccError, match=rf"^{name} "):
         Counts.of(decided, sent, found)

@@ -18,7 +18,12 @@ SHORT = (
     "receiver.names=[flda_3]",
     "receiver.locator=truth",
 )
-SHORT += ("experiment.values=[1000]", "experiment.scene.distance_m=66", "tensorboard=false", "name=x")
+SHORT += (
+    "experiment.values=[1000]",
+    "experiment.scene.distance_m=66",
+    "tensorboard=false",
+    "name=x",
+)
 
 
 pytestmark = pytest.mark.usefixtures(without_pictures.__name__)
@@ -30,7 +35,10 @@ def mine(tmp_path):
     for path in EXAMPLES:
         shutil.copy(ROOT / path, tmp_path)
     shutil.copy(ROOT / "tests/data/led-panel-8x8-photo.png", tmp_path / "street.png")
-    streak = ("+scene.effects.smear._target_=streak.py:Streak", "+scene.effects.smear.share=0.4")
+    streak = (
+        "+scene.effects.smear._target_=streak.py:Streak",
+        "+scene.effects.smear.share=0.4",
+    )
     street = (
         "+scene.effects.street._target_=photograph.py:Photograph",
         "+scene.effects.street.file=street.png",
@@ -41,7 +49,9 @@ def mine(tmp_path):
 @pytest.mark.slow
 def test_jobs_and_workers_count_the_same(app, mine, tmp_path):
     assert app("-m", *SHORT, *mine, "workers=1,2").status == 0
-    one, two = ((tmp_path / "runs" / "x" / job / "ber.csv").read_bytes() for job in "01")
+    one, two = (
+        (tmp_path / "runs" / "x" / job / "ber.csv").read_bytes() for job in "01"
+    )
     assert one == two
 
 
@@ -52,7 +62,10 @@ def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_
     assert app(*SHORT, *mine).out.startswith("resuming: 2 blocks")
     assert (folder / "ber.csv").read_bytes() == (tmp_path / "kept.csv").read_bytes()
     shutil.copytree(folder, tmp_path / "copy")
-    for name, key in (("streak.py", "effects.smear"), ("street.png", "effects.street.file")):
+    for name, key in (
+        ("streak.py", "effects.smear"),
+        ("street.png", "effects.street.file"),
+    ):
         before = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(before + b"\n")
         said = app(*SHORT, *mine).complaint
@@ -66,9 +79,18 @@ def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("smear._target_=streak.py:Smear", "scene.effects.smear: file streak.py has no Smear"),
-        ("smear._target_=no_such.Streak", "scene.effects.smear: no_such.Streak cannot be imported"),
-        ("smear.share=2", "scene.effects.smear.share is 2: it must be above 0 and at most 1"),
+        (
+            "smear._target_=streak.py:Smear",
+            "scene.effects.smear: file streak.py has no Smear",
+        ),
+        (
+            "smear._target_=no_such.Streak",
+            "scene.effects.smear: no_such.Streak cannot be imported",
+        ),
+        (
+            "smear.share=2",
+            "scene.effects.smear.share is 2: it must be above 0 and at most 1",
+        ),
         ("street.file=no.png", "scene.effects.street failed (FileNotFoundError: "),
     ],
 )
@@ -77,7 +99,11 @@ def test_what_is_broken_is_refused_in_one_line(app, mine, word, said):
 
 
 def test_the_page_shows_the_examples_but_for_their_docstrings():
-    page = (ROOT / "docs" / "plug-ins.md").read_text(encoding="utf-8").partition("## An effect")[2]
+    page = (
+        (ROOT / "docs" / "plug-ins.md")
+        .read_text(encoding="utf-8")
+        .partition("## An effect")[2]
+    )
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     for block, path in zip(blocks, EXAMPLES, strict=True):
         code = ast.parse((ROOT / path).read_text(encoding="utf-8"))
@@ -91,9 +117,13 @@ def test_the_page_shows_the_examples_but_for_their_docstrings():
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends signals to groups of processes")
-def test_a_run_with_workers_that_is_killed_goes_on_to_the_same_end(app, mine, tmp_path, monkeypatch):
+def test_a_run_with_workers_that_is_killed_goes_on_to_the_same_end(
+    app, mine, tmp_path, monkeypatch
+):
     words = (*mine, "budget.frames=256", "receiver.locator=truth")
-    killed = life(tmp_path, 2, lambda pid: os.kill(pid, signal.SIGKILL), *words, "workers=2")
+    killed = life(
+        tmp_path, 2, lambda pid: os.kill(pid, signal.SIGKILL), *words, "workers=2"
+    )
     assert 2 <= len(killed["rows"]) < 8
     assert app(*RUN, *words).status == 0
     assert app(*RUN, *words, "name=y").status == 0

@@ -40,11 +40,18 @@ def sweeps(make_plan):
         names=("average_greyscale", "flda_2", "flda_3"),
     )
     spending = replace(
-        make_plan(experiment=Experiment("spending", "distance_m", (50.0, 70.0), dusk), frames=100),
+        make_plan(
+            experiment=Experiment("spending", "distance_m", (50.0, 70.0), dusk),
+            frames=100,
+        ),
         batch_frames=16,
     )
-    fldas = {name: training.flda for name, training in train_each(stopping, LOCATORS).items()}
-    studies = [Study(plan.experiment.name, plan, LOCATORS) for plan in (stopping, spending)]
+    fldas = {
+        name: training.flda for name, training in train_each(stopping, LOCATORS).items()
+    }
+    studies = [
+        Study(plan.experiment.name, plan, LOCATORS) for plan in (stopping, spending)
+    ]
     return studies, {study.key: banks(study.plan, fldas) for study in studies}
 
 
@@ -53,12 +60,16 @@ def results(sweeps, workers, progress=lambda *_: None, store=None):
     studies, of_studies = sweeps
     outcomes = {study.key: {} for study in studies}
     stores = {} if store is None else dict.fromkeys(outcomes, store)
-    for study, value, outcome in run_studies(studies, of_studies, stores, workers, progress):
+    for study, value, outcome in run_studies(
+        studies, of_studies, stores, workers, progress
+    ):
         outcomes[study.key][value] = outcome
     return {study.key: measured(study, outcomes[study.key]) for study in studies}
 
 
-IS_DEAF = "(__import__('os').getpid(), 2 in __import__('signal').pthread_sigmask(0, []))"
+IS_DEAF = (
+    "(__import__('os').getpid(), 2 in __import__('signal').pthread_sigmask(0, []))"
+)
 """Who calls, and whether it has put off Ctrl-C, signal 2, from its beginning."""
 
 
@@ -83,13 +94,19 @@ def story(sweeps, tmp_path_factory):
         patch.setenv("OMP_NUM_THREADS", "2")
         # Torch's way to send tensors; it keeps files of this process open until they are fetched.
         patch.setattr("multiprocessing.resource_sharer.DupFd", None)
-        story = SimpleNamespace(results=results(sweeps, workers, tell), told=told, path=path, deaf={})
-        story.threads = workers.submit(eval, "__import__('torch').get_num_threads()").result()
+        story = SimpleNamespace(
+            results=results(sweeps, workers, tell), told=told, path=path, deaf={}
+        )
+        story.threads = workers.submit(
+            eval, "__import__('torch').get_num_threads()"
+        ).result()
         story.tensor = workers.submit(torch.neg, torch.arange(5)).result()
         while len(story.deaf) < 2:
             pid, deaf = workers.submit(eval, IS_DEAF).result()
             story.deaf[pid] = deaf
-        story.bad_call = caught(lambda: workers.submit(resolve_device, "abacus").result())
+        story.bad_call = caught(
+            lambda: workers.submit(resolve_device, "abacus").result()
+        )
 
         first = next(iter(workers._pool._executor._processes))
 
@@ -109,12 +126,23 @@ def test_two_processes_measure_what_one_measures(sweeps, story):
     """Counts, comparisons of receivers and of locations, and why each point stopped."""
     with Workers(1) as workers:
         told = []
-        alone = results(sweeps, workers, lambda sweep, value, frames, _: told.append((value, frames)))
+        alone = results(
+            sweeps,
+            workers,
+            lambda sweep, value, frames, _: told.append((value, frames)),
+        )
     assert story.results == alone
-    assert set(alone["stopping"].curves["truth"].stopped_by.values()) == {"frame_errors"}
+    assert set(alone["stopping"].curves["truth"].stopped_by.values()) == {
+        "frame_errors"
+    }
     assert set(alone["spending"].curves["paper"].stopped_by.values()) == {"frames"}
     # Blocks come in their order within a point, whatever happens between the points.
-    for name, value in (("stopping", 60.0), ("stopping", 66.0), ("spending", 50.0), ("spending", 70.0)):
+    for name, value in (
+        ("stopping", 60.0),
+        ("stopping", 66.0),
+        ("spending", 50.0),
+        ("spending", 70.0),
+    ):
         mine = [frames for at, on, frames in story.told if (at, on) == (name, value)]
         assert mine == [frames for on, frames in told if on == value]
 
@@ -133,7 +161,9 @@ def test_an_error_in_a_process_comes_back_as_it_is(story):
 def test_a_killed_worker_is_one_line(story):
     for error in (story.killed, story.after):
         assert isinstance(error, VoccError)
-        assert str(error).startswith("a worker process was ended from outside, perhaps for lack of memory: ")
+        assert str(error).startswith(
+            "a worker process was ended from outside, perhaps for lack of memory: "
+        )
 
 
 def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
@@ -157,7 +187,10 @@ def test_one_worker_starts_nothing():
 
 @pytest.mark.parametrize("count", [-1, 257])
 def test_impossible_numbers_are_refused(count):
-    with pytest.raises(VoccError, match=rf"^workers is {count}: it must be from 0 \(one a core\) to 256$"):
+    with pytest.raises(
+        VoccError,
+        match=rf"^workers is {count}: it must be from 0 \(one a core\) to 256$",
+    ):
         Workers(count)
 
 
@@ -175,9 +208,7 @@ def test_a_node_of_another_release_is_refused_by_its_name():
     other = pickle.dumps(({**wanted, "torch": "1.0"}, files))
     well, error = pickle.loads(called(other, pickle.dumps(abs), pickle.dumps(-3)))
     here = ".".join(torch.__version__.split(".")[:2])
-    told = (
-        f"node {socket.gethostname()} has torch {here}, and this run 1.0: give every node the same releases"
-    )
+    told = f"node {socket.gethostname()} has torch {here}, and this run 1.0: give every node the same releases"
     assert (well, type(error), str(error)) == (False, VoccError, told)
 
 
@@ -201,7 +232,9 @@ def fail(kind):
     ],
 )
 def test_an_error_of_a_call_comes_back_as_a_value(kind, came, text):
-    well, error = pickle.loads(called(about_run("ray"), pickle.dumps(fail), pickle.dumps(kind)))
+    well, error = pickle.loads(
+        called(about_run("ray"), pickle.dumps(fail), pickle.dumps(kind))
+    )
     assert (well, type(error), str(error)) == (False, came, text)
 
 
@@ -214,13 +247,21 @@ def test_the_users_files_go_along_to_another_machine(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     path.write_text("from beside_to_carry import TWO\nANSWER = 40 + TWO")
     (tmp_path / "beside_to_carry.py").write_text("TWO = 2")
-    digest, answer = plugins.ModuleFile(str(path)).digest, plugins.ModuleFile(str(path)).named("ANSWER")
+    digest, answer = (
+        plugins.ModuleFile(str(path)).digest,
+        plugins.ModuleFile(str(path)).named("ANSWER"),
+    )
     (_, files) = pickle.loads(about_run("ray"))
-    with pytest.raises(VoccError, match=r"executor.kind is dask, and .*mine_to_carry.py cannot go with it"):
+    with pytest.raises(
+        VoccError,
+        match=r"executor.kind is dask, and .*mine_to_carry.py cannot go with it",
+    ):
         about_run("dask")
     text = path.read_text()
     path.write_text("ANSWER = 43")
-    with pytest.raises(VoccError, match=r"mine_to_carry.py has changed since this run began"):
+    with pytest.raises(
+        VoccError, match=r"mine_to_carry.py has changed since this run began"
+    ):
         about_run("ray")
     # There, neither file lies where it was.
     path.unlink()
@@ -229,7 +270,11 @@ def test_the_users_files_go_along_to_another_machine(tmp_path, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     plugins.receive(files)
     there = plugins.ModuleFile(str(path))
-    assert (there.digest, there.named("ANSWER"), there.place.read_text()) == (digest, answer, text)
+    assert (there.digest, there.named("ANSWER"), there.place.read_text()) == (
+        digest,
+        answer,
+        text,
+    )
 
 
 # Refused in one line
@@ -243,9 +288,14 @@ def test_where_nothing_listens_is_told_in_seconds():
     assert time.monotonic() - begun < 5
 
 
-@pytest.mark.parametrize("address", ["here", "host:", ":1", "host:0", "host:99999", "ray://host:x"])
+@pytest.mark.parametrize(
+    "address", ["here", "host:", ":1", "host:0", "host:99999", "ray://host:x"]
+)
 def test_what_is_no_address_is_refused(address):
-    with pytest.raises(VoccError, match=r"^executor.address is .*: it must be HOST:PORT, auto or local$"):
+    with pytest.raises(
+        VoccError,
+        match=r"^executor.address is .*: it must be HOST:PORT, auto or local$",
+    ):
         demand_answer(address)
 
 
@@ -260,9 +310,16 @@ def test_what_is_no_address_is_refused(address):
             ("executor.kind=rya",),
             "executor.kind is 'rya': it must be one of auto, here, processes, ray, dask",
         ),
-        (("executor.address=a:1",), "executor.address is a:1: it has no meaning for executor=auto"),
         (
-            ("executor=ray", "classifier=cnn", "+classifiers.cnn.training.checkpoints=c"),
+            ("executor.address=a:1",),
+            "executor.address is a:1: it has no meaning for executor=auto",
+        ),
+        (
+            (
+                "executor=ray",
+                "classifier=cnn",
+                "+classifiers.cnn.training.checkpoints=c",
+            ),
             "classifiers.cnn.training.checkpoints is c: it must be null for executor=ray",
         ),
     ],
@@ -278,7 +335,8 @@ def test_an_engine_that_is_not_installed_is_named(kind, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
-        VoccError, match=rf"^executor.kind is {kind}, which is not installed: pip install 'vocc-"
+        VoccError,
+        match=rf"^executor.kind is {kind}, which is not installed: pip install 'vocc-",
     ):
         Workers(1, kind, "127.0.0.1:1").__enter__()
 
@@ -309,12 +367,16 @@ class Alone(executors.Pool):
 
 def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
     pools = []
-    monkeypatch.setattr(executors, "ProcessPool", lambda count: pools.append(Alone(count)) or pools[-1])
+    monkeypatch.setattr(
+        executors, "ProcessPool", lambda count: pools.append(Alone(count)) or pools[-1]
+    )
     monkeypatch.setattr(executors, "LIMITS", replace(executors.LIMITS, patience_s=0.05))
     monkeypatch.setattr(executors.timing, "usable_cores", lambda: 64)
     with Workers(None) as pool:
         assert (pool.window, pool.submit(abs, -1).result(), pools) == (1, 1, [])
-        assert pool.submit(spin, 0.1).result() == 1  # one thread, whatever torch's number is
+        assert (
+            pool.submit(spin, 0.1).result() == 1
+        )  # one thread, whatever torch's number is
         assert pool.submit(abs, -2).result() == 2
     assert [one.slots() for one in pools] == [8]
     assert pools[0].opened == -1
@@ -322,9 +384,12 @@ def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("slots", "count", "window"), [(2, None, 4), (2, 8, 4), (8, 8, 16), (32, 8, 8), (32, 1, 1)]
+    ("slots", "count", "window"),
+    [(2, None, 4), (2, 8, 4), (8, 8, 16), (32, 8, 8), (32, 1, 1)],
 )
-def test_a_cluster_is_never_given_more_at_a_time_than_was_asked_for(slots, count, window, monkeypatch):
+def test_a_cluster_is_never_given_more_at_a_time_than_was_asked_for(
+    slots, count, window, monkeypatch
+):
     monkeypatch.setattr(executors, "RayPool", lambda _: Alone(slots))
     with Workers(count, "ray") as pool:
         assert pool.window == window
@@ -337,10 +402,10 @@ class NodeDiedError(Exception):
 
 
 def test_a_call_that_a_cluster_lost_for_good_is_one_line(monkeypatch):
-    monkeypatch.setattr(executors, "RayPool", lambda _: Alone(lost=NodeDiedError("gone")))
-    told = (
-        r"^a task was lost with its worker or node, 3 times in all \(NodeDiedError\): start again to go on$"
+    monkeypatch.setattr(
+        executors, "RayPool", lambda _: Alone(lost=NodeDiedError("gone"))
     )
+    told = r"^a task was lost with its worker or node, 3 times in all \(NodeDiedError\): start again to go on$"
     with Workers(2, "ray") as pool, pytest.raises(VoccError, match=told):
         pool.submit(abs, -1).result()
 

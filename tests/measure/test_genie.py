@@ -13,7 +13,13 @@ from scipy.stats import norm
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.genie import Genie, likely_bits, relaxed_shares
-from vocc_torch.measure.likelihood import AFFINE, CODING, NOISE, ForwardModel, log_interval_probability
+from vocc_torch.measure.likelihood import (
+    AFFINE,
+    CODING,
+    NOISE,
+    ForwardModel,
+    log_interval_probability,
+)
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
@@ -42,10 +48,16 @@ def panel_of(rows, columns):
 
 def drawn(point, frames, shape=(8, 8), **scene):
     """Scenes, bits and keys of a point of the paper's scenes, some of whose values are held."""
-    held = {name: Distribution("constant", (float(value),)) for name, value in scene.items()}
+    held = {
+        name: Distribution("constant", (float(value),)) for name, value in scene.items()
+    }
     key = BlockKey(3, f"genie/{point}", 0)
     scene, bits = replace(SceneModel(), **held).draw(key, PanelShape(*shape))
-    return scene[:frames], bits[:frames], [FrameKey(key, frame) for frame in range(frames)]
+    return (
+        scene[:frames],
+        bits[:frames],
+        [FrameKey(key, frame) for frame in range(frames)],
+    )
 
 
 def every_bits(leds):
@@ -67,7 +79,9 @@ def met(simulator, frame, scene, shape):
 def test_paper_scenes_are_read_without_error_and_proven():
     simulator = Simulator()
     scene, bits, _ = drawn("paper", 6, ambient_lx=1000)
-    decision = Genie(simulator).decide(simulator.render(scene, bits, nearest_m=30.0), scene)
+    decision = Genie(simulator).decide(
+        simulator.render(scene, bits, nearest_m=30.0), scene
+    )
     assert torch.equal(decision.bits, bits)
     assert decision.proven.all()
     assert torch.equal(decision.scores >= 0, bits)
@@ -110,7 +124,10 @@ def test_exhaustive_search_finds_no_likelier_bits(shape, values):
         for led in range(len(answer)):
             other = answer.clone()
             other[led] = ~other[led]
-            alike, score = tuple(other.tolist()) in likeliest, float(decision.scores[i].flatten()[led])
+            alike, score = (
+                tuple(other.tolist()) in likeliest,
+                float(decision.scores[i].flatten()[led]),
+            )
             # A pixel at the very edge of its grey value may be told apart by no more than rounding.
             assert abs(score) < 1e-7 if alike else score
             assert score or answer[led]
@@ -125,22 +142,42 @@ def scipy_misfits(simulator, frame, scene, bits):
     x, y = (frame.origin_px - mean.origin_px[:1])[0].tolist()
     height, width = mean.grey.shape[-2:]
     grey = (
-        frame.grey[0, 0, max(-y, 0) : max(-y, 0) + height, max(-x, 0) : max(-x, 0) + width].double().numpy()
+        frame.grey[
+            0, 0, max(-y, 0) : max(-y, 0) + height, max(-x, 0) : max(-x, 0) + width
+        ]
+        .double()
+        .numpy()
     )
     assert (max(x, 0), max(y, 0)) == (0, 0), "the window holds the crop"
     camera = Camera()
     # A grey of 118 is an exposure of 10 / S; auto-ISO gives the background, seen without LEDs, its grey.
-    background_lx_s = 10 * camera.exposure_time_s / (12.5 * 16) * float(scene.ambient_lx) * 0.18 / math.pi
+    background_lx_s = (
+        10
+        * camera.exposure_time_s
+        / (12.5 * 16)
+        * float(scene.ambient_lx)
+        * 0.18
+        / math.pi
+    )
     unit_lx_s = background_lx_s / (float(scene.background_grey) / 118) ** 2.2
-    per_unit = Photoelectrons(quantum_efficiency=0.6).electrons_per_lx_s(camera) * unit_lx_s
+    per_unit = (
+        Photoelectrons(quantum_efficiency=0.6).electrons_per_lx_s(camera) * unit_lx_s
+    )
     light = (mean.grey[:, 0].numpy() / 118) ** 2.2 * per_unit
     dark = named["dark_current"].electrons_per_s / 1500
     variance = (0.01 * light) ** 2 + (light + dark) + 2.0**2 + 5.0**2
-    edges = [((grey + side).clip(min=0) / 118) ** 2.2 * per_unit for side in (-0.5, 0.5)]
-    edges = [np.where(grey == 0, -np.inf, edges[0]), np.where(grey == 255, np.inf, edges[1])]
+    edges = [
+        ((grey + side).clip(min=0) / 118) ** 2.2 * per_unit for side in (-0.5, 0.5)
+    ]
+    edges = [
+        np.where(grey == 0, -np.inf, edges[0]),
+        np.where(grey == 255, np.inf, edges[1]),
+    ]
     low, high = ((edge - light - dark) / np.sqrt(variance) for edge in edges)
     near, far = np.where(low > 0, -low, high), np.where(low > 0, -high, low)
-    return -(norm.logcdf(near) + np.log1p(-np.exp(norm.logcdf(far) - norm.logcdf(near)))).sum((1, 2))
+    return -(
+        norm.logcdf(near) + np.log1p(-np.exp(norm.logcdf(far) - norm.logcdf(near)))
+    ).sum((1, 2))
 
 
 @pytest.mark.parametrize("distance_m", [60, 200])
@@ -154,17 +191,23 @@ def test_under_noise_exhaustive_search_with_scipy_finds_no_likelier_bits(distanc
     every = every_bits(9)
     place = {tuple(row): number for number, row in enumerate(every.tolist())}
     for i in range(len(scene)):
-        misfits = scipy_misfits(simulator, frames[i : i + 1], scene[i : i + 1], every.view(-1, *shape))
+        misfits = scipy_misfits(
+            simulator, frames[i : i + 1], scene[i : i + 1], every.view(-1, *shape)
+        )
         answer = decision.bits[i].flatten()
         assert place[tuple(answer.tolist())] == misfits.argmin()
         for led in range(9):
             pair = [answer.clone(), answer.clone()]
             pair[0][led], pair[1][led] = False, True
             off, on = (misfits[place[tuple(one.tolist())]] for one in pair)
-            assert float(decision.scores[i].flatten()[led]) == pytest.approx(off - on, rel=1e-4, abs=1e-5)
+            assert float(decision.scores[i].flatten()[led]) == pytest.approx(
+                off - on, rel=1e-4, abs=1e-5
+            )
 
 
-@pytest.mark.parametrize("values", [{"distance_m": 150}, {"distance_m": 130, "ambient_lx": 500}], ids=str)
+@pytest.mark.parametrize(
+    "values", [{"distance_m": 150}, {"distance_m": 130, "ambient_lx": 500}], ids=str
+)
 def test_under_noise_the_bits_sent_are_never_likelier_than_those_found(values):
     """No proof that nothing is likelier, but a search that stops early fails it in four frames of five."""
     simulator = Simulator(effects=NOISY)
@@ -174,7 +217,8 @@ def test_under_noise_the_bits_sent_are_never_likelier_than_those_found(values):
     for i in range(len(scene)):
         model = ForwardModel(simulator).pixels(frames[i : i + 1], scene[i : i + 1])
         found, sent = (
-            float(model.misfit(model.exposure(one[i].flatten())).sum()) for one in (decision.bits, bits)
+            float(model.misfit(model.exposure(one[i].flatten())).sum())
+            for one in (decision.bits, bits)
         )
         assert found <= sent + 1e-9
 
@@ -182,10 +226,20 @@ def test_under_noise_the_bits_sent_are_never_likelier_than_those_found(values):
 @pytest.mark.parametrize("name", ["lens", "blur", "mosaic"])
 def test_light_of_each_led_is_that_of_the_panel_with_it_alone_on(name):
     camera = Camera(focal_length_mm=12.0, width_px=480, height_px=320)
-    effects = {"attenuation": {"visibility_m": 1000.0}, "blooming": {"sigma_px": 0.8}, **OPTICS[name]}
-    simulator = Simulator(camera, panel_of(3, 2), {**effects, "saturation": {}, "quantization": {}})
-    scene, bits, _ = drawn(name, 1, (3, 2), distance_m=5, offset_x_m=1.8, offset_y_m=1.2)
-    model = ForwardModel(simulator).pixels(simulator.render(scene, bits, panel_only=True), scene)
+    effects = {
+        "attenuation": {"visibility_m": 1000.0},
+        "blooming": {"sigma_px": 0.8},
+        **OPTICS[name],
+    }
+    simulator = Simulator(
+        camera, panel_of(3, 2), {**effects, "saturation": {}, "quantization": {}}
+    )
+    scene, bits, _ = drawn(
+        name, 1, (3, 2), distance_m=5, offset_x_m=1.8, offset_y_m=1.2
+    )
+    model = ForwardModel(simulator).pixels(
+        simulator.render(scene, bits, panel_only=True), scene
+    )
     alone = torch.cat([torch.zeros(1, 6), torch.eye(6)]).bool().view(7, 3, 2)
     linear = Simulator(camera, panel_of(3, 2), effects, dtype=torch.float64)
     grey = linear.render(repeated(scene, 7), alone, panel_only=True).grey
@@ -207,7 +261,9 @@ def test_the_m_algorithm_keeps_the_least_squares_of_exhaustive_search():
         squares = (((model.exposure(every) - model.centre) / model.step) ** 2).sum(1)
         wanted = every[squares.argsort()[:64]]
         given = likely_bits(model, relaxed_shares(model), width=512)
-        assert {tuple(row) for row in given.tolist()} == {tuple(row) for row in wanted.tolist()}
+        assert {tuple(row) for row in given.tolist()} == {
+            tuple(row) for row in wanted.tolist()
+        }
         misfits = model.misfit(model.exposure(given)).sum(1)
         assert torch.equal(misfits, misfits.sort().values)
 
@@ -222,14 +278,21 @@ def test_stated_variance_is_that_of_rendered_frames():
         mean = model.exposure(bits[i].flatten())
         deviations = (model.centre - mean) / model.deviation(mean)
         # Only pixels that white does not cut.
-        squares.append(deviations[mean + 6 * model.deviation(mean) < (254 / 118) ** 2.2] ** 2)
+        squares.append(
+            deviations[mean + 6 * model.deviation(mean) < (254 / 118) ** 2.2] ** 2
+        )
     squares = torch.cat(squares)
     assert len(squares) > 10_000
-    assert float(squares.mean()) == pytest.approx(1.0, abs=5 * math.sqrt(2 / len(squares)))
+    assert float(squares.mean()) == pytest.approx(
+        1.0, abs=5 * math.sqrt(2 / len(squares))
+    )
 
 
 OPTICS = {
-    "fog": {"attenuation": {"visibility_m": 200.0}, "airlight": {"visibility_m": 200.0}},
+    "fog": {
+        "attenuation": {"visibility_m": 200.0},
+        "airlight": {"visibility_m": 200.0},
+    },
     "glare": {"veiling_glare": {"glare_illuminance_lx": 30000.0, "angle_deg": 15.0}},
     "lens": {"lens_distortion": {"k1": -0.2}, "vignetting": {"corner_loss": 0.2}},
     "blur": {
@@ -253,13 +316,19 @@ OPTICS = {
 def test_every_effect_that_is_covered_is_undone(name):
     simulator = Simulator(effects={**PAPER_EFFECTS, **OPTICS[name]})
     scene, bits, _ = drawn(f"optics/{name}", 3)
-    decision = Genie(simulator).decide(simulator.render(scene, bits, panel_only=True), scene)
+    decision = Genie(simulator).decide(
+        simulator.render(scene, bits, panel_only=True), scene
+    )
     assert torch.equal(decision.bits, bits)
     assert decision.proven.all()
 
 
 def test_covered_effects_are_all_tested():
-    tested = {*PAPER_EFFECTS, *NOISY, *(effect for effects in OPTICS.values() for effect in effects)}
+    tested = {
+        *PAPER_EFFECTS,
+        *NOISY,
+        *(effect for effects in OPTICS.values() for effect in effects),
+    }
     assert tested == {*AFFINE, *NOISE, *CODING}
 
 
@@ -270,7 +339,9 @@ def test_a_frame_of_other_making_is_not_proven():
     frames = simulator.render(scene, bits)
     grey = frames.grey.clone()
     grey[0, 0, grey.shape[2] // 2, grey.shape[3] // 2] ^= 64
-    decision = Genie(simulator).decide(Frames(grey, frames.origin_px, frames.sensor_px), scene)
+    decision = Genie(simulator).decide(
+        Frames(grey, frames.origin_px, frames.sensor_px), scene
+    )
     assert not decision.proven.any()
     assert torch.equal(decision.bits, bits)
 
@@ -293,27 +364,43 @@ REFUSED = {
 
 def test_an_effect_that_is_not_covered_is_refused_by_name():
     for name, parameters in REFUSED.items():
-        effects = {**NOISY, **({"bayer": {}} if name == "demosaicing" else {}), name: parameters}
-        with pytest.raises(VoccError, match=rf"the genie knows no likelihood for scene\.effects\.{name}: "):
+        effects = {
+            **NOISY,
+            **({"bayer": {}} if name == "demosaicing" else {}),
+            name: parameters,
+        }
+        with pytest.raises(
+            VoccError,
+            match=rf"the genie knows no likelihood for scene\.effects\.{name}: ",
+        ):
             Genie(Simulator(effects=effects))
     with pytest.raises(VoccError, match=r"scene\.effects\.quantization"):
         Genie(Simulator(effects={"saturation": {}}))
 
 
 def test_what_is_covered_and_what_is_refused_are_effects():
-    assert {*AFFINE, *NOISE, *CODING, *REFUSED} <= {kind.name for kind in PHYSICAL_ORDER}
+    assert {*AFFINE, *NOISE, *CODING, *REFUSED} <= {
+        kind.name for kind in PHYSICAL_ORDER
+    }
 
 
 def test_pixels_that_are_full_before_they_are_white_are_refused():
     scene = Scene.of()
-    bits, keys = torch.ones(1, 8, 8, dtype=torch.bool), [FrameKey(BlockKey(0, "well", 0), 0)]
+    bits, keys = (
+        torch.ones(1, 8, 8, dtype=torch.bool),
+        [FrameKey(BlockKey(0, "well", 0), 0)],
+    )
     effects = {**NOISY, "full_well": {"electrons": 100_000.0}}
     simulator = Simulator(effects=effects)
-    Genie(simulator).decide(simulator.render(scene, bits, keys=keys, panel_only=True), scene)
+    Genie(simulator).decide(
+        simulator.render(scene, bits, keys=keys, panel_only=True), scene
+    )
     effects["full_well"] = {"electrons": 5_000.0}
     simulator = Simulator(effects=effects)
     frames = simulator.render(scene, bits, keys=keys, panel_only=True)
-    with pytest.raises(VoccError, match=r"full before they are white: .*full_well\.electrons is 5000"):
+    with pytest.raises(
+        VoccError, match=r"full before they are white: .*full_well\.electrons is 5000"
+    ):
         Genie(simulator).decide(frames, scene)
 
 
@@ -325,7 +412,10 @@ def test_relaxation_is_the_least_squares_of_scipy():
         model = ForwardModel(simulator).pixels(frames[i : i + 1], scene[i : i + 1])
         assert torch.isfinite(model.high).all(), "no pixel is white"
         scale = math.sqrt(12) / model.step
-        rows, target = (model.light * scale).T.numpy(), ((model.centre - model.base) * scale).numpy()
+        rows, target = (
+            (model.light * scale).T.numpy(),
+            ((model.centre - model.base) * scale).numpy(),
+        )
         best = lsq_linear(rows, target, bounds=(0, 1), tol=1e-12).cost * 2
         found = float(np.sum((rows @ relaxed_shares(model).numpy() - target) ** 2))
         assert best * (1 - 1e-9) <= found <= best * 1.001
@@ -333,11 +423,20 @@ def test_relaxation_is_the_least_squares_of_scipy():
 
 @pytest.mark.parametrize(
     ("low", "high"),
-    [(-1.0, 2.0), (30.0, 30.1), (-45.0, -44.0), (-math.inf, -3.0), (8.0, math.inf), (1.0, 1.0001)],
+    [
+        (-1.0, 2.0),
+        (30.0, 30.1),
+        (-45.0, -44.0),
+        (-math.inf, -3.0),
+        (8.0, math.inf),
+        (1.0, 1.0001),
+    ],
 )
 def test_interval_probability_against_many_digits(low, high):
     with mpmath.workdps(600):
-        tails = [mpmath.erfc(mpmath.mpf(edge) / mpmath.sqrt(2)) / 2 for edge in (low, high)]
+        tails = [
+            mpmath.erfc(mpmath.mpf(edge) / mpmath.sqrt(2)) / 2 for edge in (low, high)
+        ]
         wanted = float(mpmath.log(tails[0] - tails[1]))
     given = (torch.tensor(edge, dtype=torch.float64) for edge in (low, high))
     assert float(log_interval_probability(*given)) == pytest.approx(wanted, rel=1e-8)

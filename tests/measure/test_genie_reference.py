@@ -33,7 +33,10 @@ NOISY = {
 
 
 def held(**values):
-    given = {name: Distribution("constant", (float(value),)) for name, value in values.items()}
+    given = {
+        name: Distribution("constant", (float(value),))
+        for name, value in values.items()
+    }
     return dataclasses.replace(SceneModel(), **given)
 
 
@@ -48,7 +51,9 @@ def small_plan(make_plan):
 
     def make(effects, seed=0):
         plan, shape = make_plan(seed=seed), PanelShape(3, 3)
-        world = dataclasses.replace(plan.world, effects=effects, panel=LedPanel(shape=shape))
+        world = dataclasses.replace(
+            plan.world, effects=effects, panel=LedPanel(shape=shape)
+        )
         receiver = dataclasses.replace(plan.receiver, reader=Reader(shape))
         return dataclasses.replace(plan, world=world, receiver=receiver)
 
@@ -71,12 +76,26 @@ def rendered(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("locator", "effects"), [("truth", PAPER_EFFECTS), ("paper", NOISY)], ids=["truth", "located, noisy"]
+    ("locator", "effects"),
+    [("truth", PAPER_EFFECTS), ("paper", NOISY)],
+    ids=["truth", "located, noisy"],
 )
-def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, rendered, locator, effects):
-    experiment = Experiment("far", "distance_m", (70.0,), {"ambient_lx": Distribution("constant", (1000.0,))})
+def test_its_frames_are_those_that_the_receivers_meet(
+    make_plan, trained, rendered, locator, effects
+):
+    experiment = Experiment(
+        "far",
+        "distance_m",
+        (70.0,),
+        {"ambient_lx": Distribution("constant", (1000.0,))},
+    )
     plan = make_plan(
-        locator=locator, experiment=experiment, seed=5, effects=effects, names=("flda_3",), batch_frames=7
+        locator=locator,
+        experiment=experiment,
+        seed=5,
+        effects=effects,
+        names=("flda_3",),
+        batch_frames=7,
     )
     job_of(plan, {locator: ReceiverBank(("flda_3",), trained)}, 70.0)([Part(0, 8)])
     theirs = list(rendered)
@@ -85,7 +104,9 @@ def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, render
     referenced(plan, model, point_name(experiment, 70.0), len(theirs))
     rendered[:] = rendered[: len(theirs)]  # the others are timed
     assert [key for key, *_ in rendered] == [key for key, *_ in theirs]
-    for (_, bits, frame), (_, their_bits, their_frame) in zip(rendered, theirs, strict=True):
+    for (_, bits, frame), (_, their_bits, their_frame) in zip(
+        rendered, theirs, strict=True
+    ):
         assert torch.equal(bits, their_bits)
         here, there = overlap(frame, their_frame)
         same = frame.grey[0, 0][here]
@@ -94,9 +115,14 @@ def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, render
         assert min(same.shape) > 25
 
 
-def test_its_counts_are_the_genies_however_the_work_is_shared(small_plan, monkeypatch, tmp_path):
+def test_its_counts_are_the_genies_however_the_work_is_shared(
+    small_plan, monkeypatch, tmp_path
+):
     """At 500 m errors abound, of 3 x 3 LEDs too."""
-    plan, model = small_plan(PAPER_EFFECTS, seed=2), held(distance_m=500, ambient_lx=20000)
+    plan, model = (
+        small_plan(PAPER_EFFECTS, seed=2),
+        held(distance_m=500, ambient_lx=20000),
+    )
     simulator, point = plan.world.simulator(), "far/distance_m=500"
     scene, bits = model.draw(BlockKey(2, point, 0), simulator.panel.shape)
     scene, bits = scene[:18], bits[:18]
@@ -107,7 +133,9 @@ def test_its_counts_are_the_genies_however_the_work_is_shared(small_plan, monkey
     found = referenced(plan, model, point, 18)
     with Store.open(tmp_path / "ledger", {}) as store, Workers(1) as workers:
         for _ in range(2):
-            assert genie_reference(plan, model, point, 18, workers, store).counts == wanted
+            assert (
+                genie_reference(plan, model, point, 18, workers, store).counts == wanted
+            )
         assert len(store) == 1
     assert (found.counts, found.proven) == (wanted, int(decision.proven.sum()))
     assert found.seconds_a_frame > 0

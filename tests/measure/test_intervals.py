@@ -11,7 +11,12 @@ from scipy.stats import binomtest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import ber_interval, clopper_pearson, design_effect, t_correction
+from vocc_torch.measure.intervals import (
+    ber_interval,
+    clopper_pearson,
+    design_effect,
+    t_correction,
+)
 
 BITS = 64
 
@@ -25,7 +30,8 @@ def of_halves(halves, bits=BITS):
 
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
 @pytest.mark.parametrize(
-    ("successes", "trials"), [(0, 1), (1, 1), (0, 64), (1, 64), (7, 100), (99, 100), (3, 10**6)]
+    ("successes", "trials"),
+    [(0, 1), (1, 1), (0, 64), (1, 64), (7, 100), (99, 100), (3, 10**6)],
 )
 def test_clopper_pearson_is_scipys(successes, trials, confidence):
     ours = clopper_pearson(successes, trials, confidence)
@@ -90,10 +96,14 @@ def test_the_interval_covers_the_truth(case, ber, frames):
         covered += interval.low <= ber <= interval.high
         naive += bitwise.low <= ber <= bitwise.high
     coverage = covered / STUDIES
-    print(f"{case:17} BER {ber:g}, {frames:4} frames: {coverage:.3f}, by bits {naive / STUDIES:.3f}")
+    print(
+        f"{case:17} BER {ber:g}, {frames:4} frames: {coverage:.3f}, by bits {naive / STUDIES:.3f}"
+    )
     assert coverage >= TOO_FEW_EVENTS.get((frames, case, ber), 0.90)
     if case in ("correlation 0.1", "correlation 0.3", "missed panels") and ber >= 1e-2:
-        assert naive / STUDIES < 0.70, "the data do not cluster: this test no longer shows anything"
+        assert naive / STUDIES < 0.70, (
+            "the data do not cluster: this test no longer shows anything"
+        )
 
 
 def test_the_zero_error_limit_is_the_binomials_one_sided_limit_of_a_wrong_frame():
@@ -115,7 +125,10 @@ def test_the_design_effect_is_one_plus_the_excess_of_the_correlation():
     assert design_effect(of_halves(halves)) == pytest.approx(1 + 63 * 0.05, rel=0.03)
 
 
-@given(st.lists(st.integers(0, 2 * 9), min_size=1, max_size=40), st.sampled_from([0.5, 0.8, 0.95, 0.999]))
+@given(
+    st.lists(st.integers(0, 2 * 9), min_size=1, max_size=40),
+    st.sampled_from([0.5, 0.8, 0.95, 0.999]),
+)
 def test_the_interval_is_ordered_finite_and_holds_the_rate(halves, confidence):
     counts = of_halves(halves, bits=9)
     interval = ber_interval(counts, confidence)
@@ -130,8 +143,14 @@ def test_the_interval_is_ordered_finite_and_holds_the_rate(halves, confidence):
         (lambda: design_effect(Counts()), "counts.bits"),
         (lambda: ber_interval(of_halves([0]), confidence=1.0), "confidence"),
         (lambda: ber_interval(of_halves([0]), confidence=float("nan")), "confidence"),
-        (lambda: ber_interval(of_halves([0]), errors_per_frame_error=0.0), "errors_per_frame_error"),
-        (lambda: ber_interval(of_halves([0]), errors_per_frame_error=65.0), "errors_per_frame_error"),
+        (
+            lambda: ber_interval(of_halves([0]), errors_per_frame_error=0.0),
+            "errors_per_frame_error",
+        ),
+        (
+            lambda: ber_interval(of_halves([0]), errors_per_frame_error=65.0),
+            "errors_per_frame_error",
+        ),
         (lambda: clopper_pearson(-1, 10), "successes"),
         (lambda: clopper_pearson(11, 10), "successes"),
         (lambda: clopper_pearson(0, 0), "trials"),
@@ -154,7 +173,11 @@ def korn_graubard(halves, confidence, freedom):
     effect = wrong.var(ddof=1) / (BITS * rate * (1 - rate))
     assert effect > 1
     upper = (1 + confidence) / 2
-    trials = bits / effect * (stats.t.ppf(upper, bits - 1) / stats.t.ppf(upper, freedom)) ** 2
+    trials = (
+        bits
+        / effect
+        * (stats.t.ppf(upper, bits - 1) / stats.t.ppf(upper, freedom)) ** 2
+    )
     successes = rate * trials
     low = stats.beta.ppf(1 - upper, successes, trials - successes + 1)
     return low, stats.beta.ppf(upper, successes + 1, trials - successes)
@@ -164,9 +187,18 @@ def korn_graubard(halves, confidence, freedom):
 @pytest.mark.parametrize(
     ("halves", "freedom"),
     [
-        ([14, 20, 24, 28, 32, 34, 36, 40, 46, 26], 9),  # about alike in every frame: the frames less one
-        ([4, 30, 12, 60, 2, 44, 18, 8, 26, 36], 240**2 / 8960 + 1),  # unlike: Kish's effective size, and one
-        ([20] * 4 + [0] * 996, 5),  # four frames in error, all alike: one more than four
+        (
+            [14, 20, 24, 28, 32, 34, 36, 40, 46, 26],
+            9,
+        ),  # about alike in every frame: the frames less one
+        (
+            [4, 30, 12, 60, 2, 44, 18, 8, 26, 36],
+            240**2 / 8960 + 1,
+        ),  # unlike: Kish's effective size, and one
+        (
+            [20] * 4 + [0] * 996,
+            5,
+        ),  # four frames in error, all alike: one more than four
         ([60, 0], 1),
     ],
 )
@@ -174,7 +206,9 @@ def test_clustered_errors_have_korn_and_graubards_interval(halves, freedom, conf
     counts = of_halves(halves)
     low, high = korn_graubard(halves, confidence, freedom)
     # It is cut to the interval of the wrong frames: a bit of each at least, all its bits at most.
-    frames = stats.binomtest(counts.frame_errors, counts.frames).proportion_ci(confidence, "exact")
+    frames = stats.binomtest(counts.frame_errors, counts.frames).proportion_ci(
+        confidence, "exact"
+    )
     ours = ber_interval(counts, confidence)
     assert ours.low == pytest.approx(max(low, frames.low / BITS), rel=1e-6)
     assert ours.high == pytest.approx(min(high, frames.high), rel=1e-6)
@@ -182,17 +216,27 @@ def test_clustered_errors_have_korn_and_graubards_interval(halves, freedom, conf
 
 def test_the_t_correction_is_the_squared_ratio_of_quantiles():
     """At most 1, and of two bits, one degree of freedom, the one of a single frame."""
-    sizes = ((1e6, 4.0, 0.95), (100, 7.5, 0.5), (10, 3.0, 0.999), (2, 1.0, 0.9), (10, 50.0, 0.95))
+    sizes = (
+        (1e6, 4.0, 0.95),
+        (100, 7.5, 0.5),
+        (10, 3.0, 0.999),
+        (2, 1.0, 0.9),
+        (10, 50.0, 0.95),
+    )
     for bits, freedom, confidence in sizes:
         upper = (1 + confidence) / 2
         ratio = stats.t.ppf(upper, bits - 1) / stats.t.ppf(upper, freedom)
-        assert t_correction(bits, freedom, confidence) == pytest.approx(min(1.0, ratio**2), rel=1e-9)
+        assert t_correction(bits, freedom, confidence) == pytest.approx(
+            min(1.0, ratio**2), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("confidence", [1e-300, 1e-17, 1e-12, 1e-6])
 def test_the_t_correction_at_no_confidence_is_the_ratio_of_the_densities(confidence):
     # Cauchy's density at 0 is 1 / pi, the normal one's 1 / sqrt(2 pi).
-    assert t_correction(bits=1e12, freedom=1, confidence=confidence) == pytest.approx(2 / math.pi, rel=1e-9)
+    assert t_correction(bits=1e12, freedom=1, confidence=confidence) == pytest.approx(
+        2 / math.pi, rel=1e-9
+    )
 
 
 def test_frames_that_differ_less_than_chance_have_no_design_effect_below_1():

@@ -14,7 +14,9 @@ KEY = BlockKey(0, "link", 0)
 
 def observed(link, frames, *, preambles=False, keys=(KEY,)):
     """All batches of a link."""
-    return list(link.observe(SceneModel(), list(keys), preambles=preambles, frames=frames))
+    return list(
+        link.observe(SceneModel(), list(keys), preambles=preambles, frames=frames)
+    )
 
 
 def test_batches_join_to_the_same_readings():
@@ -22,16 +24,22 @@ def test_batches_join_to_the_same_readings():
     parts = observed(Link(Simulator(), None, Reader(), batch_frames=7), 20)
     assert [len(part.bits) for part in parts] == [7, 7, 6]
     assert torch.equal(torch.cat([part.bits for part in parts]), whole[0].bits)
-    assert torch.equal(torch.cat([part.frames.grey for part in parts]), whole[0].frames.grey)
+    assert torch.equal(
+        torch.cat([part.frames.grey for part in parts]), whole[0].frames.grey
+    )
     for field in ("average", "centre"):
         greys = torch.cat([getattr(part.readings.greys, field) for part in parts])
-        torch.testing.assert_close(greys, getattr(whole[0].readings.greys, field), rtol=1e-6, atol=1e-5)
+        torch.testing.assert_close(
+            greys, getattr(whole[0].readings.greys, field), rtol=1e-6, atol=1e-5
+        )
 
 
 def test_the_truth_is_used_without_a_locator_and_only_then():
     link = Link(Simulator(), None, Reader())
     (seen,) = observed(link, 8)
-    assert torch.equal(seen.panels.corners_px, link.simulator.true_panels(seen.scene).corners_px)
+    assert torch.equal(
+        seen.panels.corners_px, link.simulator.true_panels(seen.scene).corners_px
+    )
     (located,) = observed(Link(Simulator(), PaperLocator(), Reader()), 8)
     assert not torch.equal(located.panels.corners_px, seen.panels.corners_px)
     assert float((located.panels.corners_px - seen.panels.corners_px).abs().max()) < 12
@@ -61,7 +69,9 @@ def count_renders(monkeypatch):
     return frames
 
 
-def test_preambles_are_rendered_for_greyscale_receivers_only(make_plan, trained, monkeypatch):
+def test_preambles_are_rendered_for_greyscale_receivers_only(
+    make_plan, trained, monkeypatch
+):
     frames = count_renders(monkeypatch)
     fisher = make_plan(names=("flda_agr", "flda_gri", "flda_2", "flda_3"), frames=64)
     sweep_point(fisher, trained, 66.0)

@@ -20,7 +20,11 @@ def of_differences(bits_apart, bits=BITS):
     """Counts from each frame's wrong bits of a less those of b."""
     halves = np.rint(2 * np.asarray(bits_apart, dtype=np.float64)).astype(np.int64)
     sides = [np.maximum(halves, 0), np.maximum(-halves, 0)]
-    sums = [int(value) for side in sides for value in (side.sum(), (side**2).sum(), (side > 0).sum())]
+    sums = [
+        int(value)
+        for side in sides
+        for value in (side.sum(), (side**2).sum(), (side > 0).sum())
+    ]
     return PairedCounts(len(halves), bits * len(halves), *sums)
 
 
@@ -28,10 +32,15 @@ def test_half_a_bit_of_difference_is_no_proof_of_a_whole_one():
     # A missed panel of 9 LEDs counts 4.5 bits; the other receiver had 4 wrong in the same frame.
     paired = of_differences([0.5] * 400 + [0] * 1600, 9)
     assert (paired.a_excess, paired.a_worse) == (400, 400)
-    assert 0.8 * paired.difference < paired_interval(paired).low < 0.95 * paired.difference
+    assert (
+        0.8 * paired.difference < paired_interval(paired).low < 0.95 * paired.difference
+    )
 
 
-@given(st.lists(st.integers(-9, 9), min_size=1, max_size=30), st.lists(st.integers(-9, 9), max_size=30))
+@given(
+    st.lists(st.integers(-9, 9), min_size=1, max_size=30),
+    st.lists(st.integers(-9, 9), max_size=30),
+)
 def test_swapping_is_the_other_receivers_view(apart, more):
     paired, other = of_differences(apart, 9), of_differences(more, 9)
     assert paired.swapped() == of_differences([-value for value in apart], 9)
@@ -66,7 +75,9 @@ def test_each_side_is_refused_where_counts_of_it_are():
     ranges = range(-1, 4), range(-1, 5), range(-1, 7), range(-1, 17), range(-1, 4)
     for frames, bits, *side in product(*ranges):
         for numbers in ((*side, 0, 0, 0), (0, 0, 0, *side)):
-            assert refused(PairedCounts, frames, bits, *numbers) == refused(Counts, frames, bits, *side)
+            assert refused(PairedCounts, frames, bits, *numbers) == refused(
+                Counts, frames, bits, *side
+            )
 
 
 def refused(kind, *numbers):
@@ -129,7 +140,9 @@ STUDIES = 150
 
 def coverage(case, numbers, frame_count, studies=STUDIES):
     """Shares of studies whose interval holds the truth: ours, and a t interval over the frames."""
-    rng = np.random.default_rng([frame_count, *case.__name__.encode(), *(round(1e4 * n) for n in numbers)])
+    rng = np.random.default_rng(
+        [frame_count, *case.__name__.encode(), *(round(1e4 * n) for n in numbers)]
+    )
     apart, truth = case(rng, (studies, frame_count), *numbers)
     ours = [paired_interval(of_differences(one)) for one in apart]
     held = np.mean([one.low <= truth / BITS <= one.high for one in ours])
@@ -141,7 +154,9 @@ def coverage(case, numbers, frame_count, studies=STUDIES):
 @pytest.mark.parametrize(("case", "numbers"), CASES)
 def test_the_interval_covers_the_true_difference(case, numbers, frame_count):
     held, by_t = coverage(case, numbers, frame_count)
-    print(f"{case.__name__} {numbers}, {frame_count} frames: {held:.3f}, t interval {by_t:.3f}")
+    print(
+        f"{case.__name__} {numbers}, {frame_count} frames: {held:.3f}, t interval {by_t:.3f}"
+    )
     assert held >= 0.90
     if numbers == (3, 0):
         assert by_t < 0.88, "too many frames differ: this case no longer shows anything"
@@ -153,13 +168,17 @@ def test_where_most_frames_differ_it_is_the_t_interval():
     exact = ttest_1samp(apart / BITS, 0).confidence_interval(0.95)
     assert ours.value == pytest.approx(apart.mean() / BITS)
     half_width = (exact.high - exact.low) / 2
-    assert (ours.low, ours.high) == pytest.approx((exact.low, exact.high), abs=0.02 * half_width)
+    assert (ours.low, ours.high) == pytest.approx(
+        (exact.low, exact.high), abs=0.02 * half_width
+    )
 
 
 def test_single_bit_differences_give_newcombes_square_and_add_of_exact_intervals():
     ours = paired_interval(of_differences([1] * 200 + [-1] * 120 + [0] * 99_680))
     trials = 100_000 * BITS
-    a, b = (binomtest(count, trials).proportion_ci(method="exact") for count in (200, 120))
+    a, b = (
+        binomtest(count, trials).proportion_ci(method="exact") for count in (200, 120)
+    )
     low = 80 / trials - math.hypot(200 / trials - a.low, b.high - 120 / trials)
     high = 80 / trials + math.hypot(a.high - 200 / trials, 120 / trials - b.low)
     assert (ours.low, ours.high) == pytest.approx((low, high), rel=0.01)
@@ -175,14 +194,21 @@ def test_the_sign_test_is_the_binomials_sum():
 
 @pytest.mark.parametrize("frame_count", [1, 64, 2000])
 def test_no_frame_that_differs_gives_the_binomials_limit_on_both_sides(frame_count):
-    ours = paired_interval(PairedCounts(frame_count, BITS * frame_count), errors_per_discordant_frame=16.0)
+    ours = paired_interval(
+        PairedCounts(frame_count, BITS * frame_count), errors_per_discordant_frame=16.0
+    )
     assert ours.low == -ours.high
     assert ours.value == 0
     assert not ours.real
-    assert binomtest(0, frame_count, ours.high * BITS / 16, "less").pvalue == pytest.approx(0.05)
+    assert binomtest(
+        0, frame_count, ours.high * BITS / 16, "less"
+    ).pvalue == pytest.approx(0.05)
 
 
-@given(st.lists(st.integers(-9, 9), min_size=1, max_size=40), st.sampled_from([0.5, 0.95, 0.999]))
+@given(
+    st.lists(st.integers(-9, 9), min_size=1, max_size=40),
+    st.sampled_from([0.5, 0.95, 0.999]),
+)
 def test_the_interval_is_ordered_and_holds_the_difference(apart, confidence):
     paired = of_differences(apart, 9)
     ours = paired_interval(paired, confidence)
@@ -200,8 +226,14 @@ def test_the_interval_is_ordered_and_holds_the_difference(apart, confidence):
         (lambda: PairedCounts().difference, "paired.bits"),
         (lambda: paired_interval(of_differences([0]), confidence=1.0), "confidence"),
         (lambda: paired_interval(of_differences([1]), confidence=0.0), "confidence"),
-        (lambda: paired_interval(of_differences([0]), 0.95, 65.0), "errors_per_discordant_frame"),
-        (lambda: paired_interval(of_differences([1, 0]), 0.95, 0.0), "errors_per_discordant_frame"),
+        (
+            lambda: paired_interval(of_differences([0]), 0.95, 65.0),
+            "errors_per_discordant_frame",
+        ),
+        (
+            lambda: paired_interval(of_differences([1, 0]), 0.95, 0.0),
+            "errors_per_discordant_frame",
+        ),
     ],
 )
 def test_arguments_out_of_range_are_refused_by_name(call, named):

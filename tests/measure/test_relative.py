@@ -14,7 +14,12 @@ from vocc_torch.measure import paired as compare
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts, mean_gain, paired_interval, relative_gain
+from vocc_torch.measure.paired import (
+    PairedCounts,
+    mean_gain,
+    paired_interval,
+    relative_gain,
+)
 
 BITS = 64
 
@@ -23,7 +28,12 @@ def padded(*groups, frames=2000):
     """Wrong bits of a and b in groups of frames ``(frames, a, b)``, and frames without errors."""
     given = sum(group[0] for group in groups)
     rows = [(number, a, b) for number, a, b in groups] + [(frames - given, 0, 0)]
-    return compared(*(np.repeat([row[side] for row in rows], [row[0] for row in rows]) for side in (1, 2)))
+    return compared(
+        *(
+            np.repeat([row[side] for row in rows], [row[0] for row in rows])
+            for side in (1, 2)
+        )
+    )
 
 
 def test_the_papers_improvement_is_a_share_of_the_first_rate():
@@ -66,12 +76,18 @@ def test_bad_frames_that_both_share_take_nothing_from_a_real_gain():
     assert gain.low == pytest.approx(paired_interval(paired).low / ber_interval(a).high)
 
 
-frames_of_errors = st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30)
+frames_of_errors = st.lists(
+    st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30
+)
 
 
 @given(frames_of_errors, st.integers(0, 500), st.sampled_from([0.5, 0.95, 0.999]))
-def test_the_gain_is_ordered_finite_and_real_where_the_difference_is(pairs, clean, confidence):
-    a, b, paired = compared(*(np.array([*side, *[0] * clean]) for side in zip(*pairs, strict=True)), bits=9)
+def test_the_gain_is_ordered_finite_and_real_where_the_difference_is(
+    pairs, clean, confidence
+):
+    a, b, paired = compared(
+        *(np.array([*side, *[0] * clean]) for side in zip(*pairs, strict=True)), bits=9
+    )
     gain = relative_gain(a, b, paired, confidence)
     if not a.half_errors:
         assert gain is None
@@ -82,22 +98,37 @@ def test_the_gain_is_ordered_finite_and_real_where_the_difference_is(pairs, clea
 
 
 def test_the_average_is_plain_and_its_ends_join_by_squares():
-    points = [padded((60, 1, 0), (100, 1, 1)), padded((30, 2, 1), (200, 1, 1)), padded((9, 0, 1))]
+    points = [
+        padded((60, 1, 0), (100, 1, 1)),
+        padded((30, 2, 1), (200, 1, 1)),
+        padded((9, 0, 1)),
+    ]
     one, two = (relative_gain(*point) for point in points[:2])
     mean = mean_gain(points)
     assert mean.value == pytest.approx((one.value + two.value) / 2)
-    assert mean.value - mean.low == pytest.approx(math.hypot(one.value - one.low, two.value - two.low) / 2)
-    assert mean.high - mean.value == pytest.approx(math.hypot(one.high - one.value, two.high - two.value) / 2)
+    assert mean.value - mean.low == pytest.approx(
+        math.hypot(one.value - one.low, two.value - two.low) / 2
+    )
+    assert mean.high - mean.value == pytest.approx(
+        math.hypot(one.high - one.value, two.high - two.value) / 2
+    )
     assert (mean.points, mean.left_out) == (2, 1)
     assert mean.real
 
 
 def test_independent_differences_are_newcombes_square_and_add():
     a, b, _ = padded((400, 1, 0), (300, 0, 1), frames=40_000)
-    ours, (one, other) = compare.difference_independent(a, b), (ber_interval(a), ber_interval(b))
+    ours, (one, other) = (
+        compare.difference_independent(a, b),
+        (ber_interval(a), ber_interval(b)),
+    )
     assert ours.value == a.ber - b.ber
-    assert ours.value - ours.low == pytest.approx(math.hypot(a.ber - one.low, other.high - b.ber))
-    assert ours.high - ours.value == pytest.approx(math.hypot(one.high - a.ber, b.ber - other.low))
+    assert ours.value - ours.low == pytest.approx(
+        math.hypot(a.ber - one.low, other.high - b.ber)
+    )
+    assert ours.high - ours.value == pytest.approx(
+        math.hypot(one.high - a.ber, b.ber - other.low)
+    )
     back = compare.difference_independent(b, a)
     assert (back.low, back.high) == pytest.approx((-ours.high, -ours.low))
 
@@ -129,11 +160,16 @@ def test_the_interval_covers_the_true_gain(case, gain):
     assert held / studies > 0.92
 
 
-@pytest.mark.parametrize(("first", "second"), [(1e-3, 1e-3), (4e-3, 1e-3), (1e-4, 2e-3)])
+@pytest.mark.parametrize(
+    ("first", "second"), [(1e-3, 1e-3), (4e-3, 1e-3), (1e-4, 2e-3)]
+)
 def test_independent_points_are_covered(first, second):
     rng, studies, held = np.random.default_rng(9), 300, 0
     for _ in range(studies):
-        a, b = (compared(errors(rng, 2000, ber, 0.05), np.zeros(2000))[0] for ber in (first, second))
+        a, b = (
+            compared(errors(rng, 2000, ber, 0.05), np.zeros(2000))[0]
+            for ber in (first, second)
+        )
         ours = compare.difference_independent(a, b)
         held += ours.low <= first - second <= ours.high
     assert held / studies > 0.92
@@ -145,8 +181,14 @@ A, B, PAIRED = padded((9, 1, 0), (3, 0, 1))
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: relative_gain(A, B, PairedCounts(1, 64)), "frames of a, b and paired are 2000, 2000, 1"),
-        (lambda: relative_gain(A, B, PAIRED.swapped()), "paired.half_difference is -12: .* 12$"),
+        (
+            lambda: relative_gain(A, B, PairedCounts(1, 64)),
+            "frames of a, b and paired are 2000, 2000, 1",
+        ),
+        (
+            lambda: relative_gain(A, B, PAIRED.swapped()),
+            "paired.half_difference is -12: .* 12$",
+        ),
         (lambda: relative_gain(A, B, PAIRED, 1.0), "confidence is 1.0"),
         (lambda: relative_gain(Counts(), Counts(), PairedCounts()), "paired.bits is 0"),
         (lambda: mean_gain([(A, B, PAIRED)], 0.0), "confidence is 0.0"),
@@ -171,7 +213,9 @@ def singles(frames, reference, receiver):
 def test_known_standard_errors_give_fiellers_interval():
     # With symmetric intervals the ends solve (p1 - r p2)^2 = e1^2 + r^2 e2^2.
     p1, e1, p2, e2 = 0.03, 0.004, 0.1, 0.007
-    ends = compare.mover_ratio(Estimate(p1, p1 - e1, p1 + e1), Estimate(p2, p2 - e2, p2 + e2))
+    ends = compare.mover_ratio(
+        Estimate(p1, p1 - e1, p1 + e1), Estimate(p2, p2 - e2, p2 + e2)
+    )
     roots = np.roots([p2**2 - e2**2, -2 * p1 * p2, p1**2 - e1**2])
     assert (ends.low, ends.high) == pytest.approx(tuple(sorted(roots)))
 
@@ -186,7 +230,9 @@ def test_a_denominator_that_may_be_far_higher_leaves_the_low_end_above_0():
 
 def test_a_denominator_that_may_be_0_leaves_no_high_end():
     for value in (0.0, 0.2):
-        ends = compare.mover_ratio(Estimate(value, value / 2, 0.25), Estimate(0.01, 0.0, 0.05))
+        ends = compare.mover_ratio(
+            Estimate(value, value / 2, 0.25), Estimate(0.01, 0.0, 0.05)
+        )
         assert ends.high == math.inf
         assert (ends.low > 0) == (value > 0)
 
@@ -212,8 +258,14 @@ def test_a_share_of_single_errors_is_about_binomial(wrong, of):
     assert exact.high <= ratio.high < 1.6 * exact.high
 
 
-@given(st.lists(st.tuples(st.integers(0, BITS), st.integers(0, BITS)), min_size=2, max_size=40))
-def test_it_holds_the_ratio_agrees_with_the_difference_and_is_never_wider_than_the_gain(frames):
+@given(
+    st.lists(
+        st.tuples(st.integers(0, BITS), st.integers(0, BITS)), min_size=2, max_size=40
+    )
+)
+def test_it_holds_the_ratio_agrees_with_the_difference_and_is_never_wider_than_the_gain(
+    frames,
+):
     reference, receiver, paired = compared(*np.array(frames).T)
     ratio = compare.rate_ratio(reference, receiver, paired)
     if ratio is None:
@@ -231,7 +283,8 @@ def test_it_holds_the_ratio_agrees_with_the_difference_and_is_never_wider_than_t
 def own_frames(rng, frames, share, size, ratio):
     """Clustered errors in frames of their own."""
     return [
-        np.where(rng.random(frames) < p, rng.geometric(1 / size, frames), 0) for p in (share, ratio * share)
+        np.where(rng.random(frames) < p, rng.geometric(1 / size, frames), 0)
+        for p in (share, ratio * share)
     ]
 
 
@@ -239,7 +292,8 @@ def shared_frames(rng, frames, share, size, ratio):
     """The receiver has a share of the frames that are hard for the reference, with errors of its own."""
     hard = rng.random(frames) < share
     return [
-        np.where(hard & (rng.random(frames) < p), rng.geometric(1 / size, frames), 0) for p in (1.0, ratio)
+        np.where(hard & (rng.random(frames) < p), rng.geometric(1 / size, frames), 0)
+        for p in (1.0, ratio)
     ]
 
 

@@ -21,8 +21,17 @@ BLOCKS = 8
 """Two points of four blocks."""
 
 RUN = (
-    *("budget.frames=256", "budget.training_frames=64", "experiment.values=[1000,2000]", "tensorboard=false"),
-    *("receiver.names=[average_greyscale,flda_2,flda_3]", "experiment.scene.distance_m=66", "name=x"),
+    *(
+        "budget.frames=256",
+        "budget.training_frames=64",
+        "experiment.values=[1000,2000]",
+        "tensorboard=false",
+    ),
+    *(
+        "receiver.names=[average_greyscale,flda_2,flda_3]",
+        "experiment.scene.distance_m=66",
+        "name=x",
+    ),
 )
 RESULTS = ("ber.csv", "paired.csv")
 
@@ -32,7 +41,11 @@ def without_pictures():
     """Half of a short run's time goes into pictures, which have tests of their own."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("ber_figure", "feature_histograms", "save_figure"):
-            patch.setattr(testing.canvas if name == "save_figure" else testing.plots, name, lambda *_: None)
+            patch.setattr(
+                testing.canvas if name == "save_figure" else testing.plots,
+                name,
+                lambda *_: None,
+            )
         yield
 
 
@@ -63,7 +76,11 @@ def ended_after(undisturbed, folder):
         for name in ("ledger.sqlite", "config.yaml"):
             shutil.copy(undisturbed / name, folder)
         later = rows_in(undisturbed / "ledger.sqlite")[blocks:]
-        change(folder, ("DELETE FROM blocks WHERE point=? AND block=? AND frames=?", later), *changes)
+        change(
+            folder,
+            ("DELETE FROM blocks WHERE point=? AND block=? AND frames=?", later),
+            *changes,
+        )
 
     return leave
 
@@ -86,7 +103,9 @@ def rows_in(ledger, alive=False):
     try:
         where = f"file:{ledger}?mode=ro{'&immutable=1' * alive}"
         with closing(sqlite3.connect(where, uri=True)) as connection:
-            return connection.execute("SELECT point, block, frames FROM blocks ORDER BY 1, 2, 3").fetchall()
+            return connection.execute(
+                "SELECT point, block, frames FROM blocks ORDER BY 1, 2, 3"
+            ).fetchall()
     except sqlite3.Error:
         return []
 
@@ -99,7 +118,11 @@ def change(folder, *changes):
 
 
 def files_in(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def assert_as(folder, undisturbed):
@@ -155,7 +178,9 @@ def lives(tmp_path_factory, undisturbed):
         pytest.skip("sends signals to groups of processes")
     cwd = tmp_path_factory.mktemp("lives")
     killed = life(cwd, 2, lambda pid: os.kill(pid, signal.SIGKILL), "workers=2")
-    interrupted = life(cwd, len(rows_in(cwd / "runs/x/ledger.sqlite")) + 1, interrupt_all, "workers=2")
+    interrupted = life(
+        cwd, len(rows_in(cwd / "runs/x/ledger.sqlite")) + 1, interrupt_all, "workers=2"
+    )
     return {"cwd": cwd, "killed": killed, "interrupted": interrupted}
 
 
@@ -165,24 +190,38 @@ def interrupt_all(pid):
 
 
 @pytest.mark.slow
-def test_workers_end_with_a_killed_parent_and_an_interrupted_run_says_how_to_go_on(lives):
+def test_workers_end_with_a_killed_parent_and_an_interrupted_run_says_how_to_go_on(
+    lives,
+):
     """Only the parent was killed; that its pipes came to their end says that nobody holds them."""
     killed, interrupted = lives["killed"], lives["interrupted"]
     assert killed["status"] == -signal.SIGKILL
     assert 2 <= len(killed["rows"]) < BLOCKS
-    assert (interrupted["status"], interrupted["err"]) == (130, "vocc-torch: interrupted\n")
-    assert interrupted["out"].endswith("interrupted: the same command with name=x goes on from there\n")
+    assert (interrupted["status"], interrupted["err"]) == (
+        130,
+        "vocc-torch: interrupted\n",
+    )
+    assert interrupted["out"].endswith(
+        "interrupted: the same command with name=x goes on from there\n"
+    )
     known = len(killed["rows"])
     where = lives["cwd"] / "runs" / "x" / "ledger.sqlite"
-    assert f"resuming: {known} blocks of frames are already counted in {where}\n" in interrupted["out"]
+    assert (
+        f"resuming: {known} blocks of frames are already counted in {where}\n"
+        in interrupted["out"]
+    )
 
 
 @pytest.mark.slow
-def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, undisturbed, monkeypatch, asked):
+def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(
+    app, lives, undisturbed, monkeypatch, asked
+):
     """With one worker, or with two."""
     monkeypatch.chdir(lives["cwd"])
     known = rows_in(lives["cwd"] / "runs" / "x" / "ledger.sqlite")
-    assert set(lives["killed"]["rows"]) <= set(lives["interrupted"]["rows"]) == set(known)
+    assert (
+        set(lives["killed"]["rows"]) <= set(lives["interrupted"]["rows"]) == set(known)
+    )
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
     assert_as(lives["cwd"] / "runs" / "x", undisturbed)
@@ -193,30 +232,45 @@ def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, und
 # As killed runs leave it
 
 
-def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked, monkeypatch):
+def test_what_was_counted_is_not_counted_again(
+    app, ended_after, folder, undisturbed, asked, monkeypatch
+):
     """And what was trained is not trained again."""
     ended_after(3)
-    monkeypatch.setattr(testing.terminal, "train_shown", lambda *_: pytest.fail("trained again"))
+    monkeypatch.setattr(
+        testing.terminal, "train_shown", lambda *_: pytest.fail("trained again")
+    )
     known = rows_in(folder / "ledger.sqlite")
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
-    told = f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n"
+    told = (
+        f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n"
+    )
     assert ran.out.startswith(f"{told}resuming: the receivers are trained already\n")
     assert_as(folder, undisturbed)
     assert not set(asked) & set(known)
     assert (len(known), len(asked)) == (3, BLOCKS - 3)
 
 
-def test_another_budget_and_more_values_take_what_is_there(app, undisturbed, folder, asked, tmp_path):
+def test_another_budget_and_more_values_take_what_is_there(
+    app, undisturbed, folder, asked, tmp_path
+):
     """They end as a run of their own would, and count only what is missing."""
     shutil.copytree(undisturbed, folder)
     longer = ("budget.frames=300", "experiment.values=[1000,1500,2000]")
     assert app(*RUN, *longer).status == 0
-    new = [("1000", 4, 44), *(("1500", block, 64) for block in range(4)), ("1500", 4, 44), ("2000", 4, 44)]
+    new = [
+        ("1000", 4, 44),
+        *(("1500", block, 64) for block in range(4)),
+        ("1500", 4, 44),
+        ("2000", 4, 44),
+    ]
     assert asked == [(f"ambient/ambient_lx={value}", *part) for value, *part in new]
     assert app(*RUN, *longer, "name=own").status == 0
     own = tmp_path / "runs" / "own"
-    first, second = (yaml.safe_load((one / "config.yaml").read_text()) for one in (folder, own))
+    first, second = (
+        yaml.safe_load((one / "config.yaml").read_text()) for one in (folder, own)
+    )
     assert {**first, "name": "own"} == second
     for name in RESULTS:
         assert (folder / name).read_bytes() == (own / name).read_bytes()

@@ -53,21 +53,35 @@ class Hands:
     """An executor whose calls come back in an order that ``rng`` draws, when somebody waits for them."""
 
     def __init__(self, rng, window=1):
-        self.rng, self.window, self.pending, self.handed, self.most = rng, window, [], [], 0
+        self.rng, self.window, self.pending, self.handed, self.most = (
+            rng,
+            window,
+            [],
+            [],
+            0,
+        )
 
     def submit(self, job, parts):
         future = Future()
         self.pending.append((future, job, parts))
         self.handed += [(job, part) for part in parts]
-        self.most = max(self.most, sum(not call[0].cancelled() for call in self.pending))
+        self.most = max(
+            self.most, sum(not call[0].cancelled() for call in self.pending)
+        )
         if self.rng.random() < 0.5:
             future.set_running_or_notify_cancel()
         return future
 
     def wait(self, futures, return_when):
-        self.pending = [call for call in self.pending if call[0] in futures or not call[0].cancelled()]
+        self.pending = [
+            call
+            for call in self.pending
+            if call[0] in futures or not call[0].cancelled()
+        ]
         assert set(futures) == {future for future, *_ in self.pending}
-        for chosen in self.rng.sample(self.pending, self.rng.randint(1, len(self.pending))):
+        for chosen in self.rng.sample(
+            self.pending, self.rng.randint(1, len(self.pending))
+        ):
             self.pending.remove(chosen)
             self.finish(*chosen)
         return {one for one in futures if one.done()}, None
@@ -108,12 +122,17 @@ def store(tmp_path):
 
 def blocks_of(store, rows):
     """Frames of each block of a point."""
-    return dict(store._run("SELECT block, frames FROM blocks WHERE point=?", (rows,)).fetchall())
+    return dict(
+        store._run("SELECT block, frames FROM blocks WHERE point=?", (rows,)).fetchall()
+    )
 
 
 def again(points, **changes):
     """The same points, of which nothing is counted."""
-    return [replace(one, job=MadeUp(one.job.wrong, one.job.rows), **changes) for one in points]
+    return [
+        replace(one, job=MadeUp(one.job.wrong, one.job.rows), **changes)
+        for one in points
+    ]
 
 
 FREE = settings(deadline=None, max_examples=12)
@@ -139,20 +158,30 @@ def test_no_order_window_or_batch_changes_an_outcome(points, hands, batch):
     """Each stops at the first block that is enough, however many blocks ahead were in flight."""
     told = [[] for _ in points]
     for point, mine in zip(points, told, strict=True):
-        point.told = lambda frames, counts, mine=mine: mine.append((frames, counts[A].frames))
+        point.told = lambda frames, counts, mine=mine: mine.append(
+            (frames, counts[A].frames)
+        )
     assert ends(hands.run(points, batch)) == expected(points)
     assert hands.most <= hands.window
     for point, mine in zip(points, told, strict=True):
-        frames = [part.frames for part in itertools.islice(parts_of(point.rule.frames), by_hand(point)[2])]
+        frames = [
+            part.frames
+            for part in itertools.islice(parts_of(point.rule.frames), by_hand(point)[2])
+        ]
         assert mine == list(zip(frames, itertools.accumulate(frames), strict=True))
         assert len(point.job.asked) == len(set(point.job.asked))
 
 
 @given(points=many_points(), hands=HANDS, data=st.data(), batch=BATCH)
 @FREE
-def test_with_a_store_known_blocks_are_not_counted_and_all_others_are_recorded(points, hands, data, batch):
+def test_with_a_store_known_blocks_are_not_counted_and_all_others_are_recorded(
+    points, hands, data, batch
+):
     """Blocks beyond the stop, too: a run with a longer budget has them for nothing."""
-    with tempfile.TemporaryDirectory() as folder, Store.open(Path(folder) / "ledger", {}) as store:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Store.open(Path(folder) / "ledger", {}) as store,
+    ):
         points = again(points, store=store)
         known = {point.job.rows: set() for point in points}
         for point in points:
@@ -171,11 +200,15 @@ def test_with_a_store_known_blocks_are_not_counted_and_all_others_are_recorded(p
                 assert store.find(point.job.rows, *part) == point.job.of(part).packed()
         # What was asked is what was recorded, but for the last point's calls that nobody waits for.
         for point in points[:-1]:
-            assert set(blocks_of(store, point.job.rows)) >= known[point.job.rows] | set(point.job.asked)
+            assert set(blocks_of(store, point.job.rows)) >= known[point.job.rows] | set(
+                point.job.asked
+            )
         later = again(points)
         assert ends(Hands(hands.rng, hands.window).run(later, batch)) == outcomes
         for point, before in zip(later, points, strict=True):
-            assert not set(point.job.asked) & (known[point.job.rows] | set(range(by_hand(before)[2])))
+            assert not set(point.job.asked) & (
+                known[point.job.rows] | set(range(by_hand(before)[2]))
+            )
 
 
 @given(points=many_points(target=False), hands=HANDS, batch=BATCH)
@@ -197,10 +230,15 @@ def test_nobody_waits_while_there_is_a_block_left_to_hand_out(points, hands, bat
 
 @given(points=many_points(target=False), hands=HANDS, data=st.data(), batch=BATCH)
 @FREE
-def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(points, hands, data, batch):
+def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
+    points, hands, data, batch
+):
     at = data.draw(st.integers(0, len(points) - 1))
     bad = data.draw(st.integers(0, len(list(parts_of(points[at].rule.frames))) - 1))
-    with tempfile.TemporaryDirectory() as folder, Store.open(Path(folder) / "ledger", {}) as store:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Store.open(Path(folder) / "ledger", {}) as store,
+    ):
         broken = again(points, store=store)
         broken[at].job.broken = (bad,)
         finished = {point.job.rows: set() for point in points}
@@ -215,10 +253,16 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(points
             hands.run(broken, batch)
         assert {rows: set(blocks_of(store, rows)) for rows in finished} == finished
         # What had not been begun is called off.
-        assert all(future.cancelled() or future.running() for future, *_ in hands.pending)
+        assert all(
+            future.cancelled() or future.running() for future, *_ in hands.pending
+        )
         fresh = again(broken)
-        assert ends(Hands(hands.rng, hands.window).run(fresh, batch)) == expected(points)
-        assert all(not finished[point.job.rows] & set(point.job.asked) for point in fresh)
+        assert ends(Hands(hands.rng, hands.window).run(fresh, batch)) == expected(
+            points
+        )
+        assert all(
+            not finished[point.job.rows] & set(point.job.asked) for point in fresh
+        )
 
 
 def test_a_store_that_cannot_be_written_ends_the_run(store, monkeypatch):
@@ -256,14 +300,21 @@ def test_what_is_done_when_something_else_ends_the_run_is_recorded(store, error)
 def test_a_blocks_bytes_are_its_numbers_and_others_are_refused():
     rng = np.random.default_rng(0)
     keys = Key("paper", "b"), Key("truth", "c", 2)
-    halves, flags = rng.integers(0, 2 * LEDS + 1, (2, 10)), rng.integers(0, 2, (2, 2, 10)).astype(bool)
-    errors = FrameErrors(halves, flags[0], LEDS, rng.integers(-1, 3, 10), flags[1], keys)
+    halves, flags = (
+        rng.integers(0, 2 * LEDS + 1, (2, 10)),
+        rng.integers(0, 2, (2, 2, 10)).astype(bool),
+    )
+    errors = FrameErrors(
+        halves, flags[0], LEDS, rng.integers(-1, 3, 10), flags[1], keys
+    )
     read = FrameErrors.unpacked(errors.packed(), 10, LEDS, keys)
     for name in ("half_errors", "found", "groups", "misplaced"):
         assert np.array_equal(getattr(read, name), getattr(errors, name)), name
     assert read.keys == keys
     assert read.counts == errors.counts
-    bomb = FrameErrors(np.zeros((2, 10**6), np.int64), np.ones((2, 10**6), bool), LEDS).packed()
+    bomb = FrameErrors(
+        np.zeros((2, 10**6), np.int64), np.ones((2, 10**6), bool), LEDS
+    ).packed()
     for content in (b"", b"x", errors.packed()[:-9], bomb):
         with pytest.raises(VoccError, match="cannot be read"):
             FrameErrors.unpacked(content, 10, LEDS, keys)
@@ -288,7 +339,10 @@ class Drawn(MadeUp):
         return tuple(Key("truth", name) for name in self.rates)
 
     def of(self, part):
-        rng, shape = np.random.default_rng([self.seed, part.block]), (len(self.rates), part.frames)
+        rng, shape = (
+            np.random.default_rng([self.seed, part.block]),
+            (len(self.rates), part.frames),
+        )
         wrong = rng.random(shape) < np.array(list(self.rates.values()))[:, None]
         halves = 2 * rng.geometric(0.4, shape).clip(max=LEDS) * wrong
         group = rng.integers(0, self.groups, part.frames)
@@ -301,7 +355,10 @@ def drawn(seed, rates, groups=1):
 
 def narrow(counts, precision, least_ber=0.0):
     """What the rule asks of one receiver, in other words."""
-    interval, ber = ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2), counts.ber
+    interval, ber = (
+        ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2),
+        counts.ber,
+    )
     reach = max(interval.high - ber, ber - interval.low)
     return interval.high <= least_ber or (ber > 0 and reach <= precision * ber)
 
@@ -312,17 +369,26 @@ SURE = {A: Counts(10**6, 64 * 10**6, 2 * 10**5, 4 * 10**5, 10**5)}
 def test_precision_is_looked_at_in_steps_of_at_least_16_blocks_and_of_a_sixteenth():
     """Looks at every block would stop a point by luck; too few would waste frames."""
     rule = Budget(10**9, precision=0.1)
-    looks = [blocks for blocks in range(1, 4097) if stop_reason(rule, SURE, blocks) == "precision"]
+    looks = [
+        blocks
+        for blocks in range(1, 4097)
+        if stop_reason(rule, SURE, blocks) == "precision"
+    ]
     assert looks[:20] == list(range(16, 321, 16))
     steps = {b: b - a for a, b in itertools.pairwise(looks)}
     assert min(steps.values()) == 16
-    assert all(step == 16 or blocks / 32 <= step <= blocks / 16 for blocks, step in steps.items())
+    assert all(
+        step == 16 or blocks / 32 <= step <= blocks / 16
+        for blocks, step in steps.items()
+    )
     assert looks[-1] == 4096
 
 
 @given(
     seed=st.integers(0, 2**32 - 1),
-    rates=st.fixed_dictionaries({"a": st.sampled_from([0.0, 0.02, 0.2]), "b": st.sampled_from([0.05, 0.5])}),
+    rates=st.fixed_dictionaries(
+        {"a": st.sampled_from([0.0, 0.02, 0.2]), "b": st.sampled_from([0.05, 0.5])}
+    ),
     groups=st.integers(1, 2),
     precision=st.sampled_from([0.05, 0.15, 0.3]),
     least_ber=st.sampled_from([0.0, 1e-4, 1e-2]),
@@ -343,11 +409,15 @@ def test_a_precise_point_stops_at_the_first_look_at_which_everyone_is(
         blocks
         for blocks in range(16, 131, 16)
         if blocks <= len(seen)
-        and all(narrow(counts, precision, least_ber) for counts in seen[blocks - 1].values())
+        and all(
+            narrow(counts, precision, least_ber) for counts in seen[blocks - 1].values()
+        )
     ]
     if outcome.stopped_by == "precision":
         assert enough == [len(seen)]
-        assert all(narrow(counts, precision, least_ber) for counts in outcome.counts.values())
+        assert all(
+            narrow(counts, precision, least_ber) for counts in outcome.counts.values()
+        )
     else:
         assert (outcome.stopped_by, enough, len(seen)) == ("frames", [], 130)
 
@@ -359,7 +429,9 @@ def test_without_errors_a_point_is_precise_only_below_the_least_rate():
     for least_ber, frames in ((3e-4, 5000), (1e-4, 15000)):
         outcome = run_point(free, Budget(10**6, precision=0.1, least_ber=least_ber))
         assert outcome.stopped_by == "precision"
-        assert ber_interval(outcome.counts[A], errors_per_frame_error=32).high <= least_ber
+        assert (
+            ber_interval(outcome.counts[A], errors_per_frame_error=32).high <= least_ber
+        )
         assert frames <= outcome.counts[A].frames <= 1.3 * frames
     with_errors = drawn(0, {"a": 0.0, "b": 0.001})
     outcome = run_point(with_errors, Budget(64 * 40, precision=0.1, least_ber=1e-5))
@@ -369,5 +441,8 @@ def test_without_errors_a_point_is_precise_only_below_the_least_rate():
 def test_every_group_must_be_precise_though_frame_errors_add_over_them():
     counts = {A: SURE[A], (A[0], 1): Counts(64, 4096, 2, 4, 1)}
     assert stop_reason(Budget(10**9, precision=0.1), counts, 16) is None
-    assert stop_reason(Budget(10**9, target_frame_errors=10**5 + 1), counts, 16) == "frame_errors"
+    assert (
+        stop_reason(Budget(10**9, target_frame_errors=10**5 + 1), counts, 16)
+        == "frame_errors"
+    )
     assert stop_reason(Budget(10**9, target_frame_errors=10**5 + 2), counts, 16) is None

@@ -31,8 +31,14 @@ from vocc_torch.measure.store import Store
 
 SETTINGS = {
     "seed": 7,
-    "world": {"camera": {"focal_length_mm": 25, "iso_limits": None}, "effects": {"saturation": {}}},
-    "receiver": {"names": ["a", "b"], "classifiers": [{"name": "b", "file": "mine/qda.py", "digest": "1f"}]},
+    "world": {
+        "camera": {"focal_length_mm": 25, "iso_limits": None},
+        "effects": {"saturation": {}},
+    },
+    "receiver": {
+        "names": ["a", "b"],
+        "classifiers": [{"name": "b", "file": "mine/qda.py", "digest": "1f"}],
+    },
     "made_with": {"torch": "2.4", "classifiers.b": "1f"},
 }
 POINT = "distance/distance_m=50"
@@ -82,14 +88,19 @@ def change(path, *statements):
     """Let SQLite itself change a ledger that is closed."""
     with closing(sqlite3.connect(path)) as connection, connection:
         for statement in statements:
-            connection.execute(*statement) if isinstance(statement, tuple) else connection.execute(statement)
+            connection.execute(*statement) if isinstance(
+                statement, tuple
+            ) else connection.execute(statement)
 
 
 def rows_in(path):
     """Blocks that have a row, read without the code under test."""
     if not path.exists() or not path.stat().st_size:
         return set()
-    with suppress(sqlite3.OperationalError), closing(sqlite3.connect(path)) as connection:
+    with (
+        suppress(sqlite3.OperationalError),
+        closing(sqlite3.connect(path)) as connection,
+    ):
         return {block for (block,) in connection.execute("SELECT block FROM blocks")}
     return set()
 
@@ -115,12 +126,18 @@ def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     with Store.open(path, SETTINGS) as store:
         (first, second) = parts_of(128)
         store.add(POINT, *second, content(second))
-        refusal(lambda: store.add(POINT, *second, content(first)), "other counts", "block 1", POINT)
+        refusal(
+            lambda: store.add(POINT, *second, content(first)),
+            "other counts",
+            "block 1",
+            POINT,
+        )
     assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
-    ("block", "frames", "named"), [(-1, 64, "block is -1"), (0, 0, "frames is 0"), (0, 65, "frames is 65")]
+    ("block", "frames", "named"),
+    [(-1, 64, "block is -1"), (0, 0, "frames is 0"), (0, 65, "frames is 65")],
 )
 def test_impossible_rows_are_refused_and_not_written(path, block, frames, named):
     with Store.open(path, SETTINGS) as store:
@@ -143,19 +160,34 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, batch_frames):
     with Store.open(path, SETTINGS) as store:
         for block in (9, 6, 4):
             store.add(POINT, block, 64, content(parts[block]))
-        assert ends(run_point(job(asked), rule, store=store, batch_frames=batch_frames)) == undisturbed
+        assert (
+            ends(run_point(job(asked), rule, store=store, batch_frames=batch_frames))
+            == undisturbed
+        )
         assert not {0, 1, 4, 6, 9} & set(asked)
         assert len(set(asked)) == len(asked)
         known = MadeUp(WRONG, POINT, broken=tuple(range(16)))
         assert ends(run_point(known, rule, store=store)) == undisturbed
 
 
-def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(path):
+def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(
+    path,
+):
     with Store.open(path, SETTINGS) as store:
-        for frames, expected in ((100, [0, 1]), (128, [1]), (100, []), (128, []), (90, [1]), (200, [2, 3])):
+        for frames, expected in (
+            (100, [0, 1]),
+            (128, [1]),
+            (100, []),
+            (128, []),
+            (90, [1]),
+            (200, [2, 3]),
+        ):
             asked = []
             outcome = run_point(job(asked), Budget(frames), store=store)
-            assert (ends(outcome), asked) == (ends(run_point(job(), Budget(frames))), expected)
+            assert (ends(outcome), asked) == (
+                ends(run_point(job(), Budget(frames))),
+                expected,
+            )
         assert len(store) == 6
 
 
@@ -173,13 +205,19 @@ def three_blocks(tmp_path_factory):
 def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
     """Some bytes of a database are unused; a row that is lost is counted again."""
     whole, rule = bytearray(three_blocks), Budget(192)
-    at = data.draw(st.integers(0, len(whole) - 1).filter(lambda at: any(three_blocks[at - 8 : at + 8])))
+    at = data.draw(
+        st.integers(0, len(whole) - 1).filter(
+            lambda at: any(three_blocks[at - 8 : at + 8])
+        )
+    )
     whole[at] ^= data.draw(st.integers(1, 255))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.sqlite"
         path.write_bytes(whole)
         with suppress(VoccError), Store.open(path, SETTINGS) as store:
-            assert ends(run_point(job(), rule, store=store)) == ends(run_point(job(), rule))
+            assert ends(run_point(job(), rule, store=store)) == ends(
+                run_point(job(), rule)
+            )
 
 
 @pytest.mark.parametrize(
@@ -205,7 +243,13 @@ def test_a_changed_row_is_damage(path, statement):
         assert (store.trained("key"), store.trained("other")) == ({"a": 2}, None)
     change(path, statement)
     before = path.read_bytes()
-    refusal(lambda: Store.open(path, SETTINGS), "runs/ledger.sqlite", "is damaged", "copy", "delete it")
+    refusal(
+        lambda: Store.open(path, SETTINGS),
+        "runs/ledger.sqlite",
+        "is damaged",
+        "copy",
+        "delete it",
+    )
     assert path.read_bytes() == before
 
 
@@ -216,16 +260,28 @@ def test_a_forged_row_is_refused_though_its_checksum_is_right(path):
     forged.half_errors[0, 0] = 2 * 64 + 1
     with Store.open(path, SETTINGS) as store:
         digest = store._digest(POINT, 9, 64, forged.packed())
-    change(path, ("INSERT INTO blocks VALUES (?, ?, ?, ?, ?)", (POINT, 9, 64, forged.packed(), digest)))
+    change(
+        path,
+        (
+            "INSERT INTO blocks VALUES (?, ?, ?, ?, ?)",
+            (POINT, 9, 64, forged.packed(), digest),
+        ),
+    )
     with Store.open(path, SETTINGS) as store:
-        refusal(lambda: run_point(job(), Budget(640), store=store), "counts", "wrong bits")
+        refusal(
+            lambda: run_point(job(), Budget(640), store=store), "counts", "wrong bits"
+        )
 
 
 @pytest.mark.parametrize("content", [b"my notes", b"experiment,axis\n" * 100])
 def test_a_strangers_file_is_refused_and_left_alone(path, content):
     path.parent.mkdir()
     path.write_bytes(content)
-    refusal(lambda: Store.open(path, {}), "runs/ledger.sqlite is no ledger", "choose another")
+    refusal(
+        lambda: Store.open(path, {}),
+        "runs/ledger.sqlite is no ledger",
+        "choose another",
+    )
     assert path.read_bytes() == content
     assert list(path.parent.iterdir()) == [path]
 
@@ -234,23 +290,40 @@ def test_what_is_no_ordinary_file_of_its_own_is_refused(path):
     path.parent.mkdir()
     change(path, "CREATE TABLE mine (x)")
     refusal(lambda: Store.open(path, {}), "is no ledger")
-    for name, make in (("a", Path.mkdir), ("b", os.mkfifo), ("c", lambda one: one.symlink_to("/nowhere/x"))):
+    for name, make in (
+        ("a", Path.mkdir),
+        ("b", os.mkfifo),
+        ("c", lambda one: one.symlink_to("/nowhere/x")),
+    ):
         make(path.with_name(name))
-        refusal(lambda name=name: Store.open(path.with_name(name), {}), f"runs/{name}", "ordinary file")
+        refusal(
+            lambda name=name: Store.open(path.with_name(name), {}),
+            f"runs/{name}",
+            "ordinary file",
+        )
     refusal(lambda: Store.open("/dev/null", {}), "/dev/null", "ordinary file")
 
 
 def test_another_format_is_refused(path):
     before = filled(path)
     change(path, "PRAGMA user_version=1")
-    refusal(lambda: Store.open(path, SETTINGS), "has format 1, and this release 2", "choose another ledger")
+    refusal(
+        lambda: Store.open(path, SETTINGS),
+        "has format 1, and this release 2",
+        "choose another ledger",
+    )
     assert len(before) == len(path.read_bytes())
 
 
 def test_another_release_of_the_package_is_refused(path, monkeypatch):
     filled(path)
     monkeypatch.setattr(module, "__version__", "9.9.9")
-    refusal(lambda: Store.open(path, SETTINGS), "is of vocc-torch", "9.9.9", "the release that began it")
+    refusal(
+        lambda: Store.open(path, SETTINGS),
+        "is of vocc-torch",
+        "9.9.9",
+        "the release that began it",
+    )
 
 
 CAMERA, RECEIVER = SETTINGS["world"], SETTINGS["receiver"]
@@ -260,12 +333,23 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"seed": 8}, "ledger runs/ledger.sqlite: seed was 7, is 8: go back, or choose another ledger"),
         (
-            {"world": {**CAMERA, "camera": {"focal_length_mm": 18, "iso_limits": [100, 3200]}}},
+            {"seed": 8},
+            "ledger runs/ledger.sqlite: seed was 7, is 8: go back, or choose another ledger",
+        ),
+        (
+            {
+                "world": {
+                    **CAMERA,
+                    "camera": {"focal_length_mm": 18, "iso_limits": [100, 3200]},
+                }
+            },
             ": camera.focal_length_mm was 25, is 18; camera.iso_limits was null, is [100, 3200]: go back",
         ),
-        ({"world": {**CAMERA, "effects": {}}}, "effects was not set, is {}; effects.saturation was {}"),
+        (
+            {"world": {**CAMERA, "effects": {}}},
+            "effects was not set, is {}; effects.saturation was {}",
+        ),
         (
             {
                 "receiver": {**RECEIVER, "classifiers": QDA},
@@ -273,19 +357,26 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
             },
             ": mine/qda.py changed since this run began: go back",
         ),
-        ({"made_with": {"torch": "2.5", "classifiers.b": "1f"}}, ": torch was 2.4, is 2.5: go back"),
+        (
+            {"made_with": {"torch": "2.5", "classifiers.b": "1f"}},
+            ": torch was 2.4, is 2.5: go back",
+        ),
         ({"seed": True}, "seed was 7, is true"),
         ({f"k{n:03}": n for n in range(99)}, "k000 was not set, is 0; k001"),
     ],
 )
-def test_other_settings_are_refused_in_one_short_line_that_names_what_changed(path, changes, named):
+def test_other_settings_are_refused_in_one_short_line_that_names_what_changed(
+    path, changes, named
+):
     before = filled(path)
     refusal(lambda: Store.open(path, {**SETTINGS, **changes}), named)
     assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), Path("runs")])
-def test_settings_that_json_does_not_have_are_refused_before_there_is_a_file(path, value):
+def test_settings_that_json_does_not_have_are_refused_before_there_is_a_file(
+    path, value
+):
     refusal(lambda: Store.open(path, {"a": [value]}), "settings cannot be written")
     assert not path.parent.exists()
 
@@ -296,7 +387,10 @@ def test_settings_that_json_does_not_have_are_refused_before_there_is_a_file(pat
 def test_a_second_writer_is_refused_until_the_first_has_closed(path):
     with Store.open(path, SETTINGS) as first:
         for _ in range(2):
-            refusal(lambda: Store.open(path, SETTINGS), "runs/ledger.sqlite is in use by another run")
+            refusal(
+                lambda: Store.open(path, SETTINGS),
+                "runs/ledger.sqlite is in use by another run",
+            )
         first.add(POINT, 0, 64, b"")
     with Store.open(path, SETTINGS) as second:
         assert len(second) == 1
@@ -310,14 +404,22 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(path):
 def test_a_ledger_deleted_during_the_run_is_noticed(path):
     with Store.open(path, SETTINGS) as store:
         path.unlink()
-        refusal(lambda: store.add(POINT, 0, 64, b""), "deleted under this run", "start it again")
+        refusal(
+            lambda: store.add(POINT, 0, 64, b""),
+            "deleted under this run",
+            "start it again",
+        )
 
 
 def test_what_cannot_be_written_is_refused(path, monkeypatch):
     """A read-only file system binds root too."""
     filled(path)
     monkeypatch.setattr(os, "access", lambda *_: False)
-    refusal(lambda: Store.open(path, SETTINGS), "cannot write runs/ledger.sqlite", "make it writable")
+    refusal(
+        lambda: Store.open(path, SETTINGS),
+        "cannot write runs/ledger.sqlite",
+        "make it writable",
+    )
     monkeypatch.undo()
     refusal(lambda: Store.open(path / "below" / "ledger", SETTINGS), "cannot write")
 
@@ -349,8 +451,13 @@ class Threads:
 def live(folder):
     """One life of a run, which writes its result if it gets so far."""
     said = os.open(folder / "calls", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    with Store.open(folder / "ledger", SETTINGS) as store, ThreadPoolExecutor(THREADS) as pool:
-        (outcome,) = runner.count([runner.Point(job(), RULE, store)], Threads(pool, said))
+    with (
+        Store.open(folder / "ledger", SETTINGS) as store,
+        ThreadPoolExecutor(THREADS) as pool,
+    ):
+        (outcome,) = runner.count(
+            [runner.Point(job(), RULE, store)], Threads(pool, said)
+        )
     (folder / "result").write_text(repr(ends(outcome)))
 
 
@@ -383,16 +490,29 @@ def under_fire(folder):
         if not os.WIFSIGNALED(status):
             break
     left = sorted(one.name for one in folder.iterdir())
-    print(json.dumps({"lives": told, "result": (folder / "result").read_text(), "left": left}))
+    print(
+        json.dumps(
+            {"lives": told, "result": (folder / "result").read_text(), "left": left}
+        )
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(tmp_path):
     """A life counts nothing that is recorded, and loses only what was under way; one file is left."""
-    single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    single = {
+        name: "1"
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    }
     environment = {**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])}
-    options = {"env": environment, "capture_output": True, "text": True, "check": False, "timeout": 300}
+    options = {
+        "env": environment,
+        "capture_output": True,
+        "text": True,
+        "check": False,
+        "timeout": 300,
+    }
     done = subprocess.run([sys.executable, __file__, tmp_path], **options)
     assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
     report = json.loads(done.stdout)

@@ -43,7 +43,10 @@ def counts_of(plan, flda, value=None):
 def plan(make_plan):
     """A far panel in low light and a strict locator: errors are many, and some panels are missed."""
     scene = {**DARK, "distance_m": Distribution("uniform", (50.0, 72.0))}
-    made = make_plan(experiment=Experiment("both", "led_luminance_cd_m2", (600.0, 3000.0), scene), frames=94)
+    made = make_plan(
+        experiment=Experiment("both", "led_luminance_cd_m2", (600.0, 3000.0), scene),
+        frames=94,
+    )
     strict = replace(made.receiver.location, min_rectangularity=0.8)
     return replace(made, receiver=replace(made.receiver, location=strict))
 
@@ -60,7 +63,9 @@ def counted(plan, of_locators, value=600.0, parts=PARTS):
         errors = job.read(content, part)
         rows = zip(errors.half_errors, errors.found, errors.misplaced, strict=True)
         found = dict(zip(errors.keys, rows, strict=True))
-        blocks.append({key: [row.tolist() for row in numbers] for key, numbers in found.items()})
+        blocks.append(
+            {key: [row.tolist() for row in numbers] for key, numbers in found.items()}
+        )
     return blocks
 
 
@@ -82,7 +87,9 @@ def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, toge
             assert tensor.equal(trained.state_dict()[name]), (locator, name)
         alone = counted(at(plan, locator), banks(plan, {locator: fldas[locator]}))
         for block, mine in zip(together, alone, strict=True):
-            assert {key: rows for key, rows in block.items() if key.locator == locator} == mine
+            assert {
+                key: rows for key, rows in block.items() if key.locator == locator
+            } == mine
     (_, found, _), (_, all_found, misplaced) = (
         together[0][Key(name, "flda_3")] for name in ("paper", "truth")
     )
@@ -103,7 +110,9 @@ def test_every_comparison_is_the_difference_of_two_counts(plan, fldas):
             assert pair.half_difference == first.half_errors - second.half_errors
             assert pair.a_worse >= first.frame_errors - second.frame_errors
     for (name, value), pair in found.location.items():
-        located, true = (found.curves[locator].counts[name, value] for locator in ("paper", "truth"))
+        located, true = (
+            found.curves[locator].counts[name, value] for locator in ("paper", "truth")
+        )
         assert pair.half_difference == located.half_errors - true.half_errors
     # A lost panel costs a frame nearly half its bits, 64 half errors.
     lost = found.curves["paper"].counts["flda_3", 600.0].panels_missed
@@ -117,7 +126,8 @@ def test_every_comparison_is_the_difference_of_two_counts(plan, fldas):
 def test_batch_size_changes_no_count(make_plan, trained, locator):
     """100 frames: a whole block and a part of one; 128 frames at a time are two blocks at once."""
     counted = {
-        size: counts_of(make_plan(locator=locator, batch_frames=size), trained) for size in (64, 7, 128)
+        size: counts_of(make_plan(locator=locator, batch_frames=size), trained)
+        for size in (64, 7, 128)
     }
     assert all(count.frames == 100 for count in counted[64].values())
     # Equal counts of nothing would say little.
@@ -125,7 +135,9 @@ def test_batch_size_changes_no_count(make_plan, trained, locator):
     assert counted[7] == counted[64] == counted[128]
 
 
-def test_receivers_alone_or_together_see_the_same_frames_and_another_seed_others(make_plan, trained):
+def test_receivers_alone_or_together_see_the_same_frames_and_another_seed_others(
+    make_plan, trained
+):
     together = counts_of(make_plan(), trained)
     for name in ("flda_3", "average_greyscale"):
         assert counts_of(make_plan(names=(name,)), trained) == {name: together[name]}
@@ -145,14 +157,18 @@ def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
 
 def test_close_values_do_not_share_their_draws():
     experiment = Experiment("close", "ambient_lx", (1000000.0, 1000001.0))
-    assert len({sweep.point_name(experiment, value) for value in experiment.values}) == 2
+    assert (
+        len({sweep.point_name(experiment, value) for value in experiment.values}) == 2
+    )
 
 
 def test_framing_changes_no_count(make_plan, trained):
     """The panel's surroundings alone, these laid into a frame, or the whole sensor rendered."""
     names = ("average_greyscale", "flda_2", "flda_3")
     crop, *others = (
-        counts_of(make_plan(locator="paper", frames=8, names=names, framing=framing), trained)
+        counts_of(
+            make_plan(locator="paper", frames=8, names=names, framing=framing), trained
+        )
         for framing in ("crop", "filled", "full")
     )
     assert others == [crop, crop]
@@ -193,7 +209,9 @@ def contrast_plan(make_plan, edges=(0.0, 0.12, 0.24, 0.36, 0.54), **options):
         "led_luminance_cd_m2": Distribution("uniform", (500.0, 8000.0)),
         "distance_m": Distribution("uniform", (40.0, 60.0)),
     }
-    return make_plan(experiment=Experiment("contrast", "contrast", edges, scene), **options)
+    return make_plan(
+        experiment=Experiment("contrast", "contrast", edges, scene), **options
+    )
 
 
 def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
@@ -202,7 +220,10 @@ def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
     assert (plan.frames_in_point, sweep.monte_carlo_values(plan)) == (120, (0.0,))
     points = {p.value: p.counts.frames for p in sweep_point(plan, trained, 0.0)}
     model = plan.experiment.model_at(plan.world, 0.0)
-    drawn = [model.draw(BlockKey(0, "contrast", block), plan.world.panel.shape)[0] for block in range(2)]
+    drawn = [
+        model.draw(BlockKey(0, "contrast", block), plan.world.panel.shape)[0]
+        for block in range(2)
+    ]
     contrast = plan.world.simulator().contrast(Scene.cat(drawn)[:120]).tolist()
     edges = plan.experiment.values
     by_hand = {
@@ -224,7 +245,15 @@ def test_edges_of_bins(make_plan):
     link = Link(Known(), None, plan.receiver.reader)
     scene = Scene.of(frames=7)
     seen = Observation(scene, torch.zeros(7, 8, 8), None, None, None, None)
-    assert sweep.group_of(plan.experiment, link, seen).tolist() == [-1, 0, 0, 1, 1, 1, -1]
+    assert sweep.group_of(plan.experiment, link, seen).tolist() == [
+        -1,
+        0,
+        0,
+        1,
+        1,
+        1,
+        -1,
+    ]
 
 
 def test_frames_outside_all_bins_count_nowhere(make_plan, trained):
@@ -241,7 +270,10 @@ STUDIES = {
     "far": Experiment("far", "distance_m", (60.0, 66.0), DARK),
     "bins": Experiment("bins", "contrast", (0.0, 0.1, 0.6)),
     "near": Experiment(
-        "near", "distance_m", (40.0,), training={"distance_m": Distribution("uniform", (30.0, 50.0))}
+        "near",
+        "distance_m",
+        (40.0,),
+        training={"distance_m": Distribution("uniform", (30.0, 50.0))},
     ),
 }
 
@@ -262,7 +294,9 @@ def run(studies, folder, **told):
     """Run studies with a ledger each in a folder."""
     with ExitStack() as opened, Workers(1) as workers:
         ledgers = {
-            one.key: opened.enter_context(Store.open(folder / f"{one.key}.sqlite", one.identity))
+            one.key: opened.enter_context(
+                Store.open(folder / f"{one.key}.sqlite", one.identity)
+            )
             for one in studies
         }
         return sweep.run_campaign(studies, workers, ledgers, **told)
@@ -287,12 +321,19 @@ def test_a_study_gives_what_it_gives_alone(whole, studies, index):
     study = studies[index]
     own = at(study.plan, "paper")
     flda = train(own).flda
-    points = [point for value in sweep.monte_carlo_values(own) for point in sweep_point(own, flda, value)]
+    points = [
+        point
+        for value in sweep.monte_carlo_values(own)
+        for point in sweep_point(own, flda, value)
+    ]
     curves = whole[0][study.key].curves["paper"]
     assert {(one.receiver, one.value): one.counts for one in points} == curves.counts
     assert sum(counts.half_errors for counts in curves.counts.values()) > 0
     for (receiver, value), pair in whole[0][study.key].location.items():
-        located, truth = (whole[0][study.key].curves[name].counts[receiver, value] for name in BOTH[::-1])
+        located, truth = (
+            whole[0][study.key].curves[name].counts[receiver, value]
+            for name in BOTH[::-1]
+        )
         assert pair.half_difference == located.half_errors - truth.half_errors
 
 
@@ -300,14 +341,19 @@ def test_what_is_told_on_the_way(whole, studies):
     """Training first, then every block, then each study as soon as its last point is there."""
     results, told, _ = whole
     blocks = {"far": [64, 64], "bins": [64, 64], "near": [64], "short": [64, 64]}
-    steps = [[*((key, frames) for frames in each), (key, results[key])] for key, each in blocks.items()]
+    steps = [
+        [*((key, frames) for frames in each), (key, results[key])]
+        for key, each in blocks.items()
+    ]
     assert told == ["trained", *(one for each in steps for one in each)]
     assert [study.frames for study in studies] == [128, 128, 64, 128]
 
 
 def test_studies_that_train_on_the_same_scenes_share_it(studies, monkeypatch):
     far = studies[0].plan
-    central = replace(far.receiver, reader=replace(far.receiver.reader, gradient="central"))
+    central = replace(
+        far.receiver, reader=replace(far.receiver.reader, gradient="central")
+    )
     others = [
         replace(far, seed=1),
         replace(far, budget=replace(far.budget, training_frames=65)),
@@ -326,7 +372,9 @@ def test_studies_that_train_on_the_same_scenes_share_it(studies, monkeypatch):
     # Test scenes, axis and name do not matter for training; lens, training scenes, seed and reader do.
     names = [plan.experiment.name for plan in plans]
     assert [plan.experiment.name for plan in trained] == ["bins", *names[2:]]
-    assert found[1]["truth"].flda is found[0]["truth"].flda is not found[2]["truth"].flda
+    assert (
+        found[1]["truth"].flda is found[0]["truth"].flda is not found[2]["truth"].flda
+    )
 
 
 def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):
@@ -340,7 +388,11 @@ def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):
         run(studies, tmp_path, advance=interrupt)
     left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert run(studies, tmp_path).measured == whole[0]
-    unchanged = {name for name, before in left.items() if (tmp_path / name).read_bytes() == before}
+    unchanged = {
+        name
+        for name, before in left.items()
+        if (tmp_path / name).read_bytes() == before
+    }
     assert unchanged == {"far.sqlite", "bins.sqlite", "near.sqlite"}
     with pytest.raises(VoccError, match="experiment"):
         Store.open(tmp_path / "far.sqlite", studies[1].identity)
@@ -351,7 +403,9 @@ def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):
 def test_groups_are_values_and_empty_ones_are_left_out(make_plan):
     """In the contrast experiment one outcome holds the errors of all values."""
     names = "flda_2", "flda_3"
-    plan = make_plan(experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=names)
+    plan = make_plan(
+        experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=names
+    )
     keys, groups = tuple(Key("paper", name) for name in names), np.array([0, 2, -1, 2])
     halves = np.array([[0, 2, 6, 4], [2, 2, 6, 0]])
     errors = FrameErrors(halves, halves >= 0, 64, groups, halves > 5, keys)
@@ -359,9 +413,17 @@ def test_groups_are_values_and_empty_ones_are_left_out(make_plan):
     outcome = runner.Outcome(errors, tallies, "frames")
     found = sweep.measured(Study("c", plan, ("paper",)), {0.0: outcome})
     curves = found.curves["paper"]
-    assert (curves.values, curves.stopped_by) == ((0.1, 0.5), {0.1: "frames", 0.5: "frames"})
+    assert (curves.values, curves.stopped_by) == (
+        (0.1, 0.5),
+        {0.1: "frames", 0.5: "frames"},
+    )
     assert {at: one.half_errors for at, one in curves.counts.items()} == {
-        **{("flda_2", 0.1): 0, ("flda_3", 0.1): 2, ("flda_2", 0.5): 6, ("flda_3", 0.5): 2}
+        **{
+            ("flda_2", 0.1): 0,
+            ("flda_3", 0.1): 2,
+            ("flda_2", 0.5): 6,
+            ("flda_3", 0.5): 2,
+        }
     }
     assert {at: pair.half_difference for at, pair in curves.paired.items()} == {
         **{("flda_2", "flda_3", 0.1): -2, ("flda_2", "flda_3", 0.5): 4}

@@ -62,21 +62,29 @@ def test_rounds_are_interleaved_and_turn_back(world):
 
 
 def test_a_primed_call_comes_right_after_itself(world):
-    calls = {"a": world.work("a", 50.0, 40.0, 9.0, 3.0), "b": world.work("b", 70.0, 60.0, 8.0, 1.0)}
+    calls = {
+        "a": world.work("a", 50.0, 40.0, 9.0, 3.0),
+        "b": world.work("b", 70.0, 60.0, 8.0, 1.0),
+    }
     timed = interleaved(calls, 1, CPU, warm_up=1, primed=True, clock=world.clock)
     assert "".join(world.order) == "aabb" + "bbaa"
     assert timed == {"a": Timing((3.0,)), "b": Timing((1.0,))}
 
 
 def test_warm_up_is_done_and_not_counted(world):
-    calls = {"a": world.work("a", 50.0, 40.0, 3.0, 4.0, 5.0), "b": world.work("b", 70.0, 60.0, 1.0)}
+    calls = {
+        "a": world.work("a", 50.0, 40.0, 3.0, 4.0, 5.0),
+        "b": world.work("b", 70.0, 60.0, 1.0),
+    }
     timed = interleaved(calls, 3, CPU, warm_up=2, clock=world.clock)
     # Rounds run a b, b a, a b, ...: each call's own order of durations stays.
     assert timed == {"a": Timing((3.0, 4.0, 5.0)), "b": Timing((1.0, 1.0, 1.0))}
     assert world.order.count("a") == world.order.count("b") == 5
 
 
-def test_the_device_is_waited_for_within_the_time_and_only_for_the_call(world, monkeypatch):
+def test_the_device_is_waited_for_within_the_time_and_only_for_the_call(
+    world, monkeypatch
+):
     monkeypatch.setattr(torch.cuda, "synchronize", world.synchronize)
     world.queued = 1000.0  # somebody else's work
     calls = {"a": world.queue("a", 2.0), "b": world.queue("b", 30.0)}
@@ -93,11 +101,15 @@ def test_quartiles_are_those_of_the_statistics_module(seconds):
 
 
 def test_the_machine_is_named_by_what_times_depend_on(monkeypatch, tmp_path):
-    (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Example CPU: 9000\nprocessor\t: 1\n")
+    (tmp_path / "cpuinfo").write_text(
+        "processor\t: 0\nmodel name\t: Example CPU: 9000\nprocessor\t: 1\n"
+    )
     monkeypatch.setattr(timing, "_CPU_FILE", tmp_path / "cpuinfo")
     monkeypatch.setattr(torch, "get_num_threads", lambda: 3)
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0}, raising=False)
     said = describe_machine(CPU)
-    assert said == f"Example CPU: 9000 with 1 core, 3 threads, torch {torch.__version__}"
+    assert (
+        said == f"Example CPU: 9000 with 1 core, 3 threads, torch {torch.__version__}"
+    )
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "Example GPU")
     assert describe_machine(CUDA) == f"Example GPU, {said}"

@@ -22,8 +22,12 @@ def features_of(plan, model=None):
     link = Link.of(plan)
     frames = plan.budget.training_frames
     keys = [BlockKey(plan.seed, "train", block) for block in range(-(-frames // 64))]
-    seen = list(link.observe(model or plan.world.scene, keys, preambles=False, frames=frames))
-    features = torch.cat([s.readings.features[s.panels.found] for s in seen]).reshape(-1, 3)
+    seen = list(
+        link.observe(model or plan.world.scene, keys, preambles=False, frames=frames)
+    )
+    features = torch.cat([s.readings.features[s.panels.found] for s in seen]).reshape(
+        -1, 3
+    )
     return features, torch.cat([s.bits[s.panels.found] for s in seen]).reshape(-1)
 
 
@@ -35,17 +39,25 @@ def test_agrees_with_scikit_learn_on_the_same_frames(make_plan, locator):
     features, bits = features_of(plan)
     for name in ("flda_agr", "flda_gri", "flda_2", "flda_3"):
         columns = feature_indices(name)
-        peer = LinearDiscriminantAnalysis(solver="lsqr").fit(features[:, columns].numpy(), bits.numpy())
+        peer = LinearDiscriminantAnalysis(solver="lsqr").fit(
+            features[:, columns].numpy(), bits.numpy()
+        )
         mine = trained.flda.select(columns).direction.numpy()
-        cosine = mine @ peer.coef_[0] / np.linalg.norm(mine) / np.linalg.norm(peer.coef_[0])
+        cosine = (
+            mine @ peer.coef_[0] / np.linalg.norm(mine) / np.linalg.norm(peer.coef_[0])
+        )
         assert cosine > 1 - 1e-9
 
 
 def test_batch_size_does_not_change_what_is_learnt(make_plan):
     trained = [train(make_plan(batch_frames=size)).flda for size in (7, 64, 128)]
     for other in trained[:-1]:
-        torch.testing.assert_close(other.direction, trained[-1].direction, rtol=1e-6, atol=0.0)
-        torch.testing.assert_close(other.threshold, trained[-1].threshold, rtol=1e-6, atol=0.0)
+        torch.testing.assert_close(
+            other.direction, trained[-1].direction, rtol=1e-6, atol=0.0
+        )
+        torch.testing.assert_close(
+            other.threshold, trained[-1].threshold, rtol=1e-6, atol=0.0
+        )
 
 
 def test_missed_panels_are_left_out(make_plan, monkeypatch):
@@ -58,13 +70,19 @@ def test_missed_panels_are_left_out(make_plan, monkeypatch):
             found = panels.found & (torch.arange(len(frames)) % 3 > 0)
             return Panels(panels.corners_px, found, panels.score, panels.candidates)
 
-    monkeypatch.setattr(type(plan.receiver), "finders", lambda _, names: dict.fromkeys(names, Blinking()))
+    monkeypatch.setattr(
+        type(plan.receiver),
+        "finders",
+        lambda _, names: dict.fromkeys(names, Blinking()),
+    )
     trained = train(plan)
     assert trained.missed >= 20
     features, bits = features_of(plan)
     assert int(trained.flda.count.sum()) == len(bits) == 64 * (60 - trained.missed)
     assert torch.equal(trained.features, features)
-    torch.testing.assert_close(trained.flda.mean[1], features[bits].mean(0), rtol=1e-9, atol=0.0)
+    torch.testing.assert_close(
+        trained.flda.mean[1], features[bits].mean(0), rtol=1e-9, atol=0.0
+    )
 
 
 def test_no_panel_in_any_frame_is_refused(make_plan):
@@ -82,9 +100,13 @@ def test_training_scenes_are_the_worlds_with_the_experiments_changes(make_plan):
     """An experiment's test scenes do not narrow the training; its training scenes do."""
     near = {"distance_m": Distribution("constant", (35.0,))}
     usual = train(make_plan())
-    tested = train(make_plan(experiment=Experiment("near", "ambient_lx", (4000.0,), scene=near)))
+    tested = train(
+        make_plan(experiment=Experiment("near", "ambient_lx", (4000.0,), scene=near))
+    )
     assert torch.equal(tested.features, usual.features)
-    plan = make_plan(experiment=Experiment("near", "ambient_lx", (4000.0,), training=near))
+    plan = make_plan(
+        experiment=Experiment("near", "ambient_lx", (4000.0,), training=near)
+    )
     features, _ = features_of(plan, dataclasses.replace(SceneModel(), **near))
     assert torch.equal(train(plan).features, features)
     assert not torch.equal(train(plan).features, usual.features)

@@ -59,7 +59,9 @@ def counted(plan, training):
 def curves(plan, training):
     job = job_of(plan, {"truth": training.bank(plan.receiver.names)}, 66.0)
     outcome = run_point(job, Budget(sum(part.frames for part in PARTS)))
-    return sweep.measured(sweep.Study("", plan, ("truth",)), {66.0: outcome}).curves["truth"]
+    return sweep.measured(sweep.Study("", plan, ("truth",)), {66.0: outcome}).curves[
+        "truth"
+    ]
 
 
 def test_the_first_training_is_what_it_is_alone(plan, training, counted):
@@ -68,7 +70,9 @@ def test_the_first_training_is_what_it_is_alone(plan, training, counted):
     for name in ("count", "mean", "scatter"):
         assert torch.equal(getattr(alone.flda, name), getattr(training.flda, name))
     assert alone.more == ()
-    for block, before in zip(counted, counted_of(once, alone.bank(plan.receiver.names)), strict=True):
+    for block, before in zip(
+        counted, counted_of(once, alone.bank(plan.receiver.names)), strict=True
+    ):
         first = [row for row, key in enumerate(block.keys) if key.training == 0]
         assert block.of(first).half_errors.tolist() == before.half_errors.tolist()
     assert identity(once, ["truth"]).get("trainings") is None
@@ -81,13 +85,18 @@ def test_every_training_has_frames_of_its_own(plan, training):
     sent = []
     for number, point in enumerate(("train", "train/1", "train/2")):
         keys = [BlockKey(plan.seed, point, 0)]
-        (seen,) = link.observe(model, keys, preambles=False, frames=plan.budget.training_frames)
+        (seen,) = link.observe(
+            model, keys, preambles=False, frames=plan.budget.training_frames
+        )
         sent.append(seen.bits)
         flda = FLDA(3).fit(seen.readings.features, seen.bits)
         own = training if not number else training.more[number - 1]
         assert torch.equal(own.flda.mean, flda.mean)
     for one in range(K):
-        assert all(0.4 < float((sent[one] == other).float().mean()) < 0.6 for other in sent[:one])
+        assert all(
+            0.4 < float((sent[one] == other).float().mean()) < 0.6
+            for other in sent[:one]
+        )
 
 
 def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
@@ -96,17 +105,25 @@ def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
     for name in plan.receiver.names:
         of = curves.trained[name, 66.0]
         assert of.pooled.half_errors == sum(one.half_errors for one in of.each)
-        assert (of.pooled.frames, of.pooled.bits) == (of.each[0].frames, K * of.each[0].bits)
+        assert (of.pooled.frames, of.pooled.bits) == (
+            of.each[0].frames,
+            K * of.each[0].bits,
+        )
         assert max(one.frame_errors for one in of.each) <= of.pooled.frame_errors
         if name == "center_greyscale":
             assert of.each[0] == of.each[1] == of.each[2]
-            assert of.pooled.half_errors_squared == K**2 * of.each[0].half_errors_squared
+            assert (
+                of.pooled.half_errors_squared == K**2 * of.each[0].half_errors_squared
+            )
     # The second training by itself decides as it does among three.
     other = training.more[0].bank(["flda_2", "flda_3"])
     two = replace(plan, receiver=replace(plan.receiver, names=("flda_2", "flda_3")))
     alone = counted_of(two, other)[0]
     for name in ("flda_2", "flda_3"):
-        row, among = alone.place(Key("truth", name)), counted[0].place(Key("truth", name, 1))
+        row, among = (
+            alone.place(Key("truth", name)),
+            counted[0].place(Key("truth", name, 1)),
+        )
         assert alone.half_errors[row].tolist() == counted[0].half_errors[among].tolist()
     pair = curves.trained_pairs["flda_2", "flda_3", 66.0]
     rates = [curves.trained[name, 66.0].pooled.ber for name in ("flda_2", "flda_3")]
@@ -122,7 +139,9 @@ def test_further_trainings_do_not_stop_a_point():
 
 
 def test_classifiers_learn_anew_each_time(plan):
-    lmmse = ClassifierPlan("lmmse", PlugIn("", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer"))
+    lmmse = ClassifierPlan(
+        "lmmse", PlugIn("", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer")
+    )
     receiver = replace(plan.receiver, names=("flda_2", "lmmse"), classifiers=(lmmse,))
     with Workers(1) as workers:
         (found,) = train_alone([replace(plan, receiver=receiver)], workers)
@@ -130,7 +149,9 @@ def test_classifiers_learn_anew_each_time(plan):
     assert len(every) == K
     states = [str(vars(one.classifiers["lmmse"].classifier)) for one in every]
     assert len(set(states)) == K
-    assert [bank.names for bank in found.bank(["center_greyscale", "lmmse"]).more] == [("lmmse",)] * 2
+    assert [bank.names for bank in found.bank(["center_greyscale", "lmmse"]).more] == [
+        ("lmmse",)
+    ] * 2
 
 
 # Intervals
@@ -142,7 +163,9 @@ def made_up(rng, scatter, trainings, frames=2000, ber=2e-3, shared=0.5):
     hard = np.where(rng.random(frames) < 0.1, 10 * shared, 0) + (1 - shared)
     wrong = rng.binomial(64, np.minimum(ber * factors[:, None] * hard, 1))
     each, _ = tallies(2 * wrong, 64, np.ones(wrong.shape, dtype=bool))
-    (pooled,), _ = tallies(2 * wrong.sum(0)[None], 64 * trainings, np.ones((1, frames), dtype=bool))
+    (pooled,), _ = tallies(
+        2 * wrong.sum(0)[None], 64 * trainings, np.ones((1, frames), dtype=bool)
+    )
     return Trained(tuple(each), pooled)
 
 
@@ -165,9 +188,13 @@ def test_without_errors_the_limit_is_that_of_one_receiver():
     both = Trained((clean, clean), Counts(2000, 256_000))
     for size in (1.0, 20.0):
         one = ber_interval(clean, errors_per_frame_error=size)
-        assert both.interval(errors_per_frame_error=size).high == pytest.approx(one.high, rel=1e-12)
+        assert both.interval(errors_per_frame_error=size).high == pytest.approx(
+            one.high, rel=1e-12
+        )
     paired = mean_difference(both, both, PairedCounts(2000, 256_000))
-    assert paired.high == pytest.approx(paired_interval(PairedCounts(2000, 128_000)).high, rel=1e-12)
+    assert paired.high == pytest.approx(
+        paired_interval(PairedCounts(2000, 128_000)).high, rel=1e-12
+    )
 
 
 def test_what_cannot_be_of_the_same_trainings_is_refused():
@@ -176,12 +203,16 @@ def test_what_cannot_be_of_the_same_trainings_is_refused():
         with pytest.raises(VoccError, match=r"trained\.pooled"):
             Trained(each, pooled)
     for number in (0, 1001):
-        with pytest.raises(VoccError, match=rf"budget\.trainings is {number}: it must be 1 to 1000"):
+        with pytest.raises(
+            VoccError, match=rf"budget\.trainings is {number}: it must be 1 to 1000"
+        ):
             Budget(trainings=number)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scatter", "trainings"), [(0.2, 2), (0.2, 8), (0.6, 3), (0.6, 8), (0.0, 5)])
+@pytest.mark.parametrize(
+    ("scatter", "trainings"), [(0.2, 2), (0.2, 8), (0.6, 3), (0.6, 8), (0.0, 5)]
+)
 def test_the_algorithms_interval_covers(scatter, trainings):
     """On made-up trainings with known truth.
 
@@ -207,27 +238,43 @@ def test_columns_are_written_read_back_and_may_be_missing(curves, tmp_path):
     table = curves.table()
     folder.write_rows(tmp_path / "ber.csv", folder.ber_rows(table))
     (read,) = folder.read_tables(tmp_path / "ber.csv").values()
-    assert {(row.receiver, row) for row in read} == {(row.receiver, row) for row in table}
+    assert {(row.receiver, row) for row in read} == {
+        (row.receiver, row) for row in table
+    }
     grey = next(row for row in table if row.receiver == "center_greyscale")
-    assert (grey.ber_sd, grey.algorithm_low, grey.algorithm_high) == (0, grey.ber_low, grey.ber_high)
+    assert (grey.ber_sd, grey.algorithm_low, grey.algorithm_high) == (
+        0,
+        grey.ber_low,
+        grey.ber_high,
+    )
     row = next(row for row in table if row.receiver == "flda_2")
     rates = curves.trained["flda_2", 66.0].rates
     assert (row.trainings, row.ber_best, row.ber_worst) == (K, min(rates), max(rates))
     assert row.ber_sd == pytest.approx(np.std(rates, ddof=1))
     assert row.ber_mean == pytest.approx(np.mean(rates))
     assert row.algorithm_low < row.ber_mean < row.algorithm_high
-    old = [line.split(",")[:14] for line in (tmp_path / "ber.csv").read_text().splitlines()]
+    old = [
+        line.split(",")[:14] for line in (tmp_path / "ber.csv").read_text().splitlines()
+    ]
     folder.write_rows(tmp_path / "old.csv", old)
     (read,) = folder.read_tables(tmp_path / "old.csv").values()
     assert [one.algorithm for one in read] == [None] * 3
     folder.write_paired(tmp_path / "paired.csv", [curves])
-    lines = [line.split(",") for line in (tmp_path / "paired.csv").read_text().splitlines()]
+    lines = [
+        line.split(",") for line in (tmp_path / "paired.csv").read_text().splitlines()
+    ]
     place = lines[0].index("algorithm_difference")
     (pair,) = [line for line in lines if line[4:6] == ["flda_2", "flda_3"]]
     found = curves.trained_pair("flda_2", "flda_3", 66.0)
-    assert [float(cell) for cell in pair[place : place + 3]] == [found.value, found.low, found.high]
+    assert [float(cell) for cell in pair[place : place + 3]] == [
+        found.value,
+        found.low,
+        found.high,
+    ]
 
 
 def test_a_single_training_says_nothing_of_the_algorithm():
-    row = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 4, 8, 2), "frames").stated()
+    row = Point(
+        "d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 4, 8, 2), "frames"
+    ).stated()
     assert folder.cells(row)[14:21] == ["1", *[""] * 6]

@@ -13,7 +13,9 @@ pytestmark = pytest.mark.slow
 
 def whole_sweep(plan, flda):
     """Points by receiver and value."""
-    points = [p for value in plan.experiment.values for p in sweep_point(plan, flda, value)]
+    points = [
+        p for value in plan.experiment.values for p in sweep_point(plan, flda, value)
+    ]
     return {(point.receiver, point.value): point for point in points}
 
 
@@ -43,7 +45,9 @@ def test_ambient_light_has_a_best_level(make_plan, paper_trained):
     values = (1000.0, 2000.0, 4000.0, 8000.0, 16000.0, 32000.0)
     names = ("average_greyscale", "flda_2", "flda_3")
     plan = make_plan(
-        experiment=Experiment("ambient", "ambient_lx", values, BETWEEN | LEDS), frames=384, names=names
+        experiment=Experiment("ambient", "ambient_lx", values, BETWEEN | LEDS),
+        frames=384,
+        names=names,
     )
     at = whole_sweep(plan, paper_trained)
     for name in ("average_greyscale", "flda_2"):
@@ -59,7 +63,9 @@ def test_errors_rise_with_distance(make_plan, paper_trained):
     values = (30.0, 50.0, 60.0, 70.0)
     names = ("average_greyscale", "flda_2", "flda_3")
     experiment = Experiment("distance", "distance_m", values, DUSK | LEDS)
-    at = whole_sweep(make_plan(experiment=experiment, frames=384, names=names), paper_trained)
+    at = whole_sweep(
+        make_plan(experiment=experiment, frames=384, names=names), paper_trained
+    )
     for name in names:
         assert_worse(at[name, 70.0], at[name, 60.0])
         bers = [at[name, value].counts.ber for value in values]

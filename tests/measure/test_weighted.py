@@ -26,7 +26,9 @@ def told(y, frames, confidence, unseen):
     total, squares, fourths = y.sum(), (y**2).sum(), (y**4).sum()
     tail = (1 - confidence) / 2
     even = total**2 / squares
-    shape = frames if np.isclose(even, frames) else total**2 / (squares - total**2 / frames)
+    shape = (
+        frames if np.isclose(even, frames) else total**2 / (squares - total**2 / frames)
+    )
     freedom = max(1, min(frames - 1, squares**2 / fourths))
     paid = (stats.norm.ppf(tail) / stats.t.ppf(tail, freedom)) ** 2
     low = stats.gamma.ppf(tail, shape * paid, scale=1 / shape / paid)
@@ -35,7 +37,11 @@ def told(y, frames, confidence, unseen):
     mean, variance = 1 + further * step, (1 / shape + further * step**2) / paid
     high = stats.gamma.isf(tail, mean**2 / variance, scale=variance / mean)
     rate = total / frames / BITS
-    return rate, low * rate, max(rate, min(1, high * rate + (unseen if len(y) > UNEVEN * even else 0)))
+    return (
+        rate,
+        low * rate,
+        max(rate, min(1, high * rate + (unseen if len(y) > UNEVEN * even else 0))),
+    )
 
 
 def weighed(halves, weights, frames, nominal=16):
@@ -53,15 +59,22 @@ def test_the_interval_is_the_gamma_law_s(law, unseen):
     y = np.array(halves) / 2 * np.array(weights)
     for confidence in (0.5, 0.95):
         found = weighted_interval(counts, confidence, unseen)
-        assert (found.value, found.low, found.high) == pytest.approx(told(y, frames, confidence, unseen))
+        assert (found.value, found.low, found.high) == pytest.approx(
+            told(y, frames, confidence, unseen)
+        )
     assert weighted_interval(counts) == weighted_interval(counts, 0.95, 0.0)
 
 
 @pytest.mark.parametrize("law", ["few wrong", "one large"])
 def test_frames_as_they_are_meant_say_what_may_go_unseen(law):
     halves, weights, frames = LAWS[law]
-    counts, y = weighed(halves, weights, frames), np.array(halves) / 2 * np.array(weights)
+    counts, y = (
+        weighed(halves, weights, frames),
+        np.array(halves) / 2 * np.array(weights),
+    )
     for confidence in (0.5, 0.95):
         unseen = stats.beta.ppf(confidence, 1, frames / 4) / BITS
         found = ber_interval(counts, confidence)
-        assert (found.low, found.high) == pytest.approx(told(y, frames, confidence, unseen)[1:])
+        assert (found.low, found.high) == pytest.approx(
+            told(y, frames, confidence, unseen)[1:]
+        )

@@ -19,14 +19,26 @@ from pathlib import Path
 import torch
 
 # Imported before the forks, so that each child begins with them; the package itself is imported after.
-for _library in ("hypothesis", "kornia", "matplotlib.figure", "mpmath", "scipy.special", "scipy.stats"):
+for _library in (
+    "hypothesis",
+    "kornia",
+    "matplotlib.figure",
+    "mpmath",
+    "scipy.special",
+    "scipy.stats",
+):
     importlib.import_module(_library)
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
 LIMIT_S = 600
 GREEN, RED, NOT_BEGUN, OUT_OF_TIME = range(4)
-WORDS = {RED: "red", GREEN: "STAYED GREEN", NOT_BEGUN: "BROKEN BEFORE THE CHECK", OUT_OF_TIME: "red (time)"}
+WORDS = {
+    RED: "red",
+    GREEN: "STAYED GREEN",
+    NOT_BEGUN: "BROKEN BEFORE THE CHECK",
+    OUT_OF_TIME: "red (time)",
+}
 
 
 def modules():
@@ -37,7 +49,9 @@ def modules():
 def cases(package_root):
     """Import the cases with the package that lies in ``package_root``."""
     sys.path[:0] = [str(package_root), str(FOLDER), str(ROOT / "tests")]
-    found = [case for name in modules() for case in importlib.import_module(name).hard.cases]
+    found = [
+        case for name in modules() for case in importlib.import_module(name).hard.cases
+    ]
     import vocc_torch
 
     assert Path(vocc_torch.__file__).is_relative_to(package_root), vocc_torch.__file__
@@ -101,8 +115,12 @@ def main(words):
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
         for part in ("vocc_torch", "conf"):
-            shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
-        sys.dont_write_bytecode = True  # a mended file keeps the second of its broken one
+            shutil.copytree(
+                ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__")
+            )
+        sys.dont_write_bytecode = (
+            True  # a mended file keeps the second of its broken one
+        )
         for name, path, old, new in listed(copy):
             if words and not any(word in name for word in words):
                 continue
@@ -119,7 +137,12 @@ def main(words):
             print(f"{status:<14}{name}", flush=True)
             if not status.startswith("red"):
                 failed.append(name)
-                print(log.read_text() if log.exists() and status == WORDS[NOT_BEGUN] else "", end="")
+                print(
+                    log.read_text()
+                    if log.exists() and status == WORDS[NOT_BEGUN]
+                    else "",
+                    end="",
+                )
     print(f"{done - len(failed)} of {done} checks went red")
     return 1 if failed or not done else 0
 

@@ -44,13 +44,20 @@ class Exact:
             scatter, means = mpmath.zeros(features), []
             for bit in (False, True):
                 rows = [[mpmath.mpf(value) for value in row] for row in x[on == bit]]
-                means.append([mpmath.fsum(column) / len(rows) for column in zip(*rows, strict=True)])
+                means.append(
+                    [
+                        mpmath.fsum(column) / len(rows)
+                        for column in zip(*rows, strict=True)
+                    ]
+                )
                 centred = mpmath.matrix(rows) - mpmath.matrix([means[-1]] * len(rows))
                 scatter += centred.T * centred
             scale = [mpmath.sqrt(scatter[j, j] / len(x)) for j in range(features)]
             units = mpmath.diag([1 / s for s in scale])
             gap = mpmath.matrix([b - a for a, b in zip(*means, strict=True)])
-            direction = list(units * mpmath.lu_solve(units * scatter * units / len(x), units * gap))
+            direction = list(
+                units * mpmath.lu_solve(units * scatter * units / len(x), units * gap)
+            )
             midpoint = [(a + b) / 2 for a, b in zip(*means, strict=True)]
             return cls(direction, mpmath.fdot(direction, midpoint), midpoint, scale)
 
@@ -65,9 +72,15 @@ class Exact:
         with mpmath.workdps(DIGITS):
             pairs = list(zip(self.direction, self.scale, strict=True))
             length = mpmath.norm([w * s for w, s in pairs])
-            apart = mpmath.norm([(w - float(v)) * s for (w, s), v in zip(pairs, direction, strict=True)])
-            reach = mpmath.norm([m / s for m, s in zip(self.midpoint, self.scale, strict=True)])
-            return float(apart / length), float(abs(self.threshold - threshold) / length / reach)
+            apart = mpmath.norm(
+                [(w - float(v)) * s for (w, s), v in zip(pairs, direction, strict=True)]
+            )
+            reach = mpmath.norm(
+                [m / s for m, s in zip(self.midpoint, self.scale, strict=True)]
+            )
+            return float(apart / length), float(
+                abs(self.threshold - threshold) / length / reach
+            )
 
 
 def condition_number(x: Array, on: Bits) -> float:
@@ -77,13 +90,19 @@ def condition_number(x: Array, on: Bits) -> float:
     """
     centred = x.copy()
     for bit in (False, True):
-        rows = x[on == bit] - x[on == bit][0]  # exact where the features lie at an offset
+        rows = (
+            x[on == bit] - x[on == bit][0]
+        )  # exact where the features lie at an offset
         centred[on == bit] = rows - rows.mean(axis=0)
-    values = np.linalg.svd(centred / np.sqrt((centred**2).mean(axis=0)), compute_uv=False)
+    values = np.linalg.svd(
+        centred / np.sqrt((centred**2).mean(axis=0)), compute_uv=False
+    )
     return float((values[0] / values[-1]) ** 2)
 
 
-def _two_classes(rng: np.random.Generator, root: Array, gap: Array) -> tuple[Array, Bits]:
+def _two_classes(
+    rng: np.random.Generator, root: Array, gap: Array
+) -> tuple[Array, Bits]:
     """Draw samples with covariance ``root root'``, their classes a gap apart, in an order of no meaning."""
     on = rng.permutation(np.arange(SAMPLES) % 2 == 1)
     return rng.normal(size=(SAMPLES, len(root))) @ root.T + on[:, None] * gap, on
@@ -169,9 +188,13 @@ class Draw:
             warnings.simplefilter("always", FLDAWarning)
             rule = discriminant(torch.from_numpy(x), torch.from_numpy(on))
         exact = Exact.of(x, on)
-        offset = max(float(abs(m / s)) for m, s in zip(exact.midpoint, exact.scale, strict=True))
+        offset = max(
+            float(abs(m / s)) for m, s in zip(exact.midpoint, exact.scale, strict=True)
+        )
         errors = exact.errors(rule.direction.numpy(), float(rule.threshold))
-        return cls(family, x.shape[1], condition_number(x, on), offset, *errors, bool(caught))
+        return cls(
+            family, x.shape[1], condition_number(x, on), offset, *errors, bool(caught)
+        )
 
     @property
     def reach(self) -> float:

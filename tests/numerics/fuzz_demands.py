@@ -29,14 +29,23 @@ from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.receiver.flda import FLDAWarning
 
-BASE = ("experiment=scenes", "device=cpu", "budget.frames=4", "budget.training_frames=4")
+BASE = (
+    "experiment=scenes",
+    "device=cpu",
+    "budget.frames=4",
+    "budget.training_frames=4",
+)
 """The command line that a case changes."""
 
 ABOUT_TRAINING = ("training found no panel in any of", "FLDA has seen no ")
 """Refusals of training, which name what was found and not a key."""
 
 
-ROUNDING = {torch.uint8: (0.0, 0.0), torch.float32: (1e-6, 1e-5), torch.float64: (1e-13, 1e-5)}
+ROUNDING = {
+    torch.uint8: (0.0, 0.0),
+    torch.float32: (1e-6, 1e-5),
+    torch.float64: (1e-13, 1e-5),
+}
 """How far what is read of frames may lie apart in two batches, by the frames' kind: as a share, or as it is.
 
 Gamma's slope at black is infinite: 1e-16 of the light that should not be there is 1e-5 of a grey level.
@@ -64,7 +73,9 @@ def _paper_words():
     register_schema()
     GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        return OmegaConf.to_container(compose("config", overrides=list(BASE)), resolve=True)
+        return OmegaConf.to_container(
+            compose("config", overrides=list(BASE)), resolve=True
+        )
 
 
 @functools.cache
@@ -122,7 +133,9 @@ def _run(case):
     again = _seen(plan, bank, 1 if alone else case.frames, 1 if alone else case.frames)
     for name, value in first.items():
         _check(name, value, plan)
-        _compare(name, value[: len(again[name])], again[name], ROUNDING[first["grey"].dtype])
+        _compare(
+            name, value[: len(again[name])], again[name], ROUNDING[first["grey"].dtype]
+        )
     return Outcome("answered", "", int(first["found"].sum()), case.frames)
 
 
@@ -162,8 +175,14 @@ def _compare(name, one, other, rounding):
     """
     if one.dtype == other.dtype and torch.equal(one, other):
         return
-    if one.shape != other.shape or not torch.allclose(one, other, rtol=rounding[0], atol=rounding[1]):
-        apart = float((one.double() - other.double()).abs().max()) if one.shape == other.shape else math.inf
+    if one.shape != other.shape or not torch.allclose(
+        one, other, rtol=rounding[0], atol=rounding[1]
+    ):
+        apart = (
+            float((one.double() - other.double()).abs().max())
+            if one.shape == other.shape
+            else math.inf
+        )
         raise DefectError(f"{name} differs in another batch, by {apart:.1e}")
 
 
@@ -212,7 +231,9 @@ def keys():
 
 def first_words(line):
     """The part of a refusal that is alike for all values."""
-    return re.sub(r"[-+]?\b(\d+\.?\d*(e[-+]?\d+)?|inf|nan)\b", "N", line).split(" is ")[0][:60]
+    return re.sub(r"[-+]?\b(\d+\.?\d*(e[-+]?\d+)?|inf|nan)\b", "N", line).split(" is ")[
+        0
+    ][:60]
 
 
 def say(words):
@@ -243,6 +264,12 @@ def _complaint(words):
             build_plan(settings, Path("runs/none"))
         except VoccError as error:
             return str(error)
-        except (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
+        except (
+            HydraException,
+            OmegaConfBaseException,
+            ValueError,
+            TypeError,
+            OverflowError,
+        ) as error:
             return one_line(error, words)
     return None

@@ -20,10 +20,34 @@ from vocc_torch.simulation.simulator import PAPER_EFFECTS
 ROOT = Path(__file__).resolve().parents[2]
 
 INFINITE = math.inf
-WRONG = ("ten", "", True, None, [], [1.0, 2.0], {"a": 1}, ["uniform", 1.0], ["choice"], 10**400)
+WRONG = (
+    "ten",
+    "",
+    True,
+    None,
+    [],
+    [1.0, 2.0],
+    {"a": 1},
+    ["uniform", 1.0],
+    ["choice"],
+    10**400,
+)
 """Values of another type, which Hydra lets through where the schema holds any."""
 
-BEYOND = (0.0, -0.0, -1.0, 5e-324, -5e-324, 2.2e-308, 1e-300, 1e300, 1.7e308, -1e300, -INFINITE, math.nan)
+BEYOND = (
+    0.0,
+    -0.0,
+    -1.0,
+    5e-324,
+    -5e-324,
+    2.2e-308,
+    1e-300,
+    1e300,
+    1.7e308,
+    -1e300,
+    -INFINITE,
+    math.nan,
+)
 """Numbers that few ranges hold."""
 
 
@@ -56,7 +80,12 @@ class Range:
         low = self.least + 1 if self.whole else math.nextafter(self.least, INFINITE)
         edges = [low] if self.above else [self.least, low]
         if self.most < INFINITE:
-            edges += [self.most, self.most - step if self.whole else math.nextafter(self.most, -INFINITE)]
+            edges += [
+                self.most,
+                self.most - step
+                if self.whole
+                else math.nextafter(self.most, -INFINITE),
+            ]
         return edges
 
     @property
@@ -64,9 +93,13 @@ class Range:
         """The first values that are refused."""
         beyond = [self.least] if self.above else []
         if not self.above and self.least > -INFINITE:
-            beyond.append(self.least - 1 if self.whole else math.nextafter(self.least, -INFINITE))
+            beyond.append(
+                self.least - 1 if self.whole else math.nextafter(self.least, -INFINITE)
+            )
         if self.most < INFINITE:
-            beyond.append(self.most + 1 if self.whole else math.nextafter(self.most, INFINITE))
+            beyond.append(
+                self.most + 1 if self.whole else math.nextafter(self.most, INFINITE)
+            )
         return beyond
 
 
@@ -97,8 +130,14 @@ SCENE = {
     "offset_x_m": Range((-3, 3), -1e9, 1e9, scene=True),
     "offset_y_m": Range((-3, 3), -1e9, 1e9, scene=True),
 }
-_PARTS = yaml.safe_load((ROOT / "conf/task/effects.yaml").read_text())["effects"]["parts"]
-_TYPICAL = {name: own for part in (PAPER_EFFECTS, *_PARTS.values()) for name, own in part.items()}
+_PARTS = yaml.safe_load((ROOT / "conf/task/effects.yaml").read_text())["effects"][
+    "parts"
+]
+_TYPICAL = {
+    name: own
+    for part in (PAPER_EFFECTS, *_PARTS.values())
+    for name, own in part.items()
+}
 _OWN_RANGES = {
     "focus_distance_m": Range((1, 300), 0, above=True),
     "corner_loss": Range((0.01, 0.6), 0, 0.999),
@@ -121,7 +160,14 @@ def _range(field, typical):
     low, high = (min(max(end, rule["low"]), rule["high"]) for end in usual)
     least = math.nextafter(rule["low"], INFINITE) if rule["above"] else rule["low"]
     scene = "Distribution" in str(field.type)
-    return Range((max(low, least), high), rule["low"], rule["high"], rule["above"], rule["whole"], scene)
+    return Range(
+        (max(low, least), high),
+        rule["low"],
+        rule["high"],
+        rule["above"],
+        rule["whole"],
+        scene,
+    )
 
 
 EFFECTS = {
@@ -143,7 +189,11 @@ LOCATION = {
 }
 FLDAS = ("flda_agr", "flda_gri", "flda_ngr", "flda_agr_ngr", "flda_2", "flda_3")
 RECEIVERS = ("center_greyscale", "average_greyscale", *FLDAS)
-SENSOR_EFFECTS = tuple(kind.name for kind in PHYSICAL_ORDER if kind.takes == kind.gives == Quantity.ELECTRONS)
+SENSOR_EFFECTS = tuple(
+    kind.name
+    for kind in PHYSICAL_ORDER
+    if kind.takes == kind.gives == Quantity.ELECTRONS
+)
 
 
 @dataclass(frozen=True)
@@ -213,10 +263,16 @@ class Dice:
         def draw():
             return self.usual(range_) if usual is None else usual()
 
-        values = [self.odd(range_) if self.chance(self.wild) else draw() for _ in range(3)]
-        kind = self.one_of(["constant", "constant", "uniform", "uniform", "log_uniform", "choice"])
+        values = [
+            self.odd(range_) if self.chance(self.wild) else draw() for _ in range(3)
+        ]
+        kind = self.one_of(
+            ["constant", "constant", "uniform", "uniform", "log_uniform", "choice"]
+        )
         if not all(isinstance(value, int | float) for value in values):
-            return self.one_of([value for value in values if not isinstance(value, float)])
+            return self.one_of(
+                [value for value in values if not isinstance(value, float)]
+            )
         if kind == "constant":
             return values[0]
         if kind == "choice":
@@ -228,7 +284,13 @@ class Dice:
 def case_of(seed, index):
     """Draw a case."""
     dice = Dice(seed, index)
-    changes = _geometry(dice) | _light(dice) | _receiver(dice) | _scene_effects(dice) | _rest(dice)
+    changes = (
+        _geometry(dice)
+        | _light(dice)
+        | _receiver(dice)
+        | _scene_effects(dice)
+        | _rest(dice)
+    )
     name = f"{seed}/{index}"
     return Case(changes, dice.one_of([2, 2, 3, 4]), dice.chance(0.03), name)
 
@@ -236,17 +298,25 @@ def case_of(seed, index):
 def _geometry(dice):
     """Panel, camera and places: usually a panel that the sensor shows."""
     changes = {f"panel.{name}": dice.value(PANEL[name]) for name in PANEL}
-    changes["panel.board_reflectance"] = dice.one_of([None, changes["panel.board_reflectance"]])
+    changes["panel.board_reflectance"] = dice.one_of(
+        [None, changes["panel.board_reflectance"]]
+    )
     shape = dice.one_of([(8, 8), (8, 8), (4, 4), (1, 1), (2, 7), (1, 16), None])
     if shape is not None and not dice.chance(dice.wild / 4):
         changes["panel.rows"], changes["panel.columns"] = shape
     elif dice.chance(0.9):
         # A large panel is slow to draw; one of the largest comes up now and then.
         for side in ("panel.rows", "panel.columns"):
-            changes[side] = min(changes[side], 64) if isinstance(changes[side], int) else changes[side]
+            changes[side] = (
+                min(changes[side], 64)
+                if isinstance(changes[side], int)
+                else changes[side]
+            )
     pitch_px = dice.between(1.5, 12) if dice.chance(0.9) else dice.between(0.05, 60)
     across, down = (
-        max(1, round((changes[side] + 2) * pitch_px * dice.between(0.7, 3))) if changes[side] < 65 else 64
+        max(1, round((changes[side] + 2) * pitch_px * dice.between(0.7, 3)))
+        if changes[side] < 65
+        else 64
         for side in ("panel.columns", "panel.rows")
     )
     largest = dice.one_of([160] * 12 + [400] * 3 + [2000])
@@ -260,17 +330,27 @@ def _geometry(dice):
     changes |= {f"camera.{name}": value for name, value in camera.items()}
     if dice.chance(0.3):
         low, high = sorted(dice.between(1e-3, 1e7) for _ in range(2))
-        changes["camera.iso_limits"] = dice.one_of([[low, high], [low, low], [100.0, 3200.0], [1e-30, 1e20]])
+        changes["camera.iso_limits"] = dice.one_of(
+            [[low, high], [low, low], [100.0, 3200.0], [1e-30, 1e20]]
+        )
         if dice.chance(dice.beyond * dice.wild):
-            changes["camera.iso_limits"] = dice.one_of([[high, low], [0.0, 1.0], [1.0], [], [1.0, math.nan]])
+            changes["camera.iso_limits"] = dice.one_of(
+                [[high, low], [0.0, 1.0], [1.0], [], [1.0, math.nan]]
+            )
     return changes | _places(dice, changes, camera, pitch_px)
 
 
 def _places(dice, changes, camera, pitch_px):
     """Distance and offset: usually those that give the panel the pitch, and show it."""
     with np.errstate(all="ignore"):
-        focal_px = np.float64(camera["focal_length_mm"]) * camera["width_px"] / camera["sensor_width_mm"]
-        pitch_m = np.float64(changes["panel.led_diameter_m"]) + changes["panel.led_gap_m"]
+        focal_px = (
+            np.float64(camera["focal_length_mm"])
+            * camera["width_px"]
+            / camera["sensor_width_mm"]
+        )
+        pitch_m = (
+            np.float64(changes["panel.led_diameter_m"]) + changes["panel.led_gap_m"]
+        )
         distance = float(focal_px * pitch_m / pitch_px)
         reach = float(distance / focal_px / 2)
     if not (0 < distance < 1e9 and 0 < reach < 1e9):
@@ -280,7 +360,9 @@ def _places(dice, changes, camera, pitch_px):
         return lambda: reach * pixels * dice.rng.uniform(-0.5, 0.5)
 
     return {
-        "scene.distance_m": dice.spec(SCENE["distance_m"], lambda: distance * dice.between(1, 2)),
+        "scene.distance_m": dice.spec(
+            SCENE["distance_m"], lambda: distance * dice.between(1, 2)
+        ),
         "scene.offset_x_m": dice.spec(SCENE["offset_x_m"], offset(camera["width_px"])),
         "scene.offset_y_m": dice.spec(SCENE["offset_y_m"], offset(camera["height_px"])),
     }
@@ -294,20 +376,26 @@ def _light(dice):
 
 def _receiver(dice):
     """Locator, reader and receivers."""
-    changes = {f"receiver.location.{name}": dice.value(LOCATION[name]) for name in LOCATION}
+    changes = {
+        f"receiver.location.{name}": dice.value(LOCATION[name]) for name in LOCATION
+    }
     closing = changes["receiver.location.closing_px"]
     if not dice.chance(dice.beyond):
         changes["receiver.location.closing_px"] = closing - closing % 2 + 1
     if dice.chance(0.5):
         changes = {}
-    changes["receiver.location.quadrilateral"] = dice.one_of(["min_area", "min_area", "upright"])
+    changes["receiver.location.quadrilateral"] = dice.one_of(
+        ["min_area", "min_area", "upright"]
+    )
     locators = ["truth"] * 22 + ["paper"] * 16 + ["refined"]
     changes["receiver.locator"] = dice.one_of(locators)
     changes["receiver.gradient"] = dice.one_of(["sobel", "central"])
     changes["receiver.samples_per_led"] = dice.one_of([2, 3, 5, 8, 8, 8, 11, 16])
     if dice.chance(dice.wild / 5):
         changes["receiver.samples_per_led"] = dice.one_of([0, 1, 64, 65, -8])
-    changes["receiver.names"] = dice.some_of(RECEIVERS if dice.chance(0.2) else FLDAS, 3)
+    changes["receiver.names"] = dice.some_of(
+        RECEIVERS if dice.chance(0.2) else FLDAS, 3
+    )
     changes["receiver.save"] = dice.one_of(FLDAS)
     return changes
 
@@ -342,7 +430,11 @@ def _parameters(dice, name):
     """An effect's parameters; those with a default are sometimes left out."""
     ranges = EFFECTS[name]
     if name == "veiling_glare":
-        ways = (["luminance_cd_m2"], ["glare_illuminance_lx", "angle_deg"], list(ranges))
+        ways = (
+            ["luminance_cd_m2"],
+            ["glare_illuminance_lx", "angle_deg"],
+            list(ranges),
+        )
         kept = ways[dice.one_of([0, 0, 1, 1, 2] if dice.chance(dice.wild) else [0, 1])]
         ranges = {name: ranges[name] for name in kept}
     made = {}
@@ -369,11 +461,15 @@ def _rest(dice):
         axis = dice.one_of(list(SCENE))
         changes["experiment.axis"] = axis
         changes["experiment.values"] = sorted(
-            {float(dice.value(SCENE[axis])) for _ in range(2)} if dice.beyond == 0 else {5.0, 50.0}
+            {float(dice.value(SCENE[axis])) for _ in range(2)}
+            if dice.beyond == 0
+            else {5.0, 50.0}
         )
     if dice.chance(0.1):
         name = dice.one_of(list(SCENE))
-        changes[dice.one_of(["experiment.scene", "experiment.training"])] = {name: dice.spec(SCENE[name])}
+        changes[dice.one_of(["experiment.scene", "experiment.training"])] = {
+            name: dice.spec(SCENE[name])
+        }
     return changes
 
 
@@ -386,7 +482,14 @@ null  ~  ???  nan  inf  -inf  .inf  .nan  1e999  -0  0x10  1_000  1:30  ٣  ten 
 ${experiment.values}  $  1,2  null,null  true  no  5 m  \  a=b  =  %  ä  range(1,5)  choice(1,2)
 interval(1,2)  glob(*)  sort(3,2)  float(3)  int(3.5)  str(3)  -1  0  1e-320  1e308  scene
 """
-WORDS = [*re.split("  |\n", _WORDS.strip()), "", "5\nm", "5\tm", "1" + "0" * 400, "1" * 5000]
+WORDS = [
+    *re.split("  |\n", _WORDS.strip()),
+    "",
+    "5\nm",
+    "5\tm",
+    "1" + "0" * 400,
+    "1" * 5000,
+]
 """What may stand behind a key on a command line."""
 
 
@@ -395,10 +498,27 @@ def words_of(seed, index, known):
     dice = Dice(seed, index)
     scene = [f"scene.{name}" for name in SCENE]
     effects = [f"scene.effects.{name}" for name in EFFECTS]
-    parameters = [f"scene.effects.{name}.{parameter}" for name in EFFECTS for parameter in EFFECTS[name]]
+    parameters = [
+        f"scene.effects.{name}.{parameter}"
+        for name in EFFECTS
+        for parameter in EFFECTS[name]
+    ]
     odd = [
-        *("experiment.scene.distance_m", "experiment.training.ambient_lx", "scene.effects.smoke", "scene."),
-        *("scene.distnce_m", "scene..distance_m", ".", "scene@here", "scene/camera", "task", "budget"),
+        *(
+            "experiment.scene.distance_m",
+            "experiment.training.ambient_lx",
+            "scene.effects.smoke",
+            "scene.",
+        ),
+        *(
+            "scene.distnce_m",
+            "scene..distance_m",
+            ".",
+            "scene@here",
+            "scene/camera",
+            "task",
+            "budget",
+        ),
     ]
     words = []
     for _ in range(dice.one_of([1, 1, 1, 2])):

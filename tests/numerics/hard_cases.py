@@ -26,7 +26,9 @@ class Breakage:
 
     def fits(self):
         """Say whether the text to change is there, once."""
-        return (ROOT / self.path).read_text().count(self.old) == 1 and self.old != self.new
+        return (ROOT / self.path).read_text().count(
+            self.old
+        ) == 1 and self.old != self.new
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,9 @@ class HardCases:
 
     def __call__(self, name):
         """Take a function without arguments as the check of the case of this name."""
-        assert name not in [case.name for case in self.cases], f"two cases are named {name!r}"
+        assert name not in [case.name for case in self.cases], (
+            f"two cases are named {name!r}"
+        )
         (told,) = (one for one in TOLD[self.floor] if one["name"] == name)
         broken_by = Breakage(told["file"], told["old"], told["new"])
 
@@ -60,4 +64,6 @@ class HardCases:
 
     def each(self, test):
         """Run a test for every case, named by it; the last thing in a file."""
-        return pytest.mark.parametrize("case", self.cases, ids=[case.name for case in self.cases])(test)
+        return pytest.mark.parametrize(
+            "case", self.cases, ids=[case.name for case in self.cases]
+        )(test)

@@ -11,12 +11,16 @@ from break_everything import modules
 
 pytestmark = pytest.mark.breakage
 
-CASES = [case for name in modules() for case in importlib.import_module(name).hard.cases]
+CASES = [
+    case for name in modules() for case in importlib.import_module(name).hard.cases
+]
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
 def test_its_breakage_fits(case):
-    assert case.broken_by.fits(), f"{case.broken_by.path} does not hold this once: {case.broken_by.old!r}"
+    assert case.broken_by.fits(), (
+        f"{case.broken_by.path} does not hold this once: {case.broken_by.old!r}"
+    )
 
 
 def test_names_are_unique():

@@ -30,21 +30,31 @@ CPU = torch.device("cpu")
 NAN, INF = math.nan, math.inf
 NO_GRI = "patches or cell sizes give a GRI that is not finite: both must be finite"
 NO_LEVEL = "preambles hold grey values that are not finite: each must be finite"
-NO_SCORE = "grey values or thresholds give a score that is not finite: both must be finite"
+NO_SCORE = (
+    "grey values or thresholds give a score that is not finite: both must be finite"
+)
 
 
 def square_panel(left, top, width, height=None, *, turn_deg=0.0):
     """A located panel; turned about its middle."""
     height = width if height is None else height
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - [width / 2, height / 2]
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - [
+        width / 2,
+        height / 2,
+    ]
     cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
-    corners = corners @ np.array([[cosine, sine], [-sine, cosine]]) + [left + width / 2, top + height / 2]
+    corners = corners @ np.array([[cosine, sine], [-sine, cosine]]) + [
+        left + width / 2,
+        top + height / 2,
+    ]
     return Panels.known(torch.from_numpy(corners)[None])
 
 
 def texture(seed, size=(40, 40), dtype=torch.float64):
     """Random grey values, 0 to 255."""
-    return torch.from_numpy(np.random.default_rng(seed).uniform(0, 255, (1, 1, *size))).to(dtype)
+    return torch.from_numpy(
+        np.random.default_rng(seed).uniform(0, 255, (1, 1, *size))
+    ).to(dtype)
 
 
 def gri(patches, shape, cell_px, kernel="sobel"):
@@ -87,7 +97,9 @@ def a_panel_all_but_black():
         ratio = neighbour_greyscale_ratio(means)
         exact = (5 * 255 + 3 * float(means[0, 1, 1])) / 8 / float(means[0, 1, 1])
         wanted = min(exact, torch.finfo(dtype).max)
-        assert float(ratio.max()) == pytest.approx(wanted, rel=4 * torch.finfo(dtype).eps)
+        assert float(ratio.max()) == pytest.approx(
+            wanted, rel=4 * torch.finfo(dtype).eps
+        )
         assert ratio.isfinite().all()
         assert average_greyscale_ratio(means).unique().tolist() == [1.0]
 
@@ -99,7 +111,9 @@ def a_panel_all_but_black():
 def cells_of_no_pixel():
     frames = Frames.whole(texture(2, dtype=torch.float32))
     for width in (0.0, 1e-300, 1e-13, 1e-9, 3e-5):
-        readings = Reader(PanelShape(3, 3), 4).read(frames, square_panel(20.25, 11.75, width))
+        readings = Reader(PanelShape(3, 3), 4).read(
+            frames, square_panel(20.25, 11.75, width)
+        )
         assert readings.patches.unique().numel() == 1
         assert (readings.features - torch.tensor([1.0, 0.0, 1.0])).abs().max() < 1e-6
         assert readings.greys.centre.unique().numel() == 1
@@ -117,19 +131,39 @@ def cells_far_smaller_than_a_pixel():
         patch = ndimage.map_coordinates(image[0, 0].numpy(), grid, order=1)
         means = patch.reshape(rows + 2, samples, columns + 2, samples).mean((1, 3))
         inner = means[1:-1, 1:-1]
-        ring = ndimage.convolve(means, np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]]) / 8)[1:-1, 1:-1]
-        slope = [ndimage.sobel(patch, axis)[samples:-samples, samples:-samples] / 8 for axis in (1, 0)]
+        ring = ndimage.convolve(means, np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]]) / 8)[
+            1:-1, 1:-1
+        ]
+        slope = [
+            ndimage.sobel(patch, axis)[samples:-samples, samples:-samples] / 8
+            for axis in (1, 0)
+        ]
         steps = (np.arange(samples) + 0.5) / samples - 0.5
-        away = [np.tile(np.outer(*pair), (rows, columns)) for pair in ((steps**0, steps), (steps, steps**0))]
-        inward = -(slope[0] * away[0] + slope[1] * away[1]) / np.hypot(*away) * samples / cell_px
+        away = [
+            np.tile(np.outer(*pair), (rows, columns))
+            for pair in ((steps**0, steps), (steps, steps**0))
+        ]
+        inward = (
+            -(slope[0] * away[0] + slope[1] * away[1])
+            / np.hypot(*away)
+            * samples
+            / cell_px
+        )
         wanted = [
             inner / inner.mean(),
             inward.reshape(rows, samples, columns, samples).mean((1, 3)),
             ring / inner.mean(),
         ]
-        features = Reader(PanelShape(rows, columns), samples).read(Frames.whole(image), panels).features
+        features = (
+            Reader(PanelShape(rows, columns), samples)
+            .read(Frames.whole(image), panels)
+            .features
+        )
         np.testing.assert_allclose(
-            features[0], np.stack(wanted, 2), rtol=0, atol=1e-12 * 255 * samples / cell_px
+            features[0],
+            np.stack(wanted, 2),
+            rtol=0,
+            atol=1e-12 * 255 * samples / cell_px,
         )
 
 
@@ -149,17 +183,27 @@ def the_centre_samples_vector():
         assert gri(patches, PanelShape(2, 3), 3.0, kernel).tolist() == [[[0.0] * 3] * 2]
         bump = torch.zeros(1, 1, 9, 9)
         bump[..., 4, 4] = 8.0
-        assert float(gri(bump, PanelShape(1, 1), 3.0, kernel)) > 0, "its neighbours see the centre"
+        assert float(gri(bump, PanelShape(1, 1), 3.0, kernel)) > 0, (
+            "its neighbours see the centre"
+        )
 
 
 @hard("a saturated plateau")
 def a_saturated_plateau():
     for level in (1, 77, 254, 255):
         frames = Frames.whole(torch.full((1, 60, 60), level, dtype=torch.uint8))
-        for samples, turn_deg, width in ((2, 0, 20), (3, 17, 7.3), (8, 45, 31.7), (64, 30, 3.0), (2, 10, 50)):
+        for samples, turn_deg, width in (
+            (2, 0, 20),
+            (3, 17, 7.3),
+            (8, 45, 31.7),
+            (64, 30, 3.0),
+            (2, 10, 50),
+        ):
             for kernel in ("sobel", "central"):
                 reader = Reader(PanelShape(3, 5), samples, kernel)
-                panels = square_panel(30 - width / 2, 30 - width / 2, width, turn_deg=turn_deg)
+                panels = square_panel(
+                    30 - width / 2, 30 - width / 2, width, turn_deg=turn_deg
+                )
                 features = reader.read(frames, panels).features
                 assert not features[..., 1].any()
                 assert (features[..., [0, 2]] - 1).abs().max() < 1e-6
@@ -178,7 +222,8 @@ def grey_values_that_are_none():
         frames = Frames.whole(broken)
         for read in (reader.read, reader.read_greys):
             with pytest.raises(
-                VoccError, match=r"^frames.grey at a panel holds .*: grey values must be finite, 0 to"
+                VoccError,
+                match=r"^frames.grey at a panel holds .*: grey values must be finite, 0 to",
             ):
                 read(frames, panels)
         with pytest.raises(VoccError, match=r"^frames.grey at a panel holds"):
@@ -196,16 +241,22 @@ def means_that_are_no_grey_values():
         means, patches = torch.full((2, 4, 4), 5.0), torch.full((1, 1, 16, 16), 5.0)
         means[1, 2, 1], patches[..., 5, 6] = value, value
         for ratio in (average_greyscale_ratio, neighbour_greyscale_ratio):
-            with pytest.raises(VoccError, match=r"^means holds .*: grey values must be finite"):
+            with pytest.raises(
+                VoccError, match=r"^means holds .*: grey values must be finite"
+            ):
                 ratio(means)
         if value != -7.0:
-            with pytest.raises(VoccError, match=r"^cell means holds .*: grey values must be finite"):
+            with pytest.raises(
+                VoccError, match=r"^cell means holds .*: grey values must be finite"
+            ):
                 cell_means(patches, shape)
         if not math.isfinite(value):
             with pytest.raises(VoccError, match=f"^{NO_GRI}$"):
                 gri(patches, shape, 3.0)
         with pytest.raises(VoccError, match=r"^frames.grey at the LEDs' centres holds"):
-            centre_greys(Frames.whole(torch.full((1, 9, 9), value)), square_panel(1, 1, 5), shape)
+            centre_greys(
+                Frames.whole(torch.full((1, 9, 9), value)), square_panel(1, 1, 5), shape
+            )
     with pytest.raises(VoccError, match=f"^{NO_GRI}$"):
         gri(torch.rand(1, 1, 16, 16), shape, NAN)
 
@@ -245,12 +296,16 @@ class Fixed(nn.Module):
 @hard("a score equal to the threshold")
 def a_score_equal_to_the_threshold():
     scores = torch.tensor([[-5e-324, -0.0], [0.0, 5e-324]], dtype=torch.float64)
-    receiver = Receiver("flda_agr", PaperLocator(), Reader(PanelShape(2, 2), 4), Fixed(scores))
+    receiver = Receiver(
+        "flda_agr", PaperLocator(), Reader(PanelShape(2, 2), 4), Fixed(scores)
+    )
     frames = Frames.whole(texture(9).expand(2, 1, 40, 40))
     found = square_panel(8, 8, 16)
     corners = torch.cat([found.corners_px, torch.zeros(1, 4, 2)])
     ones = torch.ones(2, dtype=torch.float64)
-    decoded = receiver(frames, Panels(corners, torch.tensor([True, False]), ones, ones.long()))
+    decoded = receiver(
+        frames, Panels(corners, torch.tensor([True, False]), ones, ones.long())
+    )
     assert decoded.bits[0].tolist() == [[False, True], [True, True]]
     assert not decoded.bits[1].any()
     assert not decoded.scores[1].any()
@@ -258,7 +313,9 @@ def a_score_equal_to_the_threshold():
 
 @hard("preambles equal to one another")
 def preambles_equal_to_one_another():
-    levels = torch.tensor([0.0, 100.1, 1 / 3, 254.99, 1e-30, 255.0, 77.7, 1e8]).view(-1, 1, 1)
+    levels = torch.tensor([0.0, 100.1, 1 / 3, 254.99, 1e-30, 255.0, 77.7, 1e8]).view(
+        -1, 1, 1
+    )
     for rows, columns in ((1, 1), (7, 9), (3, 11), (64, 63)):
         greys = levels.expand(-1, rows, columns)
         threshold = preamble_threshold(greys, greys)
@@ -280,7 +337,10 @@ def a_preamble_that_is_nan():
                 preamble_threshold(on, off)
         with pytest.raises(VoccError, match=f"^{NO_SCORE}$"):
             greyscale_scores(broken, preamble_threshold(good, good))
-    assert torch.equal(preamble_threshold(good[:0], good[:0]), torch.empty(0, 1, 1, dtype=torch.float64))
+    assert torch.equal(
+        preamble_threshold(good[:0], good[:0]),
+        torch.empty(0, 1, 1, dtype=torch.float64),
+    )
 
 
 @hard("pictures that no receiver reads")
@@ -296,7 +356,10 @@ def pictures_that_no_receiver_reads():
         byte[0, :, :, :3],
         byte[..., :0],
     ):
-        with pytest.raises(VoccError, match=r"images has dtype .* and shape .*: it must be uint8 of shape"):
+        with pytest.raises(
+            VoccError,
+            match=r"images has dtype .* and shape .*: it must be uint8 of shape",
+        ):
             receiver.decode(images)
     for images in (byte, byte[..., :1, :1] + 9, byte[..., :1] + 255, byte[:0]):
         decoded = receiver.decode(images) if len(images) else None

@@ -54,7 +54,9 @@ def fitted(x, bits, says=""):
 
 def close(actual, expected, tolerance=1e-12):
     """Hold two tensors equal, relative to the largest entry."""
-    torch.testing.assert_close(actual, expected, rtol=0, atol=tolerance * float(expected.abs().max()))
+    torch.testing.assert_close(
+        actual, expected, rtol=0, atol=tolerance * float(expected.abs().max())
+    )
 
 
 def same_rule(one, other, points, tolerance=1e-12):
@@ -79,7 +81,9 @@ def a_constant_feature():
     x, bits = clouds(1)
     alone = fitted(x, bits)
     for value in (0.0, 0.1, -1e12):
-        wide = torch.cat([x, value * (1 + 5e-16 * x[:, :1])], dim=1)  # but for a digit of rounding
+        wide = torch.cat(
+            [x, value * (1 + 5e-16 * x[:, :1])], dim=1
+        )  # but for a digit of rounding
         flda = fitted(wide, bits, singular("constant features [3] get weight 0"))
         assert flda.direction[3] == 0
         close(flda.direction[:3], alone.direction)
@@ -102,7 +106,9 @@ def collinear_features():
     flda = fitted(wide, bits, singular(COLLINEAR))
     covariance = (flda.statistics.within / 200).numpy()
     deviation = np.sqrt(np.diag(covariance))
-    pseudo = np.linalg.pinv(covariance / np.outer(deviation, deviation), rcond=1e-12, hermitian=True)
+    pseudo = np.linalg.pinv(
+        covariance / np.outer(deviation, deviation), rcond=1e-12, hermitian=True
+    )
     expected = pseudo @ (flda.statistics.gap.numpy() / deviation) / deviation
     np.testing.assert_allclose(flda.direction.numpy(), expected, rtol=1e-9)
     close(flda(wide), fitted(x, bits)(x), 1e-9)
@@ -116,7 +122,9 @@ def fewer_samples_than_features():
         assert flda.direction.isfinite().all()
         assert torch.equal(flda.predict(x), bits)
         off, on = flda(x)[~bits], flda(x)[bits]
-        assert max(off.std(), on.std()) < 1e-3 * (on.mean() - off.mean())  # each class at one point
+        assert max(off.std(), on.std()) < 1e-3 * (
+            on.mean() - off.mean()
+        )  # each class at one point
 
 
 @hard("condition numbers on both sides of 1e12")
@@ -137,7 +145,9 @@ def hilbert_like_scatter():
     for family in exact_flda.FAMILIES * 6:
         draw = exact_flda.Draw.of(family.__name__, *family(rng))
         if not draw.warned:
-            assert max(draw.direction_error, draw.threshold_error) <= 10 * draw.reach * EPS, draw
+            assert (
+                max(draw.direction_error, draw.threshold_error) <= 10 * draw.reach * EPS
+            ), draw
 
 
 # ---- classes -------------------------------------------------------------------------------------
@@ -152,9 +162,17 @@ def one_class_missing():
         says = f"FLDA has seen no {name} sample, only {len(only)} of the other class: it needs both"
         refused(says, lambda x=only, y=labels: FLDA(3).fit(x, y))
         flda = FLDA(3).update(only, labels)
-        for use in (lambda f=flda: f.direction, lambda f=flda: f.threshold, lambda f=flda: f.predict(x)):
+        for use in (
+            lambda f=flda: f.direction,
+            lambda f=flda: f.threshold,
+            lambda f=flda: f.predict(x),
+        ):
             refused(says, use)
-        same_rule(flda.update(x[bits != bit], ~labels[:1].expand(200 - len(only))), fitted(x, bits), x)
+        same_rule(
+            flda.update(x[bits != bit], ~labels[:1].expand(200 - len(only))),
+            fitted(x, bits),
+            x,
+        )
         says = f"bits has no {name} sample: a discriminant needs both"
         refused(says, lambda x=only, y=labels: discriminant(x, y))
 
@@ -165,7 +183,9 @@ def no_samples():
     refused(says, lambda: FLDA(2).direction)
     refused(says, lambda: FLDA(2).fit(torch.empty(0, 2), torch.empty(0)))
     x, bits = clouds(9)
-    nothing = FLDA(3).update(torch.empty(0, 8, 8, 3), torch.empty(0, 8, 8, dtype=torch.bool))
+    nothing = FLDA(3).update(
+        torch.empty(0, 8, 8, 3), torch.empty(0, 8, 8, dtype=torch.bool)
+    )
     whole = fitted(x, bits)
     for joined in (
         FLDA(3).update(x, bits).merge(nothing),
@@ -182,12 +202,18 @@ def one_sample_of_each_class():
     flda = fitted(
         x,
         torch.tensor([0, 1]),
-        singular("features [0, 1] differ between the classes but not within them", HUGE),
+        singular(
+            "features [0, 1] differ between the classes but not within them", HUGE
+        ),
     )
     assert flda.predict(x).tolist() == [False, True]
-    points = torch.rand(200, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    points = torch.rand(
+        200, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64
+    )
     points = points * torch.tensor([6.0, 24.0]) - torch.tensor([2.0, 8.0])
-    nearer_on = ((points - x[1]) / (x[1] - x[0])).norm(dim=1) < ((points - x[0]) / (x[1] - x[0])).norm(dim=1)
+    nearer_on = ((points - x[1]) / (x[1] - x[0])).norm(dim=1) < (
+        (points - x[0]) / (x[1] - x[0])
+    ).norm(dim=1)
     assert torch.equal(flda.predict(points), nearer_on)
 
 
@@ -195,10 +221,10 @@ def one_sample_of_each_class():
 def a_parting_feature_without_variance():
     x, bits = clouds(12)
     for gap in (1.0, -1e-9, 1e9):
-        wide = torch.cat([x, 5.0 + gap * bits.double().unsqueeze(1), 0 * x[:, :1]], dim=1)
-        why = (
-            "constant features [4] get weight 0; features [3] differ between the classes but not within them"
+        wide = torch.cat(
+            [x, 5.0 + gap * bits.double().unsqueeze(1), 0 * x[:, :1]], dim=1
         )
+        why = "constant features [4] get weight 0; features [3] differ between the classes but not within them"
         flda = fitted(wide, bits, singular(why, HUGE))
         assert flda(wide).isfinite().all()
         assert torch.equal(flda.predict(wide), bits)
@@ -232,7 +258,11 @@ def tiny_spreads():
     close(fitted(x * 1e-149, bits)(x * 1e-149), plain(x))
     close(fitted(x * 1e-149, bits).direction * 1e-149, plain.direction)
     for scale in (1e-152, 1e-160, 1e-300, 1e-318):
-        flda = fitted(x * scale, bits, f"{COINCIDE}; {singular('constant features [0, 1, 2] get weight 0')}")
+        flda = fitted(
+            x * scale,
+            bits,
+            f"{COINCIDE}; {singular('constant features [0, 1, 2] get weight 0')}",
+        )
         assert not flda.direction.any()
         assert flda(x * scale).tolist() == [0.0] * 200
 
@@ -243,7 +273,12 @@ def huge_features():
     plain = fitted(x, bits)
     close(fitted(x * 1e139, bits)(x * 1e139), plain(x))
     # At the second scale each class's sum of squares is in range, and only their sum is not.
-    edge = float((torch.finfo(torch.float64).max / plain.scatter.diagonal(dim1=1, dim2=2).amax()).sqrt())
+    edge = float(
+        (
+            torch.finfo(torch.float64).max
+            / plain.scatter.diagonal(dim1=1, dim2=2).amax()
+        ).sqrt()
+    )
     for scale in (1e200, 0.999 * edge, 1e307):
         flda = FLDA(3).fit(x, bits)
         says = f"features holds {scale * float(x[0, 0]):g} in feature 0 (sample 0): {FINITE}"
@@ -262,7 +297,10 @@ def overflowing_statistics():
     flda = fitted(x, bits)
     state = flda.state_dict()
     # Each class's sum of squares is in range, and only their sum is not.
-    edge = torch.finfo(torch.float64).max / state["scatter"].diagonal(dim1=1, dim2=2).amax()
+    edge = (
+        torch.finfo(torch.float64).max
+        / state["scatter"].diagonal(dim1=1, dim2=2).amax()
+    )
     state["scatter"] = state["scatter"] * (0.999 * edge)
     flda.load_state_dict(state)
     refused(OVERFLOW, lambda: flda(x))
@@ -274,7 +312,9 @@ def other_units():
         x, bits = clouds(seed)
         plain = fitted(x, bits)
         rng = np.random.default_rng(seed)
-        gain = torch.from_numpy(10.0 ** rng.uniform(-12, 12, 3) * rng.choice([-1, 1], 3))
+        gain = torch.from_numpy(
+            10.0 ** rng.uniform(-12, 12, 3) * rng.choice([-1, 1], 3)
+        )
         shifted = (x + torch.from_numpy(rng.uniform(-100, 100, 3))) * gain
         close(fitted(shifted, bits)(shifted), plain(x), 1e-11)
         assert torch.equal(fitted(shifted, bits).predict(shifted), plain.predict(x))
@@ -315,7 +355,9 @@ def shards_in_any_tree():
         x = x + 1e8 * (seed % 2)
         rng = np.random.default_rng(seed)
         edges = [0, *sorted(rng.integers(0, 200, 30).tolist()), 200]
-        shards = [FLDA(3).update(x[a:b], bits[a:b]) for a, b in itertools.pairwise(edges)]
+        shards = [
+            FLDA(3).update(x[a:b], bits[a:b]) for a, b in itertools.pairwise(edges)
+        ]
         while len(shards) > 1:
             other = shards.pop(int(rng.integers(len(shards))))
             shards[int(rng.integers(len(shards)))].merge(other)
@@ -328,7 +370,9 @@ def a_count_that_overflows():
     bits = torch.arange(200) % 4 == 1
     flda = FLDA(3).update(x, bits)
     for _ in range(55):
-        flda.merge(flda)  # once more, and 150 times 2^56 Off samples are beyond 2^63, the On samples are not
+        flda.merge(
+            flda
+        )  # once more, and 150 times 2^56 Off samples are beyond 2^63, the On samples are not
     refused(TOO_MANY, lambda: flda.merge(flda))
     same_rule(flda, fitted(x, bits), x)
 
@@ -367,14 +411,21 @@ def features_not_finite():
 def scores_not_finite():
     x, bits = clouds(24)
     flda = fitted(x * 1e-12, bits)
-    for value, score in ((torch.nan, "nan"), (torch.inf, "inf"), (1e300, "inf"), (-1e300, "-inf")):
+    for value, score in (
+        (torch.nan, "nan"),
+        (torch.inf, "inf"),
+        (1e300, "inf"),
+        (-1e300, "-inf"),
+    ):
         point = x[:2] * 1e-12
         point[1, int(flda.direction.abs().argmax())] = value
         sign = "-" if flda.direction[flda.direction.abs().argmax()] < 0 else ""
         said = f"its score is {sign}{score}".replace("--", "").replace("-nan", "nan")
         given = "features holds a value that is not finite, or too far from the training set"
         for decide in (flda.predict, flda.decision_function, flda):
-            refused(f"{given}: {said}, neither On nor Off", lambda p=point, f=decide: f(p))
+            refused(
+                f"{given}: {said}, neither On nor Off", lambda p=point, f=decide: f(p)
+            )
 
 
 @hard("bits that are neither 0 nor 1")
@@ -385,7 +436,8 @@ def stray_bits():
         labels[3] = stray
         for learn in (FLDA(3).fit, FLDA(3).update, discriminant):
             refused(
-                f"bits holds {stray:g}: each must be 0 (Off) or 1 (On)", lambda f=learn, y=labels: f(x, y)
+                f"bits holds {stray:g}: each must be 0 (Off) or 1 (On)",
+                lambda f=learn, y=labels: f(x, y),
             )
     for dtype in (torch.uint8, torch.int64, torch.float16, torch.float64):
         same_rule(fitted(x, bits.to(dtype)), fitted(x, bits), x, 0.0)
@@ -397,7 +449,10 @@ def stray_bits():
 @hard("a score of exactly 0")
 def a_score_of_zero():
     x, bits = clouds(28, samples=64)
-    x, bits = (8 * x).round(), torch.arange(64) % 2 == 1  # means of 32 whole numbers, exact in float64
+    x, bits = (
+        (8 * x).round(),
+        torch.arange(64) % 2 == 1,
+    )  # means of 32 whole numbers, exact in float64
     for labels in (bits, ~bits):
         flda = fitted(x, labels)
         middle = flda.mean.mean(dim=0)
@@ -432,12 +487,18 @@ def swapped_classes():
 def impossible_statistics():
     x, bits = clouds(29)
     for name, value, says in (
-        ("scatter", -5.0, "scatter holds a variance below 0: these are no statistics of samples"),
+        (
+            "scatter",
+            -5.0,
+            "scatter holds a variance below 0: these are no statistics of samples",
+        ),
         ("scatter", torch.nan, OVERFLOW),
         ("mean", torch.inf, OVERFLOW),
         ("count", -3, TOO_MANY),
     ):
-        state = {key: part.clone() for key, part in fitted(x, bits).state_dict().items()}
+        state = {
+            key: part.clone() for key, part in fitted(x, bits).state_dict().items()
+        }
         state[name].view(-1)[0] = value * (1e3 if name == "scatter" else 1)
         flda = FLDA(3)
         flda.load_state_dict(state)
@@ -496,7 +557,10 @@ def a_gradient_near_singularity():
         parts = torch.autograd.grad(rule.threshold, tracked)[0].numpy() * step
         with mpmath.workdps(60):
             exact = np.vectorize(mpmath.mpf, otypes=[object])
-            sides = [exact_flda.Exact.of(exact(x) + h * sign * exact(step), on) for sign in (-1, 1)]
+            sides = [
+                exact_flda.Exact.of(exact(x) + h * sign * exact(step), on)
+                for sign in (-1, 1)
+            ]
             slope = float((sides[1].threshold - sides[0].threshold) / (2 * h))
         condition = exact_flda.condition_number(x, on)
         assert condition < 1e12

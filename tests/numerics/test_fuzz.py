@@ -58,11 +58,17 @@ def test_a_case_is_the_same_again_and_not_the_next():
 
 
 def scene_of(**value):
-    return SceneModel(**{name: Distribution("constant", (one,)) for name, one in value.items()})
+    return SceneModel(
+        **{name: Distribution("constant", (one,)) for name, one in value.items()}
+    )
 
 
 LEDGES = {
-    f"{section}.{name}": (range_, name, make if name not in ("rows", "columns") else PanelShape)
+    f"{section}.{name}": (
+        range_,
+        name,
+        make if name not in ("rows", "columns") else PanelShape,
+    )
     for section, ranges, make in (
         ("camera", CAMERA, Camera),
         ("panel", PANEL, LedPanel),
@@ -149,10 +155,14 @@ refusal begins, or that it is answered. Below it, what of the study did it; the 
 FAILURES = re.findall(r"(?m)^(\S+ .*?): (answered|\S.*)\n((?: {4}.*\n)+)", ONCE_FAILED)
 
 
-@pytest.mark.parametrize(("name", "line", "changes"), FAILURES, ids=[name for name, _, _ in FAILURES])
+@pytest.mark.parametrize(
+    ("name", "line", "changes"), FAILURES, ids=[name for name, _, _ in FAILURES]
+)
 def test_what_once_failed(name, line, changes):
     words = (word.strip().partition("=") for word in changes.split(";"))
-    values = {key: eval(value, {}) for key, _, value in words}  # plain numbers, lists and mappings
+    values = {
+        key: eval(value, {}) for key, _, value in words
+    }  # plain numbers, lists and mappings
     outcome = run(Case(SMALL | values))
     assert (outcome.line or outcome.kind).startswith(line), outcome
 
@@ -177,7 +187,9 @@ LINES_ONCE_WRONG = {
 }
 
 
-@pytest.mark.parametrize("word", LINES_ONCE_WRONG, ids=lambda word: re.sub(r"\s", " ", word)[:40])
+@pytest.mark.parametrize(
+    "word", LINES_ONCE_WRONG, ids=lambda word: re.sub(r"\s", " ", word)[:40]
+)
 def test_a_line_that_once_was_wrong(word):
     assert say([word]).startswith(LINES_ONCE_WRONG[word])
 
@@ -212,11 +224,17 @@ def test_a_refusal_must_name_a_key_in_one_line(line, complaint):
 
 def test_the_demands_notice_what_must_not_be(monkeypatch):
     case = Case(SMALL | {"scene.effects": {"saturation": {}}})
-    monkeypatch.setattr(effects.coding.Saturation, "__call__", lambda self, value, context: value * math.nan)
+    monkeypatch.setattr(
+        effects.coding.Saturation,
+        "__call__",
+        lambda self, value, context: value * math.nan,
+    )
     with pytest.raises(DefectError):
         run(case)
     monkeypatch.setattr(
-        effects.coding.Saturation, "__call__", lambda self, value, context: value.clamp(max=255) + len(value)
+        effects.coding.Saturation,
+        "__call__",
+        lambda self, value, context: value.clamp(max=255) + len(value),
     )
     with pytest.raises(DefectError, match="grey"):
         run(case)

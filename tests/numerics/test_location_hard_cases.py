@@ -26,7 +26,9 @@ SHAPE = PanelShape(8, 8)
 PAPER, REFINED = PaperLocator(), RefinedLocator()
 ANYTHING = PaperLocator(min_area_px=1, min_rectangularity=0.0, min_compactness=0.0)
 # Corners of the panel in `scene`, its pitch 5 px.
-TRUTH = torch.tensor([[60.0, 60.0], [100.0, 60.0], [100.0, 100.0], [60.0, 100.0]], dtype=torch.float64)
+TRUTH = torch.tensor(
+    [[60.0, 60.0], [100.0, 60.0], [100.0, 100.0], [60.0, 100.0]], dtype=torch.float64
+)
 ALL_ON = np.ones((8, 8), bool)
 ALL_OFF = ~ALL_ON
 ONE_ON = ALL_OFF.copy()
@@ -35,7 +37,16 @@ ROWS_OFF = ALL_ON.copy()
 ROWS_OFF[[0, -1]] = False
 
 
-def scene(bits=None, *, on=0.6, off=0.1, pitch=5.0, centre=(80.0, 80.0), angle_deg=0.0, size=(160, 160)):
+def scene(
+    bits=None,
+    *,
+    on=0.6,
+    off=0.1,
+    pitch=5.0,
+    centre=(80.0, 80.0),
+    angle_deg=0.0,
+    size=(160, 160),
+):
     """Spots of Gaussian light in a grey frame, of a camera with a gamma of 2.2."""
     if bits is None:
         bits = np.random.default_rng(5).random((8, 8)) < 0.5
@@ -46,7 +57,9 @@ def scene(bits=None, *, on=0.6, off=0.1, pitch=5.0, centre=(80.0, 80.0), angle_d
         right, down = (column - 3.5) * pitch, (row - 3.5) * pitch
         left = (x - centre[0] - cosine * right + sine * down) / (0.33 * pitch)
         top = (y - centre[1] - sine * right - cosine * down) / (0.33 * pitch)
-        light += (on if bits[row, column] else off) * np.outer(np.exp(-(top**2) / 2), np.exp(-(left**2) / 2))
+        light += (on if bits[row, column] else off) * np.outer(
+            np.exp(-(top**2) / 2), np.exp(-(left**2) / 2)
+        )
     return np.rint(255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
 
 
@@ -89,13 +102,20 @@ def located(locator, frames, shape=SHAPE):
     assert (panels.score[panels.found] > 0).all()
     assert (panels.candidates[panels.found] >= 1).all()
     side = panels.corners_px[panels.found].roll(-1, 1) - panels.corners_px[panels.found]
-    turn = side[..., 0] * side.roll(-1, 1)[..., 1] - side[..., 1] * side.roll(-1, 1)[..., 0]
+    turn = (
+        side[..., 0] * side.roll(-1, 1)[..., 1]
+        - side[..., 1] * side.roll(-1, 1)[..., 0]
+    )
     assert (turn > 0).all(), "clockwise as seen on the image"
     return panels
 
 
 def off_px(panels, truth):
-    return float((panels.corners_px - truth).norm(dim=-1).amax()) if len(panels.found) else 0.0
+    return (
+        float((panels.corners_px - truth).norm(dim=-1).amax())
+        if len(panels.found)
+        else 0.0
+    )
 
 
 # What there is to see
@@ -103,7 +123,9 @@ def off_px(panels, truth):
 
 @hard("a constant frame, black, grey or white")
 def a_constant_frame():
-    frames = whole(*(np.full((120, 160), value, np.uint8) for value in (0, 1, 128, 254, 255)))
+    frames = whole(
+        *(np.full((120, 160), value, np.uint8) for value in (0, 1, 128, 254, 255))
+    )
     for locator in (PAPER, ANYTHING, REFINED, RefinedLocator(ANYTHING, 0.0)):
         assert not located(locator, frames).found.any()
 
@@ -112,8 +134,12 @@ def a_constant_frame():
 def two_grey_values():
     square = torch.tensor([[70.0, 30.0], [110.0, 30.0], [110.0, 70.0], [70.0, 70.0]])
     for dark, bright in ((0, 1), (0, 255), (254, 255), (7, 9), (100, 180)):
-        for locator in (PAPER, RefinedLocator(PAPER, 1.0))[: 2 if bright - dark < 3 else 1]:
-            panels = located(locator, whole(block(30, 70, 40, 40, dark=dark, bright=bright)))
+        for locator in (PAPER, RefinedLocator(PAPER, 1.0))[
+            : 2 if bright - dark < 3 else 1
+        ]:
+            panels = located(
+                locator, whole(block(30, 70, 40, 40, dark=dark, bright=bright))
+            )
             assert torch.equal(panels.corners_px[0], square.double())
             assert panels.score.tolist() == [1.0]
 
@@ -122,14 +148,18 @@ def two_grey_values():
 def every_led_on():
     for locator, clipped_px in ((PAPER, 4.5), (REFINED, 1.0)):
         assert off_px(located(locator, whole(scene(ALL_ON))), TRUTH) < 0.1
-        assert off_px(located(locator, whole(scene(ALL_ON, on=50.0))), TRUTH) < clipped_px
+        assert (
+            off_px(located(locator, whole(scene(ALL_ON, on=50.0))), TRUTH) < clipped_px
+        )
 
 
 @hard("one LED On")
 def one_led_on():
     for locator in (PAPER, REFINED):
         for pitch in (5.0, 20.0):
-            assert not located(locator, whole(scene(ONE_ON, off=0.0, pitch=pitch))).found.any()
+            assert not located(
+                locator, whole(scene(ONE_ON, off=0.0, pitch=pitch))
+            ).found.any()
         assert off_px(located(locator, whole(scene(ONE_ON))), TRUTH) < 0.1
 
 
@@ -137,7 +167,9 @@ def one_led_on():
 def whole_edge_rows_off():
     frames = whole(scene(ROWS_OFF))
     (shining,) = located(PAPER, frames).corners_px
-    assert torch.equal(shining, torch.tensor([[60.0, 64], [100, 64], [100, 96], [60, 96]]).double())
+    assert torch.equal(
+        shining, torch.tensor([[60.0, 64], [100, 64], [100, 96], [60, 96]]).double()
+    )
     three = ROWS_OFF.copy()
     three[1] = False
     for bits in (ROWS_OFF, three, ROWS_OFF.T, three.T, three[::-1], three.T[:, ::-1]):
@@ -150,7 +182,12 @@ def a_component_at_the_border():
         for locator in (PAPER, REFINED)[: 1 if top or left else 2]:
             (corners,) = located(locator, whole(block(top, left, 40, 40))).corners_px
             low, right = top + 40, left + 40
-            assert corners.tolist() == [[left, top], [right, top], [right, low], [left, low]]
+            assert corners.tolist() == [
+                [left, top],
+                [right, top],
+                [right, low],
+                [left, low],
+            ]
     near = block(3, 4, 40, 40)  # nearer than the closing reaches
     near[100:, 140:] = 255
     panels = located(PAPER, whole(near))
@@ -166,7 +203,9 @@ def a_component_at_the_border():
 @hard("a panel turned by 45 degrees")
 def a_panel_at_45_degrees():
     reach = 20 * 2**0.5
-    diamond = torch.tensor([[80, 80 - reach], [80 + reach, 80], [80, 80 + reach], [80 - reach, 80]])
+    diamond = torch.tensor(
+        [[80, 80 - reach], [80 + reach, 80], [80, 80 + reach], [80 - reach, 80]]
+    )
     for seed in range(4):
         bits = np.random.default_rng(seed).random((8, 8)) < 0.5
         bits[[0, 0, -1, -1], [0, -1, 0, -1]] = True
@@ -181,10 +220,15 @@ def a_frame_of_noise():
         for locator in (PAPER, ANYTHING, REFINED, RefinedLocator(ANYTHING, 0.0)):
             panels = located(locator, whole(grey))
             assert (panels.corners_px >= -1).all()
-            assert (panels.corners_px <= torch.tensor([grey.shape[1] + 1, grey.shape[0] + 1])).all()
+            assert (
+                panels.corners_px
+                <= torch.tensor([grey.shape[1] + 1, grey.shape[0] + 1])
+            ).all()
     sparse = (np.random.default_rng(3).random((160, 200)) < 0.02).astype(np.uint8) * 255
     assert located(REFINED, whole(sparse)).candidates.max() <= 1
-    (candidates,) = located(replace(ANYTHING, closing_px=1), whole(sparse), PanelShape(1, 1)).candidates
+    (candidates,) = located(
+        replace(ANYTHING, closing_px=1), whole(sparse), PanelShape(1, 1)
+    ).candidates
     assert candidates == 256, "what noise can cost has an end"
 
 
@@ -194,8 +238,20 @@ def a_frame_of_noise():
 @hard("a frame of 1 x 1, 1 x N or 2 x 2 pixels")
 def a_frame_of_few_pixels():
     rng = np.random.default_rng(0)
-    for size in ((1, 1), (1, 2), (2, 1), (2, 2), (1, 7), (200, 1), (3, 5), (8, 8), (9, 11)):
-        frames = whole(rng.integers(0, 256, size, dtype=np.uint8), np.full(size, 255, np.uint8))
+    for size in (
+        (1, 1),
+        (1, 2),
+        (2, 1),
+        (2, 2),
+        (1, 7),
+        (200, 1),
+        (3, 5),
+        (8, 8),
+        (9, 11),
+    ):
+        frames = whole(
+            rng.integers(0, 256, size, dtype=np.uint8), np.full(size, 255, np.uint8)
+        )
         for locator in (PAPER, REFINED):
             assert not located(locator, frames).found.any()
         for locator in (ANYTHING, RefinedLocator(ANYTHING, 0.0)):
@@ -205,9 +261,17 @@ def a_frame_of_few_pixels():
 
 @hard("frames without a pixel, and no frames")
 def frames_without_a_pixel():
-    for size in ((2, 1, 0, 5), (2, 1, 5, 0), (1, 1, 0, 0), (0, 1, 40, 50), (0, 1, 0, 0)):
+    for size in (
+        (2, 1, 0, 5),
+        (2, 1, 5, 0),
+        (1, 1, 0, 0),
+        (0, 1, 40, 50),
+        (0, 1, 0, 0),
+    ):
         for locator in (PAPER, REFINED):
-            panels = located(locator, Frames.whole(torch.zeros(size, dtype=torch.uint8)))
+            panels = located(
+                locator, Frames.whole(torch.zeros(size, dtype=torch.uint8))
+            )
             assert panels.found.tolist() == [False] * size[0]
             assert panels.corners_px.shape == (size[0], 4, 2)
 
@@ -218,10 +282,13 @@ def a_frame_too_wide():
     wide[:, 1:-1] = 9
     for locator in (PAPER, REFINED):
         with pytest.raises(
-            VoccError, match=r"frames.grey is 2 x 40000 px: it must be at most 32768 px a side"
+            VoccError,
+            match=r"frames.grey is 2 x 40000 px: it must be at most 32768 px a side",
         ):
             locator(whole(wide), SHAPE)
-    (corners,) = located(ANYTHING, whole(wide[:, -32_768:]), PanelShape(1, 1)).corners_px
+    (corners,) = located(
+        ANYTHING, whole(wide[:, -32_768:]), PanelShape(1, 1)
+    ).corners_px
     assert corners.tolist() == [[0, 0], [32_767, 0], [32_767, 2], [0, 2]]
 
 
@@ -242,13 +309,21 @@ def a_closing_larger_than_the_frame():
             )
         most = close_mask(torch.from_numpy(mask)[None, None], 10**30 + 1)[0, 0].numpy()
         np.testing.assert_array_equal(most, ours)
-    for locator in (PaperLocator(closing_px=65535), RefinedLocator(PaperLocator(closing_px=65535))):
+    for locator in (
+        PaperLocator(closing_px=65535),
+        RefinedLocator(PaperLocator(closing_px=65535)),
+    ):
         assert located(locator, whole(scene())).found.all()
 
 
 @hard("frames that fail among frames that do not")
 def frames_that_fail_among_others():
-    greys = [scene(), np.zeros((160, 160), np.uint8), noise(0, (160, 160)), scene(ONE_ON, off=0)]
+    greys = [
+        scene(),
+        np.zeros((160, 160), np.uint8),
+        noise(0, (160, 160)),
+        scene(ONE_ON, off=0),
+    ]
     greys += [scene(angle_deg=30.0), scene(ALL_ON, on=50.0), scene(ROWS_OFF)]
     frames = whole(*greys)
     for locator in (PAPER, REFINED):
@@ -280,7 +355,9 @@ def a_crop_against_the_whole_frame():
         sensor = np.full((480, 640), level, np.uint8)
         sensor[200:360, 300:460] = grey
         planes = torch.from_numpy(grey)[None, None]
-        crop = Frames(planes, torch.tensor([[300, 200]]), (480, 640), torch.tensor([float(level)]))
+        crop = Frames(
+            planes, torch.tensor([[300, 200]]), (480, 640), torch.tensor([float(level)])
+        )
         assert_same(located(PAPER, crop), located(PAPER, whole(sensor)))
         one, two = located(REFINED, crop), located(REFINED, whole(sensor))
         assert torch.equal(one.found, two.found)
@@ -292,16 +369,25 @@ def a_surround_that_is_no_grey_value():
     grey = torch.from_numpy(scene())[None, None]
     for locator in (PAPER, REFINED):
         for level in (float("nan"), float("inf")):
-            crop = Frames(grey, torch.tensor([[300, 200]]), (480, 640), torch.tensor([level]))
-            with pytest.raises(VoccError, match=r"frames.surround holds NaN or infinity"):
-                locator(crop, SHAPE)
-        for x, y in ((-1, 0), (0, -1), (481, 0), (0, 321)):
-            crop = Frames(grey, torch.tensor([[x, y]]), (480, 640), torch.tensor([90.0]))
+            crop = Frames(
+                grey, torch.tensor([[300, 200]]), (480, 640), torch.tensor([level])
+            )
             with pytest.raises(
-                VoccError, match=r"frames.origin_px lays a crop, \(160, 160\), off its sensor"
+                VoccError, match=r"frames.surround holds NaN or infinity"
             ):
                 locator(crop, SHAPE)
-        crop = Frames(grey, torch.tensor([[480, 320]]), (480, 640), torch.tensor([90.0]))
+        for x, y in ((-1, 0), (0, -1), (481, 0), (0, 321)):
+            crop = Frames(
+                grey, torch.tensor([[x, y]]), (480, 640), torch.tensor([90.0])
+            )
+            with pytest.raises(
+                VoccError,
+                match=r"frames.origin_px lays a crop, \(160, 160\), off its sensor",
+            ):
+                locator(crop, SHAPE)
+        crop = Frames(
+            grey, torch.tensor([[480, 320]]), (480, 640), torch.tensor([90.0])
+        )
         assert located(locator, crop).found.all()
 
 
@@ -312,23 +398,33 @@ def frames_that_hold_no_grey_values():
         for value in (float("nan"), float("inf"), -float("inf")):
             broken = grey.clone()
             broken[3, 4] = value
-            with pytest.raises(VoccError, match=r"frames.grey holds NaN or infinity: it must be grey values"):
+            with pytest.raises(
+                VoccError,
+                match=r"frames.grey holds NaN or infinity: it must be grey values",
+            ):
                 locator(Frames.whole(broken[None]), SHAPE)
         for dtype in (torch.int16, torch.int64, torch.bool):
             with pytest.raises(
-                VoccError, match=r"frames.grey is torch\.\w+: it must be torch.uint8 or floating"
+                VoccError,
+                match=r"frames.grey is torch\.\w+: it must be torch.uint8 or floating",
             ):
                 locator(Frames.whole(grey[None].to(dtype)), SHAPE)
         origin = torch.zeros(1, 2, dtype=torch.int64)
         with pytest.raises(
-            VoccError, match=r"frames.grey has shape \(1, 3, 160, 160\): it must be \(B,1,H,W\)"
+            VoccError,
+            match=r"frames.grey has shape \(1, 3, 160, 160\): it must be \(B,1,H,W\)",
         ):
-            locator(Frames(grey.byte().expand(1, 3, 160, 160), origin, (160, 160)), SHAPE)
+            locator(
+                Frames(grey.byte().expand(1, 3, 160, 160), origin, (160, 160)), SHAPE
+            )
         bright = torch.where(grey > 128, 1e30, grey)
         bright[0, 0] = -1e30
         clipped = Frames.whole(bright.clamp(0, 255)[None])
         for dtype in (torch.float32, torch.float64):
-            assert_same(locator(Frames.whole(bright[None].to(dtype)), SHAPE), locator(clipped, SHAPE))
+            assert_same(
+                locator(Frames.whole(bright[None].to(dtype)), SHAPE),
+                locator(clipped, SHAPE),
+            )
         exact = locator(Frames.whole(grey[None].byte()), SHAPE)
         for dtype in (torch.float16, torch.bfloat16):
             assert_same(locator(Frames.whole(grey[None].to(dtype)), SHAPE), exact)
@@ -337,7 +433,15 @@ def frames_that_hold_no_grey_values():
 @hard("a panel of one LED, of one row, or of a million LEDs")
 def panels_of_any_shape():
     frames = whole(scene(), scene(ALL_ON), noise(0, (160, 160)))
-    for rows, columns in ((1, 1), (1, 16), (16, 1), (2, 3), (17, 3), (1, 1024), (1024, 1024)):
+    for rows, columns in (
+        (1, 1),
+        (1, 16),
+        (16, 1),
+        (2, 3),
+        (17, 3),
+        (1, 1024),
+        (1024, 1024),
+    ):
         shape = PanelShape(rows, columns)
         ours = located(REFINED, frames, shape)
         theirs = located(PAPER, frames, shape)
@@ -348,8 +452,19 @@ def panels_of_any_shape():
 @hard("a picture without a lattice")
 def a_picture_without_a_lattice():
     flat = [np.full((160, 160), value, np.uint8) for value in (0, 255)]
-    greys = [*flat, noise(0, (160, 160)), block(80, 80, 1, 1, size=(160, 160)), scene(ALL_ON, on=1e3)]
-    quads = [TRUTH, TRUTH[[0, 3, 2, 1]], TRUTH - 500, 0 * TRUTH, torch.tensor(FLAT["crossed"]).double()]
+    greys = [
+        *flat,
+        noise(0, (160, 160)),
+        block(80, 80, 1, 1, size=(160, 160)),
+        scene(ALL_ON, on=1e3),
+    ]
+    quads = [
+        TRUTH,
+        TRUTH[[0, 3, 2, 1]],
+        TRUTH - 500,
+        0 * TRUTH,
+        torch.tensor(FLAT["crossed"]).double(),
+    ]
     frames = whole(*(grey for grey in greys for _ in quads))
     corners = torch.stack(quads * len(greys))
     for shape in (SHAPE, PanelShape(1, 1), PanelShape(1, 16)):
@@ -358,7 +473,9 @@ def a_picture_without_a_lattice():
             start, blur = search_lattice(frames, corners, background, shape)
             lattice = fit_lattice(frames, Lattice.at(start, blur, background, shape))
             for field in fields(lattice):
-                assert getattr(lattice, field.name).double().isfinite().all(), field.name
+                assert getattr(lattice, field.name).double().isfinite().all(), (
+                    field.name
+                )
             assert (lattice.share <= 1).all()
 
 
@@ -381,7 +498,9 @@ FLAT = {
 
 @lru_cache
 def picture():
-    return torch.from_numpy(np.random.default_rng(1).integers(20, 231, (40, 40), dtype=np.uint8))
+    return torch.from_numpy(
+        np.random.default_rng(1).integers(20, 231, (40, 40), dtype=np.uint8)
+    )
 
 
 @hard("corners collinear, coincident, crossed or concave")
@@ -405,7 +524,9 @@ def corners_of_no_panel():
 
 @hard("corners in any order and anywhere")
 def corners_in_any_order():
-    cells = torch.tensor([[0.0, 0, 1], [3, 0, 1], [3, 2, 1], [0, 2, 1]], dtype=torch.float64)
+    cells = torch.tensor(
+        [[0.0, 0, 1], [3, 0, 1], [3, 2, 1], [0, 2, 1]], dtype=torch.float64
+    )
 
     @settings(max_examples=150, deadline=None, derandomize=True)
     @given(st.lists(st.integers(-60, 60), min_size=8, max_size=8))
@@ -434,19 +555,29 @@ def strictly_convex(places):
     corners = [tuple(np.float64(place)) for place in places]
     return all(
         (b[0] - a[0]) * (c[1] - b[1]) != (b[1] - a[1]) * (c[0] - b[0])
-        for a, b, c in zip(corners, corners[1:] + corners[:1], corners[2:] + corners[:2], strict=True)
+        for a, b, c in zip(
+            corners, corners[1:] + corners[:1], corners[2:] + corners[:2], strict=True
+        )
     )
 
 
 @hard("corners that are NaN, infinite or beyond 1e15 px")
 def corners_that_are_no_places():
     for value in (float("nan"), float("inf"), -float("inf"), 1e200, -2e15):
-        corners = torch.tensor([[[8.0, 8], [32, 8], [32, 32], [8, 32]]], dtype=torch.float64)
+        corners = torch.tensor(
+            [[[8.0, 8], [32, 8], [32, 32], [8, 32]]], dtype=torch.float64
+        )
         corners[0, 1, 0] = value
         frames, panels = Frames.whole(picture()[None]), Panels.known(corners)
         for read in (rectify, centre_greys):
-            arguments = (frames, panels, SHAPE, 4) if read is rectify else (frames, panels, SHAPE)
-            with pytest.raises(VoccError, match=r"corners_px reaches \S+ px: corners must be finite"):
+            arguments = (
+                (frames, panels, SHAPE, 4)
+                if read is rectify
+                else (frames, panels, SHAPE)
+            )
+            with pytest.raises(
+                VoccError, match=r"corners_px reaches \S+ px: corners must be finite"
+            ):
                 read(*arguments)
         with pytest.raises(VoccError, match=r"corners_px reaches"):
             Reader(SHAPE).read(frames, panels)
@@ -461,12 +592,16 @@ def the_horizon_within_the_margin():
     }
     for shape, corners in steep.items():
         for turn in range(4):  # the horizon above, beside and below
-            beyond_the_horizon(shape, np.rot90(bordered(), turn).copy(), turned(corners, turn))
+            beyond_the_horizon(
+                shape, np.rot90(bordered(), turn).copy(), turned(corners, turn)
+            )
     # Sides that part so fast that the map divides by 0 at a sample, or between two, below the panel.
     frames = Frames.whole(picture()[None])
     for low_cells in (0.875, 0.75, 0.5, 0.25, 0.125):
         top, low = 2 * low_cells / (8 + low_cells), 2.0
-        corners = torch.tensor([[[20 - top, 10], [20 + top, 10], [20 + low, 30], [20 - low, 30]]]).double()
+        corners = torch.tensor(
+            [[[20 - top, 10], [20 + top, 10], [20 + low, 30], [20 - low, 30]]]
+        ).double()
         patches = rectify(frames, Panels.known(corners), SHAPE, 4)
         assert patches.isfinite().all()
         assert 20 <= float(patches.min()) <= float(patches.max()) <= 230
@@ -491,12 +626,18 @@ def beyond_the_horizon(shape, image, corners, samples=32):
     """Compare a panel with SciPy's reading of it, alone, in a batch and in a crop."""
     cells = [(0, 0), (shape.columns, 0), (shape.columns, shape.rows), (0, shape.rows)]
     homography = cv2.getPerspectiveTransform(np.float32(cells), np.float32(corners))
-    y, x = ((np.arange((n + 2) * samples) + 0.5) / samples - 1 for n in (shape.rows, shape.columns))
+    y, x = (
+        (np.arange((n + 2) * samples) + 0.5) / samples - 1
+        for n in (shape.rows, shape.columns)
+    )
     places = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))])
     across, down, depth = np.tensordot(homography, places, 1)
     seen = depth > 1e-3
     reading = ndimage.map_coordinates(
-        image, [down[seen] / depth[seen] - 0.5, across[seen] / depth[seen] - 0.5], order=1, mode="nearest"
+        image,
+        [down[seen] / depth[seen] - 0.5, across[seen] / depth[seen] - 0.5],
+        order=1,
+        mode="nearest",
     )
     panels = Panels.known(torch.tensor([corners, cells], dtype=torch.float64))
     frames = Frames.whole(torch.from_numpy(image).expand(2, 60, 60))
@@ -506,14 +647,26 @@ def beyond_the_horizon(shape, image, corners, samples=32):
     np.testing.assert_allclose(ours[seen], reading, rtol=0, atol=1e-6)
     assert (ours[depth < -1e-3] == 230).all(), "border pixels"
     for row in (0, 1):
-        alone = rectify(frames[row : row + 1], Panels.known(panels.corners_px[row, None]), shape, samples)
+        alone = rectify(
+            frames[row : row + 1],
+            Panels.known(panels.corners_px[row, None]),
+            shape,
+            samples,
+        )
         assert torch.equal(alone[0], patches[row])
-    inner = (slice(None), slice(None), slice(samples, -samples), slice(samples, -samples))
+    inner = (
+        slice(None),
+        slice(None),
+        slice(samples, -samples),
+        slice(samples, -samples),
+    )
     sensor = np.pad(image, 70).astype(np.float32)
     planes = torch.from_numpy(sensor[None, None, 70:130, 70:130].copy())
     crop = Frames(planes, torch.tensor([[70, 70]]), (200, 200), torch.tensor([0.0]))
     there = Panels.known(panels.corners_px[:1] + 70)
-    single = [rectify(one, there, shape, samples)[inner] for one in (crop, whole(sensor))]
+    single = [
+        rectify(one, there, shape, samples)[inner] for one in (crop, whole(sensor))
+    ]
     assert torch.equal(*single), "a crop and the whole frame, to the last bit"
 
 
@@ -522,12 +675,18 @@ def as_many_panels_as_frames():
     reader = Reader(SHAPE, 4)
     panel = Panels.known(torch.tensor([FLAT["concave"]]).double())
     frames = Frames.whole(picture().expand(3, 40, 40))
-    with pytest.raises(VoccError, match=r"panels.corners_px has shape \(1, 4, 2\): it must be \(3,4,2\)"):
+    with pytest.raises(
+        VoccError,
+        match=r"panels.corners_px has shape \(1, 4, 2\): it must be \(3,4,2\)",
+    ):
         reader.read(frames, panel)
-    with pytest.raises(VoccError, match=r"takes have shapes \(1, 1, 40, 40\), \(3, 1, 40, 40\)"):
+    with pytest.raises(
+        VoccError, match=r"takes have shapes \(1, 1, 40, 40\), \(3, 1, 40, 40\)"
+    ):
         reader.read_takes([frames[:1], frames], panel)
     with pytest.raises(
-        VoccError, match=r"frames.grey has shape \(1, 1, 0, 4\): it must be \(B,1,H,W\), not empty"
+        VoccError,
+        match=r"frames.grey has shape \(1, 1, 0, 4\): it must be \(B,1,H,W\), not empty",
     ):
         reader.read(Frames.whole(torch.zeros(1, 1, 0, 4)), panel)
 

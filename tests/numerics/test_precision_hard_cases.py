@@ -77,7 +77,9 @@ def setting(change, value, restored):
 @hard("a precision nobody knows")
 def unknown_precision():
     for name in ("float128", "", "FLOAT32", "double"):
-        with pytest.raises(VoccError, match=f"^precision is '{name}': it must be float32 or float64$"):
+        with pytest.raises(
+            VoccError, match=f"^precision is '{name}': it must be float32 or float64$"
+        ):
             build_plan(SimpleNamespace(precision=name), Path())
 
 
@@ -86,16 +88,17 @@ def half_precision_in_the_configuration():
     for name in ("bfloat16", "float16", "half"):
         with pytest.raises(VoccError) as refused:
             build_plan(SimpleNamespace(precision=name), Path())
-        wanted = (
-            f"precision is '{name}': it must be float32 or float64, half precision changes pixels and bits"
-        )
+        wanted = f"precision is '{name}': it must be float32 or float64, half precision changes pixels and bits"
         assert str(refused.value) == wanted
 
 
 @hard("half precision for the simulator")
 def half_precision_in_the_simulator():
     for dtype in (*HALVES, torch.int32, torch.complex64, torch.bool):
-        with pytest.raises(VoccError, match=f"^dtype is {dtype}: it must be torch.float32 or torch.float64"):
+        with pytest.raises(
+            VoccError,
+            match=f"^dtype is {dtype}: it must be torch.float32 or torch.float64",
+        ):
             Simulator(dtype=dtype)
 
 
@@ -108,9 +111,13 @@ def a_missing_device():
         f"device is 'cuda:{there}', and this machine has {there} CUDA devices: use"
     )
     for name in ("abacus", "meta", "cuda:-1", "cuda:x", ""):
-        with pytest.raises(VoccError, match=f"^device is '{name}': it must be auto, cpu or cuda$"):
+        with pytest.raises(
+            VoccError, match=f"^device is '{name}': it must be auto, cpu or cuda$"
+        ):
             resolve_device(name)
-        with pytest.raises(VoccError, match=f"^device is '{name}': it must be auto, cpu or cuda$"):
+        with pytest.raises(
+            VoccError, match=f"^device is '{name}': it must be auto, cpu or cuda$"
+        ):
             Simulator(device=name)
     assert resolve_device("auto").type == ("cuda" if there else "cpu")
 
@@ -118,7 +125,9 @@ def a_missing_device():
 @hard("the simulation in float32")
 def float32_against_float64():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
-    raw = {name: value for name, value in PAPER_EFFECTS.items() if name != "quantization"}
+    raw = {
+        name: value for name, value in PAPER_EFFECTS.items() if name != "quantization"
+    }
     double, single = (
         Simulator(effects=raw, dtype=dtype).render(scene, bits).grey
         for dtype in (torch.float64, torch.float32)
@@ -126,7 +135,10 @@ def float32_against_float64():
     assert (double.dtype, single.dtype) == (torch.float64, torch.float32)
     assert float(((single - double) / double).abs().max()) < 1e-5
     flda = trained(torch.float64)
-    exact, near = (everything(frames=256, flda=flda, dtype=dtype) for dtype in (torch.float64, torch.float32))
+    exact, near = (
+        everything(frames=256, flda=flda, dtype=dtype)
+        for dtype in (torch.float64, torch.float32)
+    )
     apart = (exact["grey"].int() - near["grey"].int()).abs()
     assert int(apart.max()) <= 1
     assert int((apart > 0).sum()) <= 1e-5 * apart.numel()
@@ -140,7 +152,9 @@ def receiver_in_float32():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     simulator = Simulator()
     frames, panels = simulator.render(scene, bits), simulator.true_panels(scene)
-    double = Frames(frames.grey.double(), frames.origin_px, frames.sensor_px, frames.surround)
+    double = Frames(
+        frames.grey.double(), frames.origin_px, frames.sensor_px, frames.surround
+    )
     exact, near = (Reader().read(one, panels) for one in (double, frames))
     assert (exact.patches.dtype, near.patches.dtype) == (torch.float64, torch.float32)
     assert float((exact.features - near.features).abs().max()) < 1e-4
@@ -155,11 +169,16 @@ def frames_of_half_precision():
     receiver = Receiver("flda_3", PaperLocator(), Reader(), flda)
     wanted = receiver(frames)
     for dtype in HALVES:
-        halved = Frames(frames.grey.to(dtype), frames.origin_px, frames.sensor_px, frames.surround)
+        halved = Frames(
+            frames.grey.to(dtype), frames.origin_px, frames.sensor_px, frames.surround
+        )
         decoded = receiver(halved)
         assert torch.equal(decoded.scores, wanted.scores), dtype
         assert torch.equal(decoded.corners_px, wanted.corners_px), dtype
-        greys, bytes_ = (Reader().read_greys(one, simulator.true_panels(scene)) for one in (halved, frames))
+        greys, bytes_ = (
+            Reader().read_greys(one, simulator.true_panels(scene))
+            for one in (halved, frames)
+        )
         assert torch.equal(greys.centre, bytes_.centre), dtype
 
 
@@ -167,7 +186,9 @@ def frames_of_half_precision():
 def an_image_of_half_precision():
     receiver = Receiver("flda_3", PaperLocator(), Reader(), FLDA(3))
     for dtype in (*HALVES, torch.float32, torch.int16):
-        with pytest.raises(VoccError, match=f"^images has dtype {dtype} .*it must be uint8"):
+        with pytest.raises(
+            VoccError, match=f"^images has dtype {dtype} .*it must be uint8"
+        ):
             receiver.decode(torch.zeros(1, 40, 40, dtype=dtype))
 
 
@@ -181,7 +202,9 @@ def another_default_dtype():
             same(everything(), wanted)
             again = Scene.of(2, ambient_lx=4001.7, distance_m=33.3)
         for field in fields(Scene):
-            assert torch.equal(getattr(again, field.name), getattr(scene, field.name)), (dtype, field.name)
+            assert torch.equal(
+                getattr(again, field.name), getattr(scene, field.name)
+            ), (dtype, field.name)
 
 
 @hard("inference mode around training")
@@ -190,7 +213,10 @@ def inference_mode():
     with torch.inference_mode():
         inside = everything()
         features = inside["features"].clone()
-        flda = FLDA(3).update(features, torch.arange(features[..., 0].numel()).view(features.shape[:-1]) % 2)
+        flda = FLDA(3).update(
+            features,
+            torch.arange(features[..., 0].numel()).view(features.shape[:-1]) % 2,
+        )
         flda.predict(features)
     same({name: tensor.clone() for name, tensor in inside.items()}, wanted)
     point = torch.ones(3, dtype=torch.float64, requires_grad=True)
@@ -210,7 +236,9 @@ def autocast_around_the_link():
             same(everything(), wanted)
             assert torch.equal(Reader().read(frames, panels).features, features)
             assert torch.equal(Reader().read_greys(frames, panels).average, average)
-            assert torch.is_autocast_enabled("cpu"), "the caller's own setting comes back"
+            assert torch.is_autocast_enabled("cpu"), (
+                "the caller's own setting comes back"
+            )
 
 
 @hard("autocast around a receiver")
@@ -222,7 +250,10 @@ def autocast_around_a_receiver():
         wanted = receiver(frames)
         for dtype in HALVES:
             with torch.autocast("cpu", dtype):
-                assert torch.equal(receiver(frames).scores, wanted.scores), (locator, dtype)
+                assert torch.equal(receiver(frames).scores, wanted.scores), (
+                    locator,
+                    dtype,
+                )
 
 
 @hard("autocast around the simulator")
@@ -252,7 +283,9 @@ def threads_and_batches():
 def deterministic_mode():
     wanted = everything()
     simulator = Simulator()
-    scene = Scene(*(getattr(Scene.of(4), field.name).clone() for field in fields(Scene)))
+    scene = Scene(
+        *(getattr(Scene.of(4), field.name).clone() for field in fields(Scene))
+    )
     scene.distance_m.copy_(torch.tensor([4.0, 50.0, 12.0, 25.0]))
     frames = simulator.render(scene, torch.ones(4, 8, 8, dtype=torch.bool))
 
@@ -260,15 +293,32 @@ def deterministic_mode():
         return Reader().read(frames, simulator.true_panels(scene)).features
 
     plain = read()
-    with setting(torch.use_deterministic_algorithms, True, torch.are_deterministic_algorithms_enabled()):
+    with setting(
+        torch.use_deterministic_algorithms,
+        True,
+        torch.are_deterministic_algorithms_enabled(),
+    ):
         for _ in range(2):
             same(everything(), wanted)
             assert torch.equal(read(), plain)
 
 
 CHANCY = {
-    *("put_", "histc", "median", "nanmedian", "kthvalue", "max_unpool2d", "nll_loss", "ctc_loss"),
-    *("grid_sampler_2d_backward", "upsample_bilinear2d_backward", "reflection_pad2d_backward"),
+    *(
+        "put_",
+        "histc",
+        "median",
+        "nanmedian",
+        "kthvalue",
+        "max_unpool2d",
+        "nll_loss",
+        "ctc_loss",
+    ),
+    *(
+        "grid_sampler_2d_backward",
+        "upsample_bilinear2d_backward",
+        "reflection_pad2d_backward",
+    ),
 }
 """What torch names as without a deterministic form on CUDA (see torch.use_deterministic_algorithms)."""
 
@@ -283,8 +333,14 @@ class Watched(TorchDispatchMode):
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         given = func(*args, **(kwargs or {}))
         if isinstance(given, torch.Tensor):
-            weights = func.overloadpacket.__name__ == "bincount" and len(args) > 1 and args[1] is not None
-            self.seen.add((func.overloadpacket.__name__, given.is_floating_point() or weights))
+            weights = (
+                func.overloadpacket.__name__ == "bincount"
+                and len(args) > 1
+                and args[1] is not None
+            )
+            self.seen.add(
+                (func.overloadpacket.__name__, given.is_floating_point() or weights)
+            )
         return given
 
 
@@ -293,12 +349,20 @@ def operations_on_a_gpu():
     with Watched() as watched:
         everything(frames=1, framing="full")
     names = {name for name, _ in watched.seen}
-    assert {"index_add_", "bincount", "convolution"} & names == {"index_add_", "bincount", "convolution"}, (
-        names
-    )
+    assert {"index_add_", "bincount", "convolution"} & names == {
+        "index_add_",
+        "bincount",
+        "convolution",
+    }, names
     assert not names & CHANCY, names & CHANCY
     floating = {name for name, is_floating in watched.seen if is_floating}
-    assert floating & {"bincount", "cumsum", "scatter_add", "scatter_add_", "index_add_"} == {"index_add_"}
+    assert floating & {
+        "bincount",
+        "cumsum",
+        "scatter_add",
+        "scatter_add_",
+        "index_add_",
+    } == {"index_add_"}
 
 
 @hard.each
@@ -308,7 +372,8 @@ def test_precision(case):
 
 @pytest.mark.slow
 @pytest.mark.skipif(
-    not any(map(shutil.which, ("g++", "clang++"))), reason="torch.compile needs a C++ compiler"
+    not any(map(shutil.which, ("g++", "clang++"))),
+    reason="torch.compile needs a C++ compiler",
 )
 @pytest.mark.filterwarnings(
     "default:`torch.jit.script_method` is deprecated:DeprecationWarning"
@@ -339,7 +404,9 @@ def test_compiled_and_eager_agree():
     assert float((features - wanted_features).abs().max()) < 1e-4
     turned = (scores >= 0) != (wanted >= 0)
     assert not bool((turned & (wanted.abs() > 1e-3)).any())
-    assert 0 < breaks < 40, "values on the host part the graph: rectification asks how large its window is"
+    assert 0 < breaks < 40, (
+        "values on the host part the graph: rectification asks how large its window is"
+    )
 
 
 def test_numpy_shares_no_state_with_the_draws():

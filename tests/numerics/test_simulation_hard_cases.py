@@ -32,7 +32,12 @@ PITCH_MM = 13.2 / 1920
 
 def sensor(width_px, height_px, **settings):
     """A camera with the paper's pixels and another number of them."""
-    return Camera(width_px=width_px, height_px=height_px, sensor_width_mm=width_px * PITCH_MM, **settings)
+    return Camera(
+        width_px=width_px,
+        height_px=height_px,
+        sensor_width_mm=width_px * PITCH_MM,
+        **settings,
+    )
 
 
 def number(value):
@@ -41,7 +46,13 @@ def number(value):
 
 def bare(camera=None, panel=None, effects=None, **settings):
     """A simulator in float64 without the paper's effects, or with those given."""
-    return Simulator(camera, panel, effects or {}, dtype=settings.pop("dtype", torch.float64), **settings)
+    return Simulator(
+        camera,
+        panel,
+        effects or {},
+        dtype=settings.pop("dtype", torch.float64),
+        **settings,
+    )
 
 
 def all_on(scene, rows=8, columns=8):
@@ -81,7 +92,10 @@ def gamma_extreme():
             exposure = torch.tensor(light, dtype=dtype)
             found = grey_value(exposure, torch.tensor(10.0, dtype=dtype), gamma=gamma)
             with mpmath.workdps(50):
-                exact = [float(118 * mpmath.mpf(float(h)) ** (1 / mpmath.mpf(gamma))) for h in exposure]
+                exact = [
+                    float(118 * mpmath.mpf(float(h)) ** (1 / mpmath.mpf(gamma)))
+                    for h in exposure
+                ]
             np.testing.assert_allclose(found.double().numpy(), exact, rtol=rtol)
         scene = Scene.of()
         grey = Simulator(Camera(gamma=gamma)).render(scene, all_on(scene))
@@ -96,19 +110,30 @@ def pixel_among_others():
     light = torch.rand(4099, generator=torch.Generator().manual_seed(5))
     together = grey_value(light, torch.tensor(100.0), gamma=2.2)
     for size in (1, 3, 7):
-        parts = [grey_value(part, torch.tensor(100.0), gamma=2.2) for part in light.split(size)]
+        parts = [
+            grey_value(part, torch.tensor(100.0), gamma=2.2)
+            for part in light.split(size)
+        ]
         assert torch.equal(torch.cat(parts), together)
 
 
 @hard("air that nothing shines through")
 def opaque_air():
-    shares = transmission(torch.tensor([0.0, 1.0, 100.0, 180.0, 191.0, 1e9], dtype=torch.float64), 1.0)
+    shares = transmission(
+        torch.tensor([0.0, 1.0, 100.0, 180.0, 191.0, 1e9], dtype=torch.float64), 1.0
+    )
     assert shares[0] == 1
     assert shares[-2:].tolist() == [0, 0]
-    np.testing.assert_allclose(shares[1:4], [float(mpmath.exp(-3.91 * v)) for v in (1, 100, 180)], rtol=1e-12)
+    np.testing.assert_allclose(
+        shares[1:4], [float(mpmath.exp(-3.91 * v)) for v in (1, 100, 180)], rtol=1e-12
+    )
     scene = Scene.of(distance_m=50.0)
-    simulator = Simulator(effects=PAPER_EFFECTS | {"attenuation": {"visibility_m": 0.1}})
-    shown, dark = (simulator.render(scene, bits).grey for bits in (all_on(scene), ~all_on(scene)))
+    simulator = Simulator(
+        effects=PAPER_EFFECTS | {"attenuation": {"visibility_m": 0.1}}
+    )
+    shown, dark = (
+        simulator.render(scene, bits).grey for bits in (all_on(scene), ~all_on(scene))
+    )
     assert torch.equal(shown, dark)
 
 
@@ -124,9 +149,7 @@ def night_without_limits():
             lambda s=simulator: s.render(scene, all_on(scene)),
             lambda s=simulator: s.contrast(scene),
         ):
-            rule = (
-                "it must be above 0, or give camera.iso_limits, for auto-ISO without limits meters this light"
-            )
+            rule = "it must be above 0, or give camera.iso_limits, for auto-ISO without limits meters this light"
             assert refusal(ask) == f"scene.ambient_lx is 0: {rule}"
 
 
@@ -142,8 +165,12 @@ def night_with_limits():
         grey = bare(camera, dtype=dtype).render(scene, bits).grey
         assert float(grey.min()) == 0
         assert float(grey.max()) == pytest.approx(wanted, rel=1e-6)
-        assert float(bare(camera, dtype=dtype).contrast(scene)) == pytest.approx(wanted / 255, rel=1e-12)
-    blind = Simulator(camera).render(Scene.of(ambient_lx=0.0, led_luminance_cd_m2=0.0), bits)
+        assert float(bare(camera, dtype=dtype).contrast(scene)) == pytest.approx(
+            wanted / 255, rel=1e-12
+        )
+    blind = Simulator(camera).render(
+        Scene.of(ambient_lx=0.0, led_luminance_cd_m2=0.0), bits
+    )
     assert blind.grey.unique().tolist() == blind.surround.tolist() == [0]
 
 
@@ -158,12 +185,17 @@ def extreme_ambient():
         assert float(grey.max()) == pytest.approx(min(on, 255), rel=1e-5)
     rule = "it must lead to an ISO speed from 1e-30 to 1e+20, and this is {} (or give camera.iso_limits)"
     for lux, start in (
-        (1e-30, f"scene.ambient_lx is 1e-30 and scene.background_grey is 102: {rule.format('3.79996e+36')}"),
+        (
+            1e-30,
+            f"scene.ambient_lx is 1e-30 and scene.background_grey is 102: {rule.format('3.79996e+36')}",
+        ),
         (1e30, "scene.ambient_lx is 1e+30: it must"),
     ):
         for led in (0.0, 3000.0):
             line = refusal(
-                lambda v=lux, own=led: Simulator().contrast(Scene.of(ambient_lx=v, led_luminance_cd_m2=own))
+                lambda v=lux, own=led: Simulator().contrast(
+                    Scene.of(ambient_lx=v, led_luminance_cd_m2=own)
+                )
             )
             assert line.startswith(start)
 
@@ -172,9 +204,17 @@ def extreme_ambient():
 def unclipped_light():
     scene = Scene.of(ambient_lx=1e-3, led_luminance_cd_m2=1e12)
     for gamma, effects in ((1.0, {}), (0.1, {}), (0.1, {"saturation": {}})):
-        line = refusal(Simulator(Camera(gamma=gamma), effects=effects).render, scene, all_on(scene))
-        assert line.startswith("scene.led_luminance_cd_m2 is 1e+12, with scene.ambient_lx is 0.001 and ISO ")
-    seen = Simulator(Camera(gamma=1.0), effects={"saturation": {}}).render(scene, all_on(scene)).grey
+        line = refusal(
+            Simulator(Camera(gamma=gamma), effects=effects).render, scene, all_on(scene)
+        )
+        assert line.startswith(
+            "scene.led_luminance_cd_m2 is 1e+12, with scene.ambient_lx is 0.001 and ISO "
+        )
+    seen = (
+        Simulator(Camera(gamma=1.0), effects={"saturation": {}})
+        .render(scene, all_on(scene))
+        .grey
+    )
     assert float(seen.max()) == 255
 
 
@@ -189,7 +229,11 @@ def everything_saturated():
 
 @hard("exposure settings at the ends of their ranges")
 def exposure_settings():
-    ranges = {"f_number": (0.1, 1e3), "exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3)}
+    ranges = {
+        "f_number": (0.1, 1e3),
+        "exposure_time_s": (1e-9, 1e4),
+        "calibration_constant": (0.1, 1e3),
+    }
     scene = Scene.of(2)
     scene.ambient_lx[1], scene.led_luminance_cd_m2[1] = 1.0, 0.0
     paper = bare().render(scene, all_on(scene)).grey
@@ -200,8 +244,12 @@ def exposure_settings():
             torch.testing.assert_close(seen.double(), paper, rtol=rtol, atol=0)
     for name, (low, high) in ranges.items():
         for value in (1e-200, low * 0.999, high * 1.001, 1e200, math.inf, math.nan):
-            assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value:g}: it must be ")
-        assert refusal(Camera, **{name: 0.0}) == f"camera.{name} is 0: it must be above 0"
+            assert refusal(Camera, **{name: value}).startswith(
+                f"camera.{name} is {value:g}: it must be "
+            )
+        assert (
+            refusal(Camera, **{name: 0.0}) == f"camera.{name} is 0: it must be above 0"
+        )
 
 
 @hard("the gradient through a dark renderer")
@@ -212,7 +260,9 @@ def gradient_through_the_renderer():
     bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
     grey = bare(camera).render(scene, bits).grey
     (slope,) = torch.autograd.grad(grey.sum(), scene.led_luminance_cd_m2)
-    assert float(slope) == pytest.approx(float(grey.detach().sum()) / 2.2 / 3000, rel=1e-12)
+    assert float(slope) == pytest.approx(
+        float(grey.detach().sum()) / 2.2 / 3000, rel=1e-12
+    )
     # The way from the panel to the exposure may drop an infinite slope of its own; the encoding has none.
     dark = torch.zeros(1, dtype=torch.float64, requires_grad=True)
     grey_value(dark, torch.tensor(3200.0), gamma=2.2).backward()
@@ -238,7 +288,9 @@ def touching_panel():
         for ask in (
             lambda s: bare(camera, panel).render(s, all_on(s, 1, 1)),
             lambda s: bare(camera, panel).true_panels(s),
-            lambda s: bare(camera, panel, {"pose": {"roll_deg": 5.0}}).render(s, all_on(s, 1, 1)),
+            lambda s: bare(camera, panel, {"pose": {"roll_deg": 5.0}}).render(
+                s, all_on(s, 1, 1)
+            ),
         ):
             line = refusal(ask, Scene.of(distance_m=distance))
             assert line.startswith(f"scene.distance_m is {distance:g}: it must ")
@@ -261,12 +313,20 @@ def far_panel():
 @hard("a near and a far panel in one batch")
 def near_and_far():
     camera = sensor(96, 64)
-    scene = Scene.cat([Scene.of(distance_m=d, offset_y_m=0.01) for d in (0.5, 3000.0, 8.0, 60.0, 0.2)])
+    scene = Scene.cat(
+        [Scene.of(distance_m=d, offset_y_m=0.01) for d in (0.5, 3000.0, 8.0, 60.0, 0.2)]
+    )
     bits = torch.rand(5, 8, 8, generator=torch.Generator().manual_seed(3)) < 0.5
-    for effects in ({}, {"airlight": {"visibility_m": 200}, "attenuation": {"visibility_m": 200}}):
+    for effects in (
+        {},
+        {"airlight": {"visibility_m": 200}, "attenuation": {"visibility_m": 200}},
+    ):
         simulator = bare(camera, effects=effects)
         together = simulator.render(scene, bits).grey
-        alone = [simulator.render(scene[i : i + 1], bits[i : i + 1], nearest_m=0.2).grey for i in range(5)]
+        alone = [
+            simulator.render(scene[i : i + 1], bits[i : i + 1], nearest_m=0.2).grey
+            for i in range(5)
+        ]
         assert torch.equal(together, torch.cat(alone))
 
 
@@ -275,10 +335,13 @@ def panel_across_the_border():
     small, large = sensor(96, 64), sensor(288, 192)
     metres = 6.0 / small.focal_length_px
     bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(4)) < 0.5
-    for x, y in itertools.product((-90, -66.3, -48, -47.5, 31, 48, 60), (-70, -32, 0, 33.25)):
+    for x, y in itertools.product(
+        (-90, -66.3, -48, -47.5, 31, 48, 60), (-70, -32, 0, 33.25)
+    ):
         scene = Scene.of(distance_m=6.0, offset_x_m=x * metres, offset_y_m=y * metres)
         cut, whole = (
-            bare(camera, framing="full").render(scene, bits).grey[0, 0] for camera in (small, large)
+            bare(camera, framing="full").render(scene, bits).grey[0, 0]
+            for camera in (small, large)
         )
         torch.testing.assert_close(cut, whole[64:128, 96:192], rtol=1e-12, atol=1e-12)
     far = Scene.of(distance_m=6.0, offset_x_m=1e3)
@@ -289,23 +352,43 @@ def panel_across_the_border():
 @hard("offsets and distances at the ends of their ranges")
 def extreme_offsets():
     camera = Camera()
-    telescope, small = Camera(focal_length_mm=1e6), LedPanel(led_diameter_m=1e-6, led_gap_m=0.0)
-    views = ((camera, LedPanel(), 5.0), (camera, LedPanel(), 50.0), (telescope, small, 1e6))
-    for (seen_by, panel, distance), x, y in itertools.product(views, (-1e9, 1e9), (-1e9, 1e9)):
+    telescope, small = (
+        Camera(focal_length_mm=1e6),
+        LedPanel(led_diameter_m=1e-6, led_gap_m=0.0),
+    )
+    views = (
+        (camera, LedPanel(), 5.0),
+        (camera, LedPanel(), 50.0),
+        (telescope, small, 1e6),
+    )
+    for (seen_by, panel, distance), x, y in itertools.product(
+        views, (-1e9, 1e9), (-1e9, 1e9)
+    ):
         scene = Scene.of(distance_m=distance, offset_x_m=x, offset_y_m=y)
         frames = bare(seen_by, panel).render(scene, all_on(scene))
-        torch.testing.assert_close(frames.grey, torch.full_like(frames.grey, 102.0), rtol=1e-12, atol=0)
-        height, width = (
-            full - own for full, own in zip(frames.sensor_px, frames.grey.shape[-2:], strict=True)
+        torch.testing.assert_close(
+            frames.grey, torch.full_like(frames.grey, 102.0), rtol=1e-12, atol=0
         )
-        assert frames.origin_px.tolist() == [[0 if x < 0 else width, 0 if y < 0 else height]]
+        height, width = (
+            full - own
+            for full, own in zip(frames.sensor_px, frames.grey.shape[-2:], strict=True)
+        )
+        assert frames.origin_px.tolist() == [
+            [0 if x < 0 else width, 0 if y < 0 else height]
+        ]
     far = Scene.of(distance_m=2e-3, offset_x_m=1e9, offset_y_m=-1e9)
     line = refusal(Simulator(telescope, small).true_panels, far)
     assert line.startswith(
         "scene.offset_x_m is 1e+09, scene.offset_y_m is -1e+09, scene.distance_m is 0.002: the "
     )
-    for name, value in (("offset_x_m", -1.1e9), ("offset_y_m", 1.1e9), ("distance_m", 1.1e9)):
-        assert refusal(Scene.of, **{name: value}).startswith(f"scene.{name} is {value:g}: it must be at ")
+    for name, value in (
+        ("offset_x_m", -1.1e9),
+        ("offset_y_m", 1.1e9),
+        ("distance_m", 1.1e9),
+    ):
+        assert refusal(Scene.of, **{name: value}).startswith(
+            f"scene.{name} is {value:g}: it must be at "
+        )
 
 
 @hard("sensors of 1 x 1, 5 x 5 and odd sizes")
@@ -314,7 +397,8 @@ def small_sensors():
         for camera in (sensor(width, height), Camera(width_px=width, height_px=height)):
             scene = Scene.of(2, distance_m=20.0, offset_x_m=0.01)
             frames = [
-                Simulator(camera, framing=f).render(scene, all_on(scene)) for f in ("crop", "filled", "full")
+                Simulator(camera, framing=f).render(scene, all_on(scene))
+                for f in ("crop", "filled", "full")
             ]
             assert torch.equal(frames[1].grey, frames[2].grey)
             if frames[0].surround is None:
@@ -327,7 +411,9 @@ def small_sensors():
 
 @hard("blooming of 0 and of 1e-6 px")
 def no_blooming():
-    value = torch.rand(2, 1, 9, 7, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    value = torch.rand(
+        2, 1, 9, 7, generator=torch.Generator().manual_seed(1), dtype=torch.float64
+    )
     context = Context(Scene.of(2), Camera())
     for sigma in (5e-324, 1e-200, 1e-6, 0.02):
         assert torch.equal(Blooming(sigma)(value, context), value)
@@ -341,16 +427,28 @@ def no_blooming():
 def wide_blooming():
     generator = torch.Generator().manual_seed(2)
     for height, width in ((1, 1), (40, 33)):
-        value = torch.rand(3, 1, height, width, generator=generator, dtype=torch.float64)
+        value = torch.rand(
+            3, 1, height, width, generator=generator, dtype=torch.float64
+        )
         blurred = Blooming(32.0)(value, Context(Scene.of(3), Camera()))
         for frame, plain in zip(blurred, value, strict=True):
-            wanted = ndimage.gaussian_filter(plain[0].numpy(), 32.0, truncate=4.0, mode="nearest")
+            wanted = ndimage.gaussian_filter(
+                plain[0].numpy(), 32.0, truncate=4.0, mode="nearest"
+            )
             np.testing.assert_allclose(frame[0].numpy(), wanted, rtol=1e-12)
-        even = Blooming(32.0)(torch.full_like(value, 0.1), Context(Scene.of(3), Camera()))
-        torch.testing.assert_close(even, torch.full_like(value, 0.1), rtol=1e-14, atol=0)
-    camera, scene = sensor(700, 500, **LINEAR), Scene.of(distance_m=30.0, ambient_lx=1.0)
+        even = Blooming(32.0)(
+            torch.full_like(value, 0.1), Context(Scene.of(3), Camera())
+        )
+        torch.testing.assert_close(
+            even, torch.full_like(value, 0.1), rtol=1e-14, atol=0
+        )
+    camera, scene = (
+        sensor(700, 500, **LINEAR),
+        Scene.of(distance_m=30.0, ambient_lx=1.0),
+    )
     plain, bloomed = (
-        bare(camera, effects=e).render(scene, all_on(scene)) for e in ({}, {"blooming": {"sigma_px": 32.0}})
+        bare(camera, effects=e).render(scene, all_on(scene))
+        for e in ({}, {"blooming": {"sigma_px": 32.0}})
     )
     assert bloomed.grey.shape[-1] > 256
     assert excess(bloomed, 102.0) == pytest.approx(excess(plain, 102.0), rel=1e-9)
@@ -377,7 +475,9 @@ def extreme_counts():
     normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])
     assert not poisson_quantile(np.zeros(7), normal).any()
     for mean in (1e-300, 1e-9, 0.01, 0.5, 2.999, 3.0, 47.3, 1e6):
-        for n, z in zip(poisson_quantile(np.full(7, mean), normal), normal, strict=True):
+        for n, z in zip(
+            poisson_quantile(np.full(7, mean), normal), normal, strict=True
+        ):
             assert n >= 0
             assert stats.poisson.cdf(n, mean) >= stats.norm.cdf(z) * (1 - 1e-9)
     for mean in (1e16, 1e30):
@@ -395,7 +495,19 @@ def plain_arguments():
         Camera: ("camera", (*CAMERA_RANGES, "width_px", "height_px"), 5),
         LedPanel: ("panel", ("led_diameter_m", "led_gap_m", "led_reflectance"), 0.5),
     }
-    none = ("50", True, np.True_, None, math.nan, math.inf, 10**400, -(10**5000), 1j, [1], torch.ones(1))
+    none = (
+        "50",
+        True,
+        np.True_,
+        None,
+        math.nan,
+        math.inf,
+        10**400,
+        -(10**5000),
+        1j,
+        [1],
+        torch.ones(1),
+    )
     for make, (section, names, right) in made.items():
         for name, wrong in itertools.product(names, none):
             line = refusal(make, **{name: wrong})
@@ -408,7 +520,18 @@ def plain_arguments():
     for wrong in (True, "8", 8.0, None, 10**400):
         assert refusal(PanelShape, columns=wrong).startswith("panel.columns is ")
         assert refusal(Scene.of, wrong).startswith("frames is ")
-    none = (("a", 100), (True, 100), (1,), (), "ab", 100, (1, 10**400), (1, 2, 3), (3200, 100), (0, 100))
+    none = (
+        ("a", 100),
+        (True, 100),
+        (1,),
+        (),
+        "ab",
+        100,
+        (1, 10**400),
+        (1, 2, 3),
+        (3200, 100),
+        (0, 100),
+    )
     for wrong in none:
         assert refusal(Camera, iso_limits=wrong).startswith("camera.iso_limits is ")
     assert type(Camera(width_px=np.int64(640)).width_px) is int
@@ -423,7 +546,10 @@ def wrong_bits():
         )
     for shape in ((2, 8), (1, 8, 8), (2, 8, 9), (2, 1, 8, 8), ()):
         bits = torch.ones(shape, dtype=torch.bool)
-        assert refusal(Simulator().render, scene, bits) == f"bits has shape {shape}: it must be (2, 8, 8)"
+        assert (
+            refusal(Simulator().render, scene, bits)
+            == f"bits has shape {shape}: it must be (2, 8, 8)"
+        )
 
 
 @hard("a batch of no scenes")
@@ -431,13 +557,21 @@ def no_scenes():
     empty = Scene.of()[:0]
     line = "scene holds no frames: it must hold at least 1"
     assert refusal(Simulator().render, empty, all_on(empty)) == line
-    assert refusal(Scene.of, 0).startswith("frames is 0: it must be a whole number, at least 1")
-    assert len(Simulator().true_panels(empty).found) == len(Simulator().contrast(empty)) == 0
+    assert refusal(Scene.of, 0).startswith(
+        "frames is 0: it must be a whole number, at least 1"
+    )
+    assert (
+        len(Simulator().true_panels(empty).found)
+        == len(Simulator().contrast(empty))
+        == 0
+    )
 
 
 @hard("scene values that are not finite")
 def not_finite():
-    for name, value in itertools.product(Scene.__slots__, (math.nan, math.inf, -math.inf)):
+    for name, value in itertools.product(
+        Scene.__slots__, (math.nan, math.inf, -math.inf)
+    ):
         scene = Scene.of(5)
         getattr(scene, name)[3] = value
         line = f"scene.{name} holds a value that is not finite"
@@ -452,9 +586,20 @@ def not_finite():
 @hard("scene fields of different lengths")
 def ragged_scene():
     scene = Scene.of(3)
-    for wrong in (torch.ones(1).double(), torch.ones(()).double(), torch.ones(3, 1).double()):
-        ragged = Scene(*(wrong if n == "distance_m" else getattr(scene, n) for n in Scene.__slots__))
-        line = f"scene.distance_m has shape {tuple(wrong.shape)}: each field must be (B,)"
+    for wrong in (
+        torch.ones(1).double(),
+        torch.ones(()).double(),
+        torch.ones(3, 1).double(),
+    ):
+        ragged = Scene(
+            *(
+                wrong if n == "distance_m" else getattr(scene, n)
+                for n in Scene.__slots__
+            )
+        )
+        line = (
+            f"scene.distance_m has shape {tuple(wrong.shape)}: each field must be (B,)"
+        )
         assert refusal(ragged.checked) == line
 
 
@@ -463,8 +608,13 @@ def no_nearest_distance():
     scene = Scene.of()
     for nearest in (0.0, -1.0, math.nan):
         rule = "above 0" if nearest <= 0 else "a finite number"
-        assert refusal(Simulator().crop_px, nearest) == f"nearest_m is {nearest:g}: it must be {rule}"
-    assert refusal(Simulator().render, scene, all_on(scene), nearest_m=0.0).startswith("nearest_m is 0")
+        assert (
+            refusal(Simulator().crop_px, nearest)
+            == f"nearest_m is {nearest:g}: it must be {rule}"
+        )
+    assert refusal(Simulator().render, scene, all_on(scene), nearest_m=0.0).startswith(
+        "nearest_m is 0"
+    )
     assert refusal(Simulator().crop_px, 5e-324).startswith(
         "scene.distance_m is 4.94066e-324: it must leave an LED"
     )
@@ -485,8 +635,12 @@ def too_many_pixels():
     for allowed in ((6144, 8192), (8192, 8192)):
         demand_pixels(allowed)
     assert Simulator(camera).render(scene, all_on(scene)).surround.tolist() == [102]
-    for name, value in itertools.product(("width_px", "height_px"), (0, 5.5, 32769, 2**62)):
-        assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value}: it must")
+    for name, value in itertools.product(
+        ("width_px", "height_px"), (0, 5.5, 32769, 2**62)
+    ):
+        assert refusal(Camera, **{name: value}).startswith(
+            f"camera.{name} is {value}: it must"
+        )
 
 
 # Draws
@@ -496,16 +650,22 @@ def too_many_pixels():
 def equal_bounds():
     for value in (5e-324, 1e-9, 0.1, 47.3, 1e12, 1.7e308):
         for kind in ("uniform", "log_uniform"):
-            drawn = Distribution(kind, (value, value)).draw(np.random.default_rng(0), 100)
+            drawn = Distribution(kind, (value, value)).draw(
+                np.random.default_rng(0), 100
+            )
             assert np.unique(drawn).tolist() == [value]
-        assert set(Distribution("choice", (value,)).draw(np.random.default_rng(0), 9)) == {value}
+        assert set(
+            Distribution("choice", (value,)).draw(np.random.default_rng(0), 9)
+        ) == {value}
 
 
 @hard("a uniform wider than the largest number")
 def too_wide():
     line = refusal(Distribution, "uniform", (-1e308, 1e308))
     assert line.endswith("high must not exceed low by more than 1.79769e+308")
-    drawn = Distribution("uniform", (-8e307, 8e307)).draw(np.random.default_rng(0), 1000)
+    drawn = Distribution("uniform", (-8e307, 8e307)).draw(
+        np.random.default_rng(0), 1000
+    )
     assert np.isfinite(drawn).all()
 
 

@@ -21,7 +21,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 @lru_cache
 def rendered():
     """Three small frames of the paper's panel, and its corners."""
-    simulator = Simulator(Camera(width_px=320, height_px=240, sensor_width_mm=2.2), framing="full")
+    simulator = Simulator(
+        Camera(width_px=320, height_px=240, sensor_width_mm=2.2), framing="full"
+    )
     scene = Scene.of(3, distance_m=40.0)
     bits = torch.rand(3, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
     return simulator.render(scene, bits), simulator.true_panels(scene).corners_px
@@ -46,7 +48,9 @@ class TestRefinedLocator(Panels):
 
 class TestExampleLocator(Panels):
     def locator(self):
-        return OutsideLocator(PlugIn("locators.box", "box", f"{EXAMPLES}/locators/brightest.py:Brightest"))
+        return OutsideLocator(
+            PlugIn("locators.box", "box", f"{EXAMPLES}/locators/brightest.py:Brightest")
+        )
 
     def test_it_is_hashed_and_compared_by_its_settings(self):
         pytest.skip("a part from outside is compared by its text")
@@ -85,7 +89,9 @@ class Own(ClassifierCase):
     def panels(self):
         generator = torch.Generator().manual_seed(2)
         bits = torch.rand(24, 4, 4, generator=generator) < 0.5
-        return 0.2 + 0.05 * torch.rand(24, 4, 4, 9, generator=generator) + 0.5 * bits[..., None], bits
+        return 0.2 + 0.05 * torch.rand(24, 4, 4, 9, generator=generator) + 0.5 * bits[
+            ..., None
+        ], bits
 
 
 class TestPanelOtsu(Own):
@@ -105,14 +111,18 @@ class TestTagPlanes(Own):
 
 class TestAgr(FeatureCase):
     def feature(self):
-        return lambda patches, shape: features.average_greyscale_ratio(features.cell_means(patches, shape))
+        return lambda patches, shape: features.average_greyscale_ratio(
+            features.cell_means(patches, shape)
+        )
 
 
 class TestNgr(FeatureCase):
     tells_on_from_off = False
 
     def feature(self):
-        return lambda patches, shape: features.neighbour_greyscale_ratio(features.cell_means(patches, shape))
+        return lambda patches, shape: features.neighbour_greyscale_ratio(
+            features.cell_means(patches, shape)
+        )
 
 
 class TestGri(FeatureCase):
@@ -128,7 +138,9 @@ class TestExampleFeature(FeatureCase):
     tells_on_from_off = False
 
     def feature(self):
-        return PlugIn.of("features.spread", f"{EXAMPLES}/features/cell_deviation.py:cell_deviation").made
+        return PlugIn.of(
+            "features.spread", f"{EXAMPLES}/features/cell_deviation.py:cell_deviation"
+        ).made
 
 
 def test_a_case_can_fail():

@@ -20,7 +20,9 @@ from vocc_torch.receiver.classifiers import Guarded, Inputs, SklearnClassifier
 def panels(frames=12, seed=0):
     generator = torch.Generator().manual_seed(seed)
     bits = torch.rand(frames, 4, 4, generator=generator) < 0.5
-    return torch.randn(frames, 4, 4, 3, generator=generator) + 1.5 * bits[..., None], bits
+    return torch.randn(frames, 4, 4, 3, generator=generator) + 1.5 * bits[
+        ..., None
+    ], bits
 
 
 class Plain:
@@ -42,8 +44,14 @@ class Plain:
     ("plain", "words"),
     [
         (Plain(lambda s: s >= 0), "decision_function gave torch.bool, torch.strided"),
-        (Plain(lambda s: s.to(torch.complex64)), "decision_function gave torch.complex64"),
-        (Plain(lambda s: s.to_sparse()), "decision_function gave torch.float32, torch.sparse_coo"),
+        (
+            Plain(lambda s: s.to(torch.complex64)),
+            "decision_function gave torch.complex64",
+        ),
+        (
+            Plain(lambda s: s.to_sparse()),
+            "decision_function gave torch.float32, torch.sparse_coo",
+        ),
         (Plain(decide=lambda s: s < 0), "predict says otherwise at 64 of 64 LEDs"),
         (Plain(decide=lambda s: s >= 0.5), "predict says otherwise at "),
         (
@@ -54,7 +62,10 @@ class Plain:
         (Plain(decide=lambda s: [True]), "predict gave list"),
         (Plain(decide=lambda s: 1 / 0), "predict failed (ZeroDivisionError"),
         (Plain(lambda s: exit(0)), "decision_function failed (SystemExit: 0)"),
-        (Plain(lambda s: s * float("nan")), "decision_function gave scores that are not finite"),
+        (
+            Plain(lambda s: s * float("nan")),
+            "decision_function gave scores that are not finite",
+        ),
     ],
 )
 def test_what_is_no_score_and_no_decision_is_refused_in_one_line(plain, words):
@@ -65,7 +76,9 @@ def test_what_is_no_score_and_no_decision_is_refused_in_one_line(plain, words):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("decide", [None, lambda s: s >= 0, lambda s: s > 0, lambda s: (s >= 0).int()])
+@pytest.mark.parametrize(
+    "decide", [None, lambda s: s >= 0, lambda s: s > 0, lambda s: (s >= 0).int()]
+)
 def test_a_predict_that_agrees_or_is_missing_is_let_through(decide):
     x, _ = panels()
     x[0, 0, 0, 0] = 0.7
@@ -103,7 +116,9 @@ def test_scikit_learns_kinds_agree_with_themselves(estimator):
 def test_a_threshold_of_its_own_is_not_passed_over():
     x, bits = panels()
     guarded = Guarded(
-        "mine", SklearnClassifier(FixedThresholdClassifier(GaussianNB(), threshold=0.97)), Inputs()
+        "mine",
+        SklearnClassifier(FixedThresholdClassifier(GaussianNB(), threshold=0.97)),
+        Inputs(),
     )
     guarded.fit(x, bits)
     with pytest.raises(VoccError, match="classifier mine: predict says otherwise"):
@@ -111,10 +126,13 @@ def test_a_threshold_of_its_own_is_not_passed_over():
 
 
 @pytest.mark.parametrize(
-    "estimator", [KMeans(2), IsolationForest(), make_pipeline(StandardScaler(), KMeans(2))]
+    "estimator",
+    [KMeans(2), IsolationForest(), make_pipeline(StandardScaler(), KMeans(2))],
 )
 def test_clusters_and_outliers_are_no_classes(estimator):
-    with pytest.raises(VoccError, match="finds clusters or outliers: it must be a classifier"):
+    with pytest.raises(
+        VoccError, match="finds clusters or outliers: it must be a classifier"
+    ):
         SklearnClassifier(estimator)
 
 
@@ -122,5 +140,7 @@ def test_probabilities_of_another_number_of_classes_are_refused():
     x, bits = panels()
     three = SklearnClassifier(GaussianNB())
     three.estimator.fit(x.reshape(-1, 3).numpy(), np.arange(bits.numel()) % 3)
-    with pytest.raises(VoccError, match=r"predict_proba gave \(192, 3\), it must give \(192, 2\)"):
+    with pytest.raises(
+        VoccError, match=r"predict_proba gave \(192, 3\), it must give \(192, 2\)"
+    ):
         three.decision_function(x)

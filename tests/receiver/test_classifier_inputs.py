@@ -19,7 +19,9 @@ def readings(samples, frames=2, seed=0, low=1.0):
     generator = torch.Generator().manual_seed(seed)
     size = (frames, 1, (SHAPE.rows + 2) * samples, (SHAPE.columns + 2) * samples)
     patches = low + (255.0 - low) * torch.rand(size, generator=generator)
-    features = torch.randn(frames, SHAPE.rows, SHAPE.columns, 3, generator=generator, dtype=torch.float64)
+    features = torch.randn(
+        frames, SHAPE.rows, SHAPE.columns, 3, generator=generator, dtype=torch.float64
+    )
     cell_px = torch.rand(frames, 2, generator=generator) * 9 + 1
     grey = features[..., 0]
     return Readings(features, Greys(grey, grey), patches, cell_px)
@@ -36,21 +38,32 @@ def test_patches_are_the_windows_about_each_led(cells, samples, domain, seed):
     seen = readings(samples=4, seed=seed)
     patch = Patch(cells=cells, samples=samples, domain=domain, relative="white")
     x = Inputs((), patch).of(seen, seen.cell_px, SHAPE).numpy()
-    light = (seen.patches[:, 0].double().numpy() / 255.0) ** (2.2 if domain == "exposure" else 1.0)
+    light = (seen.patches[:, 0].double().numpy() / 255.0) ** (
+        2.2 if domain == "exposure" else 1.0
+    )
     step = 4 // samples
     for frame, picture in enumerate(light):
         rows, columns = (size // step for size in picture.shape)
         small = picture.reshape(rows, step, columns, step).mean(axis=(1, 3))
         windows = view_as_windows(small, (patch.side, patch.side), step=samples)
         inner = windows if cells == 3 else windows[1:-1, 1:-1]
-        np.testing.assert_allclose(x[frame], inner.reshape(SHAPE.rows, SHAPE.columns, -1), rtol=2e-6)
+        np.testing.assert_allclose(
+            x[frame], inner.reshape(SHAPE.rows, SHAPE.columns, -1), rtol=2e-6
+        )
 
 
 def test_relative_to_the_panel_is_agr_at_one_sample():
     seen = readings(samples=4)
-    own = seen.patches[:, 0].unfold(1, 4, 4).unfold(2, 4, 4).mean(dim=(-2, -1))[:, 1:-1, 1:-1]
+    own = (
+        seen.patches[:, 0]
+        .unfold(1, 4, 4)
+        .unfold(2, 4, 4)
+        .mean(dim=(-2, -1))[:, 1:-1, 1:-1]
+    )
     agr = own / own.mean(dim=(1, 2), keepdim=True)
-    x = Inputs.parse({"patch": {"cells": 1, "samples": 1}}).of(seen, seen.cell_px, SHAPE)
+    x = Inputs.parse({"patch": {"cells": 1, "samples": 1}}).of(
+        seen, seen.cell_px, SHAPE
+    )
     torch.testing.assert_close(x[..., 0], agr, rtol=1e-5, atol=0)
 
 
@@ -62,13 +75,19 @@ def test_features_first_then_the_patch_then_level_and_pitch():
     torch.testing.assert_close(x[..., :2], seen.features[..., [2, 0]].float())
     mean = seen.patches[:, 0, 2:-2, 2:-2].mean(dim=(1, 2)) / 255.0
     torch.testing.assert_close(x[..., 3], mean.view(-1, 1, 1).expand(2, 3, 5))
-    torch.testing.assert_close(x[..., 4], seen.cell_px.mean(dim=1).view(-1, 1, 1).expand(2, 3, 5))
+    torch.testing.assert_close(
+        x[..., 4], seen.cell_px.mean(dim=1).view(-1, 1, 1).expand(2, 3, 5)
+    )
 
 
 def test_a_black_panel_sees_ones():
     seen = readings(samples=2)
-    black = Readings(seen.features, seen.greys, torch.zeros_like(seen.patches), seen.cell_px)
-    x = Inputs.parse({"patch": {"samples": 2, "level": True}}).of(black, seen.cell_px, SHAPE)
+    black = Readings(
+        seen.features, seen.greys, torch.zeros_like(seen.patches), seen.cell_px
+    )
+    x = Inputs.parse({"patch": {"samples": 2, "level": True}}).of(
+        black, seen.cell_px, SHAPE
+    )
     assert bool((x[..., :-1] == 1).all() and (x[..., -1] == 0).all())
 
 

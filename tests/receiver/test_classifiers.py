@@ -27,7 +27,10 @@ from vocc_torch.receiver.levels import two_levels
 def panels(frames=40, rows=4, columns=4, features=3, seed=0):
     generator = torch.Generator().manual_seed(seed)
     bits = torch.rand(frames, rows, columns, generator=generator) < 0.5
-    x = torch.randn(frames, rows, columns, features, generator=generator) + 1.5 * bits[..., None]
+    x = (
+        torch.randn(frames, rows, columns, features, generator=generator)
+        + 1.5 * bits[..., None]
+    )
     return x, bits
 
 
@@ -38,7 +41,9 @@ def test_flda_on_any_inputs_is_scikit_learns():
         x.reshape(-1, 3).numpy(), bits.reshape(-1).numpy()
     )
     scores = theirs.decision_function(x.reshape(-1, 3).numpy()).reshape(bits.shape)
-    np.testing.assert_allclose(mine.decision_function(x).numpy(), scores, rtol=2e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        mine.decision_function(x).numpy(), scores, rtol=2e-3, atol=1e-3
+    )
 
 
 def test_a_trained_flda_is_what_decides_and_no_more():
@@ -85,7 +90,9 @@ def test_two_means_has_the_least_sum_of_squares(values):
 def test_panel_otsu_has_opencvs_threshold():
     generator = torch.Generator().manual_seed(1)
     x = torch.randint(0, 256, (5, 4, 4, 4), generator=generator).float() / 255
-    for panel, scores in zip(x, classifiers.PanelOtsu().decision_function(x), strict=True):
+    for panel, scores in zip(
+        x, classifiers.PanelOtsu().decision_function(x), strict=True
+    ):
         greys = (panel * 255).round().to(torch.uint8).reshape(-1, 1).numpy()
         threshold = cv2.threshold(greys, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
         expected = panel.double().mean(dim=-1) * 255 - (threshold + 0.5)
@@ -113,7 +120,9 @@ RECIPE = TrainingRecipe(frames=40, epochs=6, batch_leds=64, learning_rate=0.02)
 
 def trained(seed=0, **changes):
     torch.manual_seed(seed)
-    recipe = TrainingRecipe(**{name: getattr(RECIPE, name) for name in RECIPE.__slots__} | changes)
+    recipe = TrainingRecipe(
+        **{name: getattr(RECIPE, name) for name in RECIPE.__slots__} | changes
+    )
     return classifiers.TorchClassifier(classifiers.Mlp(3, [8]), recipe).fit(*panels())
 
 
@@ -121,7 +130,9 @@ def test_a_network_learns_and_its_seed_says_all():
     x, bits = panels(seed=9)
     first, again = trained(), trained()
     assert torch.equal(first.decision_function(x), again.decision_function(x))
-    assert not torch.equal(first.decision_function(x), trained(seed=1).decision_function(x))
+    assert not torch.equal(
+        first.decision_function(x), trained(seed=1).decision_function(x)
+    )
     assert int((first.predict(x) != bits).sum()) < 0.2 * bits.numel()
 
 
@@ -130,7 +141,9 @@ def test_the_best_pass_is_kept():
     held = round(0.1 * 40)
     x, bits = panels()
     scores = one.decision_function(x[-held:]).reshape(-1)
-    loss = torch.nn.functional.binary_cross_entropy_with_logits(scores, bits[-held:].reshape(-1).double())
+    loss = torch.nn.functional.binary_cross_entropy_with_logits(
+        scores, bits[-held:].reshape(-1).double()
+    )
     assert float(loss) == pytest.approx(min(one.losses), rel=1e-4)
 
 
@@ -187,7 +200,9 @@ def test_scores_do_not_depend_on_the_batch():
         guarded = classifiers.Guarded("mine", one, classifiers.Inputs())
         guarded.fit(x, bits)
         whole = guarded.decision_function(x)
-        alone = torch.cat([guarded.decision_function(part) for part in itertools.chain(x.split(1))])
+        alone = torch.cat(
+            [guarded.decision_function(part) for part in itertools.chain(x.split(1))]
+        )
         torch.testing.assert_close(whole, alone, rtol=1e-9, atol=1e-9)
 
 
@@ -214,9 +229,9 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path):
     torch.manual_seed(1)
     first, again = Interrupted(3), Interrupted(100)
     again.load_state_dict(first.state_dict())
-    undisturbed = classifiers.TorchClassifier(copy.deepcopy(again), replace(recipe, checkpoints=None)).fit(
-        *panels()
-    )
+    undisturbed = classifiers.TorchClassifier(
+        copy.deepcopy(again), replace(recipe, checkpoints=None)
+    ).fit(*panels())
     with pytest.raises(KeyboardInterrupt):
         classifiers.TorchClassifier(first, recipe).fit(*panels())
     assert len(list(tmp_path.glob("*.pt"))) == 1
@@ -226,7 +241,9 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path):
     assert resumed.earlier_s > 0
     for name, tensor in undisturbed.module.state_dict().items():
         assert torch.equal(again.state_dict()[name], tensor), name
-    classifiers.TorchClassifier(Interrupted(100), replace(recipe, learning_rate=1e-3)).fit(*panels())
+    classifiers.TorchClassifier(
+        Interrupted(100), replace(recipe, learning_rate=1e-3)
+    ).fit(*panels())
     assert len(list(tmp_path.glob("*.pt"))) == 2
 
 
@@ -244,7 +261,9 @@ def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
         damaged.append(bytes(flipped))
     for content in damaged:
         checkpoint.path.write_bytes(content)
-        with pytest.raises(VoccError, match=r"^checkpoint .*\.pt is damaged .*: delete it$"):
+        with pytest.raises(
+            VoccError, match=r"^checkpoint .*\.pt is damaged .*: delete it$"
+        ):
             checkpoint.load(cpu)
     checkpoint.path.write_bytes(whole)
     assert len(checkpoint.load(cpu)["losses"]) == 1
@@ -260,9 +279,9 @@ def test_a_module_of_other_code_begins_anew(tmp_path):
     for text in (code, code.replace("relu", "cos")):
         (tmp_path / "net.py").write_text(text)
         torch.manual_seed(0)
-        classifiers.TorchClassifier(ModuleFile(str(tmp_path / "net.py")).named("Net")(), recipe).fit(
-            *panels()
-        )
+        classifiers.TorchClassifier(
+            ModuleFile(str(tmp_path / "net.py")).named("Net")(), recipe
+        ).fit(*panels())
     assert len(list((tmp_path / "kept").glob("*.pt"))) == 2
 
 
@@ -291,5 +310,7 @@ def test_a_stream_is_kept_once(monkeypatch):
     torch.manual_seed(2)
     module = classifiers.Mlp(3, [8])
     at_once = classifiers.TorchClassifier(copy.deepcopy(module), RECIPE).fit(x, bits)
-    streamed = classifiers.TorchClassifier(module, replace(RECIPE, frames=64)).fit_stream(batches, 5)
+    streamed = classifiers.TorchClassifier(
+        module, replace(RECIPE, frames=64)
+    ).fit_stream(batches, 5)
     assert torch.equal(streamed.decision_function(x), at_once.decision_function(x))

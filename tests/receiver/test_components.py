@@ -29,7 +29,9 @@ def painted(components):
     labels = np.zeros(components.runs.size, np.int64)
     runs = components.runs
     fields = (runs.frame, runs.row, runs.start, runs.end, components.label)
-    for frame, row, start, end, label in zip(*(one.tolist() for one in fields), strict=True):
+    for frame, row, start, end, label in zip(
+        *(one.tolist() for one in fields), strict=True
+    ):
         labels[frame, row, start : end + 1] = label
     return labels
 
@@ -37,7 +39,9 @@ def painted(components):
 def random_mask(seed):
     rng = np.random.default_rng(seed)
     masks, height, width = rng.integers(1, 4), rng.integers(1, 30), rng.integers(1, 30)
-    return torch.from_numpy(rng.random((masks, height, width)) < rng.choice([0.02, 0.2, 0.4, 0.6, 0.97]))
+    return torch.from_numpy(
+        rng.random((masks, height, width)) < rng.choice([0.02, 0.2, 0.4, 0.6, 0.97])
+    )
 
 
 @settings(max_examples=80, deadline=None)
@@ -64,19 +68,25 @@ def test_labels_of_pixels_are_those_of_their_runs(seed):
     mask = random_mask(seed)
     components = label_components(mask)
     frame, row, column = torch.ones_like(mask).nonzero(as_tuple=True)
-    assert components.at(frame, row, column).tolist() == painted(components).flatten().tolist()
+    assert (
+        components.at(frame, row, column).tolist()
+        == painted(components).flatten().tolist()
+    )
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_joined_runs_bound_the_foreground(seed):
     mask = random_mask(seed)
-    closed = mask | torch.from_numpy(np.random.default_rng(seed).random(mask.shape) < 0.5)
+    closed = mask | torch.from_numpy(
+        np.random.default_rng(seed).random(mask.shape) < 0.5
+    )
     cover = runs_of(closed)
     found = joined(mask, cover)
     expected = []
     for frame, row, start, end in zip(
-        *(one.tolist() for one in (cover.frame, cover.row, cover.start, cover.end)), strict=True
+        *(one.tolist() for one in (cover.frame, cover.row, cover.start, cover.end)),
+        strict=True,
     ):
         lit = mask[frame, row, start : end + 1].nonzero()[:, 0] + start
         if len(lit):
@@ -114,7 +124,15 @@ def opencv_blobs(mask, size):
             for row in range(rows.min(), rows.max() + 1)
         ]
         area = int((labels == label).sum())
-        found.append((area, len(rows), (int(columns[0]), int(rows[0])), int(columns.min()), extremes))
+        found.append(
+            (
+                area,
+                len(rows),
+                (int(columns[0]), int(rows[0])),
+                int(columns.min()),
+                extremes,
+            )
+        )
     return sorted(found, key=lambda blob: blob[2][::-1])
 
 
@@ -123,14 +141,24 @@ def as_opencv(blobs, frame):
     for i in (blobs.frame == frame).nonzero()[:, 0].tolist():
         left = blobs.left_px[i].item()
         height = int((blobs.first[i] <= blobs.last[i]).nonzero().max()) + 1
-        rows = zip(blobs.first[i, :height].tolist(), blobs.last[i, :height].tolist(), strict=True)
+        rows = zip(
+            blobs.first[i, :height].tolist(),
+            blobs.last[i, :height].tolist(),
+            strict=True,
+        )
         extremes = [(a + left, b + left) if a <= b else None for a, b in rows]
-        whole = (blobs.area_px[i].item(), blobs.mask_px[i].item(), tuple(blobs.first_px[i].tolist()))
+        whole = (
+            blobs.area_px[i].item(),
+            blobs.mask_px[i].item(),
+            tuple(blobs.first_px[i].tolist()),
+        )
         found.append((*whole, left, extremes))
     return found
 
 
-@pytest.mark.parametrize(("closing", "share"), [(1, 0.3), (3, 0.06), (5, 0.02), (11, 0.004)])
+@pytest.mark.parametrize(
+    ("closing", "share"), [(1, 0.3), (3, 0.06), (5, 0.02), (11, 0.004)]
+)
 def test_blobs_equal_opencvs(closing, share):
     mask = torch.from_numpy(random_masks(closing, share=share))
     blobs = collect_blobs(runs_of(mask), closed_labels(mask, closing))
@@ -144,7 +172,10 @@ def test_blobs_equal_opencvs(closing, share):
 def test_small_closed_areas_are_left_out_but_counted():
     mask = torch.from_numpy(random_masks(3, share=0.06))
     labels = closed_labels(mask, 3)
-    every, large = collect_blobs(runs_of(mask), labels), collect_blobs(runs_of(mask), labels, min_area_px=9)
+    every, large = (
+        collect_blobs(runs_of(mask), labels),
+        collect_blobs(runs_of(mask), labels, min_area_px=9),
+    )
     keep = every.area_px >= 9
     assert 0 < len(large) < len(every)
     assert large.label.tolist() == every.label[keep].tolist()
@@ -198,7 +229,9 @@ def closed(mask, size):
 def test_closing_equals_opencvs_up_to_the_border(size):
     masks = random_masks(size)
     masks[0, 0, :] = masks[1, :, -1] = masks[2, 3, 3] = True
-    np.testing.assert_array_equal(closed(masks, size), [opencv_closing(mask, size) for mask in masks])
+    np.testing.assert_array_equal(
+        closed(masks, size), [opencv_closing(mask, size) for mask in masks]
+    )
 
 
 @settings(max_examples=25, deadline=None)
@@ -217,11 +250,20 @@ def test_even_and_small_squares_are_refused(size):
 
 
 def test_no_frames_give_no_frames():
-    assert close_mask(torch.zeros(0, 1, 4, 4, dtype=torch.bool), 3).shape == (0, 1, 4, 4)
+    assert close_mask(torch.zeros(0, 1, 4, 4, dtype=torch.bool), 3).shape == (
+        0,
+        1,
+        4,
+        4,
+    )
 
 
 @pytest.mark.parametrize("size", [(8, 8), (7, 8), (9, 5), (1, 1)])
 def test_halving_equals_block_maxima(size):
-    masks = random_masks(11, size=size) | (np.random.default_rng(0).random((6, *size)) < 0.2)
+    masks = random_masks(11, size=size) | (
+        np.random.default_rng(0).random((6, *size)) < 0.2
+    )
     halved = halve_mask(torch.from_numpy(masks)[:, None])[:, 0].numpy()
-    np.testing.assert_array_equal(halved, [block_reduce(mask, (2, 2), np.max) for mask in masks])
+    np.testing.assert_array_equal(
+        halved, [block_reduce(mask, (2, 2), np.max) for mask in masks]
+    )

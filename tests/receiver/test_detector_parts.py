@@ -26,9 +26,16 @@ BITS = noise(8, 8, seed=2) < 127
 
 
 def test_readings_between_pixels_are_opencvs():
-    plane, at = noise(40, 60), noise(1, 500, 2, seed=1) / 255 * torch.tensor([59.0, 39.0]) + 0.5
+    plane, at = (
+        noise(40, 60),
+        noise(1, 500, 2, seed=1) / 255 * torch.tensor([59.0, 39.0]) + 0.5,
+    )
     wanted = cv2.remap(
-        plane.numpy(), at[0].numpy() - 0.5, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        plane.numpy(),
+        at[0].numpy() - 0.5,
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
     )
     assert (
         bilinear(plane, at)[0] - torch.from_numpy(wanted[:, 0])
@@ -40,11 +47,20 @@ def test_cells_are_read_through_the_homography_of_opencv():
     quad = np.array([[30, 20], [68, 26], [70, 62], [28, 55]], np.float32)
     samples, shape = 4, PanelShape(8, 9)
     cells = np.array([[0, 0], [9, 0], [9, 8], [0, 8]], np.float32)
-    places = (np.stack(np.meshgrid(np.arange(44), np.arange(40)), -1) + 0.5) / samples - 1
+    places = (
+        np.stack(np.meshgrid(np.arange(44), np.arange(40)), -1) + 0.5
+    ) / samples - 1
     matrix = cv2.getPerspectiveTransform(cells, quad)
-    at = cv2.perspectiveTransform(places.reshape(1, -1, 2).astype(np.float32), matrix)[0] - 0.5
-    wanted = cv2.remap(plane.numpy(), at[:, 0], at[:, 1], cv2.INTER_LINEAR).reshape(40, 44)
-    seen = Pyramid.of(plane[None, None]).read_cells(torch.from_numpy(quad)[None].double(), shape, samples, 1)
+    at = (
+        cv2.perspectiveTransform(places.reshape(1, -1, 2).astype(np.float32), matrix)[0]
+        - 0.5
+    )
+    wanted = cv2.remap(plane.numpy(), at[:, 0], at[:, 1], cv2.INTER_LINEAR).reshape(
+        40, 44
+    )
+    seen = Pyramid.of(plane[None, None]).read_cells(
+        torch.from_numpy(quad)[None].double(), shape, samples, 1
+    )
     assert np.abs(seen[0].numpy() - wanted).max() < 0.5
 
 
@@ -53,7 +69,11 @@ def test_halvings_are_opencvs_area_means():
     for number, level in enumerate(Pyramid.of(plane[None, None]).levels):
         size = 96 >> number, 64 >> number
         assert (
-            np.abs(level.numpy() - cv2.resize(plane.numpy(), size, interpolation=cv2.INTER_AREA)).max() < 1e-3
+            np.abs(
+                level.numpy()
+                - cv2.resize(plane.numpy(), size, interpolation=cv2.INTER_AREA)
+            ).max()
+            < 1e-3
         )
 
 
@@ -68,21 +88,25 @@ def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):
 
 def test_means_of_boxes_are_scipys():
     planes = noise(2, 3, 12, 15)
-    wanted = uniform_filter(planes.numpy(), (0, 0, 5, 3), mode="constant", origin=(0, 0, -2, -1))[
-        :, :, :8, :13
-    ]
+    wanted = uniform_filter(
+        planes.numpy(), (0, 0, 5, 3), mode="constant", origin=(0, 0, -2, -1)
+    )[:, :, :8, :13]
     assert np.abs(box_means(planes, 5, 3).numpy() - wanted).max() < 1e-3
 
 
 def test_candidates_are_the_local_maxima():
     outputs = noise(2, 9, 20, 30)
     score = outputs[:, 0].numpy()
-    best = np.sort(score[score == maximum_filter(score, (0, 3, 3), mode="constant", cval=-1)])[::-1]
+    best = np.sort(
+        score[score == maximum_filter(score, (0, 3, 3), mode="constant", cval=-1)]
+    )[::-1]
     picture, quads, values = peaks(outputs, 10)
     assert values.tolist() == pytest.approx(best[:10].tolist())
     row, column = np.argwhere(score[int(picture[0])] == score.max())[0]
     moves = outputs[int(picture[0]), 1:, row, column].view(4, 2)
-    assert torch.allclose(quads[0], 8 * torch.tensor([column + 0.5, row + 0.5]).float() + 16 * moves)
+    assert torch.allclose(
+        quads[0], 8 * torch.tensor([column + 0.5, row + 0.5]).float() + 16 * moves
+    )
 
 
 def test_of_candidates_at_one_place_the_best_is_taken():
@@ -104,7 +128,10 @@ def test_the_judge_sees_placings_where_they_are():
     torch.manual_seed(0)
     net, shape, reach = Judge().eval(), PanelShape(4, 6), 4
     margin = reach + JUDGE.context
-    dark, pitch = noise(1, (4 + 2 * margin) * 4, (6 + 2 * margin) * 4), torch.full((1,), 4.0)
+    dark, pitch = (
+        noise(1, (4 + 2 * margin) * 4, (6 + 2 * margin) * 4),
+        torch.full((1,), 4.0),
+    )
     lit = dark.clone()
     lit[:, :8, :4] += 50  # outside what norms the light
     with torch.inference_mode():
@@ -119,17 +146,24 @@ def test_the_judge_sees_placings_where_they_are():
 def test_places_are_shifted_to_where_the_judge_is_surest():
     class Sure(torch.nn.Module):
         def forward(self, patches, pitch_px, shape):
-            logits, moves = torch.zeros(len(patches), 5, 5), torch.zeros(len(patches), 4, 2)
+            logits, moves = (
+                torch.zeros(len(patches), 5, 5),
+                torch.zeros(len(patches), 4, 2),
+            )
             logits[:, 4, 1] = 3.0  # two cells down, one to the left
             moves[:, 0, 1] = 0.5  # the first corner down
             return logits, moves
 
-    quad = torch.tensor([[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]]).double()
+    quad = torch.tensor(
+        [[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]]
+    ).double()
     scales = Pyramid.of(noise(1, 1, 90, 120))
     logit, placed, moved = judged(Sure(), scales, quad, PanelShape(8, 16))
     assert logit.tolist() == [3.0]
     assert torch.allclose(placed - quad, torch.tensor([-2.0, 4.0]).double())
-    assert torch.allclose(moved - quad, torch.tensor([[0.0, 1.0], [0, 0], [0, 0], [0, 0]]).double())
+    assert torch.allclose(
+        moved - quad, torch.tensor([[0.0, 1.0], [0, 0], [0, 0], [0, 0]]).double()
+    )
 
 
 def test_two_levels_are_parted_as_otsu_does():
@@ -137,15 +171,21 @@ def test_two_levels_are_parted_as_otsu_does():
     values = torch.randn(20, 64, generator=torch.Generator().manual_seed(5)).double()
     values += torch.linspace(0, 12, 20)[:, None] * BITS.flatten()
     for one, parted in zip(values.numpy(), two_levels(values)[0].tolist(), strict=True):
-        high = one > threshold_otsu(one, 4096) + np.ptp(one) / 8192  # to the end of the bin
+        high = (
+            one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
+        )  # to the end of the bin
         within = high.mean() * one[high].var() + (~high).mean() * one[~high].var()
-        assert parted == pytest.approx(np.log((one.var() - within + 1) / (within + 1)), abs=1e-3)
+        assert parted == pytest.approx(
+            np.log((one.var() - within + 1) / (within + 1)), abs=1e-3
+        )
 
 
 def test_alignment_is_what_a_least_squares_fit_leaves():
     """Against NumPy's, for spots that are off a lattice by chance, whatever its shift, stretch and shear."""
     draw = torch.Generator().manual_seed(7)
-    v, u = torch.meshgrid(torch.linspace(-1, 1, 8), torch.linspace(-1, 1, 8), indexing="ij")
+    v, u = torch.meshgrid(
+        torch.linspace(-1, 1, 8), torch.linspace(-1, 1, 8), indexing="ij"
+    )
     fields = torch.stack([torch.ones_like(u), u, v, u * v], -1)
     off = 0.05 * torch.randn(6, 8, 8, 2, generator=draw)
     off += fields @ (0.05 * torch.randn(6, 4, 2, generator=draw))[:, None]
@@ -155,7 +195,10 @@ def test_alignment_is_what_a_least_squares_fit_leaves():
     cells = (spots * BITS[..., None, None]).permute(0, 1, 3, 2, 4)
     free = 2 * int(BITS.sum()) - 8
     rest = [
-        np.linalg.lstsq(fields[BITS].double().numpy(), one[BITS].double().numpy())[1].sum() for one in off
+        np.linalg.lstsq(fields[BITS].double().numpy(), one[BITS].double().numpy())[
+            1
+        ].sum()
+        for one in off
     ]
     spread = (np.array(rest) + 0.03**2 * int(BITS.sum())) / free
     wanted = np.log(0.15**2 / spread) / 2
@@ -178,13 +221,23 @@ def test_a_lattice_is_fitted_in_a_level_that_suits_it(pitch_px):
     y, x = np.mgrid[:size, :size] + 0.5
     light = np.full(y.shape, 0.05)
     for (down, right), lit in np.ndenumerate(BITS.numpy()):
-        apart = np.hypot(y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px)
+        apart = np.hypot(
+            y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px
+        )
         light += (0.57 * lit + 0.03) * np.exp(-((apart / (0.25 * pitch_px)) ** 2) / 2)
-    grey = torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2)) + 2 * torch.randn(size, size)
-    truth = 30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
-    off = 0.2 * pitch_px * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
+    grey = torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2)) + 2 * torch.randn(
+        size, size
+    )
+    truth = (
+        30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
+    )
+    off = (
+        0.2 * pitch_px * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
+    )
     found, share = fitted(
-        Pyramid.of(grey.round().clamp(0, 255)[None, None]), (truth + off)[None], PanelShape(8, 8)
+        Pyramid.of(grey.round().clamp(0, 255)[None, None]),
+        (truth + off)[None],
+        PanelShape(8, 8),
     )
     assert (found[0] - truth).abs().max() < 0.06 * pitch_px
     assert share[0] > 0.7

@@ -17,12 +17,18 @@ SHAPE = PanelShape(8, 8)
 
 
 def test_false_alarms_of_an_exponential_tail_are_scipys():
-    draw = torch.rand(20000, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+    draw = torch.rand(
+        20000, generator=torch.Generator().manual_seed(4), dtype=torch.float64
+    )
     table = FalseAlarms.of("mine", SHAPE, -draw.log())
     for score in (4.0, 7.0, 10.0):
         low, high = table.interval(score)
         assert low < expon.sf(score) < high
-    assert math.isclose(float(table.expected(torch.tensor([table.score_at(1e-3)]))[0]), 1e-3, rel_tol=1e-6)
+    assert math.isclose(
+        float(table.expected(torch.tensor([table.score_at(1e-3)]))[0]),
+        1e-3,
+        rel_tol=1e-6,
+    )
     assert float(table.expected(torch.tensor([-9.0]))[0]) == 1
 
 
@@ -30,19 +36,25 @@ def test_where_a_tail_grows_longer_far_out_rates_follow_it():
     """One in 25 is of another kind, with a tail three times as long."""
     generator = torch.Generator().manual_seed(6)
     draw, kind = torch.rand(2, 40000, generator=generator, dtype=torch.float64)
-    table = FalseAlarms.of("mine", SHAPE, -draw.log() * torch.where(kind < 0.04, 3.0, 1.0))
+    table = FalseAlarms.of(
+        "mine", SHAPE, -draw.log() * torch.where(kind < 0.04, 3.0, 1.0)
+    )
     for score in (3.0, 5.0, 7.0, 12.0):
         rate = 0.96 * expon.sf(score) + 0.04 * expon.sf(score, scale=3)
         low, high = table.interval(score)
         assert low < rate < high
         assert math.isclose(
-            table.score_at(float(table.expected(torch.tensor([score]))[0])), score, rel_tol=1e-6
+            table.score_at(float(table.expected(torch.tensor([score]))[0])),
+            score,
+            rel_tol=1e-6,
         )
 
 
 def test_frames_in_which_nothing_is_seen_are_no_floor():
     """Of 40,000 one in 25 has a score."""
-    draw = -torch.rand(40000, generator=torch.Generator().manual_seed(7), dtype=torch.float64).log()
+    draw = -torch.rand(
+        40000, generator=torch.Generator().manual_seed(7), dtype=torch.float64
+    ).log()
     some = torch.where(torch.arange(len(draw)) % 25 == 0, draw, -torch.inf)
     table = FalseAlarms.of("mine", SHAPE, some)
     assert len(table.floors) == 2
@@ -57,15 +69,23 @@ def test_a_table_is_read_as_written_and_serves_no_smaller_panel(tmp_path):
     row = FalseAlarms("mine", 4, 8, 5000, (350, 100), (1.25, 2.5), 0.5)
     false_alarms.write_table(tmp_path / "table.csv", [row])
     assert false_alarms.read_table(tmp_path / "table.csv") == (row,)
-    assert false_alarms.calibrated("mine", PanelShape(8, 8), tmp_path / "table.csv") == row
-    assert false_alarms.calibrated("mine", PanelShape(4, 4), tmp_path / "table.csv") is None
+    assert (
+        false_alarms.calibrated("mine", PanelShape(8, 8), tmp_path / "table.csv") == row
+    )
+    assert (
+        false_alarms.calibrated("mine", PanelShape(4, 4), tmp_path / "table.csv")
+        is None
+    )
     assert false_alarms.calibrated("other", SHAPE, tmp_path / "table.csv") is None
 
 
 def test_a_panel_too_small_for_a_statement_is_refused():
     locator, grey = LearnedLocator(), torch.zeros(1, 64, 64, dtype=torch.uint8)
     with pytest.raises(
-        VoccError, match=r"panel is 3 x 4: it must be of at least 16 LEDs for receiver\.locator"
+        VoccError,
+        match=r"panel is 3 x 4: it must be of at least 16 LEDs for receiver\.locator",
     ):
         locator(grey, PanelShape(3, 4))
-    assert not bool(replace(locator, false_alarms=math.inf)(grey, PanelShape(3, 4)).found[0])
+    assert not bool(
+        replace(locator, false_alarms=math.inf)(grey, PanelShape(3, 4)).found[0]
+    )

@@ -54,7 +54,10 @@ def test_agr_and_ngr_of_a_small_panel_by_hand():
     means = torch.full((1, 4, 4), 12.0, dtype=torch.float64)
     means[0, 1:3, 1:3] = torch.tensor([[40.0, 20.0], [20.0, 0.0]])
     assert average_greyscale_ratio(means)[0].tolist() == [[2.0, 1.0], [1.0, 0.0]]
-    assert neighbour_greyscale_ratio(means)[0].tolist() == [[0.625, 0.75], [0.75, 0.875]]
+    assert neighbour_greyscale_ratio(means)[0].tolist() == [
+        [0.625, 0.75],
+        [0.75, 0.875],
+    ]
 
 
 def test_gri_of_one_bright_sample_by_hand():
@@ -71,10 +74,14 @@ def test_gri_of_one_bright_sample_by_hand():
     patch = torch.zeros(1, 1, 9, 9, dtype=torch.float64)
     patch[..., 4, 4] = 8.0
     one = PanelShape(1, 1)
-    assert float(gri(patch, one, 3)) == pytest.approx((8 + 4 * math.sqrt(2)) / 9, rel=1e-12)
+    assert float(gri(patch, one, 3)) == pytest.approx(
+        (8 + 4 * math.sqrt(2)) / 9, rel=1e-12
+    )
     assert float(gri(patch, one, 3)) == pytest.approx(1.517428, abs=1e-6)
     assert float(gri(patch, one, 3, "central")) == pytest.approx(32 / 9, rel=1e-12)
-    assert float(gri(patch, one, 6)) == pytest.approx((8 + 4 * math.sqrt(2)) / 18, rel=1e-12)
+    assert float(gri(patch, one, 6)) == pytest.approx(
+        (8 + 4 * math.sqrt(2)) / 18, rel=1e-12
+    )
 
 
 def test_cell_means_are_numpys():
@@ -101,7 +108,8 @@ def test_sobel_is_opencvs_normalised_by_8_and_central_is_its_bare_difference(dty
 
 def test_an_unknown_gradient_is_refused_by_name():
     with pytest.raises(
-        VoccError, match=r"^receiver.gradient is 'prewitt': it must be one of sobel, central$"
+        VoccError,
+        match=r"^receiver.gradient is 'prewitt': it must be one of sobel, central$",
     ):
         image_gradient(torch.zeros(1, 1, 6, 6), "prewitt")
 
@@ -130,33 +138,51 @@ def test_gradients_of_a_large_batch_are_those_of_its_frames():
 
 @pytest.mark.parametrize("kernel", ["sobel", "central"])
 @pytest.mark.parametrize(
-    ("shape", "samples"), [(PanelShape(3, 2), 5), (PanelShape(1, 4), 4), (PanelShape(2, 2), 2)]
+    ("shape", "samples"),
+    [(PanelShape(3, 2), 5), (PanelShape(1, 4), 4), (PanelShape(2, 2), 2)],
 )
 def test_gri_is_eq_7_sample_by_sample(kernel, shape, samples):
     """Eqs 5, 7 and 8 in a plain loop over every LED's samples, the gradient from OpenCV; cells 7 by 9 px."""
     patch = random_patches(4, shape, samples, batch=2)
     image = patch[1, 0].numpy()
     if kernel == "sobel":
-        dx, dy = (cv2.Sobel(image, cv2.CV_64F, *d, ksize=3, scale=1 / 8) for d in ((1, 0), (0, 1)))
+        dx, dy = (
+            cv2.Sobel(image, cv2.CV_64F, *d, ksize=3, scale=1 / 8)
+            for d in ((1, 0), (0, 1))
+        )
     else:
         dx, dy = (
             cv2.filter2D(image, cv2.CV_64F, k)
             for k in ([[-1, 0, 1]], [[-1], [0], [1]])
             for k in [np.float64(k)]
         )
-    size = (torch.tensor([5.0, 7.0], dtype=torch.float64), torch.tensor([4.0, 9.0], dtype=torch.float64))
+    size = (
+        torch.tensor([5.0, 7.0], dtype=torch.float64),
+        torch.tensor([4.0, 9.0], dtype=torch.float64),
+    )
     ours = gradient_radial_inwardness(patch, shape, *size, kernel)[1].numpy()
-    assert gradient_radial_inwardness(patch.float(), shape, *size, kernel).dtype == torch.float32
+    assert (
+        gradient_radial_inwardness(patch.float(), shape, *size, kernel).dtype
+        == torch.float32
+    )
     for row in range(shape.rows):
         for column in range(shape.columns):
             total = 0.0
             for y in range(samples):
                 for x in range(samples):
                     to_centre = np.array([(samples - 1) / 2 - x, (samples - 1) / 2 - y])
-                    r = to_centre / np.hypot(*to_centre) if to_centre.any() else to_centre
+                    r = (
+                        to_centre / np.hypot(*to_centre)
+                        if to_centre.any()
+                        else to_centre
+                    )
                     i, j = (row + 1) * samples + y, (column + 1) * samples + x
-                    total += dx[i, j] * samples / 7 * r[0] + dy[i, j] * samples / 9 * r[1]
-            assert ours[row, column] == pytest.approx(total / samples**2, rel=1e-11, abs=1e-11)
+                    total += (
+                        dx[i, j] * samples / 7 * r[0] + dy[i, j] * samples / 9 * r[1]
+                    )
+            assert ours[row, column] == pytest.approx(
+                total / samples**2, rel=1e-11, abs=1e-11
+            )
 
 
 # Invariants
@@ -170,13 +196,21 @@ def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gai
     shape = PanelShape(3, 4)
     patches = random_patches(seed, shape, 4) + 1
     one, two = cell_means(patches, shape), cell_means(gain * patches, shape)
-    torch.testing.assert_close(average_greyscale_ratio(two), average_greyscale_ratio(one), rtol=1e-12, atol=0)
     torch.testing.assert_close(
-        neighbour_greyscale_ratio(two), neighbour_greyscale_ratio(one), rtol=1e-12, atol=0
+        average_greyscale_ratio(two), average_greyscale_ratio(one), rtol=1e-12, atol=0
+    )
+    torch.testing.assert_close(
+        neighbour_greyscale_ratio(two),
+        neighbour_greyscale_ratio(one),
+        rtol=1e-12,
+        atol=0,
     )
     scale = gain * 255
     torch.testing.assert_close(
-        gri(gain * patches, shape, 4), gain * gri(patches, shape, 4), rtol=1e-9, atol=1e-13 * scale
+        gri(gain * patches, shape, 4),
+        gain * gri(patches, shape, 4),
+        rtol=1e-9,
+        atol=1e-13 * scale,
     )
 
 
@@ -196,9 +230,18 @@ def greys_of(*values, dtype=torch.float64):
         (lambda: greys_of(0.0, math.nan), "greys holds NaN"),
         (lambda: greys_of(math.inf, math.inf), "greys holds values from inf to inf"),
         (lambda: greys_of(-3.0, 7.0), "greys holds values from -3 to 7"),
-        (lambda: greys_of(1.0, math.nextafter(MOST_GREY, math.inf)), "greys holds values from 1 to 1e+09"),
-        (lambda: greys_of(7, dtype=torch.uint8), "greys has dtype torch.uint8: it must be floating"),
-        (lambda: cell_means(PATCHES.int(), SHAPE), "patches has dtype torch.int32: it must be floating"),
+        (
+            lambda: greys_of(1.0, math.nextafter(MOST_GREY, math.inf)),
+            "greys holds values from 1 to 1e+09",
+        ),
+        (
+            lambda: greys_of(7, dtype=torch.uint8),
+            "greys has dtype torch.uint8: it must be floating",
+        ),
+        (
+            lambda: cell_means(PATCHES.int(), SHAPE),
+            "patches has dtype torch.int32: it must be floating",
+        ),
     ],
 )
 def test_a_refusal_says_what_was_there_and_what_may_be(call, says):
@@ -209,16 +252,24 @@ def test_a_refusal_says_what_was_there_and_what_may_be(call, says):
 
 
 @pytest.mark.parametrize("needed", ["agr", "gri", "ngr"])
-def test_features_that_are_not_needed_are_zero_and_the_others_what_they_are_alone(needed):
+def test_features_that_are_not_needed_are_zero_and_the_others_what_they_are_alone(
+    needed,
+):
     means, size = cell_means(PATCHES, SHAPE), torch.tensor([3.0])
     inward = gradient_radial_inwardness(PATCHES, SHAPE, size, size, "central")
-    alone = {"agr": average_greyscale_ratio(means), "gri": inward, "ngr": neighbour_greyscale_ratio(means)}
+    alone = {
+        "agr": average_greyscale_ratio(means),
+        "gri": inward,
+        "ngr": neighbour_greyscale_ratio(means),
+    }
     features = led_features(PATCHES, means, SHAPE, size, size, "central", [needed])
     for column, (name, value) in enumerate(alone.items()):
         assert torch.equal(features[..., column], value * (name == needed))
 
 
-@pytest.mark.parametrize("feature", [average_greyscale_ratio, neighbour_greyscale_ratio])
+@pytest.mark.parametrize(
+    "feature", [average_greyscale_ratio, neighbour_greyscale_ratio]
+)
 def test_a_black_panel_has_a_slope_of_zero_and_not_nan(feature):
     """Of two panels only the black one is a constant; the other's slope is that of a ratio."""
     means = torch.zeros(2, 4, 4, dtype=torch.float64)
@@ -226,15 +277,27 @@ def test_a_black_panel_has_a_slope_of_zero_and_not_nan(feature):
     means.requires_grad_()
     (slopes,) = torch.autograd.grad(feature(means).square().sum(), means)
     assert slopes[0].count_nonzero() == 0
-    assert torch.autograd.gradcheck(lambda m: feature(m), means[1:].detach().requires_grad_())
+    assert torch.autograd.gradcheck(
+        lambda m: feature(m), means[1:].detach().requires_grad_()
+    )
     assert slopes[1].isfinite().all()
     assert slopes[1].count_nonzero() > 0
 
 
 @pytest.mark.parametrize(
-    "size", [(1, 20, 15), (1, 1, 1, 20, 15), (20, 15), (1, 1, 20, 10), (1, 1, 15, 20), (1, 1, 3, 2)]
+    "size",
+    [
+        (1, 20, 15),
+        (1, 1, 1, 20, 15),
+        (20, 15),
+        (1, 1, 20, 10),
+        (1, 1, 15, 20),
+        (1, 1, 3, 2),
+    ],
 )
-def test_patches_that_are_not_the_panels_are_refused_with_the_shape_they_must_have(size):
+def test_patches_that_are_not_the_panels_are_refused_with_the_shape_they_must_have(
+    size,
+):
     """A panel of 2 x 1 LEDs has 4 x 3 cells with its margin."""
     patches = torch.zeros(size)
     cell = torch.tensor([5.0])

@@ -16,7 +16,13 @@ from sklearn.datasets import load_breast_cancer, load_iris, load_wine
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.discriminant import GAP_LIMIT, LARGEST, ClassScatter, Discriminant, discriminant
+from vocc_torch.receiver.discriminant import (
+    GAP_LIMIT,
+    LARGEST,
+    ClassScatter,
+    Discriminant,
+    discriminant,
+)
 from vocc_torch.receiver.flda import FLDA, FLDAWarning
 
 META = torch.device("meta")
@@ -36,18 +42,29 @@ def clouds(seed, samples=200, features=3, share_on=0.4):
     bits = rng.random(samples) < share_on
     bits[:2] = False, True
     mix = np.eye(features) + rng.uniform(-0.5, 0.5, (features, features)) / features
-    x = rng.normal(size=(samples, features)) @ mix + 1.5 * bits[:, None] + rng.normal(size=features)
+    x = (
+        rng.normal(size=(samples, features)) @ mix
+        + 1.5 * bits[:, None]
+        + rng.normal(size=features)
+    )
     return torch.from_numpy(x * np.logspace(-1, 1, features)), torch.from_numpy(bits)
 
 
 def class_pairs():
     pairs = []
-    for name, load in (("iris", load_iris), ("wine", load_wine), ("breast_cancer", load_breast_cancer)):
+    for name, load in (
+        ("iris", load_iris),
+        ("wine", load_wine),
+        ("breast_cancer", load_breast_cancer),
+    ):
         x, y = load(return_X_y=True)
         for a, b in itertools.combinations(np.unique(y), 2):
             rows = (y == a) | (y == b)
             pairs.append(pytest.param(x[rows], y[rows] == b, id=f"{name}-{a}{b}"))
-    return [*pairs, pytest.param(*(part.numpy() for part in clouds(0, samples=3000)), id="clouds")]
+    return [
+        *pairs,
+        pytest.param(*(part.numpy() for part in clouds(0, samples=3000)), id="clouds"),
+    ]
 
 
 def same(actual, expected, rtol=1e-12):
@@ -56,7 +73,11 @@ def same(actual, expected, rtol=1e-12):
     for name in ("mean", "scatter", "direction", "threshold"):
         a, e = getattr(actual, name), getattr(expected, name)
         torch.testing.assert_close(
-            a, e, rtol=0, atol=rtol * float(e.abs().max()), msg=lambda m, n=name: f"{n}: {m}"
+            a,
+            e,
+            rtol=0,
+            atol=rtol * float(e.abs().max()),
+            msg=lambda m, n=name: f"{n}: {m}",
         )
 
 
@@ -68,11 +89,15 @@ def test_direction_and_scores_are_scikit_learns(x, on, solver):
     w, w_oracle = flda.direction.numpy(), oracle.coef_[0]
     cosine = w @ w_oracle / np.linalg.norm(w) / np.linalg.norm(w_oracle)
     assert cosine > 1 - 1e-9
-    np.testing.assert_allclose(w, w_oracle, rtol=0, atol=1e-9 * np.abs(w_oracle).max())  # the scale too
+    np.testing.assert_allclose(
+        w, w_oracle, rtol=0, atol=1e-9 * np.abs(w_oracle).max()
+    )  # the scale too
     # scikit-learn's default priors are the classes' shares; without them its threshold is Eq. 19's.
     equal_priors = oracle.decision_function(x) - np.log(on.mean() / (1 - on.mean()))
     scores = flda(torch.from_numpy(x)).numpy()
-    np.testing.assert_allclose(scores, equal_priors, atol=1e-9 * np.abs(equal_priors).max())
+    np.testing.assert_allclose(
+        scores, equal_priors, atol=1e-9 * np.abs(equal_priors).max()
+    )
 
 
 def test_hand_worked_example():
@@ -100,7 +125,9 @@ def test_merge_leaves_the_other_alone_and_statistics_handed_out_never_change():
     copied = copy.deepcopy(handed_out)
     a.merge(b).merge(a)
     assert a.count.tolist() == [16, 16]
-    assert all(torch.equal(value, other[name]) for name, value in b.state_dict().items())
+    assert all(
+        torch.equal(value, other[name]) for name, value in b.state_dict().items()
+    )
     assert all(torch.equal(value, copied[name]) for name, value in handed_out.items())
 
 
@@ -131,7 +158,9 @@ def test_a_score_does_not_depend_on_its_batch():
     together = flda(frames)
     assert together.shape == (16, 8, 8)
     assert torch.equal(torch.stack([flda(frame) for frame in frames]), together)
-    assert torch.equal(torch.stack([flda(sample) for sample in x]).reshape(16, 8, 8), together)
+    assert torch.equal(
+        torch.stack([flda(sample) for sample in x]).reshape(16, 8, 8), together
+    )
 
 
 def test_changes_of_dtype_leave_the_statistics_alone():
@@ -147,7 +176,8 @@ def test_changes_of_dtype_leave_the_statistics_alone():
     ):
         change()
         assert all(
-            torch.equal(v, before[k]) and v.dtype == before[k].dtype for k, v in flda.state_dict().items()
+            torch.equal(v, before[k]) and v.dtype == before[k].dtype
+            for k, v in flda.state_dict().items()
         )
         assert torch.equal(flda.direction, direction)
 
@@ -161,7 +191,9 @@ def test_state_dict_round_trip_through_a_file(assign):
     file.seek(0)
     state = torch.load(file, weights_only=True)
     fresh, used = FLDA(3), FLDA(3).fit(*clouds(14))
-    assert not torch.equal(used.direction, flda.direction)  # solved before loading: it must be forgotten
+    assert not torch.equal(
+        used.direction, flda.direction
+    )  # solved before loading: it must be forgotten
     for other in (fresh, used):
         other.load_state_dict(state, assign=assign)
         same(other, flda, rtol=0)
@@ -187,15 +219,21 @@ def test_moving_to_a_gpu_and_learning_there():
 
 def test_rounding_in_the_means_of_collinear_features_is_not_taken_for_separation():
     x, y = clouds(25, features=1)
-    x = torch.where(y.unsqueeze(1), x - x[y].mean() + 1e-7, x - x[~y].mean())  # means all but equal
+    x = torch.where(
+        y.unsqueeze(1), x - x[y].mean() + 1e-7, x - x[~y].mean()
+    )  # means all but equal
     with pytest.warns(FLDAWarning, match="collinear.*least-norm solution"):
         flda = FLDA(2).fit(torch.cat([x, 1e4 - 0.7 * x], dim=1), y)
-    assert flda.direction[1].item() == pytest.approx(-flda.direction[0].item() / 0.7, rel=1e-3)
+    assert flda.direction[1].item() == pytest.approx(
+        -flda.direction[0].item() / 0.7, rel=1e-3
+    )
 
 
 def test_the_warning_comes_once_per_change_of_the_statistics():
     x = torch.tensor([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [3.0, 1.0]])
-    flda = FLDA(2).update(x, torch.tensor([0, 0, 1, 1]))  # streaming does not solve, so does not warn
+    flda = FLDA(2).update(
+        x, torch.tensor([0, 0, 1, 1])
+    )  # streaming does not solve, so does not warn
     with pytest.warns(FLDAWarning) as caught:
         _ = flda.direction, flda.threshold, flda(x), flda.predict(x)
     assert len(caught) == 1
@@ -211,14 +249,17 @@ def test_mismatched_features_are_refused():
     flda = FLDA(2).fit(HAND_X, HAND_Y)
     for use in (flda, flda.predict, flda.decision_function):
         with pytest.raises(
-            VoccError, match=r"features has shape \(5, 3\): the last dimension must be n_features = 2"
+            VoccError,
+            match=r"features has shape \(5, 3\): the last dimension must be n_features = 2",
         ):
             use(torch.zeros(5, 3))
     for chosen in ([], [0, 0], [0, 2], [-1]):
         wanted = f"features is {chosen}: it must name distinct features from 0 to 1"
         with pytest.raises(VoccError, match=f"^{re.escape(wanted)}$"):
             flda.select(chosen)
-    assert torch.equal(flda.select([True, False]).mean, flda.select([1, 0]).mean)  # Python's numbers, no mask
+    assert torch.equal(
+        flda.select([True, False]).mean, flda.select([1, 0]).mean
+    )  # Python's numbers, no mask
     for use, wrong, says in (
         (flda.select, 5, "features is 5: it must be of type Iterable"),
         (flda.merge, 5, "other is 5: it must be of type FLDA"),
@@ -227,16 +268,30 @@ def test_mismatched_features_are_refused():
         with pytest.raises(VoccError, match=f"^{re.escape(says)}$"):
             use(wrong)
     for wrong in (0, -1, 2.0, "3", True):
-        with pytest.raises(VoccError, match=f"n_features is {wrong}: it must be a whole number"):
+        with pytest.raises(
+            VoccError, match=f"n_features is {wrong}: it must be a whole number"
+        ):
             FLDA(wrong)
 
 
 BAD_PIECES = {
     "three features": (torch.zeros(4, 3), torch.zeros(4), "features has shape (4, 3)"),
     "no dimension": (torch.tensor(1.0), torch.tensor(1), "features has shape ()"),
-    "complex": (torch.zeros(4, 2, dtype=torch.complex64), torch.zeros(4), "must be real"),
-    "text array": (np.full((4, 2), "a"), torch.zeros(4), "features is array([['a', 'a'],"),
-    "bits list": (torch.zeros(4, 2), [0, 0, 0, 0], "bits is [0, 0, 0, 0]: it must be a tensor or a NumPy"),
+    "complex": (
+        torch.zeros(4, 2, dtype=torch.complex64),
+        torch.zeros(4),
+        "must be real",
+    ),
+    "text array": (
+        np.full((4, 2), "a"),
+        torch.zeros(4),
+        "features is array([['a', 'a'],",
+    ),
+    "bits list": (
+        torch.zeros(4, 2),
+        [0, 0, 0, 0],
+        "bits is [0, 0, 0, 0]: it must be a tensor or a NumPy",
+    ),
     "too few bits": (
         torch.zeros(2, 4, 2),
         torch.zeros(8),
@@ -275,12 +330,21 @@ def parts(seen):
 def test_a_batch_of_statistics_is_its_sets():
     """Merged, selected from or solved together, each set is what it is alone."""
     first = [ClassScatter.of(*samples(seed), 3) for seed in range(6)]
-    second = [ClassScatter.of(*samples(seed, count=10 + 2 * seed), 3) for seed in range(6, 12)]
-    together = ClassScatter.stacked(first, (3, 2)).merged(ClassScatter.stacked(second, (3, 2)))
+    second = [
+        ClassScatter.of(*samples(seed, count=10 + 2 * seed), 3) for seed in range(6, 12)
+    ]
+    together = ClassScatter.stacked(first, (3, 2)).merged(
+        ClassScatter.stacked(second, (3, 2))
+    )
     alone = [a.merged(b) for a, b in zip(first, second, strict=True)]
-    for seen, sets in ((together, alone), (together.select([2, 0]), [one.select([2, 0]) for one in alone])):
+    for seen, sets in (
+        (together, alone),
+        (together.select([2, 0]), [one.select([2, 0]) for one in alone]),
+    ):
         for name, value in parts(seen).items():
-            assert torch.equal(value, parts(ClassScatter.stacked(sets, (3, 2)))[name]), name
+            assert torch.equal(
+                value, parts(ClassScatter.stacked(sets, (3, 2)))[name]
+            ), name
 
 
 def alike(share, gap):
@@ -297,20 +361,29 @@ def alike(share, gap):
 def test_a_step_across_collinear_features_separates_from_a_share_of_the_difference_on():
     """In each set of a batch for itself: beside small gaps and large, a constant, and a far offset."""
     cases = [(part, gap) for part in (0.25, 4.0) for gap in (2.0**-7, 1.0, 2.0**10)]
-    rows, bits = map(torch.stack, zip(*(alike(part * GAP_LIMIT, gap) for part, gap in cases), strict=True))
+    rows, bits = map(
+        torch.stack,
+        zip(*(alike(part * GAP_LIMIT, gap) for part, gap in cases), strict=True),
+    )
     rows = torch.cat([rows, torch.ones(6, 4, 1)], dim=-1)
     rows[-1] += 1e10
     with pytest.warns(FLDAWarning):
         together = discriminant(rows, bits).direction
     for (part, _), x, y, direction in zip(cases, rows, bits, together, strict=True):
         with pytest.warns(FLDAWarning) as caught:
-            torch.testing.assert_close(discriminant(x, y).direction, direction, rtol=1e-9, atol=0)
+            torch.testing.assert_close(
+                discriminant(x, y).direction, direction, rtol=1e-9, atol=0
+            )
         outcome = (
-            "the classes separate without variance, scores are huge" if part > 1 else "least-norm solution"
+            "the classes separate without variance, scores are huge"
+            if part > 1
+            else "least-norm solution"
         )
         assert str(caught[0].message).endswith(outcome)
         # The least-norm solution weighs two features that are one alike.
-        assert bool((direction[0] - direction[1]).abs() < 1e-3 * direction.abs().max()) == (part < 1)
+        assert bool(
+            (direction[0] - direction[1]).abs() < 1e-3 * direction.abs().max()
+        ) == (part < 1)
 
 
 def test_statistics_gathered_in_inference_mode_are_ordinary_tensors():
@@ -324,7 +397,9 @@ def test_statistics_gathered_in_inference_mode_are_ordinary_tensors():
         assert not any(buffer.is_inference() for buffer in module.buffers())
         state = {name: value.clone() for name, value in module.state_dict().items()}
         module.load_state_dict(state)
-        points = torch.zeros(4, module.n_features, dtype=torch.float64, requires_grad=True)
+        points = torch.zeros(
+            4, module.n_features, dtype=torch.float64, requires_grad=True
+        )
         (slope,) = torch.autograd.grad(module(points).sum(), points)
         assert torch.equal(slope, module.direction.expand(4, -1))
 
@@ -356,7 +431,9 @@ def test_the_largest_feature_is_taken_and_the_next_is_not():
     bits = torch.tensor([0, 1])
     most = torch.tensor([[LARGEST, 1.0], [-LARGEST, 2.0]], dtype=torch.float64)
     assert torch.equal(ClassScatter.of(most, bits, 2).mean, most)
-    most[1, 0] = torch.nextafter(most[1, 0], torch.tensor(-math.inf, dtype=torch.float64))
+    most[1, 0] = torch.nextafter(
+        most[1, 0], torch.tensor(-math.inf, dtype=torch.float64)
+    )
     wanted = r"features holds -1e\+140 in feature 0 \(sample 1\): it must be finite, at most 1e\+140 in size"
     with pytest.raises(VoccError, match=f"^{wanted}$"):
         ClassScatter.of(most, bits, 2)
@@ -367,7 +444,9 @@ def test_two_classes_of_6e18_samples_are_still_solved():
     many = ClassScatter.of(*samples(1), 3)
     count = torch.tensor([6 * 10**18, 6 * 10**18])
     more, _ = Discriminant.of(ClassScatter(count, many.mean, many.scatter * 3e17))
-    torch.testing.assert_close(more.direction, Discriminant.of(many)[0].direction, rtol=1e-12, atol=0)
+    torch.testing.assert_close(
+        more.direction, Discriminant.of(many)[0].direction, rtol=1e-12, atol=0
+    )
 
 
 # ---- the layer
@@ -379,18 +458,28 @@ def sets(*shape, seed=0, features=3):
     bits = torch.rand(shape, generator=generator) < 0.5
     bits[..., :4] = torch.tensor([False, True, False, True])
     x = torch.randn(*shape, features, generator=generator, dtype=torch.float64)
-    return x * torch.tensor([0.1, 1.0, 10.0][:features]) + 0.7 * bits.unsqueeze(-1), bits
+    return x * torch.tensor([0.1, 1.0, 10.0][:features]) + 0.7 * bits.unsqueeze(
+        -1
+    ), bits
 
 
 def test_a_batch_is_its_sets_one_by_one_and_each_is_the_modules():
     x, bits = sets(2, 3, 50)
     rule = discriminant(x, bits)
     scores = rule.scores(x)
-    assert (rule.direction.shape, rule.threshold.shape, scores.shape) == ((2, 3, 3), (2, 3), (2, 3, 50))
+    assert (rule.direction.shape, rule.threshold.shape, scores.shape) == (
+        (2, 3, 3),
+        (2, 3),
+        (2, 3, 50),
+    )
     for place in np.ndindex(2, 3):
         flda = FLDA(3).fit(x[place], bits[place])
-        torch.testing.assert_close(rule.direction[place], flda.direction, rtol=1e-13, atol=0)
-        torch.testing.assert_close(rule.threshold[place], flda.threshold, rtol=1e-13, atol=1e-15)
+        torch.testing.assert_close(
+            rule.direction[place], flda.direction, rtol=1e-13, atol=0
+        )
+        torch.testing.assert_close(
+            rule.threshold[place], flda.threshold, rtol=1e-13, atol=1e-15
+        )
         torch.testing.assert_close(scores[place], flda(x[place]), rtol=0, atol=1e-13)
         alone = discriminant(x[place], bits[place])
         assert torch.equal(alone.direction, flda.direction)
@@ -411,8 +500,13 @@ def test_gradients_reach_features_of_any_floating_dtype(dtype):
 
 def test_classes_apart_without_variance_have_a_finite_gradient():
     bits = torch.arange(20) % 2 == 1
-    x = torch.stack([bits.double(), torch.linspace(0, 1, 20, dtype=torch.float64)], dim=1).requires_grad_()
-    with pytest.warns(FLDAWarning, match=r"features \[0\] differ between the classes but not within them"):
+    x = torch.stack(
+        [bits.double(), torch.linspace(0, 1, 20, dtype=torch.float64)], dim=1
+    ).requires_grad_()
+    with pytest.warns(
+        FLDAWarning,
+        match=r"features \[0\] differ between the classes but not within them",
+    ):
         rule = discriminant(x, bits)
     (gradient,) = torch.autograd.grad(rule.direction[0], x)
     # Scaled by the gap, the variance stands at 1e-12 and is held there: w_0 = gap / (1e-12 gap^2), gap 1.
@@ -424,9 +518,7 @@ def test_classes_apart_without_variance_have_a_finite_gradient():
 
 def test_second_derivatives_stay_finite_where_all_is_singular():
     x = torch.ones(6, 3, dtype=torch.float64, requires_grad=True)
-    says = (
-        r"^discriminant: the class means coincide, .*; the within-class scatter is .*: least-norm solution$"
-    )
+    says = r"^discriminant: the class means coincide, .*; the within-class scatter is .*: least-norm solution$"
     with pytest.warns(FLDAWarning, match=says):
         rule = discriminant(x, torch.arange(6) % 2)
     (first,) = torch.autograd.grad(rule.scores(x).square().sum(), x, create_graph=True)
@@ -437,12 +529,19 @@ def test_second_derivatives_stay_finite_where_all_is_singular():
 def test_the_warning_names_the_set():
     x, bits = sets(2, 2, 20)
     x[1, 0, :, 2] = 5.0
-    with pytest.warns(FLDAWarning, match=r"discriminant: set 1, 0; the within.*constant features \[2\]"):
+    with pytest.warns(
+        FLDAWarning,
+        match=r"discriminant: set 1, 0; the within.*constant features \[2\]",
+    ):
         rule = discriminant(x, bits)
     assert rule.direction[1, 0, 2] == 0
     with pytest.warns(FLDAWarning, match="constant"):
-        assert torch.equal(rule.direction[1, 0], discriminant(x[1, 0], bits[1, 0]).direction)
-    assert torch.equal(rule.direction[0, 1], discriminant(x[0, 1], bits[0, 1]).direction)
+        assert torch.equal(
+            rule.direction[1, 0], discriminant(x[1, 0], bits[1, 0]).direction
+        )
+    assert torch.equal(
+        rule.direction[0, 1], discriminant(x[0, 1], bits[0, 1]).direction
+    )
 
 
 @pytest.mark.parametrize(
@@ -462,7 +561,11 @@ def test_the_warning_names_the_set():
 )
 def test_what_cannot_be_learned_from_is_refused(x, bits, says):
     needs = "a discriminant needs both"
-    rule = needs if "no Off" in says else "it must be a tensor of shape (..., samples, features)"
+    rule = (
+        needs
+        if "no Off" in says
+        else "it must be a tensor of shape (..., samples, features)"
+    )
     with pytest.raises(VoccError, match=f"^{re.escape(f'{says}: {rule}')}$"):
         discriminant(x, bits)
 
@@ -512,7 +615,9 @@ def test_scores_have_the_dtype_of_the_features_and_decisions_that_of_float64(lea
         assert scores.dtype == dtype
         assert torch.equal(scores, flda(x.to(dtype).double()).to(dtype))
     assert flda((10 * x).int()).dtype == torch.float64
-    near = FLDA(1).fit(torch.tensor([[-2.0], [-1.0], [1.0], [2.0]]), torch.tensor([0, 0, 1, 1]))
+    near = FLDA(1).fit(
+        torch.tensor([[-2.0], [-1.0], [1.0], [2.0]]), torch.tensor([0, 0, 1, 1])
+    )
     point = torch.tensor([[-1e-60]], dtype=torch.float64)
     assert near(point).float() == 0
     assert not near.predict(point)

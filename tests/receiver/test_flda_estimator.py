@@ -22,7 +22,9 @@ pandas ``check_classifier_data_not_an_array``, without ``SCIPY_ARRAY_API=1`` ``c
 """
 
 
-@parametrize_with_checks([FldaEstimator()], expected_failed_checks=lambda estimator: EXPECTED_FAILURES)
+@parametrize_with_checks(
+    [FldaEstimator()], expected_failed_checks=lambda estimator: EXPECTED_FAILURES
+)
 def test_scikit_learns_own_checks(estimator, check):
     check(estimator)
 
@@ -38,7 +40,9 @@ def samples(off=200, on=200, features=4, seed=0):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(["lsqr", "eigen"]), st.integers(1, 6))
-def test_scores_are_those_of_scikit_learns_discriminant_with_equal_priors(seed, solver, features):
+def test_scores_are_those_of_scikit_learns_discriminant_with_equal_priors(
+    seed, solver, features
+):
     x, y = samples(features=features, seed=seed)
     mine = FldaEstimator().fit(x, y)
     theirs = LinearDiscriminantAnalysis(solver=solver, priors=[0.5, 0.5]).fit(x, y)
@@ -46,8 +50,12 @@ def test_scores_are_those_of_scikit_learns_discriminant_with_equal_priors(seed, 
     np.testing.assert_allclose(
         mine.intercept_, theirs.intercept_, rtol=1e-6, atol=1e-6 * abs(mine.coef_).sum()
     )
-    np.testing.assert_allclose(mine.decision_function(x), theirs.decision_function(x), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(mine.predict_proba(x), theirs.predict_proba(x), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        mine.decision_function(x), theirs.decision_function(x), rtol=1e-6, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        mine.predict_proba(x), theirs.predict_proba(x), rtol=1e-5, atol=1e-9
+    )
     np.testing.assert_array_equal(mine.predict(x), theirs.predict(x))
 
 
@@ -55,7 +63,9 @@ def test_labels_of_any_kind_come_back_and_the_greater_is_on():
     x, y = samples()
     words = FldaEstimator().fit(x, np.array(["dark", "lit"])[y])
     assert words.classes_.tolist() == ["dark", "lit"]
-    assert np.array_equal(words.predict(x) == "lit", FldaEstimator().fit(x, y).decision_function(x) >= 0)
+    assert np.array_equal(
+        words.predict(x) == "lit", FldaEstimator().fit(x, y).decision_function(x) >= 0
+    )
 
 
 def test_pieces_teach_what_the_whole_does():
@@ -64,11 +74,15 @@ def test_pieces_teach_what_the_whole_does():
     whole, pieces = FldaEstimator().fit(x, y), FldaEstimator()
     for part in np.array_split(order, 7):
         pieces.partial_fit(x[part], y[part], classes=[0, 1])
-    np.testing.assert_allclose(pieces.decision_function(x), whole.decision_function(x), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        pieces.decision_function(x), whole.decision_function(x), rtol=1e-9, atol=1e-9
+    )
     again = pickle.loads(pickle.dumps(pieces))
     assert np.array_equal(again.decision_function(x), pieces.decision_function(x))
     # A fit begins anew.
-    assert np.array_equal(pieces.fit(x, y).decision_function(x), whole.decision_function(x))
+    assert np.array_equal(
+        pieces.fit(x, y).decision_function(x), whole.decision_function(x)
+    )
 
 
 def test_a_piece_may_have_one_class_and_a_refused_one_changes_nothing():
@@ -78,7 +92,9 @@ def test_a_piece_may_have_one_class_and_a_refused_one_changes_nothing():
         flda.predict(x)
     flda.partial_fit(x[y == 1], y[y == 1])
     before = flda.decision_function(x)
-    np.testing.assert_allclose(before, FldaEstimator().fit(x, y).decision_function(x), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        before, FldaEstimator().fit(x, y).decision_function(x), rtol=1e-9, atol=1e-9
+    )
     for wrong in ({"y": y + 5}, {"y": y, "classes": [0, 2]}, {"y": y * 0.5}):
         with pytest.raises(ValueError, match=r"classes|Unknown label"):
             flda.partial_fit(x, **wrong)
@@ -96,5 +112,10 @@ def test_without_scikit_learn_it_says_what_it_needs_and_the_rest_does_not_need_i
         "try:\n    import vocc_torch.receiver.classifiers.flda_estimator\n"
         "except vocc_torch.errors.VoccError as error:\n    print(error)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "FldaEstimator needs scikit-learn of at least 1.6: pip install scikit-learn\n"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert (
+        done.stdout
+        == "FldaEstimator needs scikit-learn of at least 1.6: pip install scikit-learn\n"
+    )

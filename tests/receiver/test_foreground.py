@@ -10,7 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.foreground import histogram256, otsu_threshold, sensor_histogram, trimmed
+from vocc_torch.receiver.foreground import (
+    histogram256,
+    otsu_threshold,
+    sensor_histogram,
+    trimmed,
+)
 from vocc_torch.types import Frames
 
 
@@ -30,7 +35,9 @@ def exact_threshold(counts):
     for level, n in enumerate(counts):
         below, below_mass = below + n, below_mass + level * n
         if 0 < below < total:
-            between = Fraction((mass * below - below_mass * total) ** 2, below * (total - below))
+            between = Fraction(
+                (mass * below - below_mass * total) ** 2, below * (total - below)
+            )
             if between > best_value:
                 best, best_value = level, between
     return best
@@ -65,7 +72,9 @@ def test_thresholds_equal_opencvs_on_dense_histograms():
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.dictionaries(st.integers(0, 255), st.integers(1, 50), min_size=2, max_size=12))
+@given(
+    st.dictionaries(st.integers(0, 255), st.integers(1, 50), min_size=2, max_size=12)
+)
 def test_threshold_is_the_lowest_exact_optimum(bins):
     counts = [bins.get(level, 0) for level in range(256)]
     assert otsu_threshold(torch.tensor([counts])).item() == exact_threshold(counts)
@@ -88,12 +97,16 @@ def test_surround_counts_as_the_rest_of_the_sensor():
         torch.tensor(surround),
     )
     whole = Frames.whole(torch.from_numpy(full))
-    torch.testing.assert_close(sensor_histogram(crop), sensor_histogram(whole), rtol=0, atol=0)
+    torch.testing.assert_close(
+        sensor_histogram(crop), sensor_histogram(whole), rtol=0, atol=0
+    )
 
 
 def test_a_crop_larger_than_its_sensor_is_refused():
     grey = torch.zeros(1, 1, 5, 5, dtype=torch.uint8)
-    frames = Frames(grey, torch.zeros(1, 2, dtype=torch.int64), (4, 4), torch.tensor([3]))
+    frames = Frames(
+        grey, torch.zeros(1, 2, dtype=torch.int64), (4, 4), torch.tensor([3])
+    )
     with pytest.raises(VoccError, match="must fit the sensor"):
         sensor_histogram(frames)
 
@@ -106,7 +119,9 @@ def test_other_types_than_uint8_are_refused():
 def test_a_trimmed_frame_is_the_frame_on_one_grey_value():
     rng, full = np.random.default_rng(6), np.full((4, 301, 400), 30, dtype=np.uint8)
     full[1] += 9
-    for frame, (y, x) in zip(full, ((0, 0), (290, 380), (100, 17), (40, 40)), strict=True):
+    for frame, (y, x) in zip(
+        full, ((0, 0), (290, 380), (100, 17), (40, 40)), strict=True
+    ):
         frame[y + 1 : y + 6, x + 2 : x + 9] = rng.integers(0, 256, (5, 7))
     whole = Frames.whole(torch.from_numpy(full))
     crop = trimmed(whole)
@@ -119,7 +134,10 @@ def test_a_trimmed_frame_is_the_frame_on_one_grey_value():
         again[y : y + height, x : x + width] = grey[0]
         np.testing.assert_array_equal(again, frame)
     assert torch.equal(sensor_histogram(crop), sensor_histogram(whole))
-    for place in ((0, 3), (300, 399)):  # uneven in the first row; in a block that the border cuts
+    for place in (
+        (0, 3),
+        (300, 399),
+    ):  # uneven in the first row; in a block that the border cuts
         full[2][place] ^= 1
         assert trimmed(whole) is whole
         full[2][place] ^= 1

@@ -10,7 +10,12 @@ from skimage.filters import threshold_otsu
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_search import Pyramid
-from vocc_torch.receiver.locators import PaperLocator, locator_from, locator_named, locator_settings
+from vocc_torch.receiver.locators import (
+    PaperLocator,
+    locator_from,
+    locator_named,
+    locator_settings,
+)
 from vocc_torch.receiver.locators.learned import (
     LearnedLocator,
     distinct,
@@ -18,8 +23,20 @@ from vocc_torch.receiver.locators.learned import (
     placings,
     with_missed_lines,
 )
-from vocc_torch.receiver.panel_evidence import alignment, bright_cells, clues_of, evidence, two_levels
-from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, save_weights
+from vocc_torch.receiver.panel_evidence import (
+    alignment,
+    bright_cells,
+    clues_of,
+    evidence,
+    two_levels,
+)
+from vocc_torch.receiver.panel_net import (
+    CONTEXT,
+    SAMPLES,
+    SHIPPED,
+    PanelNet,
+    save_weights,
+)
 from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
@@ -35,10 +52,14 @@ SMALL = Camera(width_px=320, height_px=240, sensor_width_mm=320 * 13.2 / 1920)
 def noisy():
     """Eight noisy frames of the paper's panel at 30 to 65 m, and the true corners."""
     draw, count = np.random.default_rng(3), 8
-    given = {"distance_m": np.linspace(30, 65, count), "offset_x_m": draw.uniform(-1, 1, count)}
+    given = {
+        "distance_m": np.linspace(30, 65, count),
+        "offset_x_m": draw.uniform(-1, 1, count),
+    }
     scene = Scene.of(count, ambient_lx=4000.0)
     parts = [
-        torch.from_numpy(given[n]) if n in given else getattr(scene, n) for n in scene.__dataclass_fields__
+        torch.from_numpy(given[n]) if n in given else getattr(scene, n)
+        for n in scene.__dataclass_fields__
     ]
     noise = {
         "photoelectrons": {"quantum_efficiency": 0.6},
@@ -46,10 +67,14 @@ def noisy():
         "read_noise": {"electrons": 3.0},
     }
     effects = {**PAPER_EFFECTS, **noise, "gain": {}}
-    simulator = Simulator(SMALL, LedPanel(board_reflectance=None), effects, framing="full")
+    simulator = Simulator(
+        SMALL, LedPanel(board_reflectance=None), effects, framing="full"
+    )
     keys = [FrameKey(BlockKey(0, "learned", 0), i) for i in range(count)]
     bits = torch.from_numpy(draw.random((count, 8, 8)) < 0.5)
-    return simulator.render(Scene(*parts), bits, keys=keys), simulator.true_panels(Scene(*parts))
+    return simulator.render(Scene(*parts), bits, keys=keys), simulator.true_panels(
+        Scene(*parts)
+    )
 
 
 def test_the_shipped_weights_find_most_panels_in_noise(noisy):
@@ -66,7 +91,9 @@ def test_the_shipped_weights_find_most_panels_in_noise(noisy):
 def test_weights_of_ones_own_are_followed_and_state_no_false_alarms(noisy, tmp_path):
     """Found is then what the evidence calls likelier than not."""
     mine = tmp_path / "mine.json"
-    mine.write_bytes(resources.files("vocc_torch.receiver").joinpath(SHIPPED).read_bytes())
+    mine.write_bytes(
+        resources.files("vocc_torch.receiver").joinpath(SHIPPED).read_bytes()
+    )
     locator, frame = LearnedLocator(weights=str(mine)), noisy[0][:1]
     seen = locator.locate(frame, SHAPE)
     assert (seen.score >= 0.5).all()
@@ -92,14 +119,19 @@ def test_small_panels_of_the_paper_are_found_in_crops_and_in_whole_frames():
     draw, shape = np.random.default_rng(5), (8,)
     camera = Camera(width_px=160, height_px=120, sensor_width_mm=160 * 13.2 / 1920)
     scene = replace(
-        Scene.of(*shape, ambient_lx=4000.0), distance_m=torch.tensor([60.0, 70.0]).double().repeat(4)
+        Scene.of(*shape, ambient_lx=4000.0),
+        distance_m=torch.tensor([60.0, 70.0]).double().repeat(4),
     )
     bits = torch.from_numpy(draw.random((*shape, 8, 8)) < 0.5)
     told = {}
     for framing in ("crop", "filled"):
         simulator = Simulator(camera, framing=framing)
         told[framing] = LearnedLocator()(simulator.render(scene, bits), SHAPE)
-        off = (told[framing].corners_px - simulator.true_panels(scene).corners_px).abs().amax((1, 2))
+        off = (
+            (told[framing].corners_px - simulator.true_panels(scene).corners_px)
+            .abs()
+            .amax((1, 2))
+        )
         assert bool(told[framing].found.all())
         assert bool((off < 0.25 * 3).all())
     assert (told["crop"].corners_px - told["filled"].corners_px).abs().max() < 0.1
@@ -121,20 +153,31 @@ def test_turned_large_and_aslant_panels_are_found(shape, turn_deg, pitch_px, squ
     disc = np.hypot(*(np.mgrid[:16, :16] - 7.5)) < 6
     board = np.kron(lit, 170 * disc) + 40.0
     scale = pitch_px / 16
-    matrix = cv2.getRotationMatrix2D((board.shape[1] / 2, board.shape[0] / 2), -turn_deg, scale)
+    matrix = cv2.getRotationMatrix2D(
+        (board.shape[1] / 2, board.shape[0] / 2), -turn_deg, scale
+    )
     matrix[:, :2] *= np.array(squeezed)[:, None]
     size = (460, 300)
     matrix[:, 2] = np.array(size) / 2 - matrix[:, :2] @ np.array(board.shape[::-1]) / 2
     wall = 110 + 6 * draw.normal(size=(75, 115)).repeat(4, 0).repeat(4, 1)
     seen = cv2.GaussianBlur(board, (0, 0), 0.5 / scale)
-    grey = cv2.warpAffine(seen, matrix, size, wall.copy(), cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+    grey = cv2.warpAffine(
+        seen, matrix, size, wall.copy(), cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT
+    )
     grey = grey + draw.normal(0, 2, grey.shape)
-    corners = 16 * (1 + np.array([[0, 0], [shape.columns, 0], [shape.columns, shape.rows], [0, shape.rows]]))
+    corners = 16 * (
+        1
+        + np.array(
+            [[0, 0], [shape.columns, 0], [shape.columns, shape.rows], [0, shape.rows]]
+        )
+    )
     truth = (corners - 0.5) @ matrix[:, :2].T + matrix[:, 2] + 0.5
     picture = torch.from_numpy(grey.clip(0, 255).round().astype(np.uint8))
     panels = LearnedLocator(false_alarms=0.01)(picture[None], shape)
     assert panels.found.tolist() == [True]
-    assert np.abs(panels.corners_px[0].numpy() - truth).max() < 0.25 * pitch_px * min(squeezed)
+    assert np.abs(panels.corners_px[0].numpy() - truth).max() < 0.25 * pitch_px * min(
+        squeezed
+    )
 
 
 @pytest.mark.parametrize("pitch_px", [3, 16])
@@ -143,9 +186,15 @@ def test_a_panel_that_fills_the_picture_is_found(pitch_px):
     draw, seen = np.random.default_rng(2), 0
     disc = np.hypot(*(np.mgrid[:16, :16] - 7.5)) < 6
     for _ in range(4):
-        board = cv2.GaussianBlur(np.kron(draw.random((8, 8)) < 0.5, 170.0 * disc) + 40, (0, 0), 4)
-        grey = cv2.resize(board, (8 * pitch_px, 8 * pitch_px), interpolation=cv2.INTER_AREA)
-        grey = (grey + draw.normal(0, 1, grey.shape)).clip(0, 255).round().astype(np.uint8)
+        board = cv2.GaussianBlur(
+            np.kron(draw.random((8, 8)) < 0.5, 170.0 * disc) + 40, (0, 0), 4
+        )
+        grey = cv2.resize(
+            board, (8 * pitch_px, 8 * pitch_px), interpolation=cv2.INTER_AREA
+        )
+        grey = (
+            (grey + draw.normal(0, 1, grey.shape)).clip(0, 255).round().astype(np.uint8)
+        )
         panels = LearnedLocator(false_alarms=0.01)(torch.from_numpy(grey)[None], SHAPE)
         truth = 8 * pitch_px * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         off = np.abs(panels.corners_px[0].numpy() - truth).max()
@@ -155,8 +204,13 @@ def test_a_panel_that_fills_the_picture_is_found(pitch_px):
 
 def test_a_panel_that_goes_on_beyond_the_picture_is_none():
     """Of LEDs beyond its border nothing is known: at each of four borders half a cell may be hidden."""
-    panel = torch.tensor([[50.0, 40.0], [82.0, 40.0], [82.0, 56.0], [50.0, 56.0]]).double()
-    scales, shape = Pyramid.of(torch.zeros(1, 1, 90, 120), 12), PanelShape(8, 16)  # of cells of 2 px
+    panel = torch.tensor(
+        [[50.0, 40.0], [82.0, 40.0], [82.0, 56.0], [50.0, 56.0]]
+    ).double()
+    scales, shape = (
+        Pyramid.of(torch.zeros(1, 1, 90, 120), 12),
+        PanelShape(8, 16),
+    )  # of cells of 2 px
     for to_border in ((-50, 0), (38, 0), (0, -40), (0, 34)):
         at = panel + torch.tensor(to_border)
         beyond = torch.tensor(to_border).sign() * torch.tensor([0.8, 1.2])[:, None]
@@ -173,7 +227,9 @@ def test_nothing_is_found_where_nothing_is(level):
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 30), (8, 8), (11, 200), (12, 12)])
 def test_in_a_picture_of_few_pixels_nothing_is_found(size):
-    noise = torch.randint(0, 256, (2, *size), generator=torch.Generator().manual_seed(3)).to(torch.uint8)
+    noise = torch.randint(
+        0, 256, (2, *size), generator=torch.Generator().manual_seed(3)
+    ).to(torch.uint8)
     assert not LearnedLocator()(noise, SHAPE).found.any()
 
 
@@ -184,7 +240,9 @@ def test_the_panel_network_sees_placings_where_they_are():
     margin = reach + CONTEXT
     dark = torch.rand(1, (4 + 2 * margin) * SAMPLES, (6 + 2 * margin) * SAMPLES) * 100
     lit, pitch = dark.clone(), torch.full((1,), 4.0)
-    lit[:, : 2 * SAMPLES, :SAMPLES] += 50  # the margin's upper left corner, outside what norms the light
+    lit[:, : 2 * SAMPLES, :SAMPLES] += (
+        50  # the margin's upper left corner, outside what norms the light
+    )
     with torch.inference_mode():
         change = (net(lit, pitch, shape) - net(dark, pitch, shape)).abs().amax((0, 1))
     seen = change > 1e-6
@@ -204,25 +262,46 @@ def test_places_are_shifted_to_where_the_network_is_surest():
             judged[:, 2] = 0.5  # the first corner down
             return judged
 
-    quad = torch.tensor([[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]]).double()
+    quad = torch.tensor(
+        [[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]]
+    ).double()
     scales = Pyramid.of(torch.rand(1, 1, 90, 120), 24)
     placed, logit = placings(Sure(), scales, quad, PanelShape(8, 16), 2, moved=True)
     assert logit.tolist() == [3.0]
-    assert torch.allclose(placed - quad, torch.tensor([[-2.0, 5.0], [-2, 4], [-2, 4], [-2, 4]]).double())
+    assert torch.allclose(
+        placed - quad, torch.tensor([[-2.0, 5.0], [-2, 4], [-2, 4], [-2, 4]]).double()
+    )
 
 
-def evidence_of(light: torch.Tensor, moved_px: torch.Tensor | None = None, spots: float = 0.0) -> float:
+def evidence_of(
+    light: torch.Tensor, moved_px: torch.Tensor | None = None, spots: float = 0.0
+) -> float:
     """Draw a lattice of LEDs of so much light (R,C), 12 px apart, moved by (R,C,2) px, and weigh it."""
     high, wide = light.shape
-    at = np.stack(np.mgrid[:high, :wide], 2) * 12.0 + 26.0 + (0.0 if moved_px is None else moved_px.numpy())
+    at = (
+        np.stack(np.mgrid[:high, :wide], 2) * 12.0
+        + 26.0
+        + (0.0 if moved_px is None else moved_px.numpy())
+    )
     y, x = np.mgrid[: high * 12 + 40, : wide * 12 + 40]
     grey = np.full(y.shape, 20.0)
-    for (down, right), shine in zip(at.reshape(-1, 2), light.flatten().tolist(), strict=True):
+    for (down, right), shine in zip(
+        at.reshape(-1, 2), light.flatten().tolist(), strict=True
+    ):
         grey += shine * np.exp(-((y + 0.5 - down) ** 2 + (x + 0.5 - right) ** 2) / 8)
-    corners = [[20, 20], [20 + 12 * wide, 20], [20 + 12 * wide, 20 + 12 * high], [20, 20 + 12 * high]]
+    corners = [
+        [20, 20],
+        [20 + 12 * wide, 20],
+        [20 + 12 * wide, 20 + 12 * high],
+        [20, 20 + 12 * high],
+    ]
     scales = Pyramid.of(torch.from_numpy(grey).float()[None, None], 12)
     quad, logit = torch.tensor([corners]).double(), torch.tensor([5.0])
-    return float(evidence(clues_of(scales, quad, logit, torch.tensor([spots]), PanelShape(high, wide))))
+    return float(
+        evidence(
+            clues_of(scales, quad, logit, torch.tensor([spots]), PanelShape(high, wide))
+        )
+    )
 
 
 def moved_cells(seed: int) -> torch.Tensor:
@@ -245,10 +324,17 @@ def test_dots_by_a_rule_are_less_evidence_than_random_bits():
 def test_lamps_of_one_or_of_many_brightnesses_are_less_evidence_than_bits(leds):
     """Of such lamps two levels explain little, and how round they are is worth less."""
     draw, gain = torch.Generator().manual_seed(4), min(1, leds**2 / 64)
-    bits, round_bits = (evidence_of(150 * BITS[:leds, :leds], spots=share) for share in (0.0, 0.98))
+    bits, round_bits = (
+        evidence_of(150 * BITS[:leds, :leds], spots=share) for share in (0.0, 0.98)
+    )
     assert round_bits > bits + 2 * gain
-    for lamps in (1 + 0.05 * torch.randn(leds, leds, generator=draw), torch.rand(leds, leds, generator=draw)):
-        plain, round_lamps = (evidence_of(150 * lamps, spots=share) for share in (0.0, 0.98))
+    for lamps in (
+        1 + 0.05 * torch.randn(leds, leds, generator=draw),
+        torch.rand(leds, leds, generator=draw),
+    ):
+        plain, round_lamps = (
+            evidence_of(150 * lamps, spots=share) for share in (0.0, 0.98)
+        )
         assert plain < bits - 2
         assert round_lamps < round_bits - 2
 
@@ -258,13 +344,23 @@ def test_two_levels_are_parted_as_otsu_does():
     values = torch.randn(20, 8, 8, generator=torch.Generator().manual_seed(5)).double()
     values += torch.linspace(0, 12, 20)[:, None, None] * BITS
     for one, parted in zip(values.numpy(), two_levels(values).tolist(), strict=True):
-        high = one > threshold_otsu(one, 4096) + np.ptp(one) / 8192  # to the end of the bin
+        high = (
+            one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
+        )  # to the end of the bin
         within = (high.mean() * one[high].var()) + ((~high).mean() * one[~high].var())
-        assert parted == pytest.approx(np.log((one.var() - within + 1) / (within + 1)), abs=1e-3)
-    assert two_levels(torch.ones(2, 8, 8)).tolist() == two_levels(torch.ones(2, 1, 1)).tolist() == [0, 0]
+        assert parted == pytest.approx(
+            np.log((one.var() - within + 1) / (within + 1)), abs=1e-3
+        )
+    assert (
+        two_levels(torch.ones(2, 8, 8)).tolist()
+        == two_levels(torch.ones(2, 1, 1)).tolist()
+        == [0, 0]
+    )
 
 
-def cells_of(middles: torch.Tensor, bits: torch.Tensor, samples: int = 16) -> torch.Tensor:
+def cells_of(
+    middles: torch.Tensor, bits: torch.Tensor, samples: int = 16
+) -> torch.Tensor:
     """Draw a round spot in each cell that is On, (n,R,K,C,K), at middles (n,R,C,2) off the cell's, cells."""
     at = (torch.arange(samples) + 0.5) / samples - 0.5
     across, down = ((at - middles[..., axis, None]).square() for axis in (0, 1))
@@ -275,28 +371,47 @@ def cells_of(middles: torch.Tensor, bits: torch.Tensor, samples: int = 16) -> to
 def test_alignment_is_what_a_least_squares_fit_leaves():
     """Against NumPy's, for spots that are off a lattice by chance, whatever its shift, stretch and shear."""
     draw = torch.Generator().manual_seed(7)
-    v, u = torch.meshgrid(torch.linspace(-1, 1, 8), torch.linspace(-1, 1, 8), indexing="ij")
+    v, u = torch.meshgrid(
+        torch.linspace(-1, 1, 8), torch.linspace(-1, 1, 8), indexing="ij"
+    )
     fields = torch.stack([torch.ones_like(u), u, v, u * v], -1)
     off = (
         0.05 * torch.randn(6, 8, 8, 2, generator=draw)
         + fields @ (0.05 * torch.randn(6, 4, 2, generator=draw))[:, None]
     )
     bits = BITS.bool()
-    left = [np.linalg.lstsq(fields[bits].double().numpy(), one[bits].double().numpy()) for one in off]
+    left = [
+        np.linalg.lstsq(fields[bits].double().numpy(), one[bits].double().numpy())
+        for one in off
+    ]
     free = 2 * int(bits.sum()) - 8
-    spread = np.array([one[1].sum() for one in left]) / free + 0.03**2 * int(bits.sum()) / free
+    spread = (
+        np.array([one[1].sum() for one in left]) / free
+        + 0.03**2 * int(bits.sum()) / free
+    )
     wanted = free / 2 * np.log(0.15**2 / spread)
-    assert alignment(cells_of(off, BITS)).tolist() == pytest.approx(wanted.tolist(), rel=0.03)
+    assert alignment(cells_of(off, BITS)).tolist() == pytest.approx(
+        wanted.tolist(), rel=0.03
+    )
 
 
 def test_lights_anywhere_do_not_keep_to_a_lattice():
-    anywhere = 0.8 * torch.rand(20, 4, 4, 2, generator=torch.Generator().manual_seed(8)) - 0.4
+    anywhere = (
+        0.8 * torch.rand(20, 4, 4, 2, generator=torch.Generator().manual_seed(8)) - 0.4
+    )
     bits, square = BITS[:4, :4], torch.zeros(4, 4)
     square[[0, 0, 3, 3], [0, 3, 0, 3]] = 1
-    kept, lost = alignment(cells_of(0 * anywhere[:1], bits)), alignment(cells_of(anywhere, bits))
+    kept, lost = (
+        alignment(cells_of(0 * anywhere[:1], bits)),
+        alignment(cells_of(anywhere, bits)),
+    )
     assert lost.max() < kept / 2
-    assert alignment(cells_of(anywhere, square)).tolist() == [0] * 20, "four lie on some lattice"
-    assert torch.equal(bright_cells(cells_of(anywhere, bits))[0], bits.bool().expand(20, 4, 4))
+    assert alignment(cells_of(anywhere, square)).tolist() == [0] * 20, (
+        "four lie on some lattice"
+    )
+    assert torch.equal(
+        bright_cells(cells_of(anywhere, bits))[0], bits.bool().expand(20, 4, 4)
+    )
 
 
 def test_bits_that_are_nearly_all_alike_are_less_evidence():
@@ -327,11 +442,18 @@ def test_points_of_light_part_in_two_levels_where_they_are_read_finely():
         for (down, right), lit in np.ndenumerate(bits.numpy()):
             apart = np.hypot(y + 0.5 - (64 + 24 * down), x + 0.5 - (64 + 24 * right))
             grey = np.maximum(
-                grey, 255 * lit * (apart < radius * (0.7 + 0.6 * float(torch.rand(1, generator=draw))))
+                grey,
+                255
+                * lit
+                * (apart < radius * (0.7 + 0.6 * float(torch.rand(1, generator=draw)))),
             )
         scales = Pyramid.of(torch.from_numpy(grey).float()[None, None], 6)
         quad = torch.tensor([[[52.0, 52.0], [148, 52], [148, 148], [52, 148]]]).double()
-        clues[radius] = float(clues_of(scales, quad, torch.zeros(1), torch.zeros(1), PanelShape(4, 4))[0, 2])
+        clues[radius] = float(
+            clues_of(scales, quad, torch.zeros(1), torch.zeros(1), PanelShape(4, 4))[
+                0, 2
+            ]
+        )
     assert clues[1.0] > 3
     assert clues[4.0] > 3
 
@@ -339,21 +461,38 @@ def test_points_of_light_part_in_two_levels_where_they_are_read_finely():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 16), (2, 8)])
 def test_panels_of_a_line_or_two_have_evidence(shape):
     """Of pairs of LEDs that are two apart a panel of two rows has none."""
-    noise = torch.randint(0, 256, (1, 90, 120), generator=torch.Generator().manual_seed(0)).to(torch.uint8)
-    assert LearnedLocator(false_alarms=torch.inf).locate(noise, PanelShape(*shape)).score.isfinite().all()
+    noise = torch.randint(
+        0, 256, (1, 90, 120), generator=torch.Generator().manual_seed(0)
+    ).to(torch.uint8)
+    assert (
+        LearnedLocator(false_alarms=torch.inf)
+        .locate(noise, PanelShape(*shape))
+        .score.isfinite()
+        .all()
+    )
 
 
-def drawn_spots(bits: torch.Tensor, pitch_px: float, noise_dn: float) -> tuple[Pyramid, torch.Tensor]:
+def drawn_spots(
+    bits: torch.Tensor, pitch_px: float, noise_dn: float
+) -> tuple[Pyramid, torch.Tensor]:
     """Draw bright and dim round spots of bits (8,8), from 30 px on, and give their corners (4,2), too."""
     size = int(17 * pitch_px + 60)
     y, x = np.mgrid[:size, :size] + 0.5
     light = np.full(y.shape, 0.05)
     for (down, right), lit in np.ndenumerate(bits.numpy()):
-        apart = np.hypot(y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px)
+        apart = np.hypot(
+            y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px
+        )
         light += (0.57 * lit + 0.03) * np.exp(-((apart / (0.25 * pitch_px)) ** 2) / 2)
     noise = np.random.default_rng(4).normal(0, noise_dn, light.shape)
-    grey = torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2) + noise).round().clamp(0, 255)
-    corners = 30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
+    grey = (
+        torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2) + noise)
+        .round()
+        .clamp(0, 255)
+    )
+    corners = (
+        30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
+    )
     return Pyramid.of(grey[None, None], 12), corners
 
 
@@ -361,7 +500,11 @@ def drawn_spots(bits: torch.Tensor, pitch_px: float, noise_dn: float) -> tuple[P
 def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
     """The lattice of drawn spots is found from corners that are off, alone and with others."""
     scales, truth = drawn_spots(BITS, pitch_px, 2.0)
-    off = 0.15 * pitch_px * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
+    off = (
+        0.15
+        * pitch_px
+        * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
+    )
     far = truth + 9 * pitch_px
     quads = torch.stack([truth + off, far, truth])
     found, share = fitted_spots(scales, quads, PanelShape(8, 8))
@@ -376,14 +519,17 @@ def test_spots_are_fitted_in_a_level_that_suits_them(pitch_px):
 
 
 @pytest.mark.parametrize(
-    ("noise_dn", "shift_cells", "kept"), [(70, 0, 1), (85, 0, 0), (2, 1.5, 1), (2, 2.2, 0)]
+    ("noise_dn", "shift_cells", "kept"),
+    [(70, 0, 1), (85, 0, 0), (2, 1.5, 1), (2, 2.2, 0)],
 )
 def test_fits_that_explain_little_or_went_far_are_not_kept(noise_dn, shift_cells, kept):
     """Three quarters of the picture are to be explained, by a lattice within 1.8 cells; else corners stay."""
     scales, truth = drawn_spots(BITS, 6.0, noise_dn)
     begun = truth[None] + 6.0 * torch.tensor([shift_cells, 0.0])
     found, share = fitted_spots(scales, begun, PanelShape(8, 8))
-    assert (found[0] - (truth if kept else begun[0])).abs().max() < (0.6 if kept else 1e-9)
+    assert (found[0] - (truth if kept else begun[0])).abs().max() < (
+        0.6 if kept else 1e-9
+    )
     assert bool(share > 0) == bool(kept)
 
 
@@ -394,7 +540,9 @@ def test_a_fit_that_missed_an_outer_line_is_moved():
     scales, truth = drawn_spots(bits, 3.6, 0.5)
     missed = truth + torch.tensor([[3.6, 0.0], [0, 0], [0, 0], [3.6, 0]])
     quads = torch.stack([missed, truth, missed])
-    moved = with_missed_lines(scales, quads, torch.tensor([0.97, 0.9995, 0.0]), PanelShape(8, 8))
+    moved = with_missed_lines(
+        scales, quads, torch.tensor([0.97, 0.9995, 0.0]), PanelShape(8, 8)
+    )
     assert (moved[:2] - truth).abs().max() < 0.05 * 3.6
     assert torch.equal(moved[2], missed), "of no sure fit nothing is known"
 
@@ -413,7 +561,9 @@ def test_leds_that_are_off_their_lattice_part_in_two_levels():
 
 def test_of_panels_that_overlap_the_likeliest_is_kept():
     square = torch.tensor([[0.0, 0.0], [80.0, 0.0], [80.0, 80.0], [0.0, 80.0]]).double()
-    quads = torch.stack([square, square + 2.0, square + 20.0, square + 200.0, square * torch.nan])
+    quads = torch.stack(
+        [square, square + 2.0, square + 20.0, square + 200.0, square * torch.nan]
+    )
     logit = torch.tensor([1.0, 2.0, 0.0, -1.0, 9.0])
     kept, told = distinct(quads, logit, SHAPE, 9)
     assert told.tolist() == [2.0, 0.0, -1.0]
@@ -430,8 +580,12 @@ def test_settings_are_kept():
 
 def test_a_crop_gives_sensor_coordinates(noisy):
     frames, _ = noisy
-    window = Frames(frames.grey[:1, :, 16:, 32:], torch.tensor([[32, 16]]), frames.sensor_px)
-    whole, cut = (LearnedLocator()(one, SHAPE).corners_px for one in (frames[:1], window))
+    window = Frames(
+        frames.grey[:1, :, 16:, 32:], torch.tensor([[32, 16]]), frames.sensor_px
+    )
+    whole, cut = (
+        LearnedLocator()(one, SHAPE).corners_px for one in (frames[:1], window)
+    )
     assert (whole - cut).abs().max() < 0.3
 
 

@@ -31,22 +31,35 @@ def render(bits, pitch, size, centre, *, on=8.0, off=OFF, diameter=0.5, angle_de
     for r in range(rows):
         for k in range(columns):
             x, y = (k - (columns - 1) / 2) * pitch, (r - (rows - 1) / 2) * pitch
-            where = ((centre[0] + c * x - s * y) * scale - 0.5, (centre[1] + s * x + c * y) * scale - 0.5)
+            where = (
+                (centre[0] + c * x - s * y) * scale - 0.5,
+                (centre[1] + s * x + c * y) * scale - 0.5,
+            )
             point = tuple(round(v * 16) for v in where)
             cv2.circle(
-                light, point, round(pitch * diameter / 2 * scale * 16), on if bits[r, k] else off, -1, 8, 4
+                light,
+                point,
+                round(pitch * diameter / 2 * scale * 16),
+                on if bits[r, k] else off,
+                -1,
+                8,
+                4,
             )
     return cv2.resize(light, size[::-1], interpolation=cv2.INTER_AREA)
 
 
 def grey_of(light):
     blurred = cv2.GaussianBlur(light, (0, 0), 1.5)
-    return np.clip(np.rint(100 * (blurred / BACKGROUND) ** (1 / 2.2)), 0, 255).astype(np.uint8)
+    return np.clip(np.rint(100 * (blurred / BACKGROUND) ** (1 / 2.2)), 0, 255).astype(
+        np.uint8
+    )
 
 
 def panel_frame(seed, pitch, size=84, **how):
     rng = np.random.default_rng(seed)
-    return grey_of(render(random_bits(rng), pitch, (size, size), (size / 2, size / 2), **how))
+    return grey_of(
+        render(random_bits(rng), pitch, (size, size), (size / 2, size / 2), **how)
+    )
 
 
 def true_corners(pitch, centre, angle_deg=0.0):
@@ -67,7 +80,9 @@ def on_sensor(frame, x, y, size=(320, 480), level=100):
 
 def assert_same(ours, theirs):
     for name in ("found", "candidates", "score", "corners_px"):
-        torch.testing.assert_close(getattr(ours, name), getattr(theirs, name), rtol=0, atol=0)
+        torch.testing.assert_close(
+            getattr(ours, name), getattr(theirs, name), rtol=0, atol=0
+        )
 
 
 def levels_run(monkeypatch):
@@ -90,10 +105,20 @@ def test_panels_at_30_to_70_m_are_found_at_the_first_level(quadrilateral, monkey
     pitches, centres, grey = rng.uniform(3.1, 7.2, 40), rng.uniform(41, 43, (40, 2)), []
     for pitch, centre in zip(pitches, centres, strict=True):
         grey.append(
-            grey_of(render(random_bits(rng), pitch, (84, 84), tuple(centre), on=OFF + rng.uniform(2, 16)))
+            grey_of(
+                render(
+                    random_bits(rng),
+                    pitch,
+                    (84, 84),
+                    tuple(centre),
+                    on=OFF + rng.uniform(2, 16),
+                )
+            )
         )
     panels = PaperLocator(quadrilateral=quadrilateral)(whole(*grey), SHAPE)
-    truth = np.stack([true_corners(p, tuple(c)) for p, c in zip(pitches, centres, strict=True)])
+    truth = np.stack(
+        [true_corners(p, tuple(c)) for p, c in zip(pitches, centres, strict=True)]
+    )
     error = np.linalg.norm(panels.corners_px.numpy() - truth, axis=2)
     assert panels.found.all()
     assert panels.candidates.tolist() == [1] * 40
@@ -104,13 +129,17 @@ def test_panels_at_30_to_70_m_are_found_at_the_first_level(quadrilateral, monkey
     assert len(levels) - levels.count(0) <= 4
 
 
-@pytest.mark.parametrize(("pitch", "diameter"), [(12.0, 0.5), (12.0, 0.9), (16.0, 0.5), (44.0, 0.7)])
+@pytest.mark.parametrize(
+    ("pitch", "diameter"), [(12.0, 0.5), (12.0, 0.9), (16.0, 0.5), (44.0, 0.7)]
+)
 def test_large_panels_are_found_higher_up(pitch, diameter, monkeypatch):
     levels = levels_run(monkeypatch)
     size = int(9 * pitch)
     grey = [panel_frame(seed, pitch, size, diameter=diameter) for seed in range(19, 27)]
     panels = PaperLocator()(whole(*grey), SHAPE)
-    error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (size / 2, size / 2)))
+    error = np.abs(
+        panels.corners_px.numpy() - true_corners(pitch, (size / 2, size / 2))
+    )
     assert panels.found.all()
     assert error.max() < 0.5 * pitch
     assert max(levels) >= math.ceil(math.log2(1.4 * pitch / 11))
@@ -120,7 +149,9 @@ def test_large_panels_are_found_higher_up(pitch, diameter, monkeypatch):
 def test_turned_panels_are_found_with_their_turn(angle_deg):
     grey = [panel_frame(seed, 6.0, angle_deg=angle_deg) for seed in range(12)]
     panels = PaperLocator()(whole(*grey), SHAPE)
-    error = np.linalg.norm(panels.corners_px.numpy() - true_corners(6.0, (42, 42), angle_deg), axis=2).max(1)
+    error = np.linalg.norm(
+        panels.corners_px.numpy() - true_corners(6.0, (42, 42), angle_deg), axis=2
+    ).max(1)
     assert panels.found.all()
     assert np.median(error) < 3.0
 
@@ -128,8 +159,14 @@ def test_turned_panels_are_found_with_their_turn(angle_deg):
 @pytest.mark.parametrize("channel", ["luminance", "brightest"])
 def test_the_photo_is_found_higher_up(channel, monkeypatch):
     levels = levels_run(monkeypatch)
-    photo = cv2.imread(str(Path(__file__).parents[1] / "data" / "led-panel-8x8-photo.png"))
-    grey = cv2.cvtColor(photo, cv2.COLOR_BGR2GRAY) if channel == "luminance" else photo.max(2)
+    photo = cv2.imread(
+        str(Path(__file__).parents[1] / "data" / "led-panel-8x8-photo.png")
+    )
+    grey = (
+        cv2.cvtColor(photo, cv2.COLOR_BGR2GRAY)
+        if channel == "luminance"
+        else photo.max(2)
+    )
     panels = PaperLocator(quadrilateral="upright")(whole(grey), SHAPE)
     # LED centres read by eye: columns 28 to 335 px, rows 18 to 325 px; half a pitch of 43.9 px outside them.
     expected = np.array([[6, -4], [357, -4], [357, 347], [6, 347]])
@@ -142,7 +179,9 @@ def test_the_photo_is_found_higher_up(channel, monkeypatch):
 @pytest.mark.parametrize("pitch", [3.3, 7.0, 13.0])
 def test_a_crop_and_the_full_frame_are_located_identically(quadrilateral, pitch):
     size = max(70, int(9 * pitch))
-    crops = np.stack([panel_frame(seed, pitch, size, angle_deg=3.0 * seed) for seed in range(5)])
+    crops = np.stack(
+        [panel_frame(seed, pitch, size, angle_deg=3.0 * seed) for seed in range(5)]
+    )
     places = [(1, 2), (200, 101), (333, 199), (480 - size, 320 - size), (0, 0)]
     full = np.stack([on_sensor(c, *p) for c, p in zip(crops, places, strict=True)])
     cropped = Frames(
@@ -162,14 +201,18 @@ def test_a_crop_and_the_full_frame_are_located_identically(quadrilateral, pitch)
 def test_a_lamp_is_neither_chosen_nor_joined(pitch, lamp):
     grey = []
     for seed in range(8):
-        light = render(random_bits(np.random.default_rng(seed)), pitch, (110, 200), (50, 55))
+        light = render(
+            random_bits(np.random.default_rng(seed)), pitch, (110, 200), (50, 55)
+        )
         if lamp == "tube":
             cv2.rectangle(light, (125, 50), (190, 58), 12.0, -1)
         else:
             cv2.circle(light, (150, 55), 9 if lamp == "disc" else 24, 12.0, -1)
         grey.append(grey_of(light))
     panels = PaperLocator(quadrilateral="upright")(whole(*grey), SHAPE)
-    error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (50, 55))).max((1, 2))
+    error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (50, 55))).max(
+        (1, 2)
+    )
     assert panels.found.all()
     assert panels.candidates.tolist() == [1] * 8
     assert error.max() < 3.0
@@ -191,7 +234,9 @@ def test_fragments_that_look_like_panels_give_way_to_the_whole():
     for x, y, side in ((40, 20, 16), (70, 10, 20), (30, 50, 20), (70, 50, 20)):
         grey[y : y + side, x : x + side] = 200
     # The top left corner of the foreground's box lies in no blob: the chosen one is known by its own pixel.
-    panels = PaperLocator(closing_px=13, quadrilateral="upright")(whole(grey), PanelShape(2, 2))
+    panels = PaperLocator(closing_px=13, quadrilateral="upright")(
+        whole(grey), PanelShape(2, 2)
+    )
     assert panels.candidates.tolist() == [1]
     assert panels.corners_px[0].tolist() == [[30, 10], [90, 10], [90, 70], [30, 70]]
 
@@ -219,7 +264,9 @@ def test_stages_for_figures_equal_opencvs():
     grey = panel_frame(9, 6.0)
     stages = paper_stages(whole(grey))
     threshold, mask = cv2.threshold(grey, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    closed = cv2.morphologyEx(np.pad(mask, 11), cv2.MORPH_CLOSE, np.ones((11, 11), np.uint8))[11:-11, 11:-11]
+    closed = cv2.morphologyEx(
+        np.pad(mask, 11), cv2.MORPH_CLOSE, np.ones((11, 11), np.uint8)
+    )[11:-11, 11:-11]
     assert stages.threshold.item() == threshold
     np.testing.assert_array_equal(stages.mask[0, 0], mask.astype(bool))
     np.testing.assert_array_equal(stages.closed[0, 0], closed.astype(bool))

@@ -17,14 +17,20 @@ from vocc_torch.simulation import SceneModel, Simulator
 def fitted(locator):
     generator = torch.Generator().manual_seed(0)
     bits = torch.rand(200, generator=generator) < 0.5
-    features = torch.rand(200, 3, generator=generator, dtype=torch.float64) + bits[:, None]
+    features = (
+        torch.rand(200, 3, generator=generator, dtype=torch.float64) + bits[:, None]
+    )
     flda = FLDA(n_features=3)
     flda.update(features, bits)
     return Receiver("flda_3", locator, Reader(), flda)
 
 
 @pytest.mark.parametrize(
-    "locator", [PaperLocator(closing_px=9), RefinedLocator(PaperLocator(min_area_px=50), min_share=0.9)]
+    "locator",
+    [
+        PaperLocator(closing_px=9),
+        RefinedLocator(PaperLocator(min_area_px=50), min_share=0.9),
+    ],
 )
 def test_a_saved_receiver_keeps_its_locator(locator, tmp_path):
     receiver = fitted(locator)
@@ -63,6 +69,7 @@ def test_an_unknown_locator_in_a_file_is_refused(tmp_path):
 
 def test_an_unknown_name_is_refused():
     with pytest.raises(
-        VoccError, match=r"receiver.locator is 'refind': it must be paper or refined or learned"
+        VoccError,
+        match=r"receiver.locator is 'refind': it must be paper or refined or learned",
     ):
         locator_named("refind", PaperLocator())

@@ -40,7 +40,9 @@ def without_repeats(hull):
 def random_points(seed):
     rng = np.random.default_rng(seed)
     width, height, count = rng.integers(1, 40), rng.integers(1, 40), rng.integers(1, 60)
-    points = np.stack([rng.integers(0, width, count), rng.integers(0, height, count)], 1)
+    points = np.stack(
+        [rng.integers(0, width, count), rng.integers(0, height, count)], 1
+    )
     return (points - [0, points[:, 1].min()]).astype(np.int32)
 
 
@@ -48,7 +50,9 @@ def filled_polygon(angle_deg, width, height, centre=60.0):
     """Pixel coordinates (N,2) inside a turned rectangle."""
     y, x = np.mgrid[0 : 2 * int(centre), 0 : 2 * int(centre)] - centre
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
-    inside = (np.abs(c * x + s * y) <= width / 2) & (np.abs(-s * x + c * y) <= height / 2)
+    inside = (np.abs(c * x + s * y) <= width / 2) & (
+        np.abs(-s * x + c * y) <= height / 2
+    )
     rows, columns = np.nonzero(inside)
     return np.stack([columns, rows - rows.min()], 1).astype(np.int32)
 
@@ -71,7 +75,9 @@ def test_minimum_area_equals_opencvs(seed):
     points = random_points(seed)
     rectangle = minimum_area_rectangle(hull_of(points), expand_px=0.0)
     width, height = cv2.minAreaRect(points)[1]
-    assert (rectangle.width_px * rectangle.height_px).item() == pytest.approx(width * height, 1e-4, 1e-2)
+    assert (rectangle.width_px * rectangle.height_px).item() == pytest.approx(
+        width * height, 1e-4, 1e-2
+    )
 
 
 @pytest.mark.parametrize("angle_deg", [-40.0, -17.0, -3.0, 5.0, 22.5, 33.0, 44.0])
@@ -86,11 +92,16 @@ def test_corners_equal_opencvs_up_to_cyclic_order(angle_deg, size):
 
 def test_of_equal_areas_the_least_turned_is_taken():
     # The corners of an axis-parallel square with a diamond's own bounding box of the same area.
-    points = np.array([[3, 0], [9, 0], [12, 3], [12, 9], [9, 12], [3, 12], [0, 9], [0, 3]], dtype=np.int32)
+    points = np.array(
+        [[3, 0], [9, 0], [12, 3], [12, 9], [9, 12], [3, 12], [0, 9], [0, 3]],
+        dtype=np.int32,
+    )
     upright, turned = 12.0 * 12.0, (18.0 / math.sqrt(2)) ** 2
     assert turned > upright
     corners = minimum_area_rectangle(hull_of(points), expand_px=0.0).corners_px[0]
-    np.testing.assert_allclose(corners, [[0.5, 0.5], [12.5, 0.5], [12.5, 12.5], [0.5, 12.5]])
+    np.testing.assert_allclose(
+        corners, [[0.5, 0.5], [12.5, 0.5], [12.5, 12.5], [0.5, 12.5]]
+    )
 
 
 def test_of_mirrored_rectangles_the_clockwise_one_is_taken():
@@ -98,7 +109,9 @@ def test_of_mirrored_rectangles_the_clockwise_one_is_taken():
     for points in (rhombus, np.add(rhombus, [3, 0])):
         corners = minimum_area_rectangle(hull_of(points)).corners_px[0]
         across = corners[1] - corners[0]
-        assert math.degrees(math.atan2(across[1], across[0])) == pytest.approx(math.degrees(math.atan2(1, 2)))
+        assert math.degrees(math.atan2(across[1], across[0])) == pytest.approx(
+            math.degrees(math.atan2(1, 2))
+        )
 
 
 def test_both_diagonals_are_turned_by_plus_45_degrees():
@@ -127,19 +140,23 @@ def test_points_and_lines_have_rectangles_one_pixel_thick(points, corners):
 @given(st.integers(0, 2**32 - 1))
 def test_area_and_perimeter_are_those_of_the_pixels_squares(seed):
     points = random_points(seed)
-    squares = np.concatenate([points + corner for corner in ([0, 0], [1, 0], [0, 1], [1, 1])]).astype(
-        np.int32
-    )
+    squares = np.concatenate(
+        [points + corner for corner in ([0, 0], [1, 0], [0, 1], [1, 1])]
+    ).astype(np.int32)
     outline = cv2.convexHull(squares)
     area, perimeter = hull_area_and_perimeter(hull_of(points))
     assert area.item() == pytest.approx(cv2.contourArea(outline), rel=1e-12)
     assert perimeter.item() == pytest.approx(cv2.arcLength(outline, True), rel=1e-6)
 
 
-@pytest.mark.parametrize("shape", [PanelShape(8, 8), PanelShape(4, 16), PanelShape(1, 5)])
+@pytest.mark.parametrize(
+    "shape", [PanelShape(8, 8), PanelShape(4, 16), PanelShape(1, 5)]
+)
 def test_compactness_is_one_for_the_panels_own_rectangle_only(shape):
     width, height = shape.columns * 7.0, shape.rows * 7.0
-    sides = np.array([[width, height], [height, width], [width * 2, height], [width, height * 2]])
+    sides = np.array(
+        [[width, height], [height, width], [width * 2, height], [width, height * 2]]
+    )
     values = compactness(sides.prod(1), 2 * sides.sum(1), shape)
     assert values[:2].tolist() == pytest.approx([1.0, 1.0])
     assert (values[2:] < 0.95).all()
@@ -147,18 +164,33 @@ def test_compactness_is_one_for_the_panels_own_rectangle_only(shape):
 
 def test_proportion_is_symmetric_and_knows_the_panels_shape():
     shape = PanelShape(rows=4, columns=8)
-    width, height = np.array([80.0, 160.0, 40.0, 40.0]), np.array([40.0, 40.0, 40.0, 80.0])
-    assert proportion(width, height, shape).tolist() == pytest.approx([1.0, 0.5, 0.5, 0.25])
+    width, height = (
+        np.array([80.0, 160.0, 40.0, 40.0]),
+        np.array([40.0, 40.0, 40.0, 80.0]),
+    )
+    assert proportion(width, height, shape).tolist() == pytest.approx(
+        [1.0, 0.5, 0.5, 0.25]
+    )
 
 
-@given(seed=st.integers(0, 2**32 - 1), shape=st.sampled_from([PanelShape(8, 8), PanelShape(3, 7)]))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.sampled_from([PanelShape(8, 8), PanelShape(3, 7)]),
+)
 @settings(max_examples=60, deadline=None)
 def test_a_blob_measures_alone_as_it_does_beside_another(seed, shape):
     """Whose arithmetic is another: to the last bit."""
     first, last = rows_of(random_points(seed))
-    area, place = np.array([int((last - first + 1).clip(0).sum())]), np.array([[3, 700]])
+    area, place = (
+        np.array([int((last - first + 1).clip(0).sum())]),
+        np.array([[3, 700]]),
+    )
     alone = measure_blobs(first, last, area, place, shape, LocatorLimits())
     both = measure_blobs(
-        *(np.repeat(one, 2, 0) for one in (first, last, area, place)), shape, LocatorLimits()
+        *(np.repeat(one, 2, 0) for one in (first, last, area, place)),
+        shape,
+        LocatorLimits(),
     )
-    assert all(np.array_equal(one, two[:1]) for one, two in zip(alone, both, strict=True))
+    assert all(
+        np.array_equal(one, two[:1]) for one, two in zip(alone, both, strict=True)
+    )

@@ -78,9 +78,18 @@ def test_readings_do_not_depend_on_the_batch(observed, batch):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"samples_per_led": 1}, "receiver.samples_per_led is 1: it must be from 2 to 64"),
-        ({"samples_per_led": 65}, "receiver.samples_per_led is 65: it must be from 2 to 64"),
-        ({"gradient": "scharr"}, "receiver.gradient is 'scharr': it must be sobel or central"),
+        (
+            {"samples_per_led": 1},
+            "receiver.samples_per_led is 1: it must be from 2 to 64",
+        ),
+        (
+            {"samples_per_led": 65},
+            "receiver.samples_per_led is 65: it must be from 2 to 64",
+        ),
+        (
+            {"gradient": "scharr"},
+            "receiver.gradient is 'scharr': it must be sobel or central",
+        ),
     ],
 )
 def test_wrong_settings_are_refused_in_one_line(settings, message):

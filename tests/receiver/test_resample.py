@@ -8,7 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from vocc_torch.receiver.resample import cell_homography, cell_size_px, centre_greys, rectify
+from vocc_torch.receiver.resample import (
+    cell_homography,
+    cell_size_px,
+    centre_greys,
+    rectify,
+)
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(4, 5)
@@ -32,7 +37,9 @@ def picture(seed, height=70, width=90, smooth=1.5):
 
 def sample_points(quadrilateral, shape, samples):
     """The image points of K x K samples a cell with one cell of margin around, by OpenCV's homography."""
-    cells = np.float32([(0, 0), (shape.columns, 0), (shape.columns, shape.rows), (0, shape.rows)])
+    cells = np.float32(
+        [(0, 0), (shape.columns, 0), (shape.columns, shape.rows), (0, shape.rows)]
+    )
     matrix = cv2.getPerspectiveTransform(cells, np.float32(quadrilateral))
     across = (np.arange((shape.columns + 2) * samples) + 0.5) / samples - 1
     down = (np.arange((shape.rows + 2) * samples) + 0.5) / samples - 1
@@ -58,13 +65,21 @@ def test_homography_is_numpys_solution_and_opencvs_within_its_float32(seed):
     """
     rng = np.random.default_rng(seed)
     square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * 60.0
-    quadrilateral = (square + rng.uniform(-10, 10, (4, 2)) + rng.uniform(0, 900, 2)).astype(np.float32)
+    quadrilateral = (
+        square + rng.uniform(-10, 10, (4, 2)) + rng.uniform(0, 900, 2)
+    ).astype(np.float32)
     cells = np.float32([(0, 0), (5, 0), (5, 4), (0, 4)])
     ours = cell_homography(torch.from_numpy(quadrilateral)[None], SHAPE)[0].numpy()
-    np.testing.assert_allclose(ours, solved_homography(cells, quadrilateral), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(
+        ours, solved_homography(cells, quadrilateral), rtol=1e-8, atol=1e-10
+    )
     inner = np.random.default_rng(seed).uniform(0, 4, (1, 50, 2))
-    theirs = cv2.perspectiveTransform(inner, cv2.getPerspectiveTransform(cells, quadrilateral))
-    np.testing.assert_allclose(cv2.perspectiveTransform(inner, ours), theirs, rtol=0, atol=1e-4)
+    theirs = cv2.perspectiveTransform(
+        inner, cv2.getPerspectiveTransform(cells, quadrilateral)
+    )
+    np.testing.assert_allclose(
+        cv2.perspectiveTransform(inner, ours), theirs, rtol=0, atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("name", list(QUADRILATERALS))
@@ -73,7 +88,10 @@ def test_patches_are_scipys_bilinear_reading_at_opencvs_points(name, dtype):
     image, points = picture(1), sample_points(QUADRILATERALS[name], SHAPE, 12)
     # SciPy counts from pixel centres, the package from pixel edges.
     expected = ndimage.map_coordinates(
-        image.numpy(), [points[..., 1] - 0.5, points[..., 0] - 0.5], order=1, mode="nearest"
+        image.numpy(),
+        [points[..., 1] - 0.5, points[..., 0] - 0.5],
+        order=1,
+        mode="nearest",
     )
     panels = Panels.known(corners_of(QUADRILATERALS[name]))
     patch = rectify(Frames.whole(image[None].to(dtype)), panels, SHAPE, 12)
@@ -92,7 +110,10 @@ def test_gradients_flow_to_the_corners_through_the_same_values(name):
     (slope,) = torch.autograd.grad(patch.sum(), moved)
     step = torch.zeros_like(corners)
     step[0, 2, 0] = 1e-6
-    ends = [rectify(frames, Panels.known(corners + sign * step), SHAPE, 2).sum() for sign in (1, -1)]
+    ends = [
+        rectify(frames, Panels.known(corners + sign * step), SHAPE, 2).sum()
+        for sign in (1, -1)
+    ]
     np.testing.assert_allclose(slope[0, 2, 0], (ends[0] - ends[1]) / 2e-6, rtol=1e-4)
 
 
@@ -101,7 +122,9 @@ def test_beyond_the_border_the_border_pixels_go_on():
     image = picture(5, 40, 50)
     panels = Panels.known(corners_of([(0, 0), (50, 0), (50, 40), (0, 40)]))
     patch = rectify(Frames.whole(image[None]), panels, SHAPE, 10)[0, 0].numpy()
-    np.testing.assert_allclose(patch, np.pad(image.numpy(), 10, mode="edge"), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        patch, np.pad(image.numpy(), 10, mode="edge"), rtol=0, atol=1e-10
+    )
 
 
 # Crops
@@ -111,7 +134,10 @@ def cropped(image, x, y, height, width):
     """A crop of a frame that is uniform outside it."""
     grey = image[..., y : y + height, x : x + width]
     return Frames(
-        grey, torch.tensor([[x, y]]).expand(len(image), 2), tuple(image.shape[-2:]), grey[:, 0, 0, 0]
+        grey,
+        torch.tensor([[x, y]]).expand(len(image), 2),
+        tuple(image.shape[-2:]),
+        grey[:, 0, 0, 0],
     )
 
 
@@ -121,11 +147,17 @@ def test_a_crop_reads_exactly_like_the_full_frame(name, offset):
     """Bitwise, float32 from uint8: the patches and the centres' greys."""
     full = torch.full((1, 1, 600, 1000), 102, dtype=torch.uint8)
     x, y = (int(v) for v in offset)
-    full[0, 0, y + 5 : y + 65, x + 5 : x + 85] = picture(6, 60, 80).round().to(torch.uint8)
+    full[0, 0, y + 5 : y + 65, x + 5 : x + 85] = (
+        picture(6, 60, 80).round().to(torch.uint8)
+    )
     panels = Panels.known(corners_of(QUADRILATERALS[name]) + torch.tensor(offset))
     crop, whole = cropped(full, x, y, 70, 90), Frames.whole(full)
-    assert torch.equal(rectify(crop, panels, SHAPE, 8), rectify(whole, panels, SHAPE, 8))
-    assert torch.equal(centre_greys(crop, panels, SHAPE), centre_greys(whole, panels, SHAPE))
+    assert torch.equal(
+        rectify(crop, panels, SHAPE, 8), rectify(whole, panels, SHAPE, 8)
+    )
+    assert torch.equal(
+        centre_greys(crop, panels, SHAPE), centre_greys(whole, panels, SHAPE)
+    )
 
 
 @given(
@@ -138,8 +170,15 @@ def test_a_panel_reads_alone_as_it_does_among_turned_ones(place, size, nudge):
     """Whose corners' arithmetic is another: to the last bit, wherever it lies and however large it is."""
     (x, y), (wide, tall) = (one / 4 for one in place), size
     upright = [(x, y), (x + wide, y + nudge), (x + wide, y + tall), (x, y + tall)]
-    frames = Frames.whole(picture(5).round().to(torch.uint8).expand(2, 1, -1, -1).contiguous())
-    together = rectify(frames, Panels.known(corners_of(upright, QUADRILATERALS["perspective"])), SHAPE, 4)
+    frames = Frames.whole(
+        picture(5).round().to(torch.uint8).expand(2, 1, -1, -1).contiguous()
+    )
+    together = rectify(
+        frames,
+        Panels.known(corners_of(upright, QUADRILATERALS["perspective"])),
+        SHAPE,
+        4,
+    )
     alone = rectify(frames[:1], Panels.known(corners_of(upright)), SHAPE, 4)
     assert torch.equal(alone, together[:1])
 
@@ -177,9 +216,15 @@ def test_cell_size_is_the_mean_of_opposite_sides():
 
 @pytest.mark.parametrize("name", list(QUADRILATERALS))
 def test_centre_greys_are_the_pixels_that_hold_opencvs_centres(name):
-    image = torch.from_numpy(np.random.default_rng(9).integers(0, 256, (70, 90), dtype=np.uint8))
+    image = torch.from_numpy(
+        np.random.default_rng(9).integers(0, 256, (70, 90), dtype=np.uint8)
+    )
     points = sample_points(QUADRILATERALS[name], SHAPE, 1)[1:-1, 1:-1]
-    expected = image.numpy()[np.floor(points[..., 1]).astype(int), np.floor(points[..., 0]).astype(int)]
-    ours = centre_greys(Frames.whole(image[None]), Panels.known(corners_of(QUADRILATERALS[name])), SHAPE)
+    expected = image.numpy()[
+        np.floor(points[..., 1]).astype(int), np.floor(points[..., 0]).astype(int)
+    ]
+    ours = centre_greys(
+        Frames.whole(image[None]), Panels.known(corners_of(QUADRILATERALS[name])), SHAPE
+    )
     assert ours.is_floating_point()
     np.testing.assert_array_equal(ours[0].numpy(), expected)

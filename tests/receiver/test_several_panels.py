@@ -33,7 +33,10 @@ def street(*places, around=200.0, pitch=9):
 
 
 def corners_at(x, y, side):
-    return torch.tensor([[x, y], [x + side, y], [x + side, y + side], [x, y + side]], dtype=torch.float64)
+    return torch.tensor(
+        [[x, y], [x + side, y], [x + side, y + side], [x, y + side]],
+        dtype=torch.float64,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,4 +69,10 @@ def test_two_panels_are_two_rows(two):
     ]
     assert [one.text for one in twice] == [one.text for one in read] * 2
     with pytest.raises(VoccError, match=r"decode\.most is 2"):
-        list(decode(Receiver("flda_3", PaperLocator(), Reader(SHAPE), flda), iter([frame]), 2))
+        list(
+            decode(
+                Receiver("flda_3", PaperLocator(), Reader(SHAPE), flda),
+                iter([frame]),
+                2,
+            )
+        )

@@ -5,7 +5,12 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver import resample
-from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS, RECEIVER_NAMES, Preambles, ReceiverBank
+from vocc_torch.receiver.bank import (
+    GREYSCALE_RECEIVERS,
+    RECEIVER_NAMES,
+    Preambles,
+    ReceiverBank,
+)
 from vocc_torch.receiver.classifiers import Guarded, Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
@@ -15,7 +20,9 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import PanelShape
 
-OTSU = Guarded("otsu", PanelOtsu(), Inputs((), Patch(cells=1, samples=4, relative="white")))
+OTSU = Guarded(
+    "otsu", PanelOtsu(), Inputs((), Patch(cells=1, samples=4, relative="white"))
+)
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +55,19 @@ def test_all_receivers_share_the_stages(link):
 
 
 @pytest.mark.parametrize("name", [*RECEIVER_NAMES, "otsu"])
-def test_one_receiver_alone_decides_as_among_all_and_measures_no_more(link, name, monkeypatch):
+def test_one_receiver_alone_decides_as_among_all_and_measures_no_more(
+    link, name, monkeypatch
+):
     takes, panels, flda = link
     readings, (on, off) = Reader().read_takes(takes, panels)
-    wanted = ReceiverBank([name], flda, {"otsu": OTSU}).scores(readings, Preambles(on, off))[name]
+    wanted = ReceiverBank([name], flda, {"otsu": OTSU}).scores(
+        readings, Preambles(on, off)
+    )[name]
     staged = StagedReceiver(ReceiverBank([name], flda, {"otsu": OTSU}), Reader())
     if name == "center_greyscale":
-        monkeypatch.setattr(resample, "_read", None)  # no panel is resampled for single pixels
+        monkeypatch.setattr(
+            resample, "_read", None
+        )  # no panel is resampled for single pixels
     patches = staged.rectify(takes[0], panels)
     measured = staged.measure(takes[0], panels, patches)
     given = Preambles(on, off) if name in GREYSCALE_RECEIVERS else None
@@ -69,7 +82,9 @@ def test_what_is_missing_is_said(link):
     staged = StagedReceiver(ReceiverBank(["average_greyscale"], flda), Reader())
     with pytest.raises(VoccError, match="this receiver has no locator"):
         staged(takes[0])
-    with pytest.raises(VoccError, match="receiver average_greyscale needs preamble frames"):
+    with pytest.raises(
+        VoccError, match="receiver average_greyscale needs preamble frames"
+    ):
         staged(takes[0], panels)
 
 

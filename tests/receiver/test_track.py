@@ -17,7 +17,11 @@ from vocc_torch.types import Candidates, PanelShape, Scene
 SHAPE = PanelShape(8, 8)
 CAMERA = Camera(width_px=240, height_px=200, sensor_width_mm=240 * 13.2 / 1920)
 FRAMES, HIDDEN = 48, slice(20, 26)
-NOISE = {"photoelectrons": {"quantum_efficiency": 0.6}, "shot_noise": {}, "read_noise": {"electrons": 3.0}}
+NOISE = {
+    "photoelectrons": {"quantum_efficiency": 0.6},
+    "shot_noise": {},
+    "read_noise": {"electrons": 3.0},
+}
 
 
 @pytest.fixture(scope="module")
@@ -25,11 +29,20 @@ def approach():
     """From 60 m to 30 m with shake of 1.5 px a frame; frames (N,H,W) and corners (N,4,2)."""
     draw = np.random.default_rng(5)
     distance = np.linspace(60, 30, FRAMES)
-    shake = draw.normal(0, 1.5, (2, FRAMES)).cumsum(1) * distance / CAMERA.focal_length_px
+    shake = (
+        draw.normal(0, 1.5, (2, FRAMES)).cumsum(1) * distance / CAMERA.focal_length_px
+    )
     scene = Scene.of(FRAMES)
-    place = {"distance_m": distance, "offset_x_m": 0.3 + shake[0], "offset_y_m": shake[1]}
+    place = {
+        "distance_m": distance,
+        "offset_x_m": 0.3 + shake[0],
+        "offset_y_m": shake[1],
+    }
     scene = Scene(
-        *(torch.from_numpy(place[n]) if n in place else getattr(scene, n) for n in scene.__dataclass_fields__)
+        *(
+            torch.from_numpy(place[n]) if n in place else getattr(scene, n)
+            for n in scene.__dataclass_fields__
+        )
     )
     simulator = Simulator(
         CAMERA,
@@ -52,8 +65,14 @@ class Told(PanelLocator):
 
     def locate(self, frames, shape):
         self.asked += 1
-        shown = self.corners is not None and not HIDDEN.start <= self.frame < HIDDEN.stop
-        corners = torch.from_numpy(self.corners[self.frame])[None] if shown else torch.zeros(0, 4, 2)
+        shown = (
+            self.corners is not None and not HIDDEN.start <= self.frame < HIDDEN.stop
+        )
+        corners = (
+            torch.from_numpy(self.corners[self.frame])[None]
+            if shown
+            else torch.zeros(0, 4, 2)
+        )
         return Candidates.of(corners, torch.ones(len(corners)))
 
 
@@ -61,8 +80,14 @@ def errors_cells(tracker, locator, grey, corners):
     """The farthest corner of the nearest panel in each frame, cells; infinite where none is seen."""
     errors = []
     for locator.frame, plane in enumerate(grey):
-        cell = np.linalg.norm(corners[locator.frame, 1] - corners[locator.frame, 0]) / SHAPE.columns
-        seen = [np.abs(one.corners - corners[locator.frame]).max() / cell for one in tracker(plane)]
+        cell = (
+            np.linalg.norm(corners[locator.frame, 1] - corners[locator.frame, 0])
+            / SHAPE.columns
+        )
+        seen = [
+            np.abs(one.corners - corners[locator.frame]).max() / cell
+            for one in tracker(plane)
+        ]
         errors.append(min(seen, default=np.inf))
     return np.array(errors)
 
@@ -83,13 +108,26 @@ def test_a_shaking_panel_is_followed_and_found_again(approach):
 
 def test_a_small_standing_panel_stays_where_it_is():
     """Of 2.7 px an LED in a night's noise: by neither a line of dark LEDs nor by size or turn is it moved."""
-    given = ("distance_m=80", "ambient_lx=10", "led_luminance_cd_m2=400", "offset_x_m=0", "offset_y_m=0")
-    words = ["camera.width_px=160", "camera.height_px=120", "scene.camera.sensor_width_mm=1.1"]
+    given = (
+        "distance_m=80",
+        "ambient_lx=10",
+        "led_luminance_cd_m2=400",
+        "offset_x_m=0",
+        "offset_y_m=0",
+    )
+    words = [
+        "camera.width_px=160",
+        "camera.height_px=120",
+        "scene.camera.sensor_width_mm=1.1",
+    ]
     world = vt.load_scene("night", *words, *(f"scene.{one}" for one in given))
     (batch,) = vt.simulate(replace(world, framing="full"), 48, point="standing")
     corners, locator = batch.corners_px.numpy(), Told(batch.corners_px.numpy())
     errors = errors_cells(
-        Tracker(locator, SHAPE, every=100), locator, batch.frames.grey[:, 0].numpy(), corners
+        Tracker(locator, SHAPE, every=100),
+        locator,
+        batch.frames.grey[:, 0].numpy(),
+        corners,
     )
     assert errors.max() < 0.25
 
@@ -100,12 +138,17 @@ def shaken(seed, changes=True):
     distance, shake = np.linspace(70, 66, many), np.zeros((2, many))
     for i in range(1, many):
         shake[:, i] = 0.9 * shake[:, i - 1] + draw.normal(0, 2.5, 2)
-    place = {"distance_m": distance, **dict(zip(("offset_x_m", "offset_y_m"), shake, strict=True))}
+    place = {
+        "distance_m": distance,
+        **dict(zip(("offset_x_m", "offset_y_m"), shake, strict=True)),
+    }
     for name in ("offset_x_m", "offset_y_m"):
         place[name] = place[name] * distance / CAMERA.focal_length_px
     given = Scene.of(many, ambient_lx=8000.0)
     values = {name: getattr(given, name) for name in given.__dataclass_fields__}
-    scene = Scene(**values | {name: torch.from_numpy(one) for name, one in place.items()})
+    scene = Scene(
+        **values | {name: torch.from_numpy(one) for name, one in place.items()}
+    )
     simulator = Simulator(
         CAMERA,
         LedPanel(board_reflectance=None),
@@ -121,7 +164,9 @@ def shaken(seed, changes=True):
 
 def before_an_edge(grey, corners):
     """Light of a sky above and of a road below is added, as through a panel without a board."""
-    sky = np.where(np.arange(grey.shape[1]) < corners[..., 1].mean(), 110.0, 8.0)[:, None]
+    sky = np.where(np.arange(grey.shape[1]) < corners[..., 1].mean(), 110.0, 8.0)[
+        :, None
+    ]
     light = 255 * (grey / 255) ** 2.2 + sky
     return (255 * (light.clip(0, 255) / 255) ** (1 / 2.2)).round().astype(np.uint8)
 
@@ -132,9 +177,13 @@ def test_size_does_not_drift_before_an_edge():
         grey, corners = shaken(seed)
         grey, sides = before_an_edge(grey, corners), np.sqrt(area(corners))
         for plane, known, side in zip(grey, corners, sides, strict=True):
-            assert abs(np.sqrt(area(fit(plane, known, SHAPE, 0.35)[0])) / side - 1) < 0.01
+            assert (
+                abs(np.sqrt(area(fit(plane, known, SHAPE, 0.35)[0])) / side - 1) < 0.01
+            )
         locator = Told(corners)
-        errors = errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners)
+        errors = errors_cells(
+            Tracker(locator, SHAPE, every=100), locator, grey, corners
+        )
         assert (errors < 0.25).mean() > 0.9
 
 
@@ -155,7 +204,9 @@ def test_a_panel_that_gives_way_to_lamps_is_soon_no_longer_claimed(approach):
     tracker = Tracker(locator, SHAPE, every=100)
     for locator.frame in range(36):
         locator.corners = corners if locator.frame < 12 else None
-        claimed.append(bool(tracker(grey[locator.frame] if locator.frame < 12 else still)))
+        claimed.append(
+            bool(tracker(grey[locator.frame] if locator.frame < 12 else still))
+        )
     assert all(claimed[:12])
     assert not any(claimed[24:])
 
@@ -177,7 +228,9 @@ def test_a_part_of_a_panel_is_soon_no_longer_claimed():
 def test_a_panel_whose_leds_stand_still_is_followed_on():
     grey, corners = shaken(1, changes=False)
     locator = Told(corners)
-    assert (errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners) < 0.25).mean() > 0.95
+    assert (
+        errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners) < 0.25
+    ).mean() > 0.95
 
 
 class Doubting(Told):
@@ -187,7 +240,9 @@ class Doubting(Told):
 
     def locate(self, frames, shape):
         one = torch.ones(1, dtype=torch.float64)
-        return Candidates(one.long() - 1, torch.from_numpy(self.corners[self.frame])[None], one, one)
+        return Candidates(
+            one.long() - 1, torch.from_numpy(self.corners[self.frame])[None], one, one
+        )
 
 
 def test_where_corners_shake_by_most_of_a_cell_no_line_is_missed():
@@ -195,7 +250,9 @@ def test_where_corners_shake_by_most_of_a_cell_no_line_is_missed():
     for seed in (0, 4):
         grey, corners = shaken(seed)
         locator = Told(corners)
-        errors = errors_cells(Tracker(locator, SHAPE, every=100), locator, grey, corners)
+        errors = errors_cells(
+            Tracker(locator, SHAPE, every=100), locator, grey, corners
+        )
         assert (errors < 0.25).mean() > 0.95
 
 
@@ -205,13 +262,17 @@ def test_a_doubtful_panel_is_seen_once_its_leds_change_and_a_picture_of_one_neve
     tracker = Tracker(locator, SHAPE)
     errors = errors_cells(tracker, locator, grey, corners)
     assert [one.sure for one in tracker.tracks] == [True]
-    assert np.isnan(tracker.tracks[0].false_alarms), "known by its flicker alone, of which none are stated"
+    assert np.isnan(tracker.tracks[0].false_alarms), (
+        "known by its flicker alone, of which none are stated"
+    )
     assert np.isinf(errors[0])
     assert (errors[6:] < 0.25).all()
     for seed in range(1, 5):
         still, corners = shaken(seed, changes=False)
         locator = Doubting(corners)
-        assert np.isinf(errors_cells(Tracker(locator, SHAPE), locator, still, corners)).all()
+        assert np.isinf(
+            errors_cells(Tracker(locator, SHAPE), locator, still, corners)
+        ).all()
 
 
 def test_a_doubtful_panel_a_line_off_is_put_right_by_what_changes():
@@ -238,8 +299,12 @@ def test_a_second_panel_is_seen_at_the_next_full_search(approach):
         finds_several = True
 
         def locate(self, frames, shape):
-            known = [self.corners[self.frame]] + [second[self.frame]] * (self.frame >= 8)
-            return Candidates.of(torch.from_numpy(np.stack(known)), torch.ones(len(known)))
+            known = [self.corners[self.frame]] + [second[self.frame]] * (
+                self.frame >= 8
+            )
+            return Candidates.of(
+                torch.from_numpy(np.stack(known)), torch.ones(len(known))
+            )
 
     locator = Two(corners)
     tracker, seen = Tracker(locator, SHAPE, every=6), []
@@ -259,7 +324,9 @@ def test_corners_are_fitted_from_a_third_of_a_cell_away(approach):
 
 def test_panels_are_given_as_a_locator_gives_them(approach):
     grey, corners = approach
-    whose, numbers, panels = Tracker(Told(corners), SHAPE).panels(torch.from_numpy(grey[:3]))
+    whose, numbers, panels = Tracker(Told(corners), SHAPE).panels(
+        torch.from_numpy(grey[:3])
+    )
     assert (whose, numbers) == ([0, 1, 2], [0, 0, 0])
     assert panels.found.tolist() == [True] * 3
     assert np.abs(panels.corners_px.numpy() - corners[:3]).max() < 1
@@ -272,7 +339,9 @@ def test_panels_are_given_as_a_locator_gives_them(approach):
 
 @pytest.mark.parametrize("wrong", [{"every": 0}, {"patience": 0}, {"every": 2.5}])
 def test_numbers_out_of_range_are_refused(wrong):
-    with pytest.raises(VoccError, match=r"follow\.\w+ is .*: it must be a whole number of at least 1"):
+    with pytest.raises(
+        VoccError, match=r"follow\.\w+ is .*: it must be a whole number of at least 1"
+    ):
         Tracker(Told(None), SHAPE, **wrong)
 
 

@@ -23,7 +23,9 @@ from vocc_torch.recordings.streams import CAMERA_QUEUE_FRAMES, LiveStream, is_st
 def frames():
     """Eight smooth random pictures, (8,H,W) uint8."""
     noise = np.random.default_rng(0).integers(40, 216, (8, 8, 10)).astype(np.uint8)
-    return np.stack([cv2.resize(one, (160, 128), interpolation=cv2.INTER_CUBIC) for one in noise])
+    return np.stack(
+        [cv2.resize(one, (160, 128), interpolation=cv2.INTER_CUBIC) for one in noise]
+    )
 
 
 def write_film(path, frames, codec="mpeg4", interlaced=False):
@@ -36,7 +38,9 @@ def write_film(path, frames, codec="mpeg4", interlaced=False):
         stream.pix_fmt = "yuv420p"
         stream.bit_rate = 20_000_000
         for grey in frames:
-            picture = av.VideoFrame.from_ndarray(np.repeat(grey[..., None], 3, axis=2), format="rgb24")
+            picture = av.VideoFrame.from_ndarray(
+                np.repeat(grey[..., None], 3, axis=2), format="rgb24"
+            )
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
     return path
@@ -50,25 +54,43 @@ def distance(one, other):
 @pytest.mark.parametrize("name", ["drive.mp4", "DRIVE.AVI"])
 @pytest.mark.parametrize("grey_only", [False, True])
 def test_a_film_frame_by_frame(frames, tmp_path, name, grey_only):
-    read = list(read_recording(write_film(tmp_path / name, frames), "luma", grey_only=grey_only))
+    read = list(
+        read_recording(write_film(tmp_path / name, frames), "luma", grey_only=grey_only)
+    )
     assert [frame.index for frame in read] == list(range(8))
-    assert [frame.time_s for frame in read] == pytest.approx([index / 25 for index in range(8)], abs=1e-3)
-    assert max(distance(frame.grey, grey) for frame, grey in zip(read, frames, strict=True)) < 4
+    assert [frame.time_s for frame in read] == pytest.approx(
+        [index / 25 for index in range(8)], abs=1e-3
+    )
+    assert (
+        max(
+            distance(frame.grey, grey) for frame, grey in zip(read, frames, strict=True)
+        )
+        < 4
+    )
     assert isinstance(read[0].grey, FilmGrey) == grey_only
 
 
 @pytest.mark.parametrize("degrees", [90, 180, 270])
 @pytest.mark.parametrize("grey_only", [False, True])
-def test_a_film_turned_by_its_header_is_read_upright(frames, tmp_path, degrees, grey_only):
+def test_a_film_turned_by_its_header_is_read_upright(
+    frames, tmp_path, degrees, grey_only
+):
     """The display matrix is written into the container, as telephones do."""
     path = write_film(tmp_path / "flat.mp4", frames)
     content = path.read_bytes()
-    place = content.index(b"tkhd") + 4 + 4 + 20 + 16  # past version, times, track, length, layer and volume
+    place = (
+        content.index(b"tkhd") + 4 + 4 + 20 + 16
+    )  # past version, times, track, length, layer and volume
     cosine, sine = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
-    matrix = np.array([cosine << 16, sine << 16, 0, -sine << 16, cosine << 16, 0, 0, 0, 1 << 30], ">i4")
+    matrix = np.array(
+        [cosine << 16, sine << 16, 0, -sine << 16, cosine << 16, 0, 0, 0, 1 << 30],
+        ">i4",
+    )
     path.write_bytes(content[:place] + matrix.tobytes() + content[place + 36 :])
     read = list(read_film(path, "luma", grey_only=grey_only))
-    upright = cv2.rotate(frames[0], (degrees // 90) - 1)  # OpenCV counts quarter turns clockwise from 0
+    upright = cv2.rotate(
+        frames[0], (degrees // 90) - 1
+    )  # OpenCV counts quarter turns clockwise from 0
     assert np.asarray(read[0].grey).shape == upright.shape
     assert distance(read[0].grey, upright) < 4
     assert read[0].note == f"turned by {degrees} degrees as the film's header says"
@@ -78,7 +100,12 @@ def test_each_field_of_interlaced_film_is_a_frame(frames, tmp_path):
     """Two pictures woven line by line are read apart."""
     woven = np.repeat(frames[:1], 4, axis=0)
     woven[:, 1::2] = frames[1, 1::2]
-    read = list(read_film(write_film(tmp_path / "fields.avi", woven, "mpeg2video", interlaced=True), "luma"))
+    read = list(
+        read_film(
+            write_film(tmp_path / "fields.avi", woven, "mpeg2video", interlaced=True),
+            "luma",
+        )
+    )
     assert len(read) == 8
     assert "two fields" in read[0].note
     for index in (0, 1):
@@ -96,7 +123,9 @@ def test_a_field_of_a_ramp_is_the_ramp(parity, height):
     assert np.abs(filled.astype(int) - ramp).max() <= 10
 
 
-@pytest.mark.parametrize("name", ["12:30:05.mp4", "http:/127.0.0.1:8765/a.mp4", "pipe:0.mp4"])
+@pytest.mark.parametrize(
+    "name", ["12:30:05.mp4", "http:/127.0.0.1:8765/a.mp4", "pipe:0.mp4"]
+)
 def test_a_name_that_reads_as_an_address_is_a_file(frames, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     path = Path(name)
@@ -109,7 +138,9 @@ def test_a_name_that_reads_as_an_address_is_a_file(frames, tmp_path, monkeypatch
 def test_of_a_film_that_is_cut_the_beginning_is_read(frames, tmp_path, name):
     path = write_film(tmp_path / name, frames)
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    said = rf"{name}: \d frames were read, . of them damaged, and its header speaks of 8"
+    said = (
+        rf"{name}: \d frames were read, . of them damaged, and its header speaks of 8"
+    )
     with pytest.warns(UserWarning, match=said):
         done, refusal = read_to_the_end(read_recording(path, "luma"))
     assert 3 <= done < 8
@@ -123,7 +154,10 @@ def test_of_a_damaged_film_the_other_frames_are_read(frames, tmp_path):
     place = [found.start() for found in re.finditer(b"\0\0\1\xb6", content)][2]
     content[place : place + 4] = bytes(4)
     path.write_bytes(content)
-    with pytest.warns(UserWarning, match="7 frames were read, . of them damaged, and its header speaks of 8"):
+    with pytest.warns(
+        UserWarning,
+        match="7 frames were read, . of them damaged, and its header speaks of 8",
+    ):
         done, refusal = read_to_the_end(read_recording(path, "luma"))
     assert done == 7
     assert "cannot be read as a video after 7 frames" in refusal
@@ -132,17 +166,23 @@ def test_of_a_damaged_film_the_other_frames_are_read(frames, tmp_path):
 def test_a_file_with_sound_alone_is_refused(tmp_path):
     with av.open(str(tmp_path / "sound.mkv"), "w") as container:
         stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
-        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        sound = av.AudioFrame.from_ndarray(
+            np.zeros((1, 800), np.int16), format="s16", layout="mono"
+        )
         sound.sample_rate = 8000
         container.mux([*stream.encode(sound), *stream.encode()])
-    with pytest.raises(VoccError, match=r"sound.mkv cannot be read as a video after 0 frames"):
+    with pytest.raises(
+        VoccError, match=r"sound.mkv cannot be read as a video after 0 frames"
+    ):
         list(read_recording(tmp_path / "sound.mkv", "luma"))
 
 
 @pytest.mark.parametrize("content", [bytes(range(256)) * 20, b""])
 def test_files_that_are_no_films_are_refused_in_one_line(tmp_path, content):
     (tmp_path / "noise.mp4").write_bytes(content)
-    with pytest.raises(VoccError, match=r"noise\.mp4 cannot be read as a video after 0 frames") as refusal:
+    with pytest.raises(
+        VoccError, match=r"noise\.mp4 cannot be read as a video after 0 frames"
+    ) as refusal:
         list(read_recording(tmp_path / "noise.mp4", "luma"))
     assert "\n" not in str(refusal.value)
 
@@ -159,16 +199,25 @@ def test_a_film_on_standard_input_is_read_frame_by_frame(frames, tmp_path, suffi
     with path.open("rb") as film:
         command = [sys.executable, "-c", code]
         run = subprocess.run(
-            command, stdin=film, capture_output=True, text=True, env=environment, timeout=120
+            command,
+            stdin=film,
+            capture_output=True,
+            text=True,
+            env=environment,
+            timeout=120,
         )
     means = [round(float(grey.mean())) for grey in frames]
     assert np.abs(np.array(eval(run.stdout)) - means).max() <= 3, run.stderr
 
 
-def test_a_slow_receiver_of_a_camera_gets_the_newest_frames(frames, tmp_path, monkeypatch):
+def test_a_slow_receiver_of_a_camera_gets_the_newest_frames(
+    frames, tmp_path, monkeypatch
+):
     """The film stands for a camera that does not wait; all is read before the first frame is taken."""
     path = write_film(tmp_path / "film.mkv", frames)
-    monkeypatch.setattr("vocc_torch.recordings.streams.opened", lambda source: av.open(str(path)))
+    monkeypatch.setattr(
+        "vocc_torch.recordings.streams.opened", lambda source: av.open(str(path))
+    )
     stream = LiveStream("camera:0", "luma")
     deadline = cv2.getTickCount() + 20 * cv2.getTickFrequency()
     while stream.dropped < 8 - CAMERA_QUEUE_FRAMES and cv2.getTickCount() < deadline:
@@ -180,7 +229,13 @@ def test_a_slow_receiver_of_a_camera_gets_the_newest_frames(frames, tmp_path, mo
 
 @pytest.mark.parametrize(
     ("source", "is_live"),
-    [("-", True), ("camera:0", True), ("rtsp://127.0.0.1/x", True), ("a.mp4", False), ("camera0.png", False)],
+    [
+        ("-", True),
+        ("camera:0", True),
+        ("rtsp://127.0.0.1/x", True),
+        ("a.mp4", False),
+        ("camera0.png", False),
+    ],
 )
 def test_what_is_live(source, is_live):
     assert is_stream(source) == is_live

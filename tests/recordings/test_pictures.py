@@ -18,7 +18,9 @@ from vocc_torch.recordings.reading import read_recording, read_source
 def frames():
     """Eight smooth random pictures, (8,H,W) uint8."""
     noise = np.random.default_rng(0).integers(0, 256, (8, 10, 12)).astype(np.uint8)
-    return np.stack([cv2.resize(one, (96, 80), interpolation=cv2.INTER_CUBIC) for one in noise])
+    return np.stack(
+        [cv2.resize(one, (96, 80), interpolation=cv2.INTER_CUBIC) for one in noise]
+    )
 
 
 def save(path, array, **options):
@@ -73,7 +75,9 @@ def test_pictures_of_every_mode(frames, tmp_path, mode):
 def test_lossy_formats_are_read_to_within_their_loss(frames, tmp_path, suffix):
     path = tmp_path / f"picture.{suffix}"
     if suffix == "heic":
-        pillow_heif.from_pillow(Image.fromarray(frames[0]).convert("RGB")).save(path, quality=95)
+        pillow_heif.from_pillow(Image.fromarray(frames[0]).convert("RGB")).save(
+            path, quality=95
+        )
     else:
         save(path, frames[0])
     (frame,) = read_recording(path, "luma")
@@ -81,9 +85,12 @@ def test_lossy_formats_are_read_to_within_their_loss(frames, tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
-    ("bits", "note"), [(10, "are read as 10 bits"), (12, "are read as 12 bits"), (16, "")]
+    ("bits", "note"),
+    [(10, "are read as 10 bits"), (12, "are read as 12 bits"), (16, "")],
 )
-def test_deep_pictures_are_scaled_to_the_white_level_of_their_depth(frames, tmp_path, bits, note):
+def test_deep_pictures_are_scaled_to_the_white_level_of_their_depth(
+    frames, tmp_path, bits, note
+):
     deep = np.rint(frames[0] * ((2**bits - 1) / 255.0)).astype(np.uint16)
     (frame,) = read_recording(save(tmp_path / "deep.png", deep), "luma")
     assert np.array_equal(frame.grey, frames[0])
@@ -101,17 +108,23 @@ def test_pictures_of_floats(frames, tmp_path, white):
 def test_grey_values_beyond_sixteen_bits_are_refused(frames, tmp_path, value):
     deep = frames[0].astype(np.float32 if isinstance(value, float) else np.int32)
     deep[3, 4] = value
-    with pytest.raises(VoccError, match=r"deep.tiff .* it must hold values from 0 to 65535"):
+    with pytest.raises(
+        VoccError, match=r"deep.tiff .* it must hold values from 0 to 65535"
+    ):
         list(read_recording(save(tmp_path / "deep.tiff", deep), "luma"))
 
 
-@pytest.mark.parametrize("name", ["cut.jpg", "cut.tiff", "cut.bmp", "cut.webp", "cut.pgm", "cut.png"])
+@pytest.mark.parametrize(
+    "name", ["cut.jpg", "cut.tiff", "cut.bmp", "cut.webp", "cut.pgm", "cut.png"]
+)
 def test_truncated_pictures_are_refused_in_one_line(frames, tmp_path, name):
     path = save(tmp_path / name, frames[0])
     content = path.read_bytes()
     for share in (0.9, 0.5, 0.02):
         path.write_bytes(content[: int(share * len(content))])
-        with pytest.raises(VoccError, match=rf"{name} cannot be read as a picture") as refusal:
+        with pytest.raises(
+            VoccError, match=rf"{name} cannot be read as a picture"
+        ) as refusal:
             list(read_recording(path, "luma"))
         assert "\n" not in str(refusal.value)
 
@@ -119,7 +132,9 @@ def test_truncated_pictures_are_refused_in_one_line(frames, tmp_path, name):
 def test_exif_orientation_is_followed(frames, tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 6  # shown turned clockwise
-    path = save(tmp_path / "upright.png", np.ascontiguousarray(np.rot90(frames[0])), exif=exif)
+    path = save(
+        tmp_path / "upright.png", np.ascontiguousarray(np.rot90(frames[0])), exif=exif
+    )
     (frame,) = read_recording(path, "luma")
     assert np.array_equal(frame.grey, frames[0])
 
@@ -135,13 +150,15 @@ def test_grey_of_colours():
 
 
 @pytest.mark.parametrize(
-    "content", [b"no picture", b"", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n"]
+    "content",
+    [b"no picture", b"", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n"],
 )
 @pytest.mark.parametrize("name", ["evil.png", "evil.heic", "evil.avif", "evil.jp2"])
 def test_unreadable_pictures(tmp_path, content, name):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(
-        VoccError, match=rf"{name} cannot be read as a picture \(not a known picture format\)$"
+        VoccError,
+        match=rf"{name} cannot be read as a picture \(not a known picture format\)$",
     ):
         list(read_recording(tmp_path / name, "luma"))
 
@@ -158,10 +175,14 @@ def test_missing_empty_and_special_inputs(frames, tmp_path):
     with pytest.raises(VoccError, match=r"nowhere.png does not exist: give a picture"):
         read_recording(tmp_path / "nowhere.png", "luma")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(VoccError, match=r"folder holds no picture: known endings are \.png"):
+    with pytest.raises(
+        VoccError, match=r"folder holds no picture: known endings are \.png"
+    ):
         read_recording(tmp_path / "folder", "luma")
     os.mkfifo(tmp_path / "pipe.png")
-    with pytest.raises(VoccError, match=r"pipe.png is a pipe or a device: give a picture"):
+    with pytest.raises(
+        VoccError, match=r"pipe.png is a pipe or a device: give a picture"
+    ):
         read_recording(tmp_path / "pipe.png", "luma")
     save(tmp_path / "near.png", frames[0])
     assert [frame.source for frame in read_recording(tmp_path, "luma")] == ["near.png"]
@@ -173,7 +194,9 @@ def test_all_frames_of_a_picture_are_read(frames, tmp_path, name):
     options = {"lossless": True} if name == "film.webp" else {}
     first.save(tmp_path / name, save_all=True, append_images=others, **options)
     read = list(read_recording(tmp_path / name, "luma"))
-    assert [(frame.source, frame.index) for frame in read] == [(name, index) for index in range(8)]
+    assert [(frame.source, frame.index) for frame in read] == [
+        (name, index) for index in range(8)
+    ]
     assert np.array_equal([frame.grey for frame in read], frames)
 
 
@@ -187,7 +210,9 @@ def test_an_animation_that_is_cut_says_so(frames, tmp_path):
     assert 3 <= done < 8
     assert f"cannot be read as a picture after {done} frames" in refusal
     path.write_bytes(content[:-1])
-    with pytest.warns(UserWarning, match="film.gif has no end: frames after the 8 read may be missing"):
+    with pytest.warns(
+        UserWarning, match="film.gif has no end: frames after the 8 read may be missing"
+    ):
         assert read_to_the_end(read_recording(path, "luma")) == (8, "")
 
 
@@ -198,7 +223,9 @@ def test_a_name_that_is_not_text_is_escaped(frames, tmp_path):
     assert names == {"\\x1b[31mred.png", "\\udcff\\udcfe.png"}
 
 
-@pytest.mark.parametrize("kind", ["grey", "batch", "colour", "colours", "floats", "alpha", "pillow", "deep"])
+@pytest.mark.parametrize(
+    "kind", ["grey", "batch", "colour", "colours", "floats", "alpha", "pillow", "deep"]
+)
 def test_arrays_and_pictures_in_memory(frames, kind):
     colours = np.repeat(frames[..., None], 3, axis=3)
     alpha = np.concatenate([colours[0], np.zeros((80, 96, 1), np.uint8)], axis=2)
@@ -219,7 +246,10 @@ def test_arrays_and_pictures_in_memory(frames, kind):
 @pytest.mark.parametrize(
     ("values", "refusal"),
     [
-        (np.zeros((2, 2, 2, 2)), r"the array's shape is \(2, 2, 2, 2\): it must be \(H,W\)"),
+        (
+            np.zeros((2, 2, 2, 2)),
+            r"the array's shape is \(2, 2, 2, 2\): it must be \(H,W\)",
+        ),
         (np.zeros((0, 5)), "not empty"),
         (np.array(["a"]), "it must hold integers or floats"),
         (np.full((2, 2), -1.0), "it must hold values from 0 to 65535"),
@@ -232,7 +262,9 @@ def test_arrays_that_are_no_pictures_are_refused(values, refusal):
 
 
 def test_what_is_no_input_is_refused():
-    with pytest.raises(VoccError, match="the input is 3: it must be a path, a picture, an array"):
+    with pytest.raises(
+        VoccError, match="the input is 3: it must be a path, a picture, an array"
+    ):
         read_source(3, "luma")
 
 
@@ -254,5 +286,7 @@ def test_turned_frames_are_those_of_pillow(frames, turn, mirror):
 
 
 def test_another_angle_is_refused():
-    with pytest.raises(VoccError, match=r"decode\.turn is 45: it must be 0, 90, 180 or 270 degrees"):
+    with pytest.raises(
+        VoccError, match=r"decode\.turn is 45: it must be 0, 90, 180 or 270 degrees"
+    ):
         turned(iter(()), 45, False)

@@ -6,7 +6,14 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from made_up_dimming import AMBIENT, BITS, LUMINANCE, PAPER_LIKE, grid_of, paper_like_grid
+from made_up_dimming import (
+    AMBIENT,
+    BITS,
+    LUMINANCE,
+    PAPER_LIKE,
+    grid_of,
+    paper_like_grid,
+)
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
@@ -18,7 +25,12 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.report.canvas import figure_pixels
 from vocc_torch.report.folder import write_grid
-from vocc_torch.report.heatmap import best_luminance_figure, cell_edges, dimming_figure, grid_figures
+from vocc_torch.report.heatmap import (
+    best_luminance_figure,
+    cell_edges,
+    dimming_figure,
+    grid_figures,
+)
 from vocc_torch.report.styles import rate_text, receiver_styles
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2, through_lens
 
@@ -55,15 +67,20 @@ def cell_texts(axes):
         x, y = text.get_position()
         if text.get_transform() == axes.transData:
             found[
-                tuple(int(np.searchsorted(edge, at) - 1) for edge, at in zip(edges, (x, y), strict=True))
+                tuple(
+                    int(np.searchsorted(edge, at) - 1)
+                    for edge, at in zip(edges, (x, y), strict=True)
+                )
             ] = text
     return found
 
 
 def panels(figure):
-    return [axes for axes in figure.axes if any(isinstance(c, QuadMesh) for c in axes.collections)][
-        : len(FOUR)
-    ]
+    return [
+        axes
+        for axes in figure.axes
+        if any(isinstance(c, QuadMesh) for c in axes.collections)
+    ][: len(FOUR)]
 
 
 # The heat maps.
@@ -74,7 +91,11 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid, heat):
         (mesh,) = (c for c in axes.collections if isinstance(c, QuadMesh))
         ber = grid.ber(name)
         shown = np.ma.masked_array(mesh.get_array()).reshape(ber.T.shape)
-        assert shown.mask.tolist() == (ber.T == 0).tolist() if (ber == 0).any() else not shown.mask.any()
+        assert (
+            shown.mask.tolist() == (ber.T == 0).tolist()
+            if (ber == 0).any()
+            else not shown.mask.any()
+        )
         assert shown.filled(0.0) == pytest.approx(ber.T)
         rates = np.concatenate([grid.ber(name).ravel() for name in FOUR])
         assert (mesh.norm.vmin, mesh.norm.vmax) == (rates[rates > 0].min(), rates.max())
@@ -130,23 +151,33 @@ def test_the_best_luminances_are_joined_with_their_ranges(grid, heat):
         assert joined == pytest.approx([np.log2(best.middle_cd_m2) for best in bests])
         for best in bests:
             low, high = np.log2([best.candidates_cd_m2[0], best.candidates_cd_m2[-1]])
-            ends = low - best.reaches_lowest * beyond[0], high + best.reaches_highest * beyond[-1]
+            ends = (
+                low - best.reaches_lowest * beyond[0],
+                high + best.reaches_highest * beyond[-1],
+            )
             assert ends[0] == ends[1] or (*np.round(ends, 6), 1.6) in bars(axes)
         for marker, reached in (("v", "reaches_lowest"), ("^", "reaches_highest")):
-            (drawn,) = (len(line.get_ydata()) for line in lines if line.get_marker() == marker)
+            (drawn,) = (
+                len(line.get_ydata()) for line in lines if line.get_marker() == marker
+            )
             assert drawn == sum(getattr(best, reached) for best in bests)
 
 
 def test_a_plateau_is_drawn_from_end_to_end():
     table = [[Counts(2000, BITS * 2000, 2 * w, 4 * w, w) for w in (900, 0, 0, 0, 900)]]
     figure = dimming_figure(grid_of({"flda_3": table}, AMBIENT[:1], LUMINANCE[:5]))
-    assert "thick bar: luminances with equally few errors" in figure.texts[-1].get_text()
+    assert (
+        "thick bar: luminances with equally few errors" in figure.texts[-1].get_text()
+    )
     wide = [ends[:2] for ends in bars(figure.axes[0]) if ends[2] > 4]
     assert wide == [tuple(np.round(np.log2([500.0, 2000.0]), 6))]
 
 
 def test_a_large_grid_has_no_numbers_but_all_its_cells():
-    fine = tuple(1000 * 2 ** (i / 2) for i in range(11)), tuple(250 * 2 ** (i / 2) for i in range(13))
+    fine = (
+        tuple(1000 * 2 ** (i / 2) for i in range(11)),
+        tuple(250 * 2 ** (i / 2) for i in range(13)),
+    )
     grid = paper_like_grid(("flda_2",), frames=64, ambient=fine[0], luminance=fine[1])
     axes = dimming_figure(grid).axes[0]
     assert [text.get_text() for text in axes.texts] == ["FLDA: AGR + GRI"]
@@ -167,7 +198,10 @@ def test_a_grid_without_any_errors_is_drawn():
 @pytest.mark.parametrize("count", [1, 3, 8])
 def test_one_to_eight_receivers_have_room(draw, shown_texts, count):
     grid = paper_like_grid(
-        tuple(PAPER_LIKE)[-count:], frames=128, luminance=LUMINANCE[1:5], ambient=AMBIENT[:3]
+        tuple(PAPER_LIKE)[-count:],
+        frames=128,
+        luminance=LUMINANCE[1:5],
+        ambient=AMBIENT[:3],
     )
     figure = draw(grid)
     height, width, _ = figure_pixels(figure).shape
@@ -179,7 +213,10 @@ def test_one_to_eight_receivers_have_room(draw, shown_texts, count):
             boxes.append((box, text.get_text()))
     for (box, text), (other, text2) in itertools.combinations(boxes, 2):
         # Boxes of lines under each other may touch.
-        over = min(box.x1, other.x1) - max(box.x0, other.x0), min(box.y1, other.y1) - max(box.y0, other.y0)
+        over = (
+            min(box.x1, other.x1) - max(box.x0, other.x0),
+            min(box.y1, other.y1) - max(box.y0, other.y0),
+        )
         assert min(over) < 3, (text, text2)
 
 
@@ -199,14 +236,22 @@ def test_the_best_luminance_is_drawn_in_the_receivers_colour(grid, best):
 
 def test_the_dashed_lines_have_the_contrast_that_they_state(best):
     (axes,) = best.axes
-    stated = [text for text in axes.texts if text.get_text().strip().startswith("\N{MULTIPLICATION SIGN}")]
+    stated = [
+        text
+        for text in axes.texts
+        if text.get_text().strip().startswith("\N{MULTIPLICATION SIGN}")
+    ]
     assert len(stated) > 5
     camera = Camera(exposure_time_s=1 / 1500, f_number=4.0, calibration_constant=12.5)
     for text in stated:
         ambient, luminance = (2.0**at for at in text.get_position())
-        reflected = reflected_luminance_cd_m2(torch.tensor(ambient, dtype=torch.float64), 0.4)
+        reflected = reflected_luminance_cd_m2(
+            torch.tensor(ambient, dtype=torch.float64), 0.4
+        )
         off, on = (through_lens(reflected + led, camera) for led in (0.0, luminance))
-        assert float(on / off) == pytest.approx(float(text.get_text().strip()[1:]), rel=0.01)
+        assert float(on / off) == pytest.approx(
+            float(text.get_text().strip()[1:]), rel=0.01
+        )
 
 
 # The files.
@@ -218,15 +263,30 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
     rows, best = (list(csv.DictReader(file.read_text().splitlines())) for file in files)
     assert len(rows) == len(FOUR) * len(AMBIENT) * len(LUMINANCE)
     for row in rows[::17]:
-        i, j = AMBIENT.index(float(row["ambient_lx"])), LUMINANCE.index(float(row["value"]))
+        i, j = (
+            AMBIENT.index(float(row["ambient_lx"])),
+            LUMINANCE.index(float(row["value"])),
+        )
         counts = grid.counts(row["receiver"])[i][j]
-        assert (int(row["bits"]), int(row["frame_errors"])) == (512 * BITS, counts.frame_errors)
+        assert (int(row["bits"]), int(row["frame_errors"])) == (
+            512 * BITS,
+            counts.frame_errors,
+        )
         ends = [float(side[i, j]) for side in grid.intervals(row["receiver"])]
-        assert [float(row[name]) for name in ("ber", "ber_low", "ber_high")] == [counts.ber, *ends]
+        assert [float(row[name]) for name in ("ber", "ber_low", "ber_high")] == [
+            counts.ber,
+            *ends,
+        ]
     stated = [best for name in FOUR for best in best_luminance(grid, name)]
     for row, one in zip(best, stated, strict=True):
-        assert (row["receiver"], float(row["ambient_lx"])) == (one.receiver, one.ambient_lx)
-        ranges = [float(row[f"{name}_cd_m2"]) for name in ("best_from", "best_to", "range_from", "range_to")]
+        assert (row["receiver"], float(row["ambient_lx"])) == (
+            one.receiver,
+            one.ambient_lx,
+        )
+        ranges = [
+            float(row[f"{name}_cd_m2"])
+            for name in ("best_from", "best_to", "range_from", "range_to")
+        ]
         least, candidates = one.least_cd_m2, one.candidates_cd_m2
         assert ranges == [least[0], least[-1], candidates[0], candidates[-1]]
         assert row["may_lie_above_grid"] == ("yes" if one.reaches_highest else "no")
@@ -238,7 +298,11 @@ def test_a_receiver_that_is_not_in_the_grid_is_refused(grid, draw):
         draw(grid, receivers=["flda_9"])
 
 
-def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(grid):
+def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(
+    grid,
+):
     figures = grid_figures({"paper": grid, "truth": grid}, "paper", ["flda_3", "cnn"])
     assert set(figures) == {"dimming_paper", "dimming_truth", "dimming_best"}
-    assert figures["dimming_truth"].axes[0].texts[-1].get_text() == "FLDA: AGR + GRI + NGR"
+    assert (
+        figures["dimming_truth"].axes[0].texts[-1].get_text() == "FLDA: AGR + GRI + NGR"
+    )

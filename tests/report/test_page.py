@@ -63,14 +63,14 @@ HOSTILE = [
 
 @pytest.mark.parametrize("words", HOSTILE)
 def test_hostile_names_stay_words(package, words):
-    template = (
-        "# {{ name }}\n\n{{ name }}\n\n| a |\n|---|\n| {{ name }} |\n\n- {{ name }} and {{ name|code }}\n"
-    )
+    template = "# {{ name }}\n\n{{ name }}\n\n| a |\n|---|\n| {{ name }} |\n\n- {{ name }} and {{ name|code }}\n"
     (package / "page.md.j2").write_text(template)
     markdown = render(package.name, "page.md.j2", name=words)
     tags = Tags(html(markdown, words, package))
     assert not {name for name, _ in tags.tags} & {"script", "b", "img"}
-    assert not any(key.startswith("on") for _, attributes in tags.tags for key in attributes)
+    assert not any(
+        key.startswith("on") for _, attributes in tags.tags for key in attributes
+    )
     assert [link["href"] for link in tags.named("a")] == ["#_text"]
     shown = "".join(tags.words)
     assert shown.count(" ".join(words.split())) >= 4
@@ -79,7 +79,11 @@ def test_hostile_names_stay_words(package, words):
 @given(st.text(max_size=40))
 def test_escaped_words_come_out_of_markdown_as_they_were(words):
     tokens = MarkdownIt().parse(f"x {md(words)} y")
-    assert [token.type for token in tokens] == ["paragraph_open", "inline", "paragraph_close"]
+    assert [token.type for token in tokens] == [
+        "paragraph_open",
+        "inline",
+        "paragraph_close",
+    ]
     assert {child.type for child in tokens[1].children} <= {"text", "text_special"}
     shown = "".join(child.content for child in tokens[1].children)
     assert shown.split() == re.split(r"[\s\x00-\x1f\x7f-\x9f]+", f"x {words} y")
@@ -87,19 +91,30 @@ def test_escaped_words_come_out_of_markdown_as_they_were(words):
 
 @given(st.text(max_size=40))
 def test_code_keeps_its_words(words):
-    (inline,) = (token for token in MarkdownIt().parse(f"x {code(words)} y") if token.type == "inline")
+    (inline,) = (
+        token
+        for token in MarkdownIt().parse(f"x {code(words)} y")
+        if token.type == "inline"
+    )
     assert "html_inline" not in {child.type for child in inline.children}
 
 
 def test_fence_holds_any_lines():
     tokens = MarkdownIt().parse(f"{fence('```' + chr(10) + '<b>')}\n")
-    assert [(token.type, token.content) for token in tokens] == [("fence", "```\n<b>\n")]
+    assert [(token.type, token.content) for token in tokens] == [
+        ("fence", "```\n<b>\n")
+    ]
 
 
 def test_filters_write_rates_and_links(package):
     interval = type("Made", (), {"low": 1.5e-5, "high": 1.2e-2})()
-    (package / "a.md.j2").write_text("{{ 6.64e-4|rate }} ({{ of|interval }}) [x](#{{ 'Fig. 22'|slug }})\n")
-    assert render(package.name, "a.md.j2", of=interval) == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
+    (package / "a.md.j2").write_text(
+        "{{ 6.64e-4|rate }} ({{ of|interval }}) [x](#{{ 'Fig. 22'|slug }})\n"
+    )
+    assert (
+        render(package.name, "a.md.j2", of=interval)
+        == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
+    )
 
 
 def test_a_value_that_is_not_given_is_an_error(package):
@@ -151,23 +166,40 @@ def test_a_page_holds_everything(tmp_path):
     Image.fromarray(pixels).save(tmp_path / "figures" / "fig 22.png")
     tags = Tags(html(REPORT, "Evidence", tmp_path))
     (image,) = tags.named("img")
-    assert (image["alt"], image["width"], image["height"]) == ("Rates that fall", "4", "2")
+    assert (image["alt"], image["width"], image["height"]) == (
+        "Rates that fall",
+        "4",
+        "2",
+    )
     content = base64.b64decode(image["src"].removeprefix("data:image/png;base64,"))
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
     counts = {
-        tag: len(tags.named(tag)) for tag in ("figure", "figcaption", "nav", "details", "script", "link")
+        tag: len(tags.named(tag))
+        for tag in ("figure", "figcaption", "nav", "details", "script", "link")
     }
     assert list(counts.values()) == [1, 1, 2, 2, 0, 0]
-    assert [heading.get("id") for heading in tags.named("h2")] == [None, "numbers", "numbers-1"]
+    assert [heading.get("id") for heading in tags.named("h2")] == [
+        None,
+        "numbers",
+        "numbers-1",
+    ]
     assert {"id": "summary"} in tags.named("a")
-    assert [item.get("class") for item in tags.named("li") if item.get("class")] == ["agree", "differ"]
+    assert [item.get("class") for item in tags.named("li") if item.get("class")] == [
+        "agree",
+        "differ",
+    ]
     assert [cell.get("class") for cell in tags.named("td")] == ["differ", None]
     assert [cell.get("scope") for cell in tags.named("th")] == [None, None, "row"] * 2
     assert len([box for box in tags.named("div") if box["class"] == "table"]) == 2
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"), [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")]
+    ("name", "reason"),
+    [
+        ("no.png", "write it before"),
+        ("../a.png", "leads out"),
+        ("text.png", "not a PNG"),
+    ],
 )
 def test_a_picture_that_cannot_be_shown_is_refused(tmp_path, name, reason):
     (tmp_path / "text.png").write_text("no picture")

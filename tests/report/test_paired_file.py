@@ -21,15 +21,23 @@ A_BARELY_WORSE = PairedCounts(2000, 128_000, 10, 20, 5, 8, 16, 4)
 def made_up(pairs, names=NAMES, experiment="sun", locator="truth"):
     """Curves with these comparisons; counts say nothing here."""
     values = tuple(sorted({value for *_, value in pairs}))
-    counts = {(name, value): Counts(2000, 128_000) for name in names for value in values}
+    counts = {
+        (name, value): Counts(2000, 128_000) for name in names for value in values
+    }
     stopped = dict.fromkeys(values, "frames")
-    return Curves(experiment, "ambient_lx", locator, names, values, counts, pairs, stopped)
+    return Curves(
+        experiment, "ambient_lx", locator, names, values, counts, pairs, stopped
+    )
 
 
 @pytest.fixture
 def curves():
     """Average greyscale is worse at 1000 lx; flda_2 is better than flda_3 at 2500.5 lx."""
-    pairs = {(a, b, value): EVEN for a, b in combinations(NAMES, 2) for value in (1000.0, 2500.5)}
+    pairs = {
+        (a, b, value): EVEN
+        for a, b in combinations(NAMES, 2)
+        for value in (1000.0, 2500.5)
+    }
     pairs["average_greyscale", "flda_2", 1000.0] = A_WORSE
     pairs["average_greyscale", "flda_3", 1000.0] = A_WORSE
     pairs["flda_2", "flda_3", 1000.0] = A_BARELY_WORSE
@@ -59,14 +67,21 @@ def test_a_line_for_every_two_receivers_at_every_value(tmp_path, curves):
 
 
 def test_real_says_whether_the_interval_leaves_out_0(tmp_path, curves):
-    found = {(row["value"], row["a"], row["b"]): row for row in written(tmp_path, curves)}
+    found = {
+        (row["value"], row["a"], row["b"]): row for row in written(tmp_path, curves)
+    }
     for row in found.values():
-        low, difference, high = (float(row[f"difference{end}"]) for end in ("_low", "", "_high"))
+        low, difference, high = (
+            float(row[f"difference{end}"]) for end in ("_low", "", "_high")
+        )
         assert low <= difference <= high
         assert row["real"] == str(int(low > 0 or high < 0))
     assert [row["real"] for row in found.values()] == ["1", "1", "0", "0", "0", "1"]
     # The difference is that of a less b: 200 half errors of 128000 bits more, or fewer.
-    assert float(found["1000", "average_greyscale", "flda_3"]["difference"]) == 100 / 128_000
+    assert (
+        float(found["1000", "average_greyscale", "flda_3"]["difference"])
+        == 100 / 128_000
+    )
     assert float(found["2500.5", "flda_2", "flda_3"]["difference"]) == -100 / 128_000
     barely = found["1000", "flda_2", "flda_3"]
     assert (barely["a_worse"], barely["b_worse"]) == ("5", "4")
@@ -79,7 +94,9 @@ def test_real_says_whether_the_interval_leaves_out_0(tmp_path, curves):
 
 def test_nothing_compared_is_the_header_alone(tmp_path):
     pairs = {("flda_2", "flda_3", 1.0): PairedCounts(), ("flda_2", "flda_3", 2.0): EVEN}
-    assert [row["value"] for row in written(tmp_path, made_up(pairs, NAMES[1:]))] == ["2"]
+    assert [row["value"] for row in written(tmp_path, made_up(pairs, NAMES[1:]))] == [
+        "2"
+    ]
     assert written(tmp_path, made_up({}, ("flda_3",))) == []
     assert (tmp_path / "paired.csv").read_text() == ",".join(COLUMNS) + "\n"
 
@@ -90,9 +107,18 @@ def test_nothing_compared_is_the_header_alone(tmp_path):
 def test_where_receivers_differ_for_certain(curves):
     # Seen from each of them, the same differences.
     told = {
-        "flda_3": ("average_greyscale: more errors at 1000", "flda_2: fewer errors at 2500.5"),
-        "flda_2": ("average_greyscale: more errors at 1000", "flda_3: more errors at 2500.5"),
-        "average_greyscale": ("flda_2: fewer errors at 1000", "flda_3: fewer errors at 1000"),
+        "flda_3": (
+            "average_greyscale: more errors at 1000",
+            "flda_2: fewer errors at 2500.5",
+        ),
+        "flda_2": (
+            "average_greyscale: more errors at 1000",
+            "flda_3: more errors at 2500.5",
+        ),
+        "average_greyscale": (
+            "flda_2: fewer errors at 1000",
+            "flda_3: fewer errors at 1000",
+        ),
     }
     for name, lines in told.items():
         heading, *said = compared(curves, name)

@@ -16,24 +16,37 @@ from vocc_torch.report.styles import Style, receiver_styles
 
 def lines(axes):
     """The receivers' lines by label."""
-    return {line.get_label(): line for line in axes.lines if not line.get_label().startswith("_")}
+    return {
+        line.get_label(): line
+        for line in axes.lines
+        if not line.get_label().startswith("_")
+    }
 
 
 def segments(axes):
-    return [part for bars in axes.collections for part in bars.get_segments() if len(part)]
+    return [
+        part for bars in axes.collections for part in bars.get_segments() if len(part)
+    ]
 
 
 def test_curves_stand_at_their_rates_with_their_intervals(table):
     axes = plots.ber_figure(table, "Ambient light (lx)", "Sun").axes[0]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Ambient light (lx)", "Bit error rate")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "Ambient light (lx)",
+        "Bit error rate",
+    )
     for receiver, style in receiver_styles(table.receivers).items():
         rows = table.of(receiver)
         x, y = lines(axes)[style.label].get_data()
         np.testing.assert_allclose(x, [row.value for row in rows], rtol=0.03)
-        np.testing.assert_array_equal(y, [np.nan if row.error_free else row.ber for row in rows])
+        np.testing.assert_array_equal(
+            y, [np.nan if row.error_free else row.ber for row in rows]
+        )
     for row in table:
         ends = (row.ber_low, row.ber_high)
-        assert row.error_free or any(np.allclose(part[:, 1], ends) for part in segments(axes))
+        assert row.error_free or any(
+            np.allclose(part[:, 1], ends) for part in segments(axes)
+        )
 
 
 def test_a_point_without_errors_is_an_arrow_down_from_its_limit(table):
@@ -47,7 +60,12 @@ def test_a_point_without_errors_is_an_arrow_down_from_its_limit(table):
 
 @pytest.mark.parametrize(
     ("values", "scale"),
-    [((1000, 32000), "log"), ((30, 70), "linear"), ((-5, 500), "linear"), ((4,), "linear")],
+    [
+        ((1000, 32000), "log"),
+        ((30, 70), "linear"),
+        ((-5, 500), "linear"),
+        ((4,), "linear"),
+    ],
 )
 def test_the_axis_is_logarithmic_over_more_than_a_decade(values, scale):
     drawn = BerTable([made_up_point(value, "flda_3", 5) for value in values])
@@ -58,7 +76,9 @@ def test_the_axis_is_logarithmic_over_more_than_a_decade(values, scale):
 
 
 def test_panels_share_the_axis_of_rates_and_say_why_there_is_none(table):
-    figure = plots.facet_figure([{"first": table, "second": "nothing was found"}], "Two", "note")
+    figure = plots.facet_figure(
+        [{"first": table, "second": "nothing was found"}], "Two", "note"
+    )
     _, second = figure.axes
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["first", "second"]
     assert second.texts[0].get_text() == "nothing was found"
@@ -76,7 +96,8 @@ def test_quoted_values_are_stars_of_their_curve(table):
 
 
 @pytest.mark.parametrize(
-    "draw", [lambda: plots.facet_figure([], "t", ""), lambda: plots.table_panel(BerTable())]
+    "draw",
+    [lambda: plots.facet_figure([], "t", ""), lambda: plots.table_panel(BerTable())],
 )
 def test_nothing_to_draw_is_refused(draw):
     with pytest.raises(VoccError, match="needs at least one"):
@@ -84,8 +105,17 @@ def test_nothing_to_draw_is_refused(draw):
 
 
 def test_a_saved_figure_has_its_pixels_and_all_texts_are_on_the_page(tmp_path):
-    names = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
-    crowd = BerTable([made_up_point(value, name, 30) for name in names for value in (3, 51)])
+    names = [
+        "center_greyscale",
+        "average_greyscale",
+        "flda_agr",
+        "flda_gri",
+        "flda_2",
+        "flda_3",
+    ]
+    crowd = BerTable(
+        [made_up_point(value, name, 30) for name in names for value in (3, 51)]
+    )
     figure = plots.ber_figure(crowd, "Contrast", "A title")
     plots.save_figure(figure, tmp_path / "new" / "ber.png")
     saved = np.asarray(Image.open(tmp_path / "new" / "ber.png").convert("RGB"))
@@ -97,7 +127,11 @@ def test_a_saved_figure_has_its_pixels_and_all_texts_are_on_the_page(tmp_path):
 
 def test_rows_have_their_intervals_and_hollow_markers_where_0_is_not_left_out():
     changes = [Estimate(0.02, 0.01, 0.03), Estimate(0.0, -0.01, 0.01), None]
-    panel = plots.Rows({"with": (Style("with", "#0072B2", "o", "-"), changes)}, "change", scale="symlog")
+    panel = plots.Rows(
+        {"with": (Style("with", "#0072B2", "o", "-"), changes)},
+        "change",
+        scale="symlog",
+    )
     axes = plots.rows_figure(["a", "b", "c"], [panel], "Changes").axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b", "c"]
     drawn = [line for line in axes.lines if line.get_marker() == "o"]
@@ -108,9 +142,13 @@ def test_rows_have_their_intervals_and_hollow_markers_where_0_is_not_left_out():
 
 def test_histograms_are_shares_of_each_kind_of_led():
     values = torch.tensor([[0.0], [1.0], [1.0], [3.0]])
-    axes = plots.feature_histograms(values, torch.tensor([False, True, True, True]), ["AGR"]).axes[0]
+    axes = plots.feature_histograms(
+        values, torch.tensor([False, True, True, True]), ["AGR"]
+    ).axes[0]
     shares = {patch.get_label(): patch.get_data().values for patch in axes.patches}
     assert shares["Off"].max() == 1.0
     assert shares["On"].max() == pytest.approx(2 / 3)
-    constant = plots.feature_histograms(torch.ones(10, 4), torch.arange(10) % 2 == 0, list("abcd"))
+    constant = plots.feature_histograms(
+        torch.ones(10, 4), torch.arange(10) % 2 == 0, list("abcd")
+    )
     assert [axes.get_xlabel() for axes in constant.axes] == list("abcd")

@@ -12,18 +12,26 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies import curve
 
 
-@pytest.mark.parametrize("effects", [{}, {"read_noise": {"electrons": 30.0}}], ids=["plain", "noisy"])
+@pytest.mark.parametrize(
+    "effects", [{}, {"read_noise": {"electrons": 30.0}}], ids=["plain", "noisy"]
+)
 def test_crops_are_parts_of_the_frames_that_are_counted(make_plan, effects):
     """Noise that fills the sensor is that of the whole frame."""
     plan = make_plan()
-    chain = {"photoelectrons": {"quantum_efficiency": 0.6}, **effects, "gain": {}} if effects else {}
+    chain = (
+        {"photoelectrons": {"quantum_efficiency": 0.6}, **effects, "gain": {}}
+        if effects
+        else {}
+    )
     world = make_plan(effects={**plan.world.effects, **chain}).world
     simulator, key = world.simulator(), BlockKey(0, "train", 0)
     scene, bits = world.scene.draw(key, world.panel.shape)
     keys = [FrameKey(key, frame) for frame in range(2)]
     whole = make_plan(effects=world.effects, framing="full").world.simulator()
     frames = whole.render(scene[:2], bits[:2], keys=keys).grey[:, 0].numpy()
-    for frame, crop in zip(frames, samples.crops(simulator, key, world.scene, 2), strict=True):
+    for frame, crop in zip(
+        frames, samples.crops(simulator, key, world.scene, 2), strict=True
+    ):
         (x, y), (height, width) = crop.origin_px.tolist(), crop.pixels.shape[:2]
         assert (np.diff(crop.pixels, axis=2) == 0).all()
         assert np.array_equal(crop.pixels[..., 0], frame[y : y + height, x : x + width])
@@ -39,17 +47,26 @@ def test_a_dozen_scenes_stand_on_the_page(make_plan, tmp_path):
             left = samples.MARGIN_PX + column * step
             cell = page[row : row + samples.CELL_PX, left : left + samples.CELL_PX]
             assert 60 < np.median(cell) < 130  # the background, where the page is white
-            assert (page[row : row + samples.CELL_PX, left + samples.CELL_PX + 2] == 255).all()
+            assert (
+                page[row : row + samples.CELL_PX, left + samples.CELL_PX + 2] == 255
+            ).all()
 
 
 def test_a_wide_panel_leaves_no_empty_band(make_plan):
     """Rows are as tall as what stands in them."""
     plan = make_plan()
-    crop = next(samples.crops(plan.world.simulator(), BlockKey(0, "train", 0), plan.world.scene, 1))
+    crop = next(
+        samples.crops(
+            plan.world.simulator(), BlockKey(0, "train", 0), plan.world.scene, 1
+        )
+    )
     wide = replace(crop, pixels=np.full((20, 200, 3), 90, np.uint8))
     page = np.asarray(samples.picture_of({"Wide": [("", wide)] * 7}).convert("L"))
     tall = round(samples.CELL_PX * 20 / 200)
-    assert page.shape[0] < 2 * (tall + samples.CAPTION_PX) + samples.HEAD_PX + 2 * samples.MARGIN_PX + 5
+    assert (
+        page.shape[0]
+        < 2 * (tall + samples.CAPTION_PX) + samples.HEAD_PX + 2 * samples.MARGIN_PX + 5
+    )
 
 
 def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted_nothing(
@@ -63,7 +80,10 @@ def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted
 
     monkeypatch.setattr(curve.terminal, "train_shown", ends)
     for task in ("test", "train"):
-        assert app(f"task={task}", "name=x", "device=cpu").complaint == "training is ended here"
+        assert (
+            app(f"task={task}", "name=x", "device=cpu").complaint
+            == "training is ended here"
+        )
         assert "samples.png" in there
         assert not (tmp_path / "runs" / "x").exists()
         there.clear()

@@ -26,20 +26,41 @@ def test_lines_stand_by_receiver_and_ascending_value(tmp_path, table):
     with (tmp_path / "ber.csv").open(newline="") as file:
         lines = list(csv.reader(file))
     assert tuple(lines[0]) == COLUMNS
-    assert [(line[3], line[2]) for line in lines[1:4]] == [("flda_2", v) for v in ("1000", "8000", "32000")]
+    assert [(line[3], line[2]) for line in lines[1:4]] == [
+        ("flda_2", v) for v in ("1000", "8000", "32000")
+    ]
 
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 RATES = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(sorted)
-NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\r\n\0"), max_size=8).filter(str.isprintable)
+NAMES = st.text(
+    st.characters(codec="utf-8", exclude_characters="\r\n\0"), max_size=8
+).filter(str.isprintable)
 """What is no printable character is read as an escape."""
 
 
 @settings(max_examples=25)
 @given(value=NUMBERS, rates=RATES, halves=st.integers(0, 10**15), name=NAMES)
-def test_any_numbers_and_names_survive_the_file(tmp_path_factory, value, rates, halves, name):
+def test_any_numbers_and_names_survive_the_file(
+    tmp_path_factory, value, rates, halves, name
+):
     low, ber, high = rates
-    row = Row(name, "x", value, name, "truth", 1, 64, halves / 2, ber, low, high, 10**20, 0, "a, b")
+    row = Row(
+        name,
+        "x",
+        value,
+        name,
+        "truth",
+        1,
+        64,
+        halves / 2,
+        ber,
+        low,
+        high,
+        10**20,
+        0,
+        "a, b",
+    )
     path = tmp_path_factory.mktemp("csv") / "ber.csv"
     write_table(path, BerTable([row]))
     assert read_table(path).rows == (row,)
@@ -50,7 +71,10 @@ def test_any_numbers_and_names_survive_the_file(tmp_path_factory, value, rates, 
     [
         ("", r"has no column experiment: it needs experiment, axis, "),
         ("experiment,axis\n", r"has no column value: "),
-        (",".join(COLUMNS) + "\nd,x,1,r,truth,many,64,0,0,0,0.1,0,0,frames\n", r"line 2: frames is 'many': "),
+        (
+            ",".join(COLUMNS) + "\nd,x,1,r,truth,many,64,0,0,0,0.1,0,0,frames\n",
+            r"line 2: frames is 'many': ",
+        ),
         (",".join(COLUMNS) + "\nd,x,1,r,truth,1,64,0\n", r"line 2: ber is None: "),
     ],
 )

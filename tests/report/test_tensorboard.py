@@ -19,7 +19,13 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.report import tensorboard
 from vocc_torch.report.plots import ber_figure, figure_pixels
-from vocc_torch.report.tensorboard import OUTLIERS, SUMMARY_RUN, axis_steps, swept_keys, write_boards
+from vocc_torch.report.tensorboard import (
+    OUTLIERS,
+    SUMMARY_RUN,
+    axis_steps,
+    swept_keys,
+    write_boards,
+)
 
 RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 AXES = {
@@ -54,7 +60,9 @@ def campaign(receivers=RECEIVERS):
             for value in values:
                 for receiver in receivers:
                     point = made_up_point(value, receiver, wrong, axis)
-                    points.append(replace(point, experiment=f"{axis} study", locator=locator))
+                    points.append(
+                        replace(point, experiment=f"{axis} study", locator=locator)
+                    )
                     wrong += 1
             group.append(BerTable(points))
     return tables
@@ -76,7 +84,11 @@ def text_of(events, name):
 
 def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, table):
     write_board(tmp_path, table)
-    assert {path.name for path in tmp_path.iterdir()} == {"flda_2", "flda_3", SUMMARY_RUN}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "flda_2",
+        "flda_3",
+        SUMMARY_RUN,
+    }
     for receiver in table.receivers:
         events, rows = read(tmp_path, receiver), table.of(receiver)
         wrong = [row for row in rows if not row.error_free]
@@ -92,14 +104,22 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
         }
         rates = [row.ber for row in rows]
         pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
-        ends = (("BER", pooled), ("lowest_BER", min(rates)), ("highest_BER", max(rates)))
+        ends = (
+            ("BER", pooled),
+            ("lowest_BER", min(rates)),
+            ("highest_BER", max(rates)),
+        )
         for name, rate in ends:
             assert events.Scalars(f"all_points/{name}")[0].value == pytest.approx(rate)
         for name, points in wanted.items():
             tag = f"{name}/ambient_lx"
             assert (tag in events.Tags()["scalars"]) == bool(points)
             if points:
-                found = [(step, value) for step, value in series(events, tag) if step in steps.values()]
+                found = [
+                    (step, value)
+                    for step, value in series(events, tag)
+                    if step in steps.values()
+                ]
                 placed = [(steps[value], rate) for value, rate in points]
                 np.testing.assert_allclose(found, placed, rtol=1e-6)
 
@@ -107,13 +127,21 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
 def test_no_end_of_a_chart_is_taken_for_an_outlier(tmp_path):
     """By the rule of TensorBoard's charts: the 5 % and 95 % quantiles of all values."""
     names = ("flda_agr", "flda_gri", "flda_2", "average_greyscale")
-    points = [made_up_point(value, name, 900) for name in names for value in range(1000, 33000, 1000)]
-    points += [made_up_point(2000, "flda_3", 1), made_up_point(3000, "center_greyscale", 1999)]
+    points = [
+        made_up_point(value, name, 900)
+        for name in names
+        for value in range(1000, 33000, 1000)
+    ]
+    points += [
+        made_up_point(2000, "flda_3", 1),
+        made_up_point(3000, "center_greyscale", 1999),
+    ]
     write_board(tmp_path, BerTable(points))
     values = [
         value
         for run in tmp_path.iterdir()
-        if "log10_BER/ambient_lx" in (events := read(tmp_path, run.name)).Tags()["scalars"]
+        if "log10_BER/ambient_lx"
+        in (events := read(tmp_path, run.name)).Tags()["scalars"]
         for _, value in series(events, "log10_BER/ambient_lx")
     ]
     assert np.quantile(values, OUTLIERS) == min(values)
@@ -121,13 +149,18 @@ def test_no_end_of_a_chart_is_taken_for_an_outlier(tmp_path):
 
 
 def test_the_keys_of_a_sweep_are_hyperparameters(tmp_path, table, monkeypatch):
-    overrides = SimpleNamespace(task=["task=test", "seed=3", "+scene.distance_m=50", "name=x"])
+    overrides = SimpleNamespace(
+        task=["task=test", "seed=3", "+scene.distance_m=50", "name=x"]
+    )
     job = SimpleNamespace(mode=RunMode.MULTIRUN, overrides=overrides)
     monkeypatch.setattr(tensorboard.HydraConfig, "initialized", lambda: True)
     monkeypatch.setattr(tensorboard.HydraConfig, "get", lambda: job)
     write_board(tmp_path, table)
     hparams = start_of(read(tmp_path, "flda_3")).hparams
-    assert (hparams["seed"].string_value, hparams["scene.distance_m"].string_value) == ("3", "50")
+    assert (hparams["seed"].string_value, hparams["scene.distance_m"].string_value) == (
+        "3",
+        "50",
+    )
     assert not {"name", "task"} & {*hparams}
     job.mode = RunMode.RUN
     assert swept_keys() == {}
@@ -135,20 +168,38 @@ def test_the_keys_of_a_sweep_are_hyperparameters(tmp_path, table, monkeypatch):
 
 def test_figures_pictures_and_texts_arrive_as_they_were(tmp_path, table):
     figure = ber_figure(table, "Ambient light (lx)", "Sun")
-    drawn, picture = np.random.default_rng(0).integers(0, 256, (2, 30, 40, 3), dtype=np.uint8)
-    write_board(tmp_path, table, {"ber": figure, "drawn": drawn}, {"frame": picture}, {"config": "seed: 0"})
+    drawn, picture = np.random.default_rng(0).integers(
+        0, 256, (2, 30, 40, 3), dtype=np.uint8
+    )
+    write_board(
+        tmp_path,
+        table,
+        {"ber": figure, "drawn": drawn},
+        {"frame": picture},
+        {"config": "seed: 0"},
+    )
     events = read(tmp_path, SUMMARY_RUN)
-    wanted = {"figures/ber": figure_pixels(figure), "figures/drawn": drawn, "images/frame": picture}
+    wanted = {
+        "figures/ber": figure_pixels(figure),
+        "figures/drawn": drawn,
+        "images/frame": picture,
+    }
     for tag, pixels in wanted.items():
         encoded = events.Images(tag)[0].encoded_image_string
-        np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(encoded)).convert("RGB")), pixels)
+        np.testing.assert_array_equal(
+            np.asarray(Image.open(io.BytesIO(encoded)).convert("RGB")), pixels
+        )
     assert text_of(events, "config") == "seed: 0"
 
 
 def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
     tables = campaign()
     write_boards(tmp_path, tables)
-    tags = {tag for receiver in RECEIVERS for tag in read(tmp_path, receiver).Tags()["scalars"]}
+    tags = {
+        tag
+        for receiver in RECEIVERS
+        for tag in read(tmp_path, receiver).Tags()["scalars"]
+    }
     laid_out = categories(read(tmp_path, SUMMARY_RUN))
     sections = [(group, one) for group, members in tables.items() for one in members]
     assert len(laid_out) == len(sections) == 8
@@ -157,10 +208,14 @@ def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
         curves, intervals, *limits = category.chart
         # As TensorBoard matches: lines by regular expression, bands by name.
         (pattern,) = curves.multiline.tag
-        assert [tag for tag in tags if re.match(pattern, tag)] == [f"{group}/log10_BER/{one.axis}"]
+        assert [tag for tag in tags if re.match(pattern, tag)] == [
+            f"{group}/log10_BER/{one.axis}"
+        ]
         band = intervals.margin.series[0]
         names = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
-        assert [band.value, band.lower, band.upper] == [f"{group}/{name}/{one.axis}" for name in names]
+        assert [band.value, band.lower, band.upper] == [
+            f"{group}/{name}/{one.axis}" for name in names
+        ]
         assert {band.value, band.lower, band.upper} <= tags
         assert len(limits) == any(row.error_free for row in one)
 
@@ -170,7 +225,9 @@ def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
     write_boards(tmp_path, tables)
     for receiver in RECEIVERS:
         events = read(tmp_path, receiver)
-        settings = {name: value.string_value for name, value in start_of(events).hparams.items()}
+        settings = {
+            name: value.string_value for name, value in start_of(events).hparams.items()
+        }
         experiments = ", ".join(f"{axis} study" for axis in AXES)
         assert settings == {
             "receiver": receiver,
@@ -178,14 +235,21 @@ def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
             "experiment": experiments,
             "group": "25mm-paper, 25mm-truth",
         }
-        rates = {tag for tag in events.Tags()["scalars"] if tag.startswith("all_points/")}
-        assert rates == {f"all_points/{group}/BER/{axis}" for group in tables for axis in AXES}
+        rates = {
+            tag for tag in events.Tags()["scalars"] if tag.startswith("all_points/")
+        }
+        assert rates == {
+            f"all_points/{group}/BER/{axis}" for group in tables for axis in AXES
+        }
 
 
 def test_runs_begin_in_the_order_that_gives_receivers_their_colours(tmp_path):
     # TensorBoard orders runs by their first event (core_plugin.py) and colours them in that order.
     write_boards(tmp_path, campaign(("my_cnn", *RECEIVERS)))
-    first = {path.name: read(tmp_path, path.name).FirstEventTimestamp() for path in tmp_path.iterdir()}
+    first = {
+        path.name: read(tmp_path, path.name).FirstEventTimestamp()
+        for path in tmp_path.iterdir()
+    }
     own = ["average_greyscale", "flda_2", "flda_3", "center_greyscale"]
     assert sorted(first, key=first.__getitem__) == [*own, "my_cnn", SUMMARY_RUN]
 
@@ -198,21 +262,34 @@ def test_how_to_read_names_every_step_and_every_groups_corners(tmp_path):
         "**Distance in dm** or **Contrast in thousandths**"
     )
     assert units in text
-    assert "the panel's corners come from: paper in `25mm-paper`; truth in `25mm-truth`." in text
+    assert (
+        "the panel's corners come from: paper in `25mm-paper`; truth in `25mm-truth`."
+        in text
+    )
     write_board(tmp_path / "one", campaign()["25mm-truth"][2])
     text = text_of(read(tmp_path / "one", SUMMARY_RUN), "how to read")
-    assert "is **Distance in dm**. Runs are receivers; the panel's corners come from: truth. " in text
+    assert (
+        "is **Distance in dm**. Runs are receivers; the panel's corners come from: truth. "
+        in text
+    )
 
 
-def test_a_groups_name_may_have_signs_that_mean_more_in_a_regular_expression(tmp_path, table):
+def test_a_groups_name_may_have_signs_that_mean_more_in_a_regular_expression(
+    tmp_path, table
+):
     write_boards(tmp_path, {"lx=1e+06": [table], "lx=1e106": [table]})
     tags = read(tmp_path, "flda_3").Tags()["scalars"]
     (pattern,) = categories(read(tmp_path, SUMMARY_RUN))[0].chart[0].multiline.tag
-    assert [tag for tag in tags if re.match(pattern, tag)] == ["lx=1e+06/log10_BER/ambient_lx"]
+    assert [tag for tag in tags if re.match(pattern, tag)] == [
+        "lx=1e+06/log10_BER/ambient_lx"
+    ]
 
 
 def test_writing_again_replaces_the_curve_and_leaves_other_files(tmp_path, table):
-    write_board(tmp_path, BerTable([made_up_point(500, "flda_3", 9), made_up_point(99000, "flda_3", 9)]))
+    write_board(
+        tmp_path,
+        BerTable([made_up_point(500, "flda_3", 9), made_up_point(99000, "flda_3", 9)]),
+    )
     (tmp_path / "flda_3" / "notes.txt").write_text("mine")
     write_board(tmp_path, table)
     steps = [step for step, _ in series(read(tmp_path, "flda_3"), "BER/ambient_lx")]

@@ -16,20 +16,39 @@ from vocc_torch.measure.train import Making
 from vocc_torch.report.styles import rate_text
 from vocc_torch.report.terminal import StudyView, print_table, train_shown
 
-OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
+OURS = [
+    "center_greyscale",
+    "average_greyscale",
+    "flda_agr",
+    "flda_gri",
+    "flda_2",
+    "flda_3",
+]
 
 
 def console(width=80, terminal=False, encoding="utf-8"):
     raw = io.BytesIO()
     file = io.TextIOWrapper(raw, encoding=encoding, newline="", write_through=True)
-    made = Console(file=file, width=width, height=24, force_terminal=terminal, _environ={"TERM": "xterm"})
+    made = Console(
+        file=file,
+        width=width,
+        height=24,
+        force_terminal=terminal,
+        _environ={"TERM": "xterm"},
+    )
     return made, lambda: raw.getvalue().decode(encoding)
 
 
 def crowd():
     wrong = (150, 70, 40, 12, 4, 0)
     values = (1000, 2000, 4000, 8000, 16000, 32000)
-    return BerTable([made_up_point(v, name, n) for v in values for name, n in zip(OURS, wrong, strict=True)])
+    return BerTable(
+        [
+            made_up_point(v, name, n)
+            for v in values
+            for name, n in zip(OURS, wrong, strict=True)
+        ]
+    )
 
 
 @pytest.mark.parametrize("width", [200, 100, 80, 66, 60, 44])
@@ -48,7 +67,13 @@ def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
     screen, text = console()
     print_table(table, screen)
     assert "\x1b" not in text()
-    for part in ("2000 frames a point", "locator: truth", "95 %", "< 4.7e-5", "no error"):
+    for part in (
+        "2000 frames a point",
+        "locator: truth",
+        "95 %",
+        "< 4.7e-5",
+        "no error",
+    ):
         assert part in " ".join(text().split())
 
 
@@ -60,30 +85,40 @@ def test_ascii_output_stays_ascii(table):
     assert text().isascii()
 
 
-def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twice(table):
+def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twice(
+    table,
+):
     screen, text = console(width=40)
     with StudyView("ambient_lx", table.values, table.receivers, 2000, screen) as view:
         for value in table.values:
             view.count(1000)
             view.show([made_up_point(value, "flda_3", 1)])
             view.count(1000)
-            view.finish([made_up_point(value, receiver, 5) for receiver in table.receivers])
+            view.finish(
+                [made_up_point(value, receiver, 5) for receiver in table.receivers]
+            )
     assert text().splitlines() == [
-        f"ambient_lx={value}: 2000 frames, the whole budget" for value in (1000, 8000, 32000)
+        f"ambient_lx={value}: 2000 frames, the whole budget"
+        for value in (1000, 8000, 32000)
     ]
 
 
 def test_why_a_point_stopped_is_said_in_words():
     screen, text = console()
     with StudyView("x", [1.0], ["a"], 64, screen) as view:
-        view.finish([replace(made_up_point(1, "a", 5, axis="x"), stopped_by="precision")])
+        view.finish(
+            [replace(made_up_point(1, "a", 5, axis="x"), stopped_by="precision")]
+        )
     assert "the precision asked for" in text()
 
 
 def test_the_live_table_and_the_finished_one_state_the_same_limit(table):
     """A limit takes wrong frames to be as at the receiver's other points: two wrong bits, not one."""
     screen, text = console(width=100, terminal=True)
-    points = [made_up_point(value, "flda_3", wrong) for value, wrong in ((1000, 100), (8000, 0))]
+    points = [
+        made_up_point(value, "flda_3", wrong)
+        for value, wrong in ((1000, 100), (8000, 0))
+    ]
     with StudyView("ambient_lx", [1000.0, 8000.0], ["flda_3"], 2000, screen) as view:
         for point in points:
             view.finish([point])
@@ -95,7 +130,9 @@ def test_the_live_table_and_the_finished_one_state_the_same_limit(table):
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch, terminal):
+def test_training_shows_its_progress_and_says_how_many_frames_it_saw(
+    monkeypatch, terminal
+):
     def trained(plan, progress):
         progress(250)
         progress(250)
@@ -103,7 +140,10 @@ def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch
         return SimpleNamespace(frames=500, missed=3, made=made)
 
     monkeypatch.setattr(import_module("vocc_torch.measure.train"), "train", trained)
-    budget, receiver = SimpleNamespace(training_frames=500, trainings=1), SimpleNamespace(classifiers=())
+    budget, receiver = (
+        SimpleNamespace(training_frames=500, trainings=1),
+        SimpleNamespace(classifiers=()),
+    )
     screen, text = console(terminal=terminal)
     train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)
     last = "trained on 500 frames, 3 without a located panel left out\ntrained svm on 497 frames in 12 s\n"
@@ -133,7 +173,10 @@ def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
 
 def test_the_view_ends_cleanly_when_the_study_fails():
     screen, text = console(terminal=True)
-    with pytest.raises(RuntimeError, match="broken"), StudyView("x", [1.0], ["a"], 64, screen):
+    with (
+        pytest.raises(RuntimeError, match="broken"),
+        StudyView("x", [1.0], ["a"], 64, screen),
+    ):
         raise RuntimeError("broken")
     assert "\x1b[?25h" in text()  # the cursor is back
 
@@ -157,13 +200,21 @@ def test_values_that_are_run_together_are_one_run():
     view = StudyView("contrast", [0.1, 0.2], ["flda_3"], 1000, screen, runs=1)
     task = view._bar.tasks[0]
     view.count(1000)
-    view.finish([made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)])
+    view.finish(
+        [made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)]
+    )
     assert (task.description, task.completed, task.total) == ("contrast", 1000, 1000)
 
 
 def test_a_dumb_terminal_gets_plain_lines():
     file = io.StringIO()
-    screen = Console(file=file, force_terminal=True, width=80, color_system=None, _environ={"TERM": "dumb"})
+    screen = Console(
+        file=file,
+        force_terminal=True,
+        width=80,
+        color_system=None,
+        _environ={"TERM": "dumb"},
+    )
     with StudyView("x", [1.0], ["a"], 64, screen) as view:
         view.finish([made_up_point(1, "a", 5, axis="x")])
     assert file.getvalue() == "x=1: 2000 frames, the whole budget\n"

@@ -41,12 +41,23 @@ def shot(effects, batch=None, frames=2, **settings):
 
 def test_the_eyes_sensitivity_is_the_tabulated_one():
     """CIE 1924, photopic."""
-    table = {450: 0.038, 480: 0.13902, 510: 0.503, 530: 0.862, 555: 1.0, 580: 0.870, 610: 0.503, 650: 0.107}
+    table = {
+        450: 0.038,
+        480: 0.13902,
+        510: 0.503,
+        530: 0.862,
+        555: 1.0,
+        580: 0.870,
+        610: 0.503,
+        650: 0.107,
+    }
     told = luminous_efficiency(np.array(list(table), dtype=np.float64))
     np.testing.assert_allclose(told, list(table.values()), atol=0.01)
 
 
-@pytest.mark.parametrize(("peak_nm", "width_nm"), [(630.0, 20.0), (525.0, 35.0), (470.0, 25.0)])
+@pytest.mark.parametrize(
+    ("peak_nm", "width_nm"), [(630.0, 20.0), (525.0, 35.0), (470.0, 25.0)]
+)
 def test_shares_are_the_integrals_over_the_spectra(peak_nm, width_nm):
     sigma = width_nm / math.sqrt(8 * math.log(2))
 
@@ -54,15 +65,23 @@ def test_shares_are_the_integrals_over_the_spectra(peak_nm, width_nm):
         return math.exp(-0.5 * ((nm - peak_nm) / sigma) ** 2)
 
     def day(nm):
-        return nm**-5 / math.expm1(6.62607015e-34 * 299792458 / (1.380649e-23 * 6500 * nm * 1e-9)) * 1e12
+        return (
+            nm**-5
+            / math.expm1(6.62607015e-34 * 299792458 / (1.380649e-23 * 6500 * nm * 1e-9))
+            * 1e12
+        )
 
     def eye(nm):
         return float(luminous_efficiency(np.array([nm]))[0])
 
     def over(*parts):
-        return integrate.quad(lambda nm: math.prod(part(nm) for part in parts), 360, 780, limit=300)[0]
+        return integrate.quad(
+            lambda nm: math.prod(part(nm) for part in parts), 360, 780, limit=300
+        )[0]
 
-    for sensitivity, told in zip(SENSITIVITIES_NM, channel_shares(peak_nm, width_nm), strict=True):
+    for sensitivity, told in zip(
+        SENSITIVITIES_NM, channel_shares(peak_nm, width_nm), strict=True
+    ):
 
         def seen(nm, sensitivity=sensitivity):
             return math.exp(-0.5 * ((nm - sensitivity[0]) / sensitivity[1]) ** 2)
@@ -74,7 +93,9 @@ def test_shares_are_the_integrals_over_the_spectra(peak_nm, width_nm):
 def test_luma_is_pillows_to_the_last_bit():
     colour = np.random.default_rng(0).integers(256, size=(300, 300, 3), dtype=np.uint8)
     told = luma_of(torch.from_numpy(colour).movedim(-1, 0).unsqueeze(0))
-    assert np.array_equal(told[0, 0].numpy(), np.asarray(Image.fromarray(colour).convert("L")))
+    assert np.array_equal(
+        told[0, 0].numpy(), np.asarray(Image.fromarray(colour).convert("L"))
+    )
 
 
 def test_white_leds_by_daylight_are_grey_and_as_without_colour():
@@ -92,10 +113,16 @@ def test_each_channel_is_a_grey_scene_whose_leds_shine_as_it_sees_them():
     seen = shot(effects, dtype=torch.float64)
     shares = channel_shares(525.0, 20.0)
     bits = torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
-    plain = Simulator(CAMERA, effects={"attenuation": {"visibility_m": 200.0}} | RAW, dtype=torch.float64)
+    plain = Simulator(
+        CAMERA,
+        effects={"attenuation": {"visibility_m": 200.0}} | RAW,
+        dtype=torch.float64,
+    )
     for channel, share in enumerate(shares):
         scene = Scene.of(2, ambient_lx=8000.0, led_luminance_cd_m2=3000.0 * share)
-        torch.testing.assert_close(seen.colour[:, channel], plain.render(scene, bits).grey[:, 0])
+        torch.testing.assert_close(
+            seen.colour[:, channel], plain.render(scene, bits).grey[:, 0]
+        )
 
 
 THREE = {"peak_nm": 630, "second_nm": 525, "third_nm": 470, "third_share": 0.2}
@@ -105,18 +132,28 @@ def test_light_of_several_colours_is_the_sum_of_the_light_of_each():
     """Every pixel of every channel, in linear light, by scenes of one colour that send the same bits."""
     keys = [FrameKey(BlockKey(0, "colour", 0), frame) for frame in range(2)]
     dark = torch.zeros(2, 8, 8, dtype=torch.bool)
-    scene, first = Scene.of(2), torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
+    scene, first = (
+        Scene.of(2),
+        torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5,
+    )
 
     def light(colour, bits, share=1.0):
         lit = Scene.of(2, led_luminance_cd_m2=3000.0 * share)
-        camera = Simulator(CAMERA, effects=RAW | {"colour": colour}, dtype=torch.float64)
+        camera = Simulator(
+            CAMERA, effects=RAW | {"colour": colour}, dtype=torch.float64
+        )
         return camera.render(lit, bits, keys=keys).colour ** CAMERA.gamma
 
     camera = Simulator(CAMERA, effects=RAW | {"colour": THREE}, dtype=torch.float64)
     more = camera.further_bits(scene, keys)
     assert [*more] == ["second", "third"]
-    base, parts = light({}, dark), ((630, first, 1.0), (525, more["second"], 1.0), (470, more["third"], 0.2))
-    wanted = base + sum(light({"peak_nm": nm}, bits, share) - base for nm, bits, share in parts)
+    base, parts = (
+        light({}, dark),
+        ((630, first, 1.0), (525, more["second"], 1.0), (470, more["third"], 0.2)),
+    )
+    wanted = base + sum(
+        light({"peak_nm": nm}, bits, share) - base for nm, bits, share in parts
+    )
     torch.testing.assert_close(light(THREE, first), wanted)
 
 
@@ -131,7 +168,9 @@ def test_each_colour_sends_bits_of_its_own_alike_for_every_batch():
     )
     world = vt.load_scene("paper", *words, *more)
     (whole,), parts = vt.simulate(world, 12), list(vt.simulate(world, 12, batch=5))
-    assert torch.equal(whole.frames.colour, torch.cat([one.frames.colour for one in parts]))
+    assert torch.equal(
+        whole.frames.colour, torch.cat([one.frames.colour for one in parts])
+    )
     sent = [whole.bits, *whole.further.values()]
     for name, bits in whole.further.items():
         assert torch.equal(bits, torch.cat([one.further[name] for one in parts]))
@@ -154,16 +193,27 @@ def test_further_colours_change_nothing_of_the_first(stuck):
     """Of no light to speak of they leave every pixel; and a blind camera of theirs sees the first alone."""
     plain = shot(PAPER_EFFECTS | stuck | {"colour": {"peak_nm": ["uniform", 470, 630]}})
     more = {"peak_nm": ["uniform", 470, 630], "second_nm": 600, "second_share": 1e-9}
-    assert torch.equal(plain.colour, shot(PAPER_EFFECTS | stuck | {"colour": more}).colour)
+    assert torch.equal(
+        plain.colour, shot(PAPER_EFFECTS | stuck | {"colour": more}).colour
+    )
 
 
 @pytest.mark.parametrize(
     ("colour", "said"),
     [
-        ({"second_nm": 399}, "second_nm is 399: it must be at least 400 and at most 700"),
+        (
+            {"second_nm": 399},
+            "second_nm is 399: it must be at least 400 and at most 700",
+        ),
         ({"third_nm": ["uniform", 600, 701]}, "third_nm is 701"),
-        ({"second_nm": 525, "second_share": 0}, "second_share is 0: it must be above 0"),
-        ({"second_nm": 525, "third_share": 0.5}, "third_share is 0.5: it must be left out without third_nm"),
+        (
+            {"second_nm": 525, "second_share": 0},
+            "second_share is 0: it must be above 0",
+        ),
+        (
+            {"second_nm": 525, "third_share": 0.5},
+            "third_share is 0.5: it must be left out without third_nm",
+        ),
         ({"fourth_nm": 590}, "fourth_nm is not a known parameter"),
     ],
 )
@@ -175,7 +225,9 @@ def test_colours_that_cannot_be_are_refused_by_name(colour, said):
 @pytest.mark.parametrize("word", ["red", "green", "blue"])
 def test_the_grey_that_receivers_read_is_the_channel_that_is_asked_for(word):
     seen = shot(PAPER_EFFECTS | {"colour": {"peak_nm": 590, "grey": word}})
-    assert torch.equal(seen.grey[:, 0], seen.colour[:, ("red", "green", "blue").index(word)])
+    assert torch.equal(
+        seen.grey[:, 0], seen.colour[:, ("red", "green", "blue").index(word)]
+    )
     with pytest.raises(VoccError, match=r"scene.effects.colour.grey is 'max'"):
         Colour(grey="max")
 
@@ -189,7 +241,9 @@ def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     raw = shot(coloured | {"bayer": {}}, framing="full")
     assert raw.colour is None
     one = shot({**NOISE, "bayer": {}}, framing="full")
-    assert torch.equal(raw.grey, one.grey)  # white LEDs before a mosaic: as without colour
+    assert torch.equal(
+        raw.grey, one.grey
+    )  # white LEDs before a mosaic: as without colour
 
 
 @pytest.mark.parametrize(
@@ -205,28 +259,43 @@ def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     ids=lambda noise: next(iter(noise)),
 )
 def test_every_noise_is_another_in_each_channel(noise):
-    quiet = {"photoelectrons": {"quantum_efficiency": 0.6}, "gain": {}, "colour": {"white": 1.0}}
-    planes = shot(quiet | noise, framing="full", dtype=torch.float64).colour[0, :, :, :30]
+    quiet = {
+        "photoelectrons": {"quantum_efficiency": 0.6},
+        "gain": {},
+        "colour": {"white": 1.0},
+    }
+    planes = shot(quiet | noise, framing="full", dtype=torch.float64).colour[
+        0, :, :, :30
+    ]
     rows = planes.mean(2) if "row_noise" in noise else planes.flatten(1)
     assert np.abs(np.corrcoef(rows.numpy()) - np.eye(3)).max() < 0.3
     assert float(rows.std(dim=1).min()) > 0
 
 
 def test_a_raw_mosaic_has_no_channel_to_read():
-    with pytest.raises(VoccError, match=r"scene.effects.colour.grey is 'red': it must be luma, or with"):
+    with pytest.raises(
+        VoccError, match=r"scene.effects.colour.grey is 'red': it must be luma, or with"
+    ):
         Simulator(effects=PAPER_EFFECTS | {"colour": {"grey": "red"}, "bayer": {}})
 
 
 def test_a_mosaic_takes_of_each_channel_what_its_filter_lets_through():
-    planes = shot(RAW | {"colour": {"peak_nm": 630}}, framing="full", dtype=torch.float64).colour
-    raw = shot(RAW | {"colour": {"peak_nm": 630}, "bayer": {}}, framing="full", dtype=torch.float64).grey[
-        :, 0
-    ]
+    planes = shot(
+        RAW | {"colour": {"peak_nm": 630}}, framing="full", dtype=torch.float64
+    ).colour
+    raw = shot(
+        RAW | {"colour": {"peak_nm": 630}, "bayer": {}},
+        framing="full",
+        dtype=torch.float64,
+    ).grey[:, 0]
     filters = {(0, 0): (0, 0.5), (0, 1): (1, 1.0), (1, 0): (1, 1.0), (1, 1): (2, 0.625)}
     for (row, column), (channel, share) in filters.items():
         wanted = planes[:, channel, row::2, column::2] * share ** (1 / CAMERA.gamma)
         torch.testing.assert_close(raw[:, row::2, column::2], wanted)
-    seen = shot(RAW | {"colour": {"peak_nm": 630}, "bayer": {}, "demosaicing": {}}, framing="full")
+    seen = shot(
+        RAW | {"colour": {"peak_nm": 630}, "bayer": {}, "demosaicing": {}},
+        framing="full",
+    )
     flat = seen.colour[0, :, 4:12, 4:12]
     torch.testing.assert_close(flat, flat.mean().expand_as(flat))  # daylight stays grey
     assert float(seen.colour[0, 0].max()) > 1.1 * float(seen.colour[0, 1].max())

@@ -11,11 +11,18 @@ import yaml
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera
-from vocc_torch.simulation.effects import PHYSICAL_ORDER, Context, Quantity, build_effects
+from vocc_torch.simulation.effects import (
+    PHYSICAL_ORDER,
+    Context,
+    Quantity,
+    build_effects,
+)
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Scene
 
-PARTS = yaml.safe_load((Path(__file__).parents[2] / "conf/task/effects.yaml").read_text())["effects"]["parts"]
+PARTS = yaml.safe_load(
+    (Path(__file__).parents[2] / "conf/task/effects.yaml").read_text()
+)["effects"]["parts"]
 """By an effect's name, that effect and what it needs besides: an effect that is added there is tried here."""
 # The sensor here is small, and the light dim.
 for _name, _own in {
@@ -30,7 +37,9 @@ for _name, _own in {
     "leaves": {"count": 30},
 }.items():
     PARTS[_name][_name] |= _own
-PARAMETERS = {name: own for part in (PAPER_EFFECTS, *PARTS.values()) for name, own in part.items()}
+PARAMETERS = {
+    name: own for part in (PAPER_EFFECTS, *PARTS.values()) for name, own in part.items()
+}
 KINDS = {kind.name: kind for kind in PHYSICAL_ORDER}
 NO_GRADIENT = {"shot_noise", "quantization", "jpeg"}
 CAMERA = Camera(width_px=96, height_px=64, sensor_width_mm=13.2 * 96 / 1920)
@@ -55,7 +64,9 @@ def context_of(chain, frames=2, distance_m=(40.0, 47.0)):
     """Frames of a small sensor with keys of their own."""
     scene = Scene.cat([Scene.of(distance_m=d) for d in distance_m[:frames]])
     keys = [FrameKey(BlockKey(0, "every", 0), frame) for frame in range(frames)]
-    return Context(scene, CAMERA, keys, torch.zeros(frames, 2, dtype=torch.int64), chain)
+    return Context(
+        scene, CAMERA, keys, torch.zeros(frames, 2, dtype=torch.int64), chain
+    )
 
 
 def given(kind, frames=2, dtype=torch.float64):
@@ -109,13 +120,17 @@ def test_an_effect_carries_the_gradient_of_light_or_says_that_it_does_not(name):
     (grad,) = torch.autograd.grad((out * weight).sum(), value)
     step = 1e-6 * float(value.detach().abs().max())
     with torch.no_grad():
-        ahead, behind = (effect(value + sign * step * slope, context) for sign in (1, -1))
+        ahead, behind = (
+            effect(value + sign * step * slope, context) for sign in (1, -1)
+        )
     change = float(((ahead - behind) * weight).sum()) / (2 * step)
     assert math.isclose(float((grad * slope).sum()), change, rel_tol=2e-5, abs_tol=1e-7)
 
 
 @every
-def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their_own(name):
+def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their_own(
+    name,
+):
     effect, chain = build(name)
     if not effect.sampled:
         return
@@ -126,7 +141,14 @@ def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their
         keys = [FrameKey(key, start + frame, take) for frame in range(2)]
         return effect(value, replace(context_of(chain), keys=keys))
 
-    anew = ("shot_noise", "read_noise", "row_noise", "second_panel", "rolling_shutter", "multiplexing")
+    anew = (
+        "shot_noise",
+        "read_noise",
+        "row_noise",
+        "second_panel",
+        "rolling_shutter",
+        "multiplexing",
+    )
     assert same(seen(), seen("on")) == (name not in anew)
     for other in ({"start": 2}, {"block": 1}, {"point": "other"}):
         assert (not same(seen(), seen(**other))) != of_sensor
@@ -146,7 +168,10 @@ def test_a_frame_does_not_depend_on_its_batch_and_what_is_given_stays_as_it_is(n
     assert torch.equal(value, before)
     for row in (slice(0, 1), slice(1, 2)):
         alone = replace(
-            context, scene=context.scene[row], keys=context.keys[row], origin_px=context.origin_px[row]
+            context,
+            scene=context.scene[row],
+            keys=context.keys[row],
+            origin_px=context.origin_px[row],
         )
         assert torch.equal(effect(value[row], alone), together[row])
 
@@ -159,5 +184,7 @@ def test_an_effect_says_whether_it_draws_random_numbers(name):
     if not effect.sampled:
         effect(given(KINDS[name]), keyless)
         return
-    with pytest.raises(VoccError, match=rf"scene\.effects\.{name} draws random numbers"):
+    with pytest.raises(
+        VoccError, match=rf"scene\.effects\.{name} draws random numbers"
+    ):
         effect(given(KINDS[name]), keyless)

@@ -15,7 +15,12 @@ from scipy import stats
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.effects.background import BackgroundTexture, Lamps, SecondPanel, power_law_noise
+from vocc_torch.simulation.effects.background import (
+    BackgroundTexture,
+    Lamps,
+    SecondPanel,
+    power_law_noise,
+)
 from vocc_torch.simulation.effects.base import Context
 from vocc_torch.simulation.effects.light import (
     Airlight,
@@ -37,10 +42,15 @@ BOARD = LedPanel(shape=PanelShape(rows=4, columns=6), board_reflectance=0.05)
 
 def keys(frames, *, take="frame", start=0):
     names = range(start, start + frames)
-    return [FrameKey(BlockKey(0, "traffic", index // 64), index % 64, take) for index in names]
+    return [
+        FrameKey(BlockKey(0, "traffic", index // 64), index % 64, take)
+        for index in names
+    ]
 
 
-def context(scene, *effects, camera=SMALL, take="frame", origin=None, start=0, panel=None):
+def context(
+    scene, *effects, camera=SMALL, take="frame", origin=None, start=0, panel=None
+):
     named = keys(len(scene), take=take, start=start)
     return Context(scene, camera, named, origin, effects, panel or LedPanel())
 
@@ -54,13 +64,18 @@ def scenes(frames, seed=0):
 
 def plane(frames, seed=5, dtype=DOUBLE, size=SMALL.sensor_px):
     """Luminance, different in every pixel."""
-    return torch.from_numpy(np.random.default_rng(seed).uniform(100, 3000, (frames, 1, *size))).to(dtype)
+    return torch.from_numpy(
+        np.random.default_rng(seed).uniform(100, 3000, (frames, 1, *size))
+    ).to(dtype)
 
 
 def panel_px(scene, frame):
     """Left, top, right and bottom edge of the panel's cells by the pinhole camera."""
     scale = SMALL.focal_length_px / float(scene.distance_m[frame])
-    x, y = 60 + float(scene.offset_x_m[frame]) * scale, 40 + float(scene.offset_y_m[frame]) * scale
+    x, y = (
+        60 + float(scene.offset_x_m[frame]) * scale,
+        40 + float(scene.offset_y_m[frame]) * scale,
+    )
     return x - 0.24 * scale, y - 0.24 * scale, x + 0.24 * scale, y + 0.24 * scale
 
 
@@ -82,20 +97,31 @@ def test_a_rectangle_is_where_its_stream_says_with_sharp_level_sides():
         left, top, right, bottom = panel_px(scene, frame)
         across, down = key.generator("effect.occlusion", of_scene=True).random(2)
         middle_x, middle_y = left + across * (right - left), top + down * (bottom - top)
-        inside_x = (abs(x - middle_x) < 0.2 * (right - left)).reshape(-1, 60).mean(axis=1)
-        inside_y = (abs(y - middle_y) < 0.75 * (bottom - top)).reshape(-1, 60).mean(axis=1)
-        np.testing.assert_allclose(ours[frame], inside_y[:, None] * inside_x, atol=2 / 60)
+        inside_x = (
+            (abs(x - middle_x) < 0.2 * (right - left)).reshape(-1, 60).mean(axis=1)
+        )
+        inside_y = (
+            (abs(y - middle_y) < 0.75 * (bottom - top)).reshape(-1, 60).mean(axis=1)
+        )
+        np.testing.assert_allclose(
+            ours[frame], inside_y[:, None] * inside_x, atol=2 / 60
+        )
 
 
 def test_what_is_hidden_has_the_rectangles_luminance_and_the_rest_its_own():
     """LEDs too: 0.04 E / pi in daylight, whatever was behind."""
     scene, light = scenes(6), plane(6)
-    ours, share = Occlusion(0.5, 0.8)(light, context(scene)), hidden(Occlusion(0.5, 0.8), context(scene))
+    ours, share = (
+        Occlusion(0.5, 0.8)(light, context(scene)),
+        hidden(Occlusion(0.5, 0.8), context(scene)),
+    )
     wanted = (0.04 * scene.ambient_lx / math.pi).tolist()
     for frame in range(6):
         whole, free = share[frame] == 1, share[frame] == 0
         assert int(whole.sum()) > 50
-        np.testing.assert_allclose(ours[frame, 0][whole].numpy(), wanted[frame], rtol=1e-14)
+        np.testing.assert_allclose(
+            ours[frame, 0][whole].numpy(), wanted[frame], rtol=1e-14
+        )
         assert torch.equal(ours[frame, 0][free], light[frame, 0][free])
         between = share[frame] * wanted[frame] + (1 - share[frame]) * light[frame, 0]
         torch.testing.assert_close(ours[frame, 0], between, rtol=1e-12, atol=0)
@@ -108,7 +134,9 @@ def test_the_rectangle_is_about_the_panels_image_where_the_panel_is_turned():
     for pose, area in ((Pose(yaw_deg=60.0), 0.125), (Pose(roll_deg=45.0), 0.5)):
         where = context(scene, pose, camera=near)
         side = 0.48 * near.focal_length_px / 3000.0
-        assert float(hidden(effect, where).sum()) == pytest.approx(area * side**2, rel=1e-3)
+        assert float(hidden(effect, where).sum()) == pytest.approx(
+            area * side**2, rel=1e-3
+        )
 
 
 # Second panel
@@ -116,7 +144,9 @@ def test_the_rectangle_is_about_the_panels_image_where_the_panel_is_turned():
 
 def luminance(grey, scene, panel):
     """Undo Eqs 1 and 2 where auto-ISO has met its target: grey is the background's at its luminance."""
-    background = (panel.background_reflectance * scene.ambient_lx / math.pi).view(-1, 1, 1, 1)
+    background = (panel.background_reflectance * scene.ambient_lx / math.pi).view(
+        -1, 1, 1, 1
+    )
     return background * (grey / scene.background_grey.view(-1, 1, 1, 1)) ** 2.2
 
 
@@ -129,7 +159,12 @@ def its_bits(frames, shape, *, take="frame"):
     """The second panel's bits: the first that its own stream gives."""
     streams = (key.generator("effect.second_panel") for key in keys(frames, take=take))
     return torch.from_numpy(
-        np.stack([s.integers(2, size=(shape.rows, shape.columns), dtype=np.uint8) for s in streams])
+        np.stack(
+            [
+                s.integers(2, size=(shape.rows, shape.columns), dtype=np.uint8)
+                for s in streams
+            ]
+        )
     ).bool()
 
 
@@ -144,16 +179,22 @@ def ours_there(scene, panel, effects, *, share=1.0, moved_m=(0.0, 0.0, 0.0)):
         led_luminance_cd_m2=scene.led_luminance_cd_m2 * share,
     )
     simulator = Simulator(SMALL, panel, effects, framing="full", dtype=DOUBLE)
-    frames = simulator.render(moved, its_bits(len(scene), panel.shape), keys=keys(len(scene)))
+    frames = simulator.render(
+        moved, its_bits(len(scene), panel.shape), keys=keys(len(scene))
+    )
     return luminance(frames.grey, scene, panel)
 
 
 @pytest.mark.parametrize("panel", [LedPanel(), BOARD], ids=["see-through", "board"])
-@pytest.mark.parametrize(("x", "y", "share"), [(0.6, 0.2, 1.0), (-0.5, -0.6, 0.3), (0.3, 0.55, 4.0)])
+@pytest.mark.parametrize(
+    ("x", "y", "share"), [(0.6, 0.2, 1.0), (-0.5, -0.6, 0.3), (0.3, 0.55, 4.0)]
+)
 def test_it_is_the_picture_of_our_own_panel_at_that_place(panel, x, y, share):
     """Also where the sensor's border cuts it."""
     scene = scenes(5)
-    seen = SecondPanel(x, y, share)(background(scene, panel), context(scene, panel=panel))
+    seen = SecondPanel(x, y, share)(
+        background(scene, panel), context(scene, panel=panel)
+    )
     wanted = ours_there(scene, panel, {}, share=share, moved_m=(x, y, 0.0))
     assert bool((wanted > 1.5 * background(scene, panel)).any())
     torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
@@ -162,13 +203,19 @@ def test_it_is_the_picture_of_our_own_panel_at_that_place(panel, x, y, share):
 def test_it_is_dimmed_by_the_scenes_attenuation_just_as_ours_is():
     scene, air = scenes(3), Attenuation(visibility_m=120.0)
     seen = SecondPanel(0.6)(background(scene, BOARD), context(scene, air, panel=BOARD))
-    wanted = ours_there(scene, BOARD, {"attenuation": {"visibility_m": 120.0}}, moved_m=(0.6, 0, 0))
+    wanted = ours_there(
+        scene, BOARD, {"attenuation": {"visibility_m": 120.0}}, moved_m=(0.6, 0, 0)
+    )
     torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
 
 
 def test_where_airlight_is_named_the_light_is_left_for_it_to_dim():
     """Once: the light leaves the effect as in clear air, and Koschmieder's factor takes the rest."""
-    scene, fog, air = scenes(3), Airlight(visibility_m=120.0), Attenuation(visibility_m=120.0)
+    scene, fog, air = (
+        scenes(3),
+        Airlight(visibility_m=120.0),
+        Attenuation(visibility_m=120.0),
+    )
     effect, ground = SecondPanel(0.6), background(scene, LedPanel())
     clear = effect(ground, context(scene))
     for effects in ((fog,), (air, fog), (fog, air)):
@@ -178,7 +225,9 @@ def test_where_airlight_is_named_the_light_is_left_for_it_to_dim():
             SecondPanel(0.6, luminance_share=1e-12)(ground, where), where
         )
         kept = torch.exp(-3.912 * scene.distance_m / 120.0).view(-1, 1, 1, 1)
-        shining = clear - SecondPanel(0.6, luminance_share=1e-12)(ground, context(scene))
+        shining = clear - SecondPanel(0.6, luminance_share=1e-12)(
+            ground, context(scene)
+        )
         torch.testing.assert_close(own, kept * shining, rtol=2e-5, atol=1e-6)
 
 
@@ -186,7 +235,10 @@ def test_where_airlight_is_named_the_light_is_left_for_it_to_dim():
     ("effects", "step"),
     [
         ({"lens_distortion": {"k1": -4.0}}, (1.0, 0.0)),
-        ({"pose": {"yaw_deg": 50.0}}, (math.cos(math.radians(50)), math.sin(math.radians(50)))),
+        (
+            {"pose": {"yaw_deg": 50.0}},
+            (math.cos(math.radians(50)), math.sin(math.radians(50))),
+        ),
     ],
     ids=["distorted", "turned"],
 )
@@ -196,7 +248,9 @@ def test_it_stands_in_our_panels_plane_and_is_seen_by_the_same_lens(effects, ste
     objects = {"lens_distortion": LensDistortion, "pose": Pose}
     named = [objects[name](**parameters) for name, parameters in effects.items()]
     seen = SecondPanel(0.7)(background(scene, LedPanel()), context(scene, *named))
-    wanted = ours_there(scene, LedPanel(), effects, moved_m=(0.7 * step[0], 0.0, 0.7 * step[1]))
+    wanted = ours_there(
+        scene, LedPanel(), effects, moved_m=(0.7 * step[0], 0.0, 0.7 * step[1])
+    )
     torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
     apart = SecondPanel(0.7)(background(scene, LedPanel()), context(scene))
     assert float((seen - apart).abs().max()) > 50
@@ -205,16 +259,24 @@ def test_it_stands_in_our_panels_plane_and_is_seen_by_the_same_lens(effects, ste
 def test_it_sends_data_of_its_own_in_every_picture():
     """As many On as Off; a preamble sees other data than the frame, at the same place."""
     scene = Scene.of(200, distance_m=60.0)
-    bits = {take: its_bits(200, LedPanel().shape, take=take) for take in ("frame", "on")}
-    assert stats.binomtest(int(bits["frame"].sum()), bits["frame"].numel()).pvalue > 1e-4
+    bits = {
+        take: its_bits(200, LedPanel().shape, take=take) for take in ("frame", "on")
+    }
+    assert (
+        stats.binomtest(int(bits["frame"].sum()), bits["frame"].numel()).pvalue > 1e-4
+    )
     same = int((bits["frame"] == bits["on"]).sum())
     assert stats.binomtest(same, bits["on"].numel()).pvalue > 1e-4
     one, dark = scene[:3], torch.zeros(3, 1, *SMALL.sensor_px, dtype=DOUBLE)
-    pictures = [SecondPanel(0.6)(dark, context(one, take=take)) for take in ("frame", "on")]
+    pictures = [
+        SecondPanel(0.6)(dark, context(one, take=take)) for take in ("frame", "on")
+    ]
     assert not torch.equal(*pictures)
     reflected = 0.4 * 8000 / math.pi
     assert torch.equal(*(picture > 0 for picture in pictures))
-    assert all(float(picture.amax()) == pytest.approx(reflected + 3000) for picture in pictures)
+    assert all(
+        float(picture.amax()) == pytest.approx(reflected + 3000) for picture in pictures
+    )
 
 
 @pytest.mark.parametrize("panel", [LedPanel(), BOARD], ids=["see-through", "board"])
@@ -225,9 +287,14 @@ def test_it_sends_data_of_its_own_in_every_picture():
 )
 def test_a_panel_off_the_sensor_is_no_trouble(panel, effects):
     """Nor beside the camera, behind it, or where the lens has no image of it."""
-    scene, ground = replace(scenes(2), distance_m=torch.tensor([45.0, 50.0], dtype=DOUBLE)), plane(2)
+    scene, ground = (
+        replace(scenes(2), distance_m=torch.tensor([45.0, 50.0], dtype=DOUBLE)),
+        plane(2),
+    )
     for offset in (4.0, 25.0, 45.6, 100.0, -100.0):
-        seen = SecondPanel(offset, offset / 3)(ground, context(scene, *effects, panel=panel))
+        seen = SecondPanel(offset, offset / 3)(
+            ground, context(scene, *effects, panel=panel)
+        )
         assert torch.equal(seen, ground)
 
 
@@ -240,7 +307,11 @@ def test_panels_that_overlap_are_refused_by_name():
         (BOARD, 0.35, 0.24),
     ):
         SecondPanel(x, y)(plane(1), context(scenes(1), panel=panel))
-    for panel, x, y in ((LedPanel(), 0.0, 0.0), (LedPanel(), 0.47, -0.47), (BOARD, 0.35, 0.23)):
+    for panel, x, y in (
+        (LedPanel(), 0.0, 0.0),
+        (LedPanel(), 0.47, -0.47),
+        (BOARD, 0.35, 0.23),
+    ):
         line = f"scene.effects.second_panel.offset_x_m is {x:g} and offset_y_m {y:g}: the panels overlap, "
         with pytest.raises(VoccError, match="^" + re.escape(line)):
             SecondPanel(x, y)(plane(1), context(scenes(1), panel=panel))
@@ -251,21 +322,43 @@ def test_panels_that_overlap_are_refused_by_name():
 
 @pytest.mark.parametrize("factor", [0.3, 1.0, 2.5])
 @pytest.mark.parametrize("luminance", [0.0, 40.0, 9000.0])
-def test_two_per_cent_of_the_contrast_is_left_at_the_visibility_distance(luminance, factor):
+def test_two_per_cent_of_the_contrast_is_left_at_the_visibility_distance(
+    luminance, factor
+):
     """Koschmieder's definition of visibility, for a target of any luminance before the horizon."""
-    scene, seen = Scene.of(distance_m=250.0, ambient_lx=5000.0), torch.full((1, 1, 1, 1), luminance)
+    scene, seen = (
+        Scene.of(distance_m=250.0, ambient_lx=5000.0),
+        torch.full((1, 1, 1, 1), luminance),
+    )
     horizon = factor * 5000.0 / math.pi
-    far = float(Airlight(visibility_m=250.0, horizon_factor=factor)(seen.double(), context(scene)))
-    assert (far - horizon) / horizon == pytest.approx(0.02 * (luminance - horizon) / horizon, rel=1e-12)
+    far = float(
+        Airlight(visibility_m=250.0, horizon_factor=factor)(
+            seen.double(), context(scene)
+        )
+    )
+    assert (far - horizon) / horizon == pytest.approx(
+        0.02 * (luminance - horizon) / horizon, rel=1e-12
+    )
 
 
-@given(st.floats(1.0, 500.0), st.floats(1.0, 500.0), st.floats(20.0, 5000.0), st.floats(0.0, 1e5))
-def test_two_stretches_of_the_same_air_are_one_long_stretch(first, second, visibility, luminance):
-    effect, value = Airlight(visibility_m=visibility), torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE)
+@given(
+    st.floats(1.0, 500.0),
+    st.floats(1.0, 500.0),
+    st.floats(20.0, 5000.0),
+    st.floats(0.0, 1e5),
+)
+def test_two_stretches_of_the_same_air_are_one_long_stretch(
+    first, second, visibility, luminance
+):
+    effect, value = (
+        Airlight(visibility_m=visibility),
+        torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE),
+    )
     for distance in (first, second):
         value = effect(value, context(Scene.of(distance_m=distance)))
     whole = effect(
-        torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE), context(Scene.of(distance_m=first + second))
+        torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE),
+        context(Scene.of(distance_m=first + second)),
     )
     torch.testing.assert_close(value, whole, rtol=1e-12, atol=1e-9)
 
@@ -274,7 +367,8 @@ def test_two_stretches_of_the_same_air_are_one_long_stretch(first, second, visib
 
 
 @pytest.mark.parametrize(
-    ("illuminance", "angle", "veil"), [(1.0, 1.0, 10.0), (90.0, 3.0, 100.0), (45_000.0, 30.0, 500.0)]
+    ("illuminance", "angle", "veil"),
+    [(1.0, 1.0, 10.0), (90.0, 3.0, 100.0), (45_000.0, 30.0, 500.0)],
 )
 def test_glare_of_a_source_is_stiles_and_holladays(illuminance, angle, veil):
     effect = VeilingGlare(glare_illuminance_lx=illuminance, angle_deg=angle)
@@ -289,14 +383,20 @@ def test_glare_of_a_source_is_stiles_and_holladays(illuminance, angle, veil):
 def test_scatter_is_scipys_lognormal_of_mean_one(spread):
     """Kolmogorov and Smirnov on 32,768 LEDs; mean and spread of the logarithm within 4 standard errors."""
     light = torch.ones(512, 8, 8, dtype=DOUBLE)
-    factors = LedScatter(coefficient_of_variation=spread)(light, context(Scene.of(512))).numpy().ravel()
+    factors = (
+        LedScatter(coefficient_of_variation=spread)(light, context(Scene.of(512)))
+        .numpy()
+        .ravel()
+    )
     sigma = math.sqrt(math.log(1 + spread**2))
     expected = stats.lognorm(s=sigma, scale=math.exp(-(sigma**2) / 2))
     assert expected.mean() == pytest.approx(1, rel=1e-12)
     assert expected.std() == pytest.approx(spread, rel=1e-12)
     assert stats.kstest(factors, expected.cdf).pvalue > 1e-4
     assert abs(factors.mean() - 1) < 4 * spread / math.sqrt(factors.size)
-    assert np.log(factors).std() == pytest.approx(sigma, rel=4 / math.sqrt(2 * factors.size))
+    assert np.log(factors).std() == pytest.approx(
+        sigma, rel=4 / math.sqrt(2 * factors.size)
+    )
 
 
 # Stuck LEDs
@@ -304,7 +404,9 @@ def test_scatter_is_scipys_lognormal_of_mean_one(spread):
 
 def test_the_shares_of_stuck_leds_are_binomial():
     scene = Scene.of(512, led_luminance_cd_m2=1000.0)
-    lit = StuckLeds(off_share=0.03, on_share=0.1)(torch.full((512, 8, 8), 7.0, dtype=DOUBLE), context(scene))
+    lit = StuckLeds(off_share=0.03, on_share=0.1)(
+        torch.full((512, 8, 8), 7.0, dtype=DOUBLE), context(scene)
+    )
     leds = lit.numel()
     for value, share in ((0.0, 0.03), (1000.0, 0.1)):
         stuck = int((lit == value).sum())
@@ -312,13 +414,17 @@ def test_the_shares_of_stuck_leds_are_binomial():
     assert set(lit.unique().tolist()) == {0.0, 7.0, 1000.0}
     # Independent from LED to LED: the frames' counts have a binomial variance.
     counts = (lit == 1000.0).sum(dim=(1, 2)).double()
-    assert float(counts.var()) == pytest.approx(64 * 0.1 * 0.9, rel=4 * math.sqrt(2 / 511))
+    assert float(counts.var()) == pytest.approx(
+        64 * 0.1 * 0.9, rel=4 * math.sqrt(2 / 511)
+    )
 
 
 def test_a_larger_share_keeps_the_leds_that_were_stuck():
     where, light = context(Scene.of(64)), torch.full((64, 8, 8), 7.0, dtype=DOUBLE)
     for kind in ("off_share", "on_share"):
-        few, many = (StuckLeds(**{kind: share})(light, where) != 7.0 for share in (0.1, 0.3))
+        few, many = (
+            StuckLeds(**{kind: share})(light, where) != 7.0 for share in (0.1, 0.3)
+        )
         assert bool((many | ~few).all())
         assert int(many.sum()) > int(few.sum())
     both = StuckLeds(off_share=0.1, on_share=0.3)(light, where)
@@ -348,7 +454,9 @@ def test_every_frequency_has_its_share_of_the_power(size, beta):
     level[0, 0] = np.delete(level.ravel(), 0).mean()
     level /= level.mean()
     for column in range(width):
-        assert level[:, column].mean() == pytest.approx(1, abs=5 * math.sqrt(2 / draws / height))
+        assert level[:, column].mean() == pytest.approx(
+            1, abs=5 * math.sqrt(2 / draws / height)
+        )
     for low, high in itertools.pairwise((0.05, 0.1, 0.2, 0.3, 0.5, 0.71)):
         ring = level[(f >= low) & (f < high)]
         assert ring.mean() == pytest.approx(1, abs=5 * math.sqrt(2 / draws / ring.size))
@@ -357,7 +465,9 @@ def test_every_frequency_has_its_share_of_the_power(size, beta):
 @pytest.mark.parametrize("contrast", [0.1, 0.3, 0.5])
 def test_a_texture_has_mean_one_and_its_contrast_and_is_never_dark(contrast):
     for seed in range(10):
-        texture = BackgroundTexture(contrast=contrast).texture(np.random.default_rng(seed), (270, 480))
+        texture = BackgroundTexture(contrast=contrast).texture(
+            np.random.default_rng(seed), (270, 480)
+        )
         assert texture.mean(dtype=float) == pytest.approx(1, rel=1e-6)
         assert texture.std(dtype=float) == pytest.approx(contrast, rel=0.2 * contrast)
         assert np.log(texture).std(dtype=float) == pytest.approx(
@@ -376,18 +486,29 @@ def test_the_texture_of_a_sensor_of_one_pixel_is_one():
 
 def test_a_lamp_inside_the_sensor_has_exactly_its_area():
     """Of 300 frames with one lamp; the sum over pixels of what it adds."""
-    scene, effect = Scene.of(300, distance_m=47.0), Lamps(count=1, luminance_cd_m2=501.0, diameter_m=0.1)
-    added = effect(torch.ones(300, 1, *SMALL.sensor_px, dtype=DOUBLE), context(scene)) - 1
+    scene, effect = (
+        Scene.of(300, distance_m=47.0),
+        Lamps(count=1, luminance_cd_m2=501.0, diameter_m=0.1),
+    )
+    added = (
+        effect(torch.ones(300, 1, *SMALL.sensor_px, dtype=DOUBLE), context(scene)) - 1
+    )
     radius = 0.05 * SMALL.focal_length_px / 47.0
-    places = [key.generator("effect.lamps", of_scene=True).random((1, 2)) for key in keys(300)]
+    places = [
+        key.generator("effect.lamps", of_scene=True).random((1, 2)) for key in keys(300)
+    ]
     places = np.concatenate(places) * (120, 80)
     whole = ((places > radius) & (places < np.array([120, 80]) - radius)).all(axis=1)
     assert 200 < whole.sum() < 300
     expected = np.full(int(whole.sum()), 500.0 * math.pi * radius**2)
-    np.testing.assert_allclose(added.sum(dim=(1, 2, 3)).numpy()[whole], expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        added.sum(dim=(1, 2, 3)).numpy()[whole], expected, rtol=1e-12
+    )
     # The middle of the light is uniform over the sensor.
     for axis, length in ((0, 120), (1, 80)):
-        assert stats.kstest(places[:, axis], stats.uniform(scale=length).cdf).pvalue > 1e-4
+        assert (
+            stats.kstest(places[:, axis], stats.uniform(scale=length).cdf).pvalue > 1e-4
+        )
 
 
 def test_more_lamps_keep_the_places_of_fewer():
@@ -399,12 +520,15 @@ def test_more_lamps_keep_the_places_of_fewer():
 
 def test_airlight_is_differentiable_in_distance_and_daylight():
     scene = scenes(2)
-    distance, ambient = (v.clone().requires_grad_() for v in (scene.distance_m, scene.ambient_lx))
+    distance, ambient = (
+        v.clone().requires_grad_() for v in (scene.distance_m, scene.ambient_lx)
+    )
     light = plane(2)[..., :2, :2]
 
     def seen(distance, ambient):
         return Airlight(visibility_m=90.0)(
-            light, Context(replace(scene, distance_m=distance, ambient_lx=ambient), SMALL)
+            light,
+            Context(replace(scene, distance_m=distance, ambient_lx=ambient), SMALL),
         )
 
     assert torch.autograd.gradcheck(seen, (distance, ambient))

@@ -12,7 +12,12 @@ from scipy import ndimage, special
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects import CAMERA_STEPS, PHYSICAL_ORDER, Context, Quantity
+from vocc_torch.simulation.effects import (
+    CAMERA_STEPS,
+    PHYSICAL_ORDER,
+    Context,
+    Quantity,
+)
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
 from vocc_torch.simulation.effects.optics import (
     REACH_IN_LAMBDA_N,
@@ -80,12 +85,17 @@ def dense(middle, taps, reach):
 
 def moments(kernel):
     """Energy and second moments of a kernel about its middle: down, across, and both together."""
-    y, x = np.mgrid[: kernel.shape[0], : kernel.shape[1]] - (np.array(kernel.shape) // 2)[:, None, None]
+    y, x = (
+        np.mgrid[: kernel.shape[0], : kernel.shape[1]]
+        - (np.array(kernel.shape) // 2)[:, None, None]
+    )
     return [float((kernel * factor).sum()) for factor in (1.0, y * y, x * x, x * y)]
 
 
 def disc(diameter):
-    return mirrored(disc_quarters(disc_radius_px(torch.tensor([diameter], dtype=DOUBLE)))[0].numpy())
+    return mirrored(
+        disc_quarters(disc_radius_px(torch.tensor([diameter], dtype=DOUBLE)))[0].numpy()
+    )
 
 
 # Convolution
@@ -95,16 +105,24 @@ def disc(diameter):
 @pytest.mark.parametrize("reach", [0, 1, 2, 5, 13])
 def test_symmetric_convolution_is_scipys_with_its_nearest_border(size, reach):
     plane, quarter = planes(1, *size), planes(2, reach + 1, reach + 1)
-    expected = ndimage.correlate(plane.numpy(), mirrored(quarter.numpy()), mode="nearest")
-    np.testing.assert_allclose(convolve_symmetric(plane, quarter).numpy(), expected, rtol=1e-13)
+    expected = ndimage.correlate(
+        plane.numpy(), mirrored(quarter.numpy()), mode="nearest"
+    )
+    np.testing.assert_allclose(
+        convolve_symmetric(plane, quarter).numpy(), expected, rtol=1e-13
+    )
 
 
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.3, 0.0), (4.4, -7.9), (-3.0, 3.0), (0.0, 12.0)])
+@pytest.mark.parametrize(
+    "shift", [(0.0, 0.0), (0.3, 0.0), (4.4, -7.9), (-3.0, 3.0), (0.0, 12.0)]
+)
 def test_a_streaks_convolution_is_scipys(shift):
     middle, taps = streak_taps(*shift)
     plane = planes(5, 9, 14)
     expected = ndimage.convolve(plane.numpy(), dense(middle, taps, 8), mode="nearest")
-    np.testing.assert_allclose(convolve_taps(plane, middle, taps).numpy(), expected, rtol=1e-13)
+    np.testing.assert_allclose(
+        convolve_taps(plane, middle, taps).numpy(), expected, rtol=1e-13
+    )
 
 
 # Discs and streaks
@@ -125,9 +143,14 @@ def test_a_discs_taps_are_its_area_in_each_pixel(diameter):
     kernel, samples = disc(diameter), 401
     half = len(kernel) // 2
     at = (np.arange(len(kernel) * samples) + 0.5) / samples - half - 0.5
-    inside = (at[:, None] ** 2 + at**2 < radius**2).reshape(len(kernel), samples, len(kernel), samples)
+    inside = (at[:, None] ** 2 + at**2 < radius**2).reshape(
+        len(kernel), samples, len(kernel), samples
+    )
     np.testing.assert_allclose(
-        kernel, inside.mean((1, 3)) / (math.pi * radius**2), atol=3e-4 / radius**2, rtol=0
+        kernel,
+        inside.mean((1, 3)) / (math.pi * radius**2),
+        atol=3e-4 / radius**2,
+        rtol=0,
     )
 
 
@@ -145,13 +168,21 @@ def test_a_streak_has_its_energy_and_its_second_moments(x, y):
     assert abs(both - x * y / 12) <= 0.26 * math.sqrt(abs(x * y)) + 1e-12
 
 
-@pytest.mark.parametrize("shift", [(0.3, 0.0), (5.0, 0.0), (2.2, 1.3), (-7.7, 12.1), (3.0, -3.0)])
+@pytest.mark.parametrize(
+    "shift", [(0.3, 0.0), (5.0, 0.0), (2.2, 1.3), (-7.7, 12.1), (3.0, -3.0)]
+)
 def test_a_streaks_taps_are_its_share_in_each_pixel(shift):
     lengths = [math.copysign(streak_length_px(abs(s)), s) for s in shift]
     along = (np.arange(400_000) + 0.5) / 400_000 - 0.5
-    columns, rows = (np.floor(along * length + 0.5).astype(int) + 8 for length in lengths)
-    expected = np.bincount(rows * 17 + columns, minlength=17 * 17).reshape(17, 17) / 400_000
-    np.testing.assert_allclose(dense(*streak_taps(*shift), 8), expected, atol=1e-5, rtol=0)
+    columns, rows = (
+        np.floor(along * length + 0.5).astype(int) + 8 for length in lengths
+    )
+    expected = (
+        np.bincount(rows * 17 + columns, minlength=17 * 17).reshape(17, 17) / 400_000
+    )
+    np.testing.assert_allclose(
+        dense(*streak_taps(*shift), 8), expected, atol=1e-5, rtol=0
+    )
 
 
 # What every blur does
@@ -184,7 +215,11 @@ def test_the_first_dark_ring_holds_83_8_percent_and_the_second_91_0():
     """Rayleigh's closed form, 1 - J0(v)^2 - J1(v)^2, here as a ratio because a kernel ends somewhere."""
     kernel, inside = mirrored(airy_quarter(20.0, 46).numpy()), []
     for zero in special.jn_zeros(1, 2) / math.pi * 20.0:
-        cover = mirrored(disc_quarters(torch.tensor([zero], dtype=DOUBLE))[0].numpy()) * math.pi * zero**2
+        cover = (
+            mirrored(disc_quarters(torch.tensor([zero], dtype=DOUBLE))[0].numpy())
+            * math.pi
+            * zero**2
+        )
         margin = (len(kernel) - len(cover)) // 2
         inside.append(float((kernel * np.pad(cover, margin)).sum()))
     first, second = (1 - special.j0(v) ** 2 for v in special.jn_zeros(1, 2))
@@ -195,13 +230,18 @@ def test_the_first_dark_ring_holds_83_8_percent_and_the_second_91_0():
 @pytest.mark.parametrize("f_number", [1.4, 4.0, 8.0])
 def test_the_kernel_is_scipys_airy_pattern_integrated_over_pixels(f_number):
     lambda_n = 0.555 * f_number / PITCH_UM
-    reach, samples = min(10, Diffraction().reach_in_px(Camera(f_number=f_number), 50.0)), 101
+    reach, samples = (
+        min(10, Diffraction().reach_in_px(Camera(f_number=f_number), 50.0)),
+        101,
+    )
     at = (np.arange(samples * (reach + 1)) + 0.5) / samples - 0.5
     v = math.pi * np.hypot(at[:, None], at) / lambda_n
     light = (2 * special.j1(v + 1e-12) / (v + 1e-12)) ** 2
     summed = light.reshape(reach + 1, samples, reach + 1, samples).mean((1, 3))
     kernel = mirrored(airy_quarter(lambda_n, reach).numpy())
-    np.testing.assert_allclose(kernel, mirrored(summed) / mirrored(summed).sum(), atol=1e-6, rtol=1e-3)
+    np.testing.assert_allclose(
+        kernel, mirrored(summed) / mirrored(summed).sum(), atol=1e-6, rtol=1e-3
+    )
     assert kernel.sum() == pytest.approx(1, abs=1e-12)
 
 
@@ -219,12 +259,25 @@ def test_the_kernel_ends_where_99_5_percent_are_inside():
 
 def thin_lens_diameter_px(focus, distance, camera):
     """Rays from the rim of the lens to the point's image, cut by the sensor: no formula of the effect's."""
-    focal, aperture = camera.focal_length_mm / 1000, camera.focal_length_mm / 1000 / camera.f_number
+    focal, aperture = (
+        camera.focal_length_mm / 1000,
+        camera.focal_length_mm / 1000 / camera.f_number,
+    )
     sensor, image = (1 / (1 / focal - 1 / d) for d in (focus, distance))
-    return aperture * abs(image - sensor) / image / (camera.sensor_width_mm / 1000 / camera.width_px)
+    return (
+        aperture
+        * abs(image - sensor)
+        / image
+        / (camera.sensor_width_mm / 1000 / camera.width_px)
+    )
 
 
-@given(st.floats(0.5, 1e4), st.floats(1.0, 500.0), st.floats(1.2, 16.0), st.floats(5.0, 80.0))
+@given(
+    st.floats(0.5, 1e4),
+    st.floats(1.0, 500.0),
+    st.floats(1.2, 16.0),
+    st.floats(5.0, 80.0),
+)
 def test_the_discs_diameter_is_the_thin_lenss(focus, distance, f_number, focal):
     camera = Camera(f_number=f_number, focal_length_mm=focal)
     ours = Defocus(focus).diameter_px(camera, torch.tensor([distance], dtype=DOUBLE))
@@ -242,7 +295,9 @@ def test_a_smooth_spot_in_motion_is_the_difference_of_two_error_functions():
     exposure = torch.from_numpy(np.outer(across, across)).view(1, 1, 81, 81)
     for velocity in (6.1875, 20.0, 200.0):
         length = velocity * 50 / 50 * 25e-3 / 1500 / (PITCH_UM * 1e-6) / 50
-        step = special.erf((at + length / 2) / math.sqrt(18)) - special.erf((at - length / 2) / math.sqrt(18))
+        step = special.erf((at + length / 2) / math.sqrt(18)) - special.erf(
+            (at - length / 2) / math.sqrt(18)
+        )
         expected = np.outer(across, step / (2 * length))
         ours = run(MotionBlur(velocity), exposure)[0, 0].numpy()
         change = np.abs(exposure[0, 0].numpy() - expected).max()
@@ -258,13 +313,17 @@ def test_the_fall_off_is_the_fourth_power_of_the_cosine_at_every_pixel():
     y, x = np.mgrid[:136, :240] + 0.5
     pitch = 13.2 / 240
     angle = np.arctan(np.hypot((x - 120) * pitch, (y - 68) * pitch) / 8.0)
-    np.testing.assert_allclose(run(Vignetting(), ones, camera=camera)[0, 0], np.cos(angle) ** 4, rtol=1e-12)
+    np.testing.assert_allclose(
+        run(Vignetting(), ones, camera=camera)[0, 0], np.cos(angle) ** 4, rtol=1e-12
+    )
 
 
 def test_the_lens_barrel_takes_its_share_in_the_corner_in_proportion_to_the_radius():
     places = torch.tensor([[0, 0], [480, 270], [720, 405], [959, 539]])
     ones = torch.ones(4, 1, 1, 1, dtype=DOUBLE)
-    barrel = run(Vignetting(0.4), ones, origin=places) / run(Vignetting(), ones, origin=places)
+    barrel = run(Vignetting(0.4), ones, origin=places) / run(
+        Vignetting(), ones, origin=places
+    )
     expected = 1 - 0.4 * np.array([1, 0.5, 0.25, 0])
     np.testing.assert_allclose(barrel.flatten().numpy(), expected, atol=5e-4)
 
@@ -284,7 +343,8 @@ def refusal(effect, camera, distance=50.0):
 
 def test_what_the_camera_makes_of_a_value_is_refused_by_name_too():
     with pytest.raises(
-        VoccError, match=r"^scene\.effects\.motion_blur\.velocity_x_m_s and velocity_y_m_s are 0"
+        VoccError,
+        match=r"^scene\.effects\.motion_blur\.velocity_x_m_s and velocity_y_m_s are 0",
     ):
         MotionBlur()
     macro = Camera(focal_length_mm=50.0)
@@ -314,7 +374,9 @@ def test_blooming_is_scipys_gaussian_to_1e_12(sigma, size):
     for frame, plane in zip(ours[:, 0], exposure[:, 0].numpy(), strict=True):
         radius = math.ceil(4 * sigma)
         np.testing.assert_allclose(
-            frame, ndimage.gaussian_filter(plane, sigma, mode="nearest", radius=radius), 1e-12
+            frame,
+            ndimage.gaussian_filter(plane, sigma, mode="nearest", radius=radius),
+            1e-12,
         )
 
 
@@ -322,8 +384,12 @@ def test_blooming_in_float32_keeps_dim_light_beside_a_lamp():
     """All terms are positive: a pixel of 1e-6 in the tail of a lamp of 1e6 keeps its digits."""
     exposure = planes(5, 1, 1, 40, 60, dtype=torch.float32) * 1e-6
     exposure[..., 20, 20] = 1e6
-    expected = ndimage.gaussian_filter(exposure[0, 0].double().numpy(), 1.5, truncate=4.0, mode="nearest")
-    np.testing.assert_allclose(run(Blooming(1.5), exposure)[0, 0].numpy(), expected, rtol=2e-6)
+    expected = ndimage.gaussian_filter(
+        exposure[0, 0].double().numpy(), 1.5, truncate=4.0, mode="nearest"
+    )
+    np.testing.assert_allclose(
+        run(Blooming(1.5), exposure)[0, 0].numpy(), expected, rtol=2e-6
+    )
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
@@ -336,22 +402,33 @@ def test_no_light_leaks_into_the_neighbouring_frame(dtype):
     blurred = run(Blooming(2.0), frames)
     assert not blurred[1].any()
     alone = run(Blooming(2.0), frames[3:4])
-    torch.testing.assert_close(blurred[3:4], alone, rtol=1e-7 if dtype == torch.float32 else 1e-15, atol=0)
+    torch.testing.assert_close(
+        blurred[3:4], alone, rtol=1e-7 if dtype == torch.float32 else 1e-15, atol=0
+    )
 
 
 # The other effects
 
 
 def test_saturation_clips_at_white_and_nothing_else():
-    grey = torch.tensor([0.0, 17.25, 254.999, 255.0, 255.001, 1e9], dtype=DOUBLE).view(1, 1, 1, 6)
-    assert run(Saturation(), grey).flatten().tolist() == [0.0, 17.25, 254.999, 255.0, 255.0, 255.0]
+    grey = torch.tensor([0.0, 17.25, 254.999, 255.0, 255.001, 1e9], dtype=DOUBLE).view(
+        1, 1, 1, 6
+    )
+    assert run(Saturation(), grey).flatten().tolist() == [
+        0.0,
+        17.25,
+        254.999,
+        255.0,
+        255.0,
+        255.0,
+    ]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
 def test_quantization_to_8_bits_is_numpys_rint_as_uint8(dtype):
-    grey = torch.cat([planes(8, 500, dtype=dtype) * 255, torch.arange(0, 255.5, 0.5, dtype=dtype)]).view(
-        1, 1, 1, -1
-    )
+    grey = torch.cat(
+        [planes(8, 500, dtype=dtype) * 255, torch.arange(0, 255.5, 0.5, dtype=dtype)]
+    ).view(1, 1, 1, -1)
     digital = run(Quantization(8), grey)
     assert digital.dtype == torch.uint8
     np.testing.assert_array_equal(digital.numpy(), np.rint(grey.numpy()))
@@ -363,11 +440,21 @@ def test_quantization_to_other_depths_is_the_nearest_of_its_levels(bits):
     digital = run(Quantization(bits), grey).flatten().numpy()
     levels = np.linspace(0, 255, 2**bits)
     nearest = (
-        levels[np.abs(grey.flatten().numpy()[:, None] - levels).argmin(axis=1)] if bits <= 12 else digital
+        levels[np.abs(grey.flatten().numpy()[:, None] - levels).argmin(axis=1)]
+        if bits <= 12
+        else digital
     )
     np.testing.assert_allclose(digital, nearest, rtol=0, atol=1e-10)
-    assert np.abs(digital - grey.flatten().numpy()).max() <= 255 / (2**bits - 1) / 2 + 1e-12
-    assert np.abs(digital * (2**bits - 1) / 255 - np.rint(digital * (2**bits - 1) / 255)).max() < 1e-8
+    assert (
+        np.abs(digital - grey.flatten().numpy()).max()
+        <= 255 / (2**bits - 1) / 2 + 1e-12
+    )
+    assert (
+        np.abs(
+            digital * (2**bits - 1) / 255 - np.rint(digital * (2**bits - 1) / 255)
+        ).max()
+        < 1e-8
+    )
 
 
 # The registry

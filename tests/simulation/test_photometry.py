@@ -38,14 +38,18 @@ def number(value):
 
 def test_transmission_at_the_visibility_distance_is_two_per_cent():
     """The meteorological definition that the constant 3.91 stands for: contrast falls to 2 %."""
-    assert float(transmission(number(12_345.0), 12_345.0)) == pytest.approx(0.02, abs=1e-4)
+    assert float(transmission(number(12_345.0), 12_345.0)) == pytest.approx(
+        0.02, abs=1e-4
+    )
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.8, 2.2, 2.4])
 @pytest.mark.parametrize("speed", [100.0, 320.0, 3200.0])
 def test_grey_is_118_at_the_indicated_exposure(speed, gamma):
     """Eq. 1: G = 118 where H = H_SOS = 10 / S, whatever the gamma."""
-    assert float(grey_value(number(10 / speed), number(speed), gamma=gamma)) == pytest.approx(118, rel=1e-14)
+    assert float(
+        grey_value(number(10 / speed), number(speed), gamma=gamma)
+    ) == pytest.approx(118, rel=1e-14)
 
 
 def test_eqs_2_and_3_by_hand():
@@ -56,13 +60,17 @@ def test_eqs_2_and_3_by_hand():
     """
     off = reflected_luminance_cd_m2(number(8000.0), 0.4)
     assert float(through_lens(off, PAPER_CAMERA)) == pytest.approx(0.03395305, abs=5e-9)
-    assert float(through_lens(off + 3000.0, PAPER_CAMERA)) == pytest.approx(0.13395305, abs=5e-9)
+    assert float(through_lens(off + 3000.0, PAPER_CAMERA)) == pytest.approx(
+        0.13395305, abs=5e-9
+    )
 
 
 @given(exposures, st.floats(0.1, 255.0), gammas)
 def test_auto_iso_gives_the_background_its_grey(exposure, target, gamma):
     speed = auto_iso_speed(number(exposure), number(target), gamma=gamma)
-    assert float(grey_value(number(exposure), speed, gamma=gamma)) == pytest.approx(target, rel=1e-12)
+    assert float(grey_value(number(exposure), speed, gamma=gamma)) == pytest.approx(
+        target, rel=1e-12
+    )
 
 
 # Edges: the slope at and next to no light, working precision
@@ -74,7 +82,9 @@ DTYPES = (torch.float32, torch.float64)
 def exposures(dtype):
     """From the smallest normal number to daylight, as leaves of a graph; S = 10 makes them ``H / H_SOS``."""
     tiny = torch.finfo(dtype).tiny
-    values = torch.tensor([tiny, 4 * tiny, 1e-30, 1e-6, 0.003, 0.1, 1.0, 7.5, 1e4], dtype=dtype)
+    values = torch.tensor(
+        [tiny, 4 * tiny, 1e-30, 1e-6, 0.003, 0.1, 1.0, 7.5, 1e4], dtype=dtype
+    )
     return values, torch.tensor(10.0, dtype=dtype)
 
 
@@ -84,7 +94,8 @@ def exact(values, gamma):
         power = 1 / mpmath.mpf(gamma)
         greys = [118 * mpmath.mpf(value) ** power for value in values.tolist()]
         slopes = [
-            grey * power / mpmath.mpf(value) for grey, value in zip(greys, values.tolist(), strict=True)
+            grey * power / mpmath.mpf(value)
+            for grey, value in zip(greys, values.tolist(), strict=True)
         ]
     return [float(grey) for grey in greys], [float(slope) for slope in slopes]
 
@@ -100,10 +111,16 @@ def test_grey_and_slope_are_eq_1_wherever_there_is_light(gamma, dtype):
     assert grey.dtype == slope.dtype == dtype
     # Two roundings of the working precision; float64's logarithm costs up to 1e-13 at 1e-308.
     within = 4 * torch.finfo(dtype).eps if dtype == torch.float32 else 4e-13
-    least = 1e3 * float(torch.finfo(dtype).tiny)  # the square of a smallest number is 0, and so is its slope
+    least = 1e3 * float(
+        torch.finfo(dtype).tiny
+    )  # the square of a smallest number is 0, and so is its slope
     most = float(torch.finfo(dtype).max)
-    for ours, theirs in zip(grey.tolist() + slope.tolist(), greys + slopes, strict=True):
-        if theirs < most:  # slopes at the smallest numbers are beyond float32's range for gamma 4
+    for ours, theirs in zip(
+        grey.tolist() + slope.tolist(), greys + slopes, strict=True
+    ):
+        if (
+            theirs < most
+        ):  # slopes at the smallest numbers are beyond float32's range for gamma 4
             assert ours == pytest.approx(theirs, rel=within, abs=least)
 
 
@@ -112,7 +129,9 @@ def test_grey_and_slope_are_eq_1_wherever_there_is_light(gamma, dtype):
 def test_learning_sees_the_same_greys(gamma, dtype):
     """A frame is the same to the last bit whether or not a gradient is asked of it, the black pixels too."""
     values, speed = exposures(dtype)
-    values = torch.cat([values, torch.tensor([0.0, torch.finfo(dtype).tiny / 8], dtype=dtype)])
+    values = torch.cat(
+        [values, torch.tensor([0.0, torch.finfo(dtype).tiny / 8], dtype=dtype)]
+    )
     plain = grey_value(values, speed, gamma=gamma)
     learning = grey_value(values.clone().requires_grad_(), speed, gamma=gamma)
     assert plain.dtype == dtype
@@ -121,9 +140,13 @@ def test_learning_sees_the_same_greys(gamma, dtype):
 
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("gamma", [1.8, 2.2, 4.0])
-def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamma, dtype):
+def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(
+    gamma, dtype
+):
     tiny = torch.finfo(dtype).tiny
-    leaf = torch.tensor([0.0, tiny / 8, tiny, 2 * tiny], dtype=dtype, requires_grad=True)
+    leaf = torch.tensor(
+        [0.0, tiny / 8, tiny, 2 * tiny], dtype=dtype, requires_grad=True
+    )
     grey = grey_value(leaf, torch.tensor(10.0, dtype=dtype), gamma=gamma)
     (slope,) = torch.autograd.grad(grey.sum(), leaf)
     assert (slope != 0).tolist() == [False, False, True, True]
@@ -133,11 +156,16 @@ def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamm
 
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("gamma", [1.8])
-@pytest.mark.filterwarnings("ignore:.torch.jit.script.")  # torch's own use of what it gives up
+@pytest.mark.filterwarnings(
+    "ignore:.torch.jit.script."
+)  # torch's own use of what it gives up
 def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
     """Dual numbers, ``jvp``, ``jacfwd`` and forward over reverse, at no light and at subnormal light too."""
     tiny = torch.finfo(dtype).tiny
-    values, speed = torch.tensor([0.0, tiny / 8, 1e-3, 7.0], dtype=dtype), torch.tensor(10.0, dtype=dtype)
+    values, speed = (
+        torch.tensor([0.0, tiny / 8, 1e-3, 7.0], dtype=dtype),
+        torch.tensor(10.0, dtype=dtype),
+    )
 
     def grey(value):
         return grey_value(value, speed, gamma=gamma)
@@ -160,15 +188,25 @@ def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
 
 # Light and speeds at the ends of what auto-ISO takes
 
-LIGHT = "it must lead to grey values of at most 1e+09, or 1e+30 where saturation is named"
+LIGHT = (
+    "it must lead to grey values of at most 1e+09, or 1e+30 where saturation is named"
+)
 
 
 def speed_of(ambient_lx, led_cd_m2, *effects, speed=10.0, gamma=1.0):
     """The camera's one speed, where 1 cd/m2 exposes to 1 lx s."""
     camera = Camera(
-        exposure_time_s=1, calibration_constant=10, f_number=1, gamma=gamma, iso_limits=(speed,) * 2
+        exposure_time_s=1,
+        calibration_constant=10,
+        f_number=1,
+        gamma=gamma,
+        iso_limits=(speed,) * 2,
     )
-    lux, led, rest = number([0.0, ambient_lx]), number([0.0, led_cd_m2]), number([100.0, 100.0])
+    lux, led, rest = (
+        number([0.0, ambient_lx]),
+        number([0.0, led_cd_m2]),
+        number([100.0, 100.0]),
+    )
     scene = Scene(lux, led, rest, rest, rest, rest)
     return float(auto_iso(Context(scene, camera, effects=effects))[1])
 
@@ -184,7 +222,11 @@ def speed_of(ambient_lx, led_cd_m2, *effects, speed=10.0, gamma=1.0):
 )
 def test_the_most_light_is_taken_and_more_is_not(gamma, effects, most):
     """Of the LEDs and of the day, a matt white surface under it, together."""
-    assert speed_of(0.0, most, *effects, gamma=gamma) == speed_of(3 * most, 0.0, *effects, gamma=gamma) == 10
+    assert (
+        speed_of(0.0, most, *effects, gamma=gamma)
+        == speed_of(3 * most, 0.0, *effects, gamma=gamma)
+        == 10
+    )
     for lux, led, speed in (
         (0.0, math.nextafter(most, math.inf), 10.0),
         (3 * most, 0.1 * most, 10.0),
@@ -203,7 +245,9 @@ def test_the_ends_of_the_speeds_are_taken_and_greys_are_up_to_1e9():
     demand_greys(most)
     for grey, held in ((most * 2, "2e+09"), (most * math.nan, "nan")):
         rule = "it must have scene.effects.saturation, or less light: at most 1e+09"
-        wanted = f"scene.effects is without saturation, and grey values reach {held}: {rule}"
+        wanted = (
+            f"scene.effects is without saturation, and grey values reach {held}: {rule}"
+        )
         with pytest.raises(VoccError, match=f"^{re.escape(wanted)}$"):
             demand_greys(grey)
 
@@ -214,11 +258,20 @@ def test_a_picture_of_any_layout_and_of_more_than_a_block_is_its_pixels():
     speed = torch.tensor(100.0)
     grey = grey_value(ramp, speed, gamma=2.2)
     assert grey.shape == ramp.shape
-    for place in (0, 1, BLOCK_VALUES - 1, BLOCK_VALUES, 2 * BLOCK_VALUES - 1, 2 * BLOCK_VALUES, -1):
+    for place in (
+        0,
+        1,
+        BLOCK_VALUES - 1,
+        BLOCK_VALUES,
+        2 * BLOCK_VALUES - 1,
+        2 * BLOCK_VALUES,
+        -1,
+    ):
         assert grey[place] == grey_value(ramp[place], speed, gamma=2.2)
     picture = ramp[:600].view(20, 30)
     for seen in (picture.T, picture[::2, ::3], picture[:, :1].expand(20, 7)):
         assert torch.equal(
-            grey_value(seen, speed, gamma=2.2), grey_value(seen.contiguous(), speed, gamma=2.2)
+            grey_value(seen, speed, gamma=2.2),
+            grey_value(seen.contiguous(), speed, gamma=2.2),
         )
     assert grey_value(ramp[:0], speed, gamma=2.2).shape == (0,)

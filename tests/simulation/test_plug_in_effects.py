@@ -24,7 +24,11 @@ from vocc_torch.types import Scene
 HERE, EXAMPLES = __name__, Path(__file__).parents[2] / "examples"
 STREAK = {"_target_": f"{EXAMPLES}/effects/streak.py:Streak", "share": 0.3}
 Streak = type(build_effects({"streak": STREAK})[0]).__mro__[1]
-SENSOR = {"photoelectrons": {"quantum_efficiency": 0.6}, "read_noise": {"electrons": 1.0}, "gain": {}}
+SENSOR = {
+    "photoelectrons": {"quantum_efficiency": 0.6},
+    "read_noise": {"electrons": 1.0},
+    "gain": {},
+}
 
 
 @dataclass(frozen=True)
@@ -50,19 +54,28 @@ class Noise(Effect, on=Quantity.EXPOSURE):
 
     def __call__(self, value, context):
         (height, width), sides = value.shape[2:], context.camera.sensor_px
-        drawn = [torch.from_numpy(own.uniform(0.5, 1.5, sides)) for own in context.generators(self.name)]
+        drawn = [
+            torch.from_numpy(own.uniform(0.5, 1.5, sides))
+            for own in context.generators(self.name)
+        ]
         places = zip(drawn, context.first_px.tolist(), strict=True)
-        return value * torch.stack([one[y : y + height, x : x + width] for one, (x, y) in places]).unsqueeze(
-            1
-        )
+        return value * torch.stack(
+            [one[y : y + height, x : x + width] for one, (x, y) in places]
+        ).unsqueeze(1)
 
 
 FAR = {"_target_": f"{HERE}.Far", "share": 0.3}
 CHAINS = {
     "declared": (0, {**PAPER_EFFECTS, "streak": {**STREAK, "half_px": 12}}),
-    "declared, amid what fills the sensor": (54, {**PAPER_EFFECTS, "streak": STREAK, "vignetting": {}}),
+    "declared, amid what fills the sensor": (
+        54,
+        {**PAPER_EFFECTS, "streak": STREAK, "vignetting": {}},
+    ),
     "not declared": (0, {**PAPER_EFFECTS, "far": FAR}),
-    "not declared, after noise": (0, {**PAPER_EFFECTS, **SENSOR, "far": {**FAR, "after": "demosaicing"}}),
+    "not declared, after noise": (
+        0,
+        {**PAPER_EFFECTS, **SENSOR, "far": {**FAR, "after": "demosaicing"}},
+    ),
     "noise": (0, {**PAPER_EFFECTS, "noise": {"_target_": f"{HERE}.Noise"}}),
     "instances": (0, [Blooming(1.5), Far(0.3)]),
 }
@@ -72,7 +85,9 @@ CHAINS = {
 def test_every_framing_and_the_window_have_the_same_pixels(name):
     """Bitwise, but for the border of a window, as wide as the declared reach."""
     edge, chain = CHAINS[name]
-    crop, filled, full = (shots(chain, framing=framing) for framing in ("crop", "filled", "full"))
+    crop, filled, full = (
+        shots(chain, framing=framing) for framing in ("crop", "filled", "full")
+    )
     near = shots(chain, panel_only=True)
     assert torch.equal(filled.grey, full.grey)
     assert (near.grey.shape < full.grey.shape) == name.startswith("declared")
@@ -88,7 +103,8 @@ def test_one_that_says_too_little_is_refused(more):
     """Its light, or what it takes for dark, meets the border of a crop."""
     lying = {"far": {**FAR, "_target_": f"{HERE}.Lying", "after": "motion_blur"}}
     with pytest.raises(
-        VoccError, match=r"^scene\.effects\.far changes the border of a crop of \d+ x \d+ px: reach"
+        VoccError,
+        match=r"^scene\.effects\.far changes the border of a crop of \d+ x \d+ px: reach",
     ):
         shots({**lying, **more})
     assert len(shots(lying, framing="full").grey) == 3
@@ -97,7 +113,9 @@ def test_one_that_says_too_little_is_refused(more):
 def test_the_streak_is_scipys_uniform_filter():
     light = np.random.default_rng(0).random((1, 1, 9, 300))
     smeared = 0.7 * light + 0.3 * uniform_filter1d(light, 81, axis=-1, mode="nearest")
-    np.testing.assert_allclose(Streak(share=0.3)(torch.from_numpy(light), None), smeared, rtol=1e-12)
+    np.testing.assert_allclose(
+        Streak(share=0.3)(torch.from_numpy(light), None), smeared, rtol=1e-12
+    )
 
 
 def test_a_photograph_stands_behind_the_panel(tmp_path):
@@ -107,13 +125,17 @@ def test_a_photograph_stands_behind_the_panel(tmp_path):
     target = f"{EXAMPLES}/backdrops/photograph.py:Photograph"
     street = {"street": {"_target_": target, "file": str(tmp_path / "street.png")}}
     full, near = (shots(street, panel_only=only) for only in (False, True))
-    ratio = full.grey[0, 0].double() / torch.from_numpy(np.kron(grey, np.ones((16, 16))))
+    ratio = full.grey[0, 0].double() / torch.from_numpy(
+        np.kron(grey, np.ones((16, 16)))
+    )
     assert float((ratio[:, :150] / ratio[0, 0] - 1).abs().max()) < 1e-5
     assert float((ratio[110:160, 215:265] / ratio[0, 0] - 1).abs().max()) > 0.1
     (height, width) = near.grey.shape[-2:]
     assert (height, width) < SMALL.sensor_px
     for i, (x, y) in enumerate(near.origin_px.tolist()):
-        assert torch.equal(full.grey[i, 0, y : y + height, x : x + width], near.grey[i, 0])
+        assert torch.equal(
+            full.grey[i, 0, y : y + height, x : x + width], near.grey[i, 0]
+        )
 
 
 class Passing(Effect):
@@ -136,11 +158,19 @@ BOUNDED_GREY saturation"""
 def test_by_itself_it_comes_last_of_its_quantity(row, monkeypatch):
     quantity, before = row.split()
     monkeypatch.setattr(sys.modules[HERE], "Own", passing(quantity), raising=False)
-    named = {name: {} for name in ("vignetting", "demosaicing", "saturation", "quantization")} | SENSOR
-    named |= {"veiling_glare": {"luminance_cd_m2": 1}, "jpeg": {"quality": 90}, "pose": {"yaw_deg": 1}}
+    named = {
+        name: {} for name in ("vignetting", "demosaicing", "saturation", "quantization")
+    } | SENSOR
+    named |= {
+        "veiling_glare": {"luminance_cd_m2": 1},
+        "jpeg": {"quality": 90},
+        "pose": {"yaw_deg": 1},
+    }
     named |= {"attenuation": {"visibility_m": 99}, "airlight": {"visibility_m": 99}}
     named["second_panel"] = {"offset_x_m": 2}
-    order = [one.name for one in build_effects({"own": {"_target_": f"{HERE}.Own"}, **named})]
+    order = [
+        one.name for one in build_effects({"own": {"_target_": f"{HERE}.Own"}, **named})
+    ]
     assert order[order.index("own") - 1] == before
 
 
@@ -149,15 +179,23 @@ def test_after_says_another_place_and_names_decide_within_one():
     blur = {"blooming": {"sigma_px": 1}, "defocus": {"focus_distance_m": 9}}
     chain = build_effects({**placed, "c": STREAK, **blur})
     assert [one.name for one in chain] == ["a", "b", "defocus", "blooming", "c"]
-    assert chain == build_effects({**blur, "c": STREAK, **dict(reversed(placed.items()))})
+    assert chain == build_effects(
+        {**blur, "c": STREAK, **dict(reversed(placed.items()))}
+    )
     assert len({*chain}) == 5
 
 
 def test_what_an_effect_does_in_place_stays_its_own():
     half = type(
-        "Half", (Passing,), {"__call__": lambda _, v, context: v.mul_(0.5)}, on=Quantity.LED_LUMINANCE
+        "Half",
+        (Passing,),
+        {"__call__": lambda _, v, context: v.mul_(0.5)},
+        on=Quantity.LED_LUMINANCE,
     )
-    scene, dim = Scene.of(), Scene.of(led_luminance_cd_m2=float(Scene.of().led_luminance_cd_m2) / 2)
+    scene, dim = (
+        Scene.of(),
+        Scene.of(led_luminance_cd_m2=float(Scene.of().led_luminance_cd_m2) / 2),
+    )
     halved = [Simulator(effects=[half()]).contrast(scene) for _ in range(2)]
     assert halved == [Simulator(effects={}).contrast(dim)] * 2
 
@@ -187,24 +225,45 @@ CALLS = [
     (lambda value: value[5, 5, 5, 5, 5], "failed (IndexError: "),
     (lambda value: value[:, :, 1:], "gave (1, 1, "),
     (lambda value: value / 0, "gave a value that is not finite"),
-    (lambda value: value.numpy(), "gave ndarray: it must give a tensor of shape (1, 1, "),
+    (
+        lambda value: value.numpy(),
+        "gave ndarray: it must give a tensor of shape (1, 1, ",
+    ),
     (lambda value: value - value.mean(), "gave -"),
-    (lambda value: value * torch.rand(1), "drew from torch's own generator: it must draw from context.gen"),
+    (
+        lambda value: value * torch.rand(1),
+        "drew from torch's own generator: it must draw from context.gen",
+    ),
 ]
 REACHES = [
     (lambda: 1 / 0, "failed (ZeroDivisionError: division by zero)"),
     (lambda: 1.5, ".reach_in_px is 1.5: it must be a whole number"),
     (lambda: None, ".reach_in_px is None: it must be a whole number"),
 ]
-BROKEN = [({"__call__": lambda _, value, context, call=call: call(value)}, said) for call, said in CALLS]
-BROKEN += [({"reach_in_px": lambda *_, reach=reach: reach()}, said) for reach, said in REACHES]
+BROKEN = [
+    ({"__call__": lambda _, value, context, call=call: call(value)}, said)
+    for call, said in CALLS
+]
+BROKEN += [
+    ({"reach_in_px": lambda *_, reach=reach: reach()}, said) for reach, said in REACHES
+]
 
 
 @pytest.mark.parametrize(("methods", "said"), BROKEN)
 def test_what_is_broken_is_refused_by_its_name_when_it_runs(methods, said):
-    kind = type("Mine", (Effect,), {"__call__": Passing.__call__, **methods}, on=Quantity.EXPOSURE)
-    simulator, bits = Simulator(SMALL, effects=[kind()]), torch.ones(1, 8, 8, dtype=torch.bool)
-    with pytest.raises(VoccError, match=rf"^scene\.effects\.mine ?{re.escape(said)}[^\n]*$"):
+    kind = type(
+        "Mine",
+        (Effect,),
+        {"__call__": Passing.__call__, **methods},
+        on=Quantity.EXPOSURE,
+    )
+    simulator, bits = (
+        Simulator(SMALL, effects=[kind()]),
+        torch.ones(1, 8, 8, dtype=torch.bool),
+    )
+    with pytest.raises(
+        VoccError, match=rf"^scene\.effects\.mine ?{re.escape(said)}[^\n]*$"
+    ):
         simulator.render(Scene.of(), bits)
 
 
@@ -213,9 +272,15 @@ REFUSED = [
     ({"_target_": "no.py:Streak"}, "mine: file no.py cannot be read"),
     ({"_target_": "no_such.Streak"}, "mine: no_such.Streak cannot be imported"),
     ({"_target_": "Streak"}, "mine._target_ is 'Streak': it must be PACKAGE"),
-    ({"_target_": f"{HERE}.Path"}, "mine._target_ is .*: it must be a class of vocc_torch's Effect"),
+    (
+        {"_target_": f"{HERE}.Path"},
+        "mine._target_ is .*: it must be a class of vocc_torch's Effect",
+    ),
     ({"_target_": f"{HERE}.Bare"}, "mine: Bare must be a dataclass"),
-    ({**STREAK, "shares": 1}, "mine.shares is not a known parameter; did you mean share?"),
+    (
+        {**STREAK, "shares": 1},
+        "mine.shares is not a known parameter; did you mean share?",
+    ),
     ({**STREAK, "share": 2}, "mine.share is 2: it must be above 0 and at most 1"),
     ({**STREAK, "share": "a lot"}, "mine.share is 'a lot': it must be a number"),
     ({"_target_": STREAK["_target_"]}, "mine.share is missing"),
@@ -224,8 +289,14 @@ REFUSED = [
     ({**STREAK, "after": "jpeg"}, "mine needs luminous exposure .* give another after"),
     ([passing("SYMBOLS")()], "mine acts on .* it must be a RollingShutter"),
     ([passing("IMAGE_POINTS")()], "mine acts on .* it must be a PointEffect"),
-    ([passing("EXPOSURE", Quantity.LUMINANCE)()], "mine acts on .* it must not make luminance"),
-    ([Streak(0.1), Streak(0.2)], "is .'streak', 'streak'.: it must be effects of different names"),
+    (
+        [passing("EXPOSURE", Quantity.LUMINANCE)()],
+        "mine acts on .* it must not make luminance",
+    ),
+    (
+        [Streak(0.1), Streak(0.2)],
+        "is .'streak', 'streak'.: it must be effects of different names",
+    ),
     ([Streak], "is .* it must be effects by name, or a list of effects"),
 ]
 
@@ -233,7 +304,9 @@ REFUSED = [
 @pytest.mark.parametrize(("given", "said"), REFUSED)
 def test_what_does_not_fit_is_refused_by_its_name(given, said):
     with pytest.raises(VoccError, match=rf"^scene\.effects[. ]{said}[^\n]*$"):
-        build_effects(given if isinstance(given, list) else {"mine": given, "saturation": {}})
+        build_effects(
+            given if isinstance(given, list) else {"mine": given, "saturation": {}}
+        )
 
 
 @pytest.mark.parametrize("name", ["blooming", "my-own"])

@@ -112,7 +112,11 @@ def refusal(make, **given):
 @pytest.mark.parametrize("line", OF_EFFECTS.strip().splitlines())
 def test_a_parameter_out_of_its_range(line):
     name, parameter, value = re.match(r"(\w+)\.(\w+).* is (\S+): ", line).groups()
-    changed = {"off_share": 0.7, "on_share": 0.4} if "+ on_share" in line else {parameter: number(value)}
+    changed = (
+        {"off_share": 0.7, "on_share": 0.4}
+        if "+ on_share" in line
+        else {parameter: number(value)}
+    )
     assert refusal(build_effects, named={name: PARAMETERS[name] | changed}).startswith(
         f"scene.effects.{line}"
     )
@@ -126,7 +130,10 @@ def test_a_scene_whose_effects_do_not_fit(row):
 
 
 def test_a_parameter_without_a_default_must_be_given():
-    with pytest.raises(VoccError, match=r"^scene\.effects\.blooming\.sigma_px is None: it must be a number$"):
+    with pytest.raises(
+        VoccError,
+        match=r"^scene\.effects\.blooming\.sigma_px is None: it must be a number$",
+    ):
         Blooming(sigma_px=None)
 
 

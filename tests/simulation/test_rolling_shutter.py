@@ -17,7 +17,9 @@ from vocc_torch.simulation.effects.base import Context
 from vocc_torch.simulation.effects.light import RollingShutter
 from vocc_torch.types import Scene
 
-SMALL = Camera(width_px=120, height_px=101, sensor_width_mm=13.2 / 16, exposure_time_s=0.1)
+SMALL = Camera(
+    width_px=120, height_px=101, sensor_width_mm=13.2 / 16, exposure_time_s=0.1
+)
 """Rows enough for a panel, and an exposure time for round numbers."""
 LINE_S = 0.01
 FULL_READOUT = LINE_S * 100
@@ -26,7 +28,9 @@ FULL_READOUT = LINE_S * 100
 
 def keys(frames, *, take="frame", start=0):
     names = range(start, start + frames)
-    return [FrameKey(BlockKey(0, "rows", index // 64), index % 64, take) for index in names]
+    return [
+        FrameKey(BlockKey(0, "rows", index // 64), index % 64, take) for index in names
+    ]
 
 
 def context(scene, *, camera=SMALL, take="frame", origin=None, start=0, panel=None):
@@ -42,7 +46,9 @@ def scenes(frames, seed=0):
 
 
 def random_bits(frames, shape=(8, 8), seed=0):
-    return torch.from_numpy(np.random.default_rng(seed).integers(2, size=(frames, *shape))).bool()
+    return torch.from_numpy(
+        np.random.default_rng(seed).integers(2, size=(frames, *shape))
+    ).bool()
 
 
 @dataclass
@@ -64,12 +70,17 @@ class FixedPhase:
 
 def phases(scene, *, take="frame"):
     """Each frame's phase, drawn as the effect draws it: first from its own stream."""
-    return [key.generator("effect.rolling_shutter").random() for key in keys(len(scene), take=take)]
+    return [
+        key.generator("effect.rolling_shutter").random()
+        for key in keys(len(scene), take=take)
+    ]
 
 
 def light(symbols, shares):
     """Each LED's On share of each row's exposure, (B,H,R,C), summed in a fixed order."""
-    total = torch.zeros(len(shares), shares.shape[2], *symbols.shape[2:], dtype=torch.float64)
+    total = torch.zeros(
+        len(shares), shares.shape[2], *symbols.shape[2:], dtype=torch.float64
+    )
     for number in range(symbols.shape[1]):
         total += symbols[:, number, None] * shares[:, number, :, None, None]
     return total
@@ -86,23 +97,39 @@ def test_the_hand_made_phase_has_the_overlaps_worked_out_by_hand():
     assert len(shares) == 7
     before, truth, after = shares[2], shares[3], shares[4]
     # Row 50 is exposed from -0.05 to 0.05, row 60 from 0.05 to 0.15: half in the truth, half after it.
-    wanted = {row: (0, 1, 0) for row in (45, 50, 55)} | {40: (0.5, 0.5, 0), 43: (0.2, 0.8, 0)}
+    wanted = {row: (0, 1, 0) for row in (45, 50, 55)} | {
+        40: (0.5, 0.5, 0),
+        43: (0.2, 0.8, 0),
+    }
     wanted |= {57: (0, 0.8, 0.2), 60: (0, 0.5, 0.5), 62: (0, 0.3, 0.7), 65: (0, 0, 1)}
     for row, overlaps in wanted.items():
-        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(overlaps, abs=1e-12)
+        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(
+            overlaps, abs=1e-12
+        )
     # A period of 20 rows later all is as before, one symbol on.
     torch.testing.assert_close(shares[3, 40:71], shares[4, 60:91], rtol=0, atol=1e-12)
 
 
-@given(st.floats(1e-6, 2.0), st.floats(1.0, 30.0), st.floats(1e-4, 0.5), st.integers(0, 1000))
-def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(readout, symbols, exposure, seed):
+@given(
+    st.floats(1e-6, 2.0),
+    st.floats(1.0, 30.0),
+    st.floats(1e-4, 0.5),
+    st.integers(0, 1000),
+)
+def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(
+    readout, symbols, exposure, seed
+):
     camera = replace(SMALL, exposure_time_s=exposure)
     scene = scenes(3, seed)
-    effect = RollingShutter(readout_s=readout, symbol_s=max(symbols * exposure, readout / 50))
+    effect = RollingShutter(
+        readout_s=readout, symbol_s=max(symbols * exposure, readout / 50)
+    )
     shares = effect.row_shares(context(scene, camera=camera), 101)
     assert shares.dtype == torch.float64
     assert bool(((shares >= 0) & (shares <= 1)).all())
-    torch.testing.assert_close(shares.sum(1), torch.ones(3, 101, dtype=torch.float64), rtol=0, atol=1e-12)
+    torch.testing.assert_close(
+        shares.sum(1), torch.ones(3, 101, dtype=torch.float64), rtol=0, atol=1e-12
+    )
     # A row sees neighbours only, and the mean number of what it sees never falls.
     assert int((shares > 0).sum(1).max()) <= 2
     number = (torch.arange(shares.shape[1]).view(1, -1, 1) * shares).sum(1)
@@ -126,9 +153,13 @@ def test_light_is_what_sampled_time_says():
         for row in range(101):
             if not abs(row + 0.5 - middle) < 0.24 * scale:
                 continue
-            number = np.floor((row * 0.009 + instants - start) / 0.13).astype(int) + truth
+            number = (
+                np.floor((row * 0.009 + instants - start) / 0.13).astype(int) + truth
+            )
             wanted = symbols[frame].numpy()[number].mean(axis=0)
-            np.testing.assert_allclose(ours[frame, row].numpy(), wanted, atol=2.5 / 4000)
+            np.testing.assert_allclose(
+                ours[frame, row].numpy(), wanted, atol=2.5 / 4000
+            )
             tested += 1
     assert tested > 150
 
@@ -137,7 +168,9 @@ def test_the_truth_shows_on_the_sensors_nearest_row_where_the_centre_is_beyond_i
     """A part of the panel is seen; begun 30 % of a symbol ago, the truth has 80 % of the border's row."""
     effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
     for offset, border in ((-0.65, 0), (0.65, 100)):
-        where = Context(Scene.of(distance_m=40.0, offset_y_m=offset), SMALL, [FixedPhase(0.3)])
+        where = Context(
+            Scene.of(distance_m=40.0, offset_y_m=offset), SMALL, [FixedPhase(0.3)]
+        )
         shares = effect.row_shares(where, 101)[0]
         assert float(shares[len(shares) // 2, border]) == pytest.approx(0.8, abs=1e-9)
 
@@ -158,7 +191,9 @@ def test_the_truth_stands_in_the_middle_of_random_data():
     signs = symbols.double() * 2 - 1
     for one in range(symbols.shape[1]):
         if one != middle:
-            assert stats.binomtest(int(symbols[:, one].sum()), frames * 64).pvalue > 1e-4
+            assert (
+                stats.binomtest(int(symbols[:, one].sum()), frames * 64).pvalue > 1e-4
+            )
         for other in range(one):
             same = int(((signs[:, one] * signs[:, other]) > 0).sum())
             assert stats.binomtest(same, frames * 64).pvalue > 1e-4
@@ -185,10 +220,11 @@ def test_frames_do_not_depend_on_the_batch(batch):
 
 def test_a_symbol_shorter_than_the_exposure_is_refused_when_the_camera_is_known():
     effect = RollingShutter(readout_s=1.0, symbol_s=0.09)
-    message = (
-        r"^scene\.effects\.rolling_shutter\.symbol_s is 0\.09: it must be at least camera\.exposure_time_s"
-    )
-    for call in (lambda where: effect(random_bits(1), where), lambda where: effect.row_shares(where, 101)):
+    message = r"^scene\.effects\.rolling_shutter\.symbol_s is 0\.09: it must be at least camera\.exposure_time_s"
+    for call in (
+        lambda where: effect(random_bits(1), where),
+        lambda where: effect.row_shares(where, 101),
+    ):
         with pytest.raises(VoccError, match=message + ", 0.1$"):
             call(context(Scene.of()))
     RollingShutter(readout_s=1.0, symbol_s=0.1)(random_bits(1), context(Scene.of()))
@@ -197,6 +233,7 @@ def test_a_symbol_shorter_than_the_exposure_is_refused_when_the_camera_is_known(
 def test_symbols_without_number_are_refused():
     camera = replace(SMALL, exposure_time_s=1e-6)
     with pytest.raises(
-        VoccError, match=r"symbol_s is 1e-05: the panel shows \d+ symbols .* at most 1001 are"
+        VoccError,
+        match=r"symbol_s is 1e-05: the panel shows \d+ symbols .* at most 1001 are",
     ):
         RollingShutter(1.0, 1e-5)(random_bits(1), context(Scene.of(), camera=camera))

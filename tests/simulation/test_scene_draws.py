@@ -25,7 +25,9 @@ GOLDEN_BITS = [0, 1, 1, 0, 1, 1, 0, 0]
 def blocks(model, count, seed=0, point="test"):
     """Draw and join several blocks."""
     drawn = [model.draw(BlockKey(seed, point, block), SHAPE) for block in range(count)]
-    return Scene.cat([scene for scene, _ in drawn]), torch.cat([bits for _, bits in drawn])
+    return Scene.cat([scene for scene, _ in drawn]), torch.cat(
+        [bits for _, bits in drawn]
+    )
 
 
 # Keys and streams
@@ -34,10 +36,17 @@ def blocks(model, count, seed=0, point="test"):
 def test_every_part_of_the_key_changes_the_numbers():
     keys = [
         *((seed, "p", 0, "bits") for seed in (0, 1, 2**32, 2**32 + 1)),
-        *((0, "q", 0, "bits"), (0, "p", 1, "bits"), (0, "p", 0, "noise"), (0, "p", 2**32, "bits")),
+        *(
+            (0, "q", 0, "bits"),
+            (0, "p", 1, "bits"),
+            (0, "p", 0, "noise"),
+            (0, "p", 2**32, "bits"),
+        ),
         *((0, "bits", 0, "p"), (0, "", 0, "pbits")),
     ]
-    firsts = {float(BlockKey(s, p, b).generator(stream).random()) for s, p, b, stream in keys}
+    firsts = {
+        float(BlockKey(s, p, b).generator(stream).random()) for s, p, b, stream in keys
+    }
     assert len(firsts) == len(keys)
 
 
@@ -45,7 +54,10 @@ def test_a_draw_keeps_its_golden_value():
     """What resumed and published runs rely on."""
     # To regenerate, only ever on purpose: python -c "from vocc_torch.rng import BlockKey as K;
     # print(K(0, 'golden', 3).generator('bits').integers(2**32))"
-    assert int(BlockKey(0, "golden", 3).generator("bits").integers(2**32)) == GOLDEN_INTEGER
+    assert (
+        int(BlockKey(0, "golden", 3).generator("bits").integers(2**32))
+        == GOLDEN_INTEGER
+    )
 
 
 def test_a_scene_keeps_its_golden_value():
@@ -58,7 +70,9 @@ def test_a_scene_keeps_its_golden_value():
     assert bits[0, 0].int().tolist() == GOLDEN_BITS
 
 
-@pytest.mark.parametrize(("name", "key"), [("seed", (-1, "p", 0)), ("block", (0, "p", -2))])
+@pytest.mark.parametrize(
+    ("name", "key"), [("seed", (-1, "p", 0)), ("block", (0, "p", -2))]
+)
 def test_negative_keys_are_refused_by_name(name, key):
     with pytest.raises(VoccError, match=rf"^{name} is -\d: it must be at least 0$"):
         BlockKey(*key)
@@ -84,17 +98,23 @@ def test_streams_are_uncorrelated():
 @pytest.mark.parametrize("changed", NAMES)
 def test_changing_one_distribution_leaves_the_other_draws_as_they_were(changed):
     before, bits_before = blocks(SceneModel(), 1)
-    after, bits_after = blocks(SceneModel(**{changed: Distribution("constant", (50.0,))}), 1)
+    after, bits_after = blocks(
+        SceneModel(**{changed: Distribution("constant", (50.0,))}), 1
+    )
     assert torch.equal(bits_before, bits_after)
     for name in NAMES:
-        assert torch.equal(getattr(before, name), getattr(after, name)) == (name != changed)
+        assert torch.equal(getattr(before, name), getattr(after, name)) == (
+            name != changed
+        )
 
 
 def test_narrowing_a_uniform_rescales_the_same_draws():
     """Common random numbers: a point of another distance range sees the same quantiles."""
     wide, _ = blocks(SceneModel(distance_m=Distribution("uniform", (30.0, 70.0))), 1)
     narrow, _ = blocks(SceneModel(distance_m=Distribution("uniform", (40.0, 60.0))), 1)
-    torch.testing.assert_close((wide.distance_m - 30) / 40, (narrow.distance_m - 40) / 20, rtol=0, atol=1e-12)
+    torch.testing.assert_close(
+        (wide.distance_m - 30) / 40, (narrow.distance_m - 40) / 20, rtol=0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -106,7 +126,9 @@ def test_default_scenes_are_uniform_over_their_bounds(name):
     assert values.min() >= low
     assert values.max() <= high
     assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > 1e-3
-    assert values.mean() == pytest.approx((low + high) / 2, abs=4 * (high - low) / np.sqrt(12 * values.size))
+    assert values.mean() == pytest.approx(
+        (low + high) / 2, abs=4 * (high - low) / np.sqrt(12 * values.size)
+    )
 
 
 def test_the_default_scene_is_the_papers_table_1():
@@ -119,7 +141,9 @@ def test_the_default_scene_is_the_papers_table_1():
 
 
 def test_log_uniform_draws_are_uniform_in_their_logarithm():
-    drawn = Distribution("log_uniform", (10.0, 1000.0)).draw(np.random.default_rng(0), 5000)
+    drawn = Distribution("log_uniform", (10.0, 1000.0)).draw(
+        np.random.default_rng(0), 5000
+    )
     assert stats.kstest(np.log10(drawn), stats.uniform(1, 2).cdf).pvalue > 1e-3
     assert drawn.min() >= 10 * (1 - 1e-12)
     assert drawn.max() <= 1000 * (1 + 1e-12)
@@ -134,7 +158,9 @@ def test_bits_are_fair_and_independent_of_their_neighbours():
         (bits[:, 1:] == bits[:, :-1]).double().mean(),
         (bits[1:] == bits[:-1]).double().mean(),
     ]
-    assert [float(share) for share in shares] == pytest.approx([0.5] * 4, abs=4 * 0.5 / np.sqrt(170_000))
+    assert [float(share) for share in shares] == pytest.approx(
+        [0.5] * 4, abs=4 * 0.5 / np.sqrt(170_000)
+    )
 
 
 # Reading distributions
@@ -147,7 +173,9 @@ true ; .nan ; .inf ; uniform ; '50' ; null ; [] ; {} ; [40, 60] ; [normal, 0, 1]
 """
 
 
-@pytest.mark.parametrize("spec", [yaml.safe_load(text) for text in WRONG.replace("\n", ";").split(";")[1:-1]])
+@pytest.mark.parametrize(
+    "spec", [yaml.safe_load(text) for text in WRONG.replace("\n", ";").split(";")[1:-1]]
+)
 def test_wrong_specifications_are_refused_in_one_line(spec):
     with pytest.raises(VoccError) as refusal:
         Distribution.parse(spec, "distance_m")

@@ -41,11 +41,20 @@ from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
-RANDOM = (Prnu(0.01), HotPixels(0.01, 1e6), ShotNoise(), Dsnu(2.0), RowNoise(1.5), ReadNoise(3.0))
+RANDOM = (
+    Prnu(0.01),
+    HotPixels(0.01, 1e6),
+    ShotNoise(),
+    Dsnu(2.0),
+    RowNoise(1.5),
+    ReadNoise(3.0),
+)
 
 
 def frame_keys(frames, *, seed=0, point="test", block=0, take="frame"):
-    return [FrameKey(BlockKey(seed, point, block), frame, take) for frame in range(frames)]
+    return [
+        FrameKey(BlockKey(seed, point, block), frame, take) for frame in range(frames)
+    ]
 
 
 def run(value, *effects, keys=None, origin=None, camera=None):
@@ -70,7 +79,9 @@ def test_photoelectrons_are_emvas_50_34_photons():
     pitch_um = 13_200 / 1920
     microwatt_ms_cm2 = exposure / 683 / 1e-5
     expected = 0.6 * 50.34 * pitch_um**2 * 0.555 * microwatt_ms_cm2
-    assert float(run(level(exposure, 1, 1, 1, 1), Photoelectrons(0.6))) == pytest.approx(expected, rel=1e-4)
+    assert float(
+        run(level(exposure, 1, 1, 1, 1), Photoelectrons(0.6))
+    ) == pytest.approx(expected, rel=1e-4)
 
 
 # The photon-transfer curve
@@ -82,23 +93,42 @@ def test_the_photon_transfer_curve_is_emvas_line():
     exposures, moments = np.array([0.002, 0.005, 0.01, 0.02, 0.05, 0.1]), []
     for point, exposure in enumerate(exposures):
         keys = frame_keys(4, point=f"ptc/{point}")
-        electrons = run(level(exposure, 4, 1, 250, 250), conversion, ShotNoise(), ReadNoise(read), keys=keys)
+        electrons = run(
+            level(exposure, 4, 1, 250, 250),
+            conversion,
+            ShotNoise(),
+            ReadNoise(read),
+            keys=keys,
+        )
         moments.append((float(electrons.mean()), float(electrons.var())))
     mean, variance = np.array(moments).T
-    line, covariance = np.polyfit(mean, variance, 1, w=np.sqrt(250_000 / 2) / variance, cov="unscaled")
+    line, covariance = np.polyfit(
+        mean, variance, 1, w=np.sqrt(250_000 / 2) / variance, cov="unscaled"
+    )
     error = np.sqrt(np.diag(covariance))
     assert np.all(error < [0.005, 3.0])
     assert np.all(abs(line - [1, read**2]) < 4 * error)
     context = Context(Scene.of(4), Camera(), effects=(conversion, Gain()))
-    seen, per_lx_s = Gain()(electrons - 100, context), conversion.electrons_per_lx_s(Camera())
+    seen, per_lx_s = (
+        Gain()(electrons - 100, context),
+        conversion.electrons_per_lx_s(Camera()),
+    )
     np.testing.assert_allclose(mean / per_lx_s, exposures, rtol=1e-3)
-    torch.testing.assert_close(seen, (electrons - 100).clamp(min=0) / per_lx_s, rtol=1e-12, atol=0)
+    torch.testing.assert_close(
+        seen, (electrons - 100).clamp(min=0) / per_lx_s, rtol=1e-12, atol=0
+    )
 
 
 def test_dark_noise_is_read_noise_and_the_dark_currents_shot_noise():
     """EMVA 1288: mean mu_I t and variance read^2 + mu_I t, by the t and chi-square tests."""
     camera = replace(Camera(), exposure_time_s=0.01)
-    dark = run(level(0, 8, 1, 100, 125), DarkCurrent(3000), ShotNoise(), ReadNoise(4.0), camera=camera)
+    dark = run(
+        level(0, 8, 1, 100, 125),
+        DarkCurrent(3000),
+        ShotNoise(),
+        ReadNoise(4.0),
+        camera=camera,
+    )
     counts = dark.numpy().ravel()
     assert abs(counts.mean() - 30) < 4 * math.sqrt(46 / counts.size)
     # The fourth moment of a Poisson number of mean 30 adds to a Gaussian's spread of the variance.
@@ -109,19 +139,45 @@ def test_dark_noise_is_read_noise_and_the_dark_currents_shot_noise():
 
 
 def test_poisson_quantiles_are_scipys():
-    means = [0.0, 1e-9, 0.01, 0.5, 1.0, 2.999, 3.0, 3.3, 4.5, 6.0, 9.0, 17.3, 64.0, 300.0, 2222.2, 1e5]
+    means = [
+        0.0,
+        1e-9,
+        0.01,
+        0.5,
+        1.0,
+        2.999,
+        3.0,
+        3.3,
+        4.5,
+        6.0,
+        9.0,
+        17.3,
+        64.0,
+        300.0,
+        2222.2,
+        1e5,
+    ]
     drawn = np.random.default_rng(0).standard_normal(3000)
     normal = np.concatenate([np.linspace(-7, 7, 701), drawn])
     for mean in means:
         ours = poisson_quantile(np.full(normal.size, mean), normal)
-        np.testing.assert_array_equal(ours, np.maximum(stats.poisson.ppf(stats.norm.cdf(normal), mean), 0))
+        np.testing.assert_array_equal(
+            ours, np.maximum(stats.poisson.ppf(stats.norm.cdf(normal), mean), 0)
+        )
     mixed = poisson_quantile(np.array(means), np.full(len(means), 1.25))
     np.testing.assert_array_equal(mixed, stats.poisson.ppf(stats.norm.cdf(1.25), means))
 
 
-@given(st.floats(0.1, 3000), st.floats(-5.5, 4), st.floats(-8, -1), st.sampled_from([-1, 1]))
+@given(
+    st.floats(0.1, 3000),
+    st.floats(-5.5, 4),
+    st.floats(-8, -1),
+    st.sampled_from([-1, 1]),
+)
 @settings(max_examples=40)
-def test_poisson_quantiles_step_where_scipys_distribution_function_does(mean, normal, apart, side):
+def test_poisson_quantiles_step_where_scipys_distribution_function_does(
+    mean, normal, apart, side
+):
     """Near a step, where expansions err: at 1e-8 to 0.1 standard deviations from it, on either side."""
     count = stats.poisson.ppf(stats.norm.cdf(normal), mean)
     step = stats.norm.ppf(stats.poisson.cdf(count, mean))
@@ -133,7 +189,12 @@ def test_poisson_quantiles_step_where_scipys_distribution_function_does(mean, no
 
 def test_shot_noise_keeps_each_pixels_draw_whatever_the_others_hold():
     """A pixel's count follows from its own mean and draw: changing all other means leaves it as it was."""
-    before = torch.rand(2, 1, 40, 50, generator=torch.Generator().manual_seed(1), dtype=DOUBLE) * 100
+    before = (
+        torch.rand(
+            2, 1, 40, 50, generator=torch.Generator().manual_seed(1), dtype=DOUBLE
+        )
+        * 100
+    )
     kept = torch.zeros(2, 1, 40, 50, dtype=torch.bool)
     kept[..., ::3, ::4] = True
     after = torch.where(kept, before, 7 + before * 3)
@@ -145,14 +206,18 @@ def test_shot_noise_keeps_each_pixels_draw_whatever_the_others_hold():
 
 def test_shot_noise_of_black_is_black_and_of_nan_is_refused():
     assert not run(level(-1e-12, 1, 1, 20, 20), ShotNoise()).any()
-    with pytest.raises(VoccError, match=r"^scene\.effects\.shot_noise got a mean .* not a number$"):
+    with pytest.raises(
+        VoccError, match=r"^scene\.effects\.shot_noise got a mean .* not a number$"
+    ):
         run(level(math.nan, 1, 1, 2, 2), ShotNoise())
 
 
 # Patterns of the sensor and noise of the readout
 
 
-@pytest.mark.parametrize(("effect", "scale"), [(Prnu(0.01), 5.0), (Dsnu(2.5), 2.5), (ReadNoise(3.0), 3.0)])
+@pytest.mark.parametrize(
+    ("effect", "scale"), [(Prnu(0.01), 5.0), (Dsnu(2.5), 2.5), (ReadNoise(3.0), 3.0)]
+)
 def test_what_each_pixel_adds_is_normal_and_of_the_stated_spread(effect, scale):
     noise = (run(level(500, 1, 1, 400, 500), effect) - 500).numpy().ravel() / scale
     assert stats.kstest(noise, "norm").pvalue > 1e-3
@@ -160,7 +225,9 @@ def test_what_each_pixel_adds_is_normal_and_of_the_stated_spread(effect, scale):
 
 
 @pytest.mark.parametrize("effect", [Prnu(0.02), Dsnu(3.0), HotPixels(0.02, 1e6)])
-def test_the_sensors_pattern_is_the_same_in_every_frame_and_differs_between_runs(effect):
+def test_the_sensors_pattern_is_the_same_in_every_frame_and_differs_between_runs(
+    effect,
+):
     value = level(200, 3, 1, 90, 140)
     frames = run(value, effect)
     assert torch.equal(frames[0], frames[1])
@@ -186,7 +253,9 @@ def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
     rows = offsets[:, 0, :, 0].numpy() / 2.0
     assert stats.kstest(rows.ravel(), "norm").pvalue > 1e-3
     assert abs(np.corrcoef(rows[0], rows[1])[0, 1]) < 4 / math.sqrt(1000)
-    assert not torch.equal(run(value, RowNoise(2.0), keys=frame_keys(40, take="on")) - 50, offsets)
+    assert not torch.equal(
+        run(value, RowNoise(2.0), keys=frame_keys(40, take="on")) - 50, offsets
+    )
 
 
 def test_a_full_pixel_holds_its_capacity_and_has_no_noise():
@@ -201,19 +270,33 @@ def test_adding_an_effect_leaves_the_others_draws_as_they_were():
     value = level(400, 2, 1, 60, 70)
     for effect in (Dsnu(2.0), RowNoise(1.5), ReadNoise(3.0), HotPixels(0.01, 1e6)):
         alone = run(value, effect) - value
-        for others in itertools.combinations([e for e in RANDOM if type(e) is not type(effect)], 2):
+        for others in itertools.combinations(
+            [e for e in RANDOM if type(e) is not type(effect)], 2
+        ):
             before = run(value, *others)
-            torch.testing.assert_close(run(value, *others, effect) - before, alone, rtol=0, atol=1e-9)
+            torch.testing.assert_close(
+                run(value, *others, effect) - before, alone, rtol=0, atol=1e-9
+            )
     for noisy in (Prnu(0.01), ShotNoise()):
-        assert torch.equal(run(value, noisy), noisy(value, Context(Scene.of(2), Camera(), frame_keys(2))))
+        assert torch.equal(
+            run(value, noisy),
+            noisy(value, Context(Scene.of(2), Camera(), frame_keys(2))),
+        )
 
 
 # Bayer
 
 
 def test_the_mosaic_is_red_green_green_blue():
-    seen = run(level(1, 1, 1, 5, 7), Bayer(red=0.25, green=0.5, blue=0.125))[0, 0].numpy()
-    for (row, column), share in {(0, 0): 0.25, (1, 1): 0.125, (0, 1): 0.5, (1, 0): 0.5}.items():
+    seen = run(level(1, 1, 1, 5, 7), Bayer(red=0.25, green=0.5, blue=0.125))[
+        0, 0
+    ].numpy()
+    for (row, column), share in {
+        (0, 0): 0.25,
+        (1, 1): 0.125,
+        (0, 1): 0.5,
+        (1, 0): 0.5,
+    }.items():
         np.testing.assert_array_equal(seen[row::2, column::2], share)
 
 
@@ -229,18 +312,34 @@ def test_the_mosaic_is_red_green_green_blue():
 def test_demosaicing_is_opencvs_bilinear_interpolation(origin, code):
     raw = np.random.default_rng(6).integers(0, 65536, (150, 44), dtype=np.uint16)
     luma = cv2.cvtColor(raw, code).astype(float) @ [0.299, 0.587, 0.114]
-    ours = run(torch.from_numpy(raw.astype(float)).view(1, 1, 150, 44), Demosaicing(), origin=[origin])
-    np.testing.assert_allclose(ours[0, 0, 1:-1, 1:-1].numpy(), luma[1:-1, 1:-1], rtol=0, atol=0.5)
+    ours = run(
+        torch.from_numpy(raw.astype(float)).view(1, 1, 150, 44),
+        Demosaicing(),
+        origin=[origin],
+    )
+    np.testing.assert_allclose(
+        ours[0, 0, 1:-1, 1:-1].numpy(), luma[1:-1, 1:-1], rtol=0, atol=0.5
+    )
 
 
 def test_filters_bring_their_loss_back_as_noise():
     """Luma's variance at a red pixel: its red, four greens and four blues, each over its filter squared."""
     red, blue, read = 0.4, 0.5, 3.0
-    effects = (Bayer(red, 1.0, blue), Photoelectrons(0.6), ReadNoise(read), Gain(), Demosaicing())
-    seen = run(level(0.05, 4, 1, 300, 300), *effects) * effects[1].electrons_per_lx_s(Camera())
+    effects = (
+        Bayer(red, 1.0, blue),
+        Photoelectrons(0.6),
+        ReadNoise(read),
+        Gain(),
+        Demosaicing(),
+    )
+    seen = run(level(0.05, 4, 1, 300, 300), *effects) * effects[1].electrons_per_lx_s(
+        Camera()
+    )
     expected = read**2 * ((0.299 / red) ** 2 + 0.587**2 / 4 + (0.114 / blue) ** 2 / 4)
     at_red = seen[..., 2:-2:2, 2:-2:2]
-    assert float(at_red.var()) == pytest.approx(expected, rel=4 * math.sqrt(2 * 2.5 / at_red.numel()))
+    assert float(at_red.var()) == pytest.approx(
+        expected, rel=4 * math.sqrt(2 * 2.5 / at_red.numel())
+    )
 
 
 # Encoding
@@ -255,14 +354,28 @@ def pillow_jpeg(frame, quality):
 def picture():
     """A noisy LED panel and its surroundings, (1,1,128,136) uint8."""
     bits = torch.from_numpy(np.random.default_rng(0).random((1, 8, 8)) < 0.5)
-    frame = Simulator(framing="full").render(Scene.of(distance_m=30.0), bits).grey[..., 476:604, 892:1028]
+    frame = (
+        Simulator(framing="full")
+        .render(Scene.of(distance_m=30.0), bits)
+        .grey[..., 476:604, 892:1028]
+    )
     noise = np.random.default_rng(1).normal(0, 4, frame.shape)
-    return torch.from_numpy((frame.numpy() + noise).round().clip(0, 255).astype(np.uint8))
+    return torch.from_numpy(
+        (frame.numpy() + noise).round().clip(0, 255).astype(np.uint8)
+    )
 
 
 @pytest.mark.parametrize(
     ("quality", "mean", "most"),
-    [(1, 2.0, 20), (10, 1.3, 14), (30, 0.7, 10), (50, 0.6, 10), (75, 0.7, 10), (90, 0.7, 10), (100, 0.15, 1)],
+    [
+        (1, 2.0, 20),
+        (10, 1.3, 14),
+        (30, 0.7, 10),
+        (50, 0.6, 10),
+        (75, 0.7, 10),
+        (90, 0.7, 10),
+        (100, 0.15, 1),
+    ],
 )
 def test_jpeg_stays_near_pillows_at_the_same_quality(quality, mean, most):
     frame = picture()
@@ -288,14 +401,19 @@ def on_sensor(value, *effects, **settings):
 def cut(full, origin, size):
     """The windows of full frames, (B,1,H,W)."""
     parts = zip(full, origin, strict=True)
-    return torch.stack([frame[:, y : y + size[0], x : x + size[1]] for frame, (x, y) in parts])
+    return torch.stack(
+        [frame[:, y : y + size[0], x : x + size[1]] for frame, (x, y) in parts]
+    )
 
 
 @st.composite
 def windows(draw):
     """Origins (x, y) of two windows and their size, on the sensor."""
     size = draw(st.integers(1, 150)), draw(st.integers(1, 150))
-    y, x = (st.integers(0, full - side) for full, side in zip(CAMERA.sensor_px, size, strict=True))
+    y, x = (
+        st.integers(0, full - side)
+        for full, side in zip(CAMERA.sensor_px, size, strict=True)
+    )
     return [draw(st.tuples(x, y)) for _ in range(2)], size
 
 
@@ -309,13 +427,17 @@ def test_a_window_has_the_noise_of_the_full_frame(effect, window):
     """Means from 0 to 12 electrons and beyond: both of shot noise's ways to count."""
     origin, size = window
     for dtype in (torch.float32, torch.float64):
-        full = torch.from_numpy(np.random.default_rng(8).uniform(0, 12, (2, 1, 300, 420))).to(dtype)
+        full = torch.from_numpy(
+            np.random.default_rng(8).uniform(0, 12, (2, 1, 300, 420))
+        ).to(dtype)
         full[..., 200:] *= 100
         seen = on_sensor(cut(full, origin, size), effect, origin=origin)
         assert torch.equal(seen, cut(on_sensor(full, effect), origin, size))
 
 
-@pytest.mark.parametrize(("effect", "sigma"), [(ShotNoise(), math.sqrt(200)), (ReadNoise(3.0), 3.0)])
+@pytest.mark.parametrize(
+    ("effect", "sigma"), [(ShotNoise(), math.sqrt(200)), (ReadNoise(3.0), 3.0)]
+)
 def test_tiles_are_drawn_independently(effect, sigma):
     """64 tiles: no two alike, none correlated with another, means and variances as of independent draws."""
     noise = (run(level(200, 1, 1, 1024, 1024), effect) - 200).numpy() / sigma
@@ -333,7 +455,12 @@ def test_tiles_are_drawn_independently(effect, sigma):
 # Tiles
 
 
-@given(x=st.integers(0, 300), y=st.integers(0, 300), height=st.integers(1, 300), width=st.integers(1, 300))
+@given(
+    x=st.integers(0, 300),
+    y=st.integers(0, 300),
+    height=st.integers(1, 300),
+    width=st.integers(1, 300),
+)
 @settings(max_examples=16)
 def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
     covered = np.zeros((height, width), dtype=int)
@@ -341,8 +468,12 @@ def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
     for part in tile_parts((x, y), (height, width)):
         covered[part.in_window] += 1
         tile = np.mgrid[:TILE_PX, :TILE_PX][:, *part.in_tile]
-        np.testing.assert_array_equal(part.row * TILE_PX + tile[0], rows[part.in_window])
-        np.testing.assert_array_equal(part.column * TILE_PX + tile[1], columns[part.in_window])
+        np.testing.assert_array_equal(
+            part.row * TILE_PX + tile[0], rows[part.in_window]
+        )
+        np.testing.assert_array_equal(
+            part.column * TILE_PX + tile[1], columns[part.in_window]
+        )
     assert (covered == 1).all()
 
 
@@ -351,11 +482,15 @@ def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
 
 def test_a_pattern_is_drawn_once_in_a_run(monkeypatch):
     effect, drawn, draw = Dsnu(2.0), [], Dsnu.tile
-    monkeypatch.setattr(Dsnu, "tile", lambda own, generator: drawn.append(1) or draw(own, generator))
+    monkeypatch.setattr(
+        Dsnu, "tile", lambda own, generator: drawn.append(1) or draw(own, generator)
+    )
 
     def planes(*origin, seed=0):
         keys = frame_keys(len(origin), seed=seed)
-        return on_sensor(torch.zeros(len(origin), 1, 40, 40), effect, keys=keys, origin=origin)
+        return on_sensor(
+            torch.zeros(len(origin), 1, 40, 40), effect, keys=keys, origin=origin
+        )
 
     first = planes([10, 10])
     planes([10, 10], [100, 10])
@@ -386,7 +521,9 @@ def test_what_is_kept_changes_neither_the_effect_nor_later_frames(effect):
 @settings(max_examples=4)
 def test_a_window_of_whole_blocks_is_coded_as_in_the_full_frame(quality, data):
     """Also where the sensor cuts the last block: 300 is no multiple of 8, nor are 420 and 1."""
-    full = torch.from_numpy(np.random.default_rng(2).integers(0, 256, (2, 1, 300, 420), dtype=np.uint8))
+    full = torch.from_numpy(
+        np.random.default_rng(2).integers(0, 256, (2, 1, 300, 420), dtype=np.uint8)
+    )
     coded = on_sensor(full, Jpeg(quality))
     along = []
     for sensor in CAMERA.sensor_px:
@@ -395,12 +532,16 @@ def test_a_window_of_whole_blocks_is_coded_as_in_the_full_frame(quality, data):
         along.append(slice(8 * first, min(8 * last, sensor)))
     part = (..., *along)
     at = [along[1].start, along[0].start]
-    assert torch.equal(on_sensor(full[part], Jpeg(quality), origin=[at, at]), coded[part])
+    assert torch.equal(
+        on_sensor(full[part], Jpeg(quality), origin=[at, at]), coded[part]
+    )
 
 
 def test_a_windows_coding_does_not_hang_on_rounding_errors():
     """Coded as grey RGB, one pixel of this window rounds the other way than in the full frame."""
-    full = torch.from_numpy(np.random.default_rng(11).integers(80, 130, (1, 1, 128, 1920), dtype=np.uint8))
+    full = torch.from_numpy(
+        np.random.default_rng(11).integers(80, 130, (1, 1, 128, 1920), dtype=np.uint8)
+    )
     part = (..., slice(8, 72), slice(160, 800))
     seen = on_sensor(full[part], Jpeg(80), origin=[[160, 8]])
     assert torch.equal(seen, on_sensor(full, Jpeg(80))[part])

@@ -16,7 +16,9 @@ from vocc_torch.types import PanelShape, Scene
 SHAPE = PanelShape(8, 8)
 SMALL = Camera(width_px=640, height_px=360, sensor_width_mm=13.2 / 3)
 """A third of the paper's sensor with the paper's pixels, where a full frame is cheap."""
-UNQUANTISED = {name: values for name, values in PAPER_EFFECTS.items() if name != "quantization"}
+UNQUANTISED = {
+    name: values for name, values in PAPER_EFFECTS.items() if name != "quantization"
+}
 
 
 def block(index, model=None):
@@ -32,14 +34,26 @@ def all_on(scene, shape=SHAPE):
 
 def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples):
     """One frame in plain NumPy: discs by points in each pixel, SciPy's Gaussian, Eqs 1 to 3 and 20."""
-    ambient, luminance, distance, grey, dx, dy = (float(getattr(scene, name)[0]) for name in Scene.__slots__)
+    ambient, luminance, distance, grey, dx, dy = (
+        float(getattr(scene, name)[0]) for name in Scene.__slots__
+    )
     t, n, k = camera.exposure_time_s, camera.f_number, camera.calibration_constant
 
     def exposure(reflectance, light):
-        return 10 * ambient * reflectance * t / (k * math.pi * n**2) + 10 * light * t / (k * n**2)
+        return 10 * ambient * reflectance * t / (
+            k * math.pi * n**2
+        ) + 10 * light * t / (k * n**2)
 
-    scale = camera.focal_length_mm / 1000 / (camera.sensor_width_mm / 1000 / camera.width_px) / distance
-    pitch, radius = (panel.led_diameter_m + panel.led_gap_m) * scale, panel.led_diameter_m / 2 * scale
+    scale = (
+        camera.focal_length_mm
+        / 1000
+        / (camera.sensor_width_mm / 1000 / camera.width_px)
+        / distance
+    )
+    pitch, radius = (
+        (panel.led_diameter_m + panel.led_gap_m) * scale,
+        panel.led_diameter_m / 2 * scale,
+    )
     centre_x = camera.width_px / 2 + dx * scale - origin[0]
     centre_y = camera.height_px / 2 + dy * scale - origin[1]
     background = exposure(panel.background_reflectance, 0)
@@ -57,11 +71,22 @@ def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples
         for column in range(columns):
             x0 = centre_x + (column - (columns - 1) / 2) * pitch
             y0 = centre_y + (row - (rows - 1) / 2) * pitch
-            light = luminance * math.exp(-3.91 * distance / visibility) if bits[row, column] else 0.0
+            light = (
+                luminance * math.exp(-3.91 * distance / visibility)
+                if bits[row, column]
+                else 0.0
+            )
             level = exposure(panel.led_reflectance, light)
-            for i in range(max(0, math.floor(y0 - radius)), min(size[0], math.ceil(y0 + radius))):
-                for j in range(max(0, math.floor(x0 - radius)), min(size[1], math.ceil(x0 + radius))):
-                    inside = (j + points - x0) ** 2 + (i + points[:, None] - y0) ** 2 < radius**2
+            for i in range(
+                max(0, math.floor(y0 - radius)), min(size[0], math.ceil(y0 + radius))
+            ):
+                for j in range(
+                    max(0, math.floor(x0 - radius)),
+                    min(size[1], math.ceil(x0 + radius)),
+                ):
+                    inside = (j + points - x0) ** 2 + (
+                        i + points[:, None] - y0
+                    ) ** 2 < radius**2
                     plane[i, j] += inside.mean() * (level - between)
     plane = ndimage.gaussian_filter(plane, sigma, truncate=4.0, mode="nearest")
     speed = 10 / background * (grey / 118) ** camera.gamma
@@ -74,19 +99,37 @@ def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples
         (LedPanel(), 30.0, 64),
         (LedPanel(), 50.0, 64),
         (LedPanel(), 70.0, 64),
-        (LedPanel(shape=PanelShape(3, 5), led_diameter_m=0.05, board_reflectance=0.03), 41.7, 64),
-        (LedPanel(shape=PanelShape(6, 6), led_diameter_m=0.004, led_gap_m=0.004), 70.0, 512),
+        (
+            LedPanel(
+                shape=PanelShape(3, 5), led_diameter_m=0.05, board_reflectance=0.03
+            ),
+            41.7,
+            64,
+        ),
+        (
+            LedPanel(shape=PanelShape(6, 6), led_diameter_m=0.004, led_gap_m=0.004),
+            70.0,
+            512,
+        ),
     ],
     ids=["near", "middle", "far", "dark board", "several LEDs a pixel"],
 )
-def test_frames_are_an_independent_rendering_within_a_tenth_of_a_digital_number(panel, distance, samples):
+def test_frames_are_an_independent_rendering_within_a_tenth_of_a_digital_number(
+    panel, distance, samples
+):
     """Measured: at most 0.075 DN, the sampling error of the reference; rounded, at most 1 DN."""
-    scene = Scene.of(distance_m=distance, offset_x_m=0.1234, offset_y_m=-0.0567, ambient_lx=4000.0)
+    scene = Scene.of(
+        distance_m=distance, offset_x_m=0.1234, offset_y_m=-0.0567, ambient_lx=4000.0
+    )
     shape = (1, panel.shape.rows, panel.shape.columns)
     bits = torch.from_numpy(np.random.default_rng(3).random(shape) < 0.5)
-    exact = Simulator(panel=panel, effects=UNQUANTISED, dtype=torch.float64).render(scene, bits)
+    exact = Simulator(panel=panel, effects=UNQUANTISED, dtype=torch.float64).render(
+        scene, bits
+    )
     size, origin = tuple(exact.grey.shape[-2:]), exact.origin_px[0].tolist()
-    expected = by_hand(scene, bits[0].numpy(), Camera(), panel, origin, size, 1.5, 40_000.0, samples)
+    expected = by_hand(
+        scene, bits[0].numpy(), Camera(), panel, origin, size, 1.5, 40_000.0, samples
+    )
     np.testing.assert_allclose(exact.grey[0, 0].numpy(), expected, rtol=0, atol=0.1)
     assert expected.max() - expected.min() > 15
     rounded = Simulator(panel=panel).render(scene, bits).grey[0, 0].numpy()
@@ -108,16 +151,24 @@ def test_iso_limits_hold_the_background_below_its_target_by_hand():
         (None, 1000.0, 118.0),
     ]:
         scene = Scene.of(background_grey=118.0, ambient_lx=ambient)
-        simulator = Simulator(Camera(iso_limits=limits), effects=UNQUANTISED, dtype=torch.float64)
+        simulator = Simulator(
+            Camera(iso_limits=limits), effects=UNQUANTISED, dtype=torch.float64
+        )
         frames = simulator.render(scene, all_on(scene))
         assert float(frames.surround[0]) == pytest.approx(expected, abs=0.005)
 
 
 @pytest.mark.parametrize(
     ("ambient", "luminance", "clipped", "unclipped"),
-    [(32000.0, 500.0, 3.09, 3.09), (4000.0, 3500.0, 42.50, 89.11), (1000.0, 4000.0, 42.50, 221.41)],
+    [
+        (32000.0, 500.0, 3.09, 3.09),
+        (4000.0, 3500.0, 42.50, 89.11),
+        (1000.0, 4000.0, 42.50, 221.41),
+    ],
 )
-def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, unclipped):
+def test_contrast_of_the_papers_examples_by_hand(
+    ambient, luminance, clipped, unclipped
+):
     """G_off = 102 (0.4 / 0.18)^(1/2.2) = 146.63, and G_on = G_off (1 + pi T L / (0.4 E))^(1/2.2).
 
     For 32000 lx and 500 cd/m2 at 50 m, T = 0.99512: the ratio is 1.12212^(1/2.2) = 1.05377 and the contrast
@@ -131,15 +182,23 @@ def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, un
     on = off * ratio ** (1 / 2.2)
     assert off == pytest.approx(146.63, abs=0.005)
     without = {"attenuation": {"visibility_m": 40_000.0}}
-    assert float(Simulator(effects=without).contrast(scene)) == pytest.approx((on - off) / 255, rel=1e-9)
-    assert 100 * float(Simulator(effects=without).contrast(scene)) == pytest.approx(unclipped, abs=0.005)
-    assert float(Simulator().contrast(scene)) == pytest.approx((min(on, 255) - off) / 255, rel=1e-9)
+    assert float(Simulator(effects=without).contrast(scene)) == pytest.approx(
+        (on - off) / 255, rel=1e-9
+    )
+    assert 100 * float(Simulator(effects=without).contrast(scene)) == pytest.approx(
+        unclipped, abs=0.005
+    )
+    assert float(Simulator().contrast(scene)) == pytest.approx(
+        (min(on, 255) - off) / 255, rel=1e-9
+    )
     assert 100 * float(Simulator().contrast(scene)) == pytest.approx(clipped, abs=0.005)
 
 
 def test_a_crop_too_small_for_a_scene_is_refused():
     scene = Scene.cat([Scene.of(distance_m=d) for d in (50.0, 30.0)])
-    with pytest.raises(VoccError, match=r"^nearest_m is 40: it must be at most the nearest scene's 30$"):
+    with pytest.raises(
+        VoccError, match=r"^nearest_m is 40: it must be at most the nearest scene's 30$"
+    ):
         Simulator().render(scene, all_on(scene), nearest_m=40.0)
 
 
@@ -163,7 +222,9 @@ def test_frames_do_not_depend_on_the_batch_they_are_rendered_in(batch, tried):
 def test_chunks_are_joined_in_order(monkeypatch):
     scene, bits = block(5)
     whole = Simulator().render(scene, bits)
-    monkeypatch.setattr("vocc_torch.simulation.framing.CHUNK_PIXELS", 3 * whole.grey[0].numel())
+    monkeypatch.setattr(
+        "vocc_torch.simulation.framing.CHUNK_PIXELS", 3 * whole.grey[0].numel()
+    )
     assert torch.equal(Simulator().render(scene, bits).grey, whole.grey)
 
 
@@ -171,7 +232,10 @@ def test_float32_frames_differ_from_float64_in_at_most_a_few_pixels_of_a_million
     """Measured over 2560 frames of 7921 pixels: 41 pixels, 2 in a million, each by 1 DN."""
     pairs = [
         torch.stack(
-            [Simulator(dtype=dtype).render(*block(i)).grey.int() for dtype in (torch.float32, torch.float64)]
+            [
+                Simulator(dtype=dtype).render(*block(i)).grey.int()
+                for dtype in (torch.float32, torch.float64)
+            ]
         )
         for i in range(3)
     ]
@@ -183,9 +247,15 @@ def test_float32_frames_differ_from_float64_in_at_most_a_few_pixels_of_a_million
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_black_leds_on_a_dark_board_are_black_and_not_nan(dtype):
     """Rounding once left such pixels a hair below zero, where gamma encoding has no value."""
-    scene = Scene.cat([Scene.of(distance_m=5.0, ambient_lx=lx) for lx in np.linspace(1000, 32000, 20)])
+    scene = Scene.cat(
+        [Scene.of(distance_m=5.0, ambient_lx=lx) for lx in np.linspace(1000, 32000, 20)]
+    )
     panel = LedPanel(led_reflectance=0.0, board_reflectance=0.05)
-    grey = Simulator(panel=panel, effects={}, dtype=dtype).render(scene, ~all_on(scene)).grey
+    grey = (
+        Simulator(panel=panel, effects={}, dtype=dtype)
+        .render(scene, ~all_on(scene))
+        .grey
+    )
     assert bool(torch.isfinite(grey).all())
     assert float(grey.min()) < 1e-3
 
@@ -196,8 +266,14 @@ def test_black_leds_on_a_dark_board_are_black_and_not_nan(dtype):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"framing": "window"}, "framing is 'window': it must be one of crop, filled, full"),
-        ({"dtype": torch.float16}, "dtype is torch.float16: it must be torch.float32 or torch.float64"),
+        (
+            {"framing": "window"},
+            "framing is 'window': it must be one of crop, filled, full",
+        ),
+        (
+            {"dtype": torch.float16},
+            "dtype is torch.float16: it must be torch.float32 or torch.float64",
+        ),
         ({"effects": {"rain": {}}}, "scene.effects.rain is not a known effect"),
     ],
 )

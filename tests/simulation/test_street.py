@@ -8,7 +8,14 @@ import torch
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World, identity
+from vocc_torch.measure.plan import (
+    Budget,
+    Experiment,
+    Plan,
+    ReceiverPlan,
+    World,
+    identity,
+)
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, roadside, sketch
 from vocc_torch.simulation.effects import Context, build_effects
@@ -27,9 +34,13 @@ def keys(frames, seed=0):
 def shot(effects, bits=None, scene=NEAR, panel_only=False, seed=0, camera=LINEAR):
     """Grey values in proportion to the light, 102 for the plain background, which shows between the LEDs."""
     panel = LedPanel(board_reflectance=None)
-    simulator = Simulator(panel=panel, effects=effects, camera=camera, dtype=torch.float64, framing="full")
+    simulator = Simulator(
+        panel=panel, effects=effects, camera=camera, dtype=torch.float64, framing="full"
+    )
     bits = torch.ones(len(scene), 8, 8, dtype=torch.bool) if bits is None else bits
-    return simulator.render(scene, bits, keys=keys(len(scene), seed), panel_only=panel_only)
+    return simulator.render(
+        scene, bits, keys=keys(len(scene), seed), panel_only=panel_only
+    )
 
 
 def test_a_drawing_covers_the_polygons_exact_area():
@@ -37,7 +48,9 @@ def test_a_drawing_covers_the_polygons_exact_area():
     generator, gaps, wide = np.random.default_rng(0), [], []
     for _ in range(40):
         angle, reach = generator.uniform(0, 7), generator.uniform(3, 20)
-        corners = np.array([[np.cos(angle + k * 2.1), np.sin(angle + k * 2.1)] for k in range(3)])
+        corners = np.array(
+            [[np.cos(angle + k * 2.1), np.sin(angle + k * 2.1)] for k in range(3)]
+        )
         corners = corners * reach + generator.uniform(25, 35, 2)
         exact = raster.polygon_cover(torch.from_numpy(corners)[None], 64, 64)[0].numpy()
         made = sketch.Sketch()
@@ -52,7 +65,9 @@ def test_a_drawing_covers_the_polygons_exact_area():
     assert abs(np.mean(gaps)) < 0.15
 
 
-@pytest.mark.parametrize("thing", sorted({*roadside.BESIDE, roadside.marks}, key=lambda one: one.__name__))
+@pytest.mark.parametrize(
+    "thing", sorted({*roadside.BESIDE, roadside.marks}, key=lambda one: one.__name__)
+)
 def test_windows_of_a_thing_are_parts_of_the_whole_and_nothing_leaves_its_reach(thing):
     light = roadside.Light(2000.0, 3000.0, 0.5)
     for seed in range(6):
@@ -63,7 +78,9 @@ def test_windows_of_a_thing_are_parts_of_the_whole_and_nothing_leaves_its_reach(
         if thing in roadside.REACH_M:
             assert np.hypot(*points.T).max() < roadside.REACH_M[thing] * 1.05
     on_sensor = sketch.Drawing.on_sensor(made.parts, lambda at: at * 31.7 + 150.3)
-    planes = [laid([on_sensor], window) for window in ((0, 0, 300, 200), (37, 51, 180, 140))]
+    planes = [
+        laid([on_sensor], window) for window in ((0, 0, 300, 200), (37, 51, 180, 140))
+    ]
     for whole, part in zip(*planes, strict=True):
         assert np.array_equal(whole[51:140, 37:180], part)
 
@@ -88,10 +105,20 @@ def test_what_is_hidden_is_not_drawn_and_nothing_changes(monkeypatch):
         for number in range(12):
             turn = np.array([[0.9, 0.4], [-0.4, 0.9]]) * generator.uniform(5, 60)
             at = generator.uniform(0, 300, 2)
-            parts = roadside.BESIDE[number % len(roadside.BESIDE)](generator, light).parts
+            parts = roadside.BESIDE[number % len(roadside.BESIDE)](
+                generator, light
+            ).parts
             share = 0.3 if number == 7 else 1.0
-            things.append(sketch.Drawing.on_sensor(parts, lambda p, t=turn, a=at: p @ t + a, share))
-        quick, keep, added = laid(things, window), np.ones(1, np.float32), np.zeros(1, np.float32)
+            things.append(
+                sketch.Drawing.on_sensor(
+                    parts, lambda p, t=turn, a=at: p @ t + a, share
+                )
+            )
+        quick, keep, added = (
+            laid(things, window),
+            np.ones(1, np.float32),
+            np.zeros(1, np.float32),
+        )
         with monkeypatch.context() as patch:
             patch.setattr(sketch, "CLEAR", math.inf)  # so that nothing is told covered
             for thing in things:
@@ -109,7 +136,9 @@ def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():
     frames = shot({"led_look": BARE, "housing": PLAIN}, off)
     inside = frames.grey[:, 0, 80:120, 140:180]
     assert inside.numpy() == pytest.approx(102 * 0.3 / 0.18, rel=1e-3)
-    seen = shot({"led_look": BARE | {"invisible": 0, "reflectance": 0.6}, "housing": PLAIN}, off).grey
+    seen = shot(
+        {"led_look": BARE | {"invisible": 0, "reflectance": 0.6}, "housing": PLAIN}, off
+    ).grey
     assert float(seen.max()) == pytest.approx(102 * 0.6 / 0.18, rel=1e-3)
 
 
@@ -118,7 +147,11 @@ def test_housing_replaces_the_panels_board():
     bits = torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(0)) < 0.5
     for housing in ({"board": 0.1, "boardless": 0.0}, {"boardless": 1.0}):
         frames = [
-            Simulator(camera, LedPanel(board_reflectance=board), {"housing": housing, "led_look": {}})
+            Simulator(
+                camera,
+                LedPanel(board_reflectance=board),
+                {"housing": housing, "led_look": {}},
+            )
             .render(NEAR, bits, keys=keys(2, 0))
             .grey
             for board in (None, 0.4)
@@ -136,7 +169,9 @@ def test_leds_have_the_area_and_the_light_that_their_look_says(square, share, po
         frames = shot({"led_look": BARE | {"fill": fill, "square": square}} | pose)
         sums[fill] = float((frames.grey[0, 0] - 102).sum())
     own = 102 * 900 / (5000 * 0.18 / math.pi)
-    assert sums[0.5] == pytest.approx(64 * share * (0.5 * pitch_px) ** 2 * own, rel=1e-6)
+    assert sums[0.5] == pytest.approx(
+        64 * share * (0.5 * pitch_px) ** 2 * own, rel=1e-6
+    )
     assert sums[0.25] == pytest.approx(sums[0.5], rel=1e-6)
     assert sums[0.9] == pytest.approx(sums[0.5] * (0.9 / 0.5) ** 2, rel=1e-6)
 
@@ -150,7 +185,13 @@ def test_rows_in_turn_give_what_an_exposure_catches_of_their_pulses():
     rows = effect(value, Context(scene, camera, keys(40)))[:, :, 0].numpy()
     time = (np.arange(4000) + 0.5) / 4000 * 900 / 1500
     phases = (np.arange(200) + 0.5)[:, None] / 200
-    lit = np.stack([(((phases + time) % 1) // 0.25 == group).mean(axis=1) * 4 for group in range(4)], axis=1)
+    lit = np.stack(
+        [
+            (((phases + time) % 1) // 0.25 == group).mean(axis=1) * 4
+            for group in range(4)
+        ],
+        axis=1,
+    )
     nearest = np.abs(rows[:, None, :4] - lit).max(axis=2).min(axis=1)
     assert nearest.max() < 0.04
     assert np.array_equal(rows[:, :4], rows[:, 4:])
@@ -160,9 +201,16 @@ def test_rows_in_turn_give_what_an_exposure_catches_of_their_pulses():
 
 def test_without_a_panel_the_street_is_the_same():
     """All but the panel's surroundings is alike, and the truth says that there is none."""
-    street = {"scenery": {}, "clutter": {"things": 12}, "led_look": {}, "housing": {"cables": 0}}
+    street = {
+        "scenery": {},
+        "clutter": {"things": 12},
+        "led_look": {},
+        "housing": {"cables": 0},
+    }
     scene = Scene.of(3, distance_m=40.0, led_luminance_cd_m2=30_000.0)
-    there, gone = (shot(street | more, scene=scene).grey for more in ({}, {"panel_absent": {}}))
+    there, gone = (
+        shot(street | more, scene=scene).grey for more in ({}, {"panel_absent": {}})
+    )
     changed = (there - gone).abs().amax((0, 1)) > 1e-9
     rows, columns = changed.nonzero().T
     assert 4 < int(rows.max() - rows.min()) < 80
@@ -188,14 +236,18 @@ def test_a_photograph_stands_behind_in_the_light_that_it_shows(tmp_path):
     halves[:, 45:] = 192
     folder = pictures(tmp_path / "own", a=halves, b=np.full((400, 600), 50))
     scene = Scene.of(12)
-    grey = shot({"backdrop": {"folder": folder, "level": 0.5}, "panel_absent": {}}, scene=scene).grey[:, 0]
+    grey = shot(
+        {"backdrop": {"folder": folder, "level": 0.5}, "panel_absent": {}}, scene=scene
+    ).grey[:, 0]
     plain = grey.amax((1, 2)) - grey.amin((1, 2)) < 1e-3
     assert 0 < int(plain.sum()) < 12
     assert grey[plain].numpy() == pytest.approx(51, rel=1e-5)
     low, high = grey[~plain].amin((1, 2)), grey[~plain].amax((1, 2))
     assert (high / low).numpy() == pytest.approx(3**2.2, rel=1e-5)
     assert ((low + high) / 2).numpy() == pytest.approx(51, rel=1e-5)
-    assert len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1  # crops of their own
+    assert (
+        len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1
+    )  # crops of their own
 
 
 def test_folders_without_pictures_are_refused(tmp_path):
@@ -203,10 +255,15 @@ def test_folders_without_pictures_are_refused(tmp_path):
     empty.mkdir()
     broken.mkdir()
     (broken / "a.png").write_text("no picture")
-    for folder, rule in ((empty, "a picture that can be read"), (broken, "a picture that can be read")):
+    for folder, rule in (
+        (empty, "a picture that can be read"),
+        (broken, "a picture that can be read"),
+    ):
         with pytest.raises(VoccError, match=rule):
             build_effects({"backdrop": {"folder": str(folder)}})
-    with pytest.raises(VoccError, match=r"folder is 'nowhere/street': it must be a folder"):
+    with pytest.raises(
+        VoccError, match=r"folder is 'nowhere/street': it must be a folder"
+    ):
         build_effects({"backdrop": {"folder": "nowhere/street"}})
     assert build_effects({"backdrop": {"folder": "skimage/data"}})
 
@@ -214,8 +271,14 @@ def test_folders_without_pictures_are_refused(tmp_path):
 def test_windows_of_photographs_and_leaves_are_parts_of_the_whole():
     camera = Camera(width_px=640, height_px=360, sensor_width_mm=13.2 / 3)
     scene = Scene.of(2, distance_m=60.0, offset_x_m=1.0)
-    behind = {"backdrop": {"folder": "matplotlib/mpl-data/sample_data"}, "leaves": {"count": 60}}
-    whole, window = (shot(behind, scene=scene, panel_only=only, camera=camera) for only in (False, True))
+    behind = {
+        "backdrop": {"folder": "matplotlib/mpl-data/sample_data"},
+        "leaves": {"count": 60},
+    }
+    whole, window = (
+        shot(behind, scene=scene, panel_only=only, camera=camera)
+        for only in (False, True)
+    )
     height, width = window.grey.shape[-2:]
     assert height < 200
     for i, (x, y) in enumerate(window.origin_px.tolist()):
@@ -229,7 +292,9 @@ def test_panels_of_another_pitch_stand_in_their_housing():
     panel, scene = LedPanel(led_gap_m=0.09), Scene.of(1, distance_m=30.0)
     made = {"housing": PLAIN | {"rim": 0.5, "rim_reflectance": 0.9}, "led_look": BARE}
     simulator = Simulator(LINEAR, panel, made, dtype=torch.float64)
-    frame = simulator.render(scene, torch.zeros(1, 8, 8, dtype=torch.bool), keys=keys(1)).grey[0, 0]
+    frame = simulator.render(
+        scene, torch.zeros(1, 8, 8, dtype=torch.bool), keys=keys(1)
+    ).grey[0, 0]
     bright = float((frame > 1.5 * 102 * 0.3 / 0.18).sum())
     side_px = 0.12 * LINEAR.focal_length_px / 30
     assert bright == pytest.approx(side_px**2 * (9**2 - 8**2), rel=0.1)
@@ -244,7 +309,13 @@ def test_a_ledger_belongs_to_the_pictures(tmp_path, monkeypatch):
         pictures(place / "own", a=np.full((size, size), grey))
         monkeypatch.chdir(place)
         world = World(effects={"backdrop": {"folder": "own"}})
-        plan = Plan(world, ReceiverPlan(), Experiment("d", "distance_m", (50.0,)), Budget(64), tmp_path)
+        plan = Plan(
+            world,
+            ReceiverPlan(),
+            Experiment("d", "distance_m", (50.0,)),
+            Budget(64),
+            tmp_path,
+        )
         told.append(identity(plan, ["truth"]))
     assert told[0]["world"] == told[1]["world"]
     assert told[0] != told[1]
@@ -252,12 +323,20 @@ def test_a_ledger_belongs_to_the_pictures(tmp_path, monkeypatch):
 
 def test_what_a_lens_has_no_image_of_is_left_out():
     """A wide lens that turns back near its corner, and a vehicle about the panel that reaches beyond."""
-    camera = Camera(focal_length_mm=1.75, sensor_width_mm=2.2, width_px=320, height_px=200, gamma=1.0)
+    camera = Camera(
+        focal_length_mm=1.75,
+        sensor_width_mm=2.2,
+        width_px=320,
+        height_px=200,
+        gamma=1.0,
+    )
     wide = {
         "lens_distortion": {"k1": -0.25},
         "clutter": {"things": 0, "carried": 1},
         "housing": {"cables": 9},
     }
     scene = Scene.of(4, distance_m=1.5, offset_x_m=0.9, led_luminance_cd_m2=900.0)
-    frames = shot(wide, torch.ones(4, 8, 8, dtype=torch.bool), scene=scene, camera=camera)
+    frames = shot(
+        wide, torch.ones(4, 8, 8, dtype=torch.bool), scene=scene, camera=camera
+    )
     assert bool(torch.isfinite(frames.grey).all())

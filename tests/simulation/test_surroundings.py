@@ -70,7 +70,10 @@ def test_contrast_is_the_grey_step_of_an_leds_middle_in_fog_and_glare(effects):
 @pytest.mark.parametrize("board", [None, 0.05])
 def test_texture_and_lamps_stay_behind_the_panel(board):
     """LEDs hide them; between the LEDs they show where the panel has no board."""
-    panel, around = LedPanel(board_reflectance=board), {"lamps": LAMPS["lamps"] | {"count": 400}} | TEXTURE
+    panel, around = (
+        LedPanel(board_reflectance=board),
+        {"lamps": LAMPS["lamps"] | {"count": 400}} | TEXTURE,
+    )
     plain = shot({}, panel=panel, framing="full")
     busy = shot(around, panel=panel)
     x, y = np.meshgrid(np.arange(640) + 0.5, np.arange(360) + 0.5)
@@ -89,8 +92,13 @@ def test_texture_and_lamps_stay_behind_the_panel(board):
 
 def test_lamps_shine_less_through_fog():
     """A lamp's middle: its luminance dimmed over the panel's distance, plus the path's own light."""
-    scene, lamps = Scene.of(1, distance_m=40.0), {"lamps": LAMPS["lamps"] | {"diameter_m": 1.0}}
+    scene, lamps = (
+        Scene.of(1, distance_m=40.0),
+        {"lamps": LAMPS["lamps"] | {"diameter_m": 1.0}},
+    )
     kept = math.exp(-3.912 * 40 / 80)
     air, clear = 8000 / math.pi * (1 - kept), 8000 * 0.18 / math.pi
     expected = 102 * ((2e4 * kept + air) / (clear * kept + air)) ** (1 / 2.2)
-    assert float(shot(lamps | FOG, scene=scene).grey.max()) == pytest.approx(expected, rel=1e-5)
+    assert float(shot(lamps | FOG, scene=scene).grey.max()) == pytest.approx(
+        expected, rel=1e-5
+    )

@@ -16,7 +16,13 @@ from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.view import LensDistortion, Pose, View, placement_m, view_of
+from vocc_torch.simulation.effects.view import (
+    LensDistortion,
+    Pose,
+    View,
+    placement_m,
+    view_of,
+)
 from vocc_torch.simulation.raster import ellipse_cover, polygon_cover
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
@@ -24,14 +30,26 @@ from vocc_torch.types import Scene
 CAMERA = Camera()
 WIDE = Camera(focal_length_mm=1000 * 13.2 / 1920)
 """A dashcam's lens: 1000 px focal length, 88 degrees across."""
-CORNERS = torch.tensor([[-0.24, -0.24], [0.24, -0.24], [0.24, 0.24], [-0.24, 0.24]], dtype=torch.float64)
-POSES = [(0, 0, 0), (40, 0, 0), (0, -35, 0), (0, 0, 160), (70, 20, -30), (-60, -50, 95), (10, 75, -140)]
+CORNERS = torch.tensor(
+    [[-0.24, -0.24], [0.24, -0.24], [0.24, 0.24], [-0.24, 0.24]], dtype=torch.float64
+)
+POSES = [
+    (0, 0, 0),
+    (40, 0, 0),
+    (0, -35, 0),
+    (0, 0, 160),
+    (70, 20, -30),
+    (-60, -50, 95),
+    (10, 75, -140),
+]
 LENSES = [(0, 0, 0), (-0.1, 0, 0), (-0.3, 0.1, 0), (0.2, -0.1, 0.05)]
 
 
 def ellipse_patch_px(spread_px2):
     """Side of the square patch that holds any of the ellipses of these spreads, (...,2,2) px^2."""
-    return math.ceil(2 * math.sqrt(float(spread_px2.diagonal(dim1=-2, dim2=-1).max()))) + 1
+    return (
+        math.ceil(2 * math.sqrt(float(spread_px2.diagonal(dim1=-2, dim2=-1).max()))) + 1
+    )
 
 
 def view(pose=(0, 0, 0), lens=(0, 0, 0), camera=CAMERA, **scene):
@@ -43,13 +61,20 @@ def view(pose=(0, 0, 0), lens=(0, 0, 0), camera=CAMERA, **scene):
 def by_opencv(points, pose, lens, camera, centre):
     """Rotations by Rodrigues: yaw about the upward axis, pitch about the leftward one, roll about z."""
     yaw, pitch, roll = np.radians(np.array(pose, float))
-    turns = [cv2.Rodrigues(np.array(v))[0] for v in ([0, -yaw, 0], [-pitch, 0, 0], [0, 0, roll])]
+    turns = [
+        cv2.Rodrigues(np.array(v))[0]
+        for v in ([0, -yaw, 0], [-pitch, 0, 0], [0, 0, roll])
+    ]
     rotation = cv2.Rodrigues(turns[0] @ turns[1] @ turns[2])[0]
     focal = camera.focal_length_px
-    matrix = np.array([[focal, 0, camera.width_px / 2], [0, focal, camera.height_px / 2], [0, 0, 1]])
+    matrix = np.array(
+        [[focal, 0, camera.width_px / 2], [0, focal, camera.height_px / 2], [0, 0, 1]]
+    )
     k1, k2, k3 = lens
     flat = np.column_stack([points, np.zeros(len(points))])
-    return cv2.projectPoints(flat, rotation, np.array(centre), matrix, np.array([k1, k2, 0, 0, k3]))[0][:, 0]
+    return cv2.projectPoints(
+        flat, rotation, np.array(centre), matrix, np.array([k1, k2, 0, 0, k3])
+    )[0][:, 0]
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -60,16 +85,22 @@ def test_points_are_where_opencv_projects_them(pose, lens, camera):
     for x, y, z in ((0.0, 0.0, 3.0), (0.7, -0.4, 5.0), (-6.0, 3.0, 40.0)):
         seen = view(pose, lens, camera, offset_x_m=x, offset_y_m=y, distance_m=z)
         image = seen.points_px(torch.from_numpy(points))[0].numpy()
-        np.testing.assert_allclose(image, by_opencv(points, pose, lens, camera, (x, y, z)), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            image, by_opencv(points, pose, lens, camera, (x, y, z)), rtol=0, atol=1e-9
+        )
 
 
 def exact_ellipse(placement, camera, centre, radius):
     """Centre and spread by the inverse of the homography, in 50 digits."""
     focal = mpmath.mpf(camera.focal_length_px)
-    matrix = mpmath.matrix([[focal, 0, camera.width_px / 2], [0, focal, camera.height_px / 2], [0, 0, 1]])
+    matrix = mpmath.matrix(
+        [[focal, 0, camera.width_px / 2], [0, focal, camera.height_px / 2], [0, 0, 1]]
+    )
     back = (matrix * mpmath.matrix(placement.tolist())) ** -1
     x, y = (mpmath.mpf(float(v)) for v in centre)
-    rim = mpmath.matrix([[1, 0, -x], [0, 1, -y], [-x, -y, x**2 + y**2 - mpmath.mpf(radius) ** 2]])
+    rim = mpmath.matrix(
+        [[1, 0, -x], [0, 1, -y], [-x, -y, x**2 + y**2 - mpmath.mpf(radius) ** 2]]
+    )
     conic = back.T * rim * back
     middle = -(conic[:2, :2] ** -1) * conic[:2, 2]
     level = (conic[:2, 2].T * middle)[0] + conic[2, 2]
@@ -94,7 +125,10 @@ def test_ellipses_of_discs_agree_with_50_digits():
             for i in range(2):
                 assert abs(mpmath.mpf(float(centre[0, 0, i])) - middle[i]) < 1e-12
                 for j in range(2):
-                    assert abs(mpmath.mpf(float(spread[0, 0, i, j])) - exact[i, j]) < 1e-15 * size
+                    assert (
+                        abs(mpmath.mpf(float(spread[0, 0, i, j])) - exact[i, j])
+                        < 1e-15 * size
+                    )
 
 
 def rim(seen, point, radius, count=4000):
@@ -104,10 +138,13 @@ def rim(seen, point, radius, count=4000):
 
 
 @pytest.mark.parametrize(
-    ("camera", "lens", "rate"), [(CAMERA, (-0.3, 0, 0), 8e-5), (WIDE, (-0.2, 0.05, 0), 5e-4)]
+    ("camera", "lens", "rate"),
+    [(CAMERA, (-0.3, 0, 0), 8e-5), (WIDE, (-0.2, 0.05, 0), 5e-4)],
 )
 @pytest.mark.parametrize("radius_px", [1.0, 5.0, 20.0])
-def test_distorted_ellipses_are_within_the_stated_error_of_the_rim(camera, lens, rate, radius_px):
+def test_distorted_ellipses_are_within_the_stated_error_of_the_rim(
+    camera, lens, rate, radius_px
+):
     """At the sensor's corner, where it is largest; it grows with the radius squared, as linearising does."""
     scale = camera.focal_length_px / 50
     reach = LensDistortion(*lens).corner_radius(camera) * 50 / math.hypot(960, 540)
@@ -124,17 +161,22 @@ def test_distorted_ellipses_are_within_the_stated_error_of_the_rim(camera, lens,
 def test_what_has_no_image_is_refused_by_the_poses_name():
     near = view((80, 0, 0), distance_m=0.2)
     with pytest.raises(
-        VoccError, match=r"scene\.effects\.pose tilts a part of the panel to a depth of -0\.0363"
+        VoccError,
+        match=r"scene\.effects\.pose tilts a part of the panel to a depth of -0\.0363",
     ):
         near.points_px(CORNERS)
-    on_plane = View(placement_m(Scene.of(distance_m=1.0)) * torch.tensor([1.0, 1, 0]), near.context)
+    on_plane = View(
+        placement_m(Scene.of(distance_m=1.0)) * torch.tensor([1.0, 1, 0]), near.context
+    )
     with pytest.raises(VoccError, match="depth of 0 m"):
         on_plane.points_px(CORNERS)
     # The disc's centre is before the camera, its rim behind it.
     with pytest.raises(VoccError, match=r"scene\.effects\.pose tilts"):
         near.discs_px(torch.zeros(1, 2), 0.21)
     near.discs_px(torch.zeros(1, 2), 0.2)
-    with pytest.raises(VoccError, match=r"turns the panel's back to the camera in frame 0"):
+    with pytest.raises(
+        VoccError, match=r"turns the panel's back to the camera in frame 0"
+    ):
         view((80, 0, 0), distance_m=10.0, offset_x_m=1.77)
     view((80, 0, 0), distance_m=10.0, offset_x_m=1.76)
 
@@ -143,14 +185,18 @@ def test_what_has_no_image_is_refused_by_the_poses_name():
 
 
 def spread_of(major, minor, turn):
-    axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    axes = np.array(
+        [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+    )
     return axes @ np.diag([major**2, minor**2]) @ axes.T
 
 
 def cover_of(centre, spread):
     spread = torch.from_numpy(np.array(spread)).view(1, 2, 2)
     centre = torch.tensor([centre], dtype=torch.float64)
-    cover, left, top = ellipse_cover(centre, spread, ellipse_patch_px(spread), canvas_px=(64, 64))
+    cover, left, top = ellipse_cover(
+        centre, spread, ellipse_patch_px(spread), canvas_px=(64, 64)
+    )
     return cover[0].numpy(), int(left), int(top)
 
 
@@ -187,8 +233,14 @@ def exact_cover(centre, spread, left, top, size):
         cover = np.zeros((size, size))
         for i in range(size):
             for j in range(size):
-                corners = [mapped(left + j + u, top + i + v) for u, v in ((0, 0), (1, 0), (1, 1), (0, 1))]
-                pieces = (disc_and_triangle(corners[k], corners[(k + 1) % 4]) for k in range(4))
+                corners = [
+                    mapped(left + j + u, top + i + v)
+                    for u, v in ((0, 0), (1, 0), (1, 1), (0, 1))
+                ]
+                pieces = (
+                    disc_and_triangle(corners[k], corners[(k + 1) % 4])
+                    for k in range(4)
+                )
                 cover[i, j] = mpmath.fsum(pieces) * xx * yy
     return cover
 
@@ -208,7 +260,11 @@ def test_every_pixels_share_of_an_ellipse_is_exact(ellipse):
     """Within 1e-15 / (1 - rho^2) of the ellipse's area, against 30 digits and another formula."""
     spread = spread_of(*ellipse)
     allowed = (
-        1e-15 / (1 - spread[0, 1] ** 2 / (spread[0, 0] * spread[1, 1])) * math.pi * ellipse[0] * ellipse[1]
+        1e-15
+        / (1 - spread[0, 1] ** 2 / (spread[0, 0] * spread[1, 1]))
+        * math.pi
+        * ellipse[0]
+        * ellipse[1]
     )
     assert allowed < 1e-12 * math.pi * ellipse[0] * ellipse[1]
     # The last ones put the rim of a disc a hair from a pixel edge, where a careless square root loses digits.
@@ -222,11 +278,17 @@ def test_every_pixels_share_of_an_ellipse_is_exact(ellipse):
 @pytest.mark.parametrize("excess", [-1e-15, 0.0, 1e-15, 1e-12])
 def test_an_ellipse_seen_edge_on_covers_nothing(excess):
     """Its spread is singular; rounding may even leave a determinant below 0."""
-    spread = torch.tensor([[[4.0, 4.0], [4.0, 4.0 * (1 + excess)]]], dtype=torch.float64).expand(2000, 2, 2)
-    along = torch.rand(2000, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    spread = torch.tensor(
+        [[[4.0, 4.0], [4.0, 4.0 * (1 + excess)]]], dtype=torch.float64
+    ).expand(2000, 2, 2)
+    along = torch.rand(
+        2000, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64
+    )
     # The line runs through lattice points, so that rounding decides on which side of it they lie.
     centres = along + torch.tensor([0.0, 1.0])
-    cover, _, _ = ellipse_cover(centres + 9, spread, ellipse_patch_px(spread), canvas_px=(32, 32))
+    cover, _, _ = ellipse_cover(
+        centres + 9, spread, ellipse_patch_px(spread), canvas_px=(32, 32)
+    )
     assert torch.isfinite(cover).all()
     assert cover.sum(dim=(1, 2)).max() <= math.pi * 4 * math.sqrt(max(excess, 0)) * 1.1
 
@@ -238,7 +300,9 @@ def clipped(points, axis, bound, keep_below):
     """Sutherland and Hodgman's clip of a polygon by one line, in fractions."""
     kept = []
     for a, b in zip(points, points[1:] + points[:1], strict=True):
-        inside = [(p[axis] <= bound) if keep_below else (p[axis] >= bound) for p in (a, b)]
+        inside = [
+            (p[axis] <= bound) if keep_below else (p[axis] >= bound) for p in (a, b)
+        ]
         if inside[0]:
             kept.append(a)
         if inside[0] != inside[1]:
@@ -250,7 +314,12 @@ def clipped(points, axis, bound, keep_below):
 
 def exact_area(points):
     wrapped = points[1:] + points[:1]
-    return abs(sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(points, wrapped, strict=True))) / 2
+    return (
+        abs(
+            sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(points, wrapped, strict=True))
+        )
+        / 2
+    )
 
 
 def exact_polygon_cover(corners, height, width):
@@ -288,18 +357,26 @@ def test_every_pixels_share_of_a_polygon_is_exact(name):
     corners = torch.tensor([SHAPES[name]], dtype=torch.float64)
     exact = exact_polygon_cover(SHAPES[name], 10, 11)
     for same in (corners, corners.flip(1), corners.roll(1, 1)):
-        np.testing.assert_allclose(polygon_cover(same, 10, 11)[0].numpy(), exact, rtol=0, atol=1.5e-14)
+        np.testing.assert_allclose(
+            polygon_cover(same, 10, 11)[0].numpy(), exact, rtol=0, atol=1.5e-14
+        )
 
 
 def test_a_polygons_cover_does_not_depend_on_its_batch():
     """Nor does rounding leave a trace in the rows that only other polygons of the batch reach."""
     generator = torch.Generator().manual_seed(1)
-    corners, lift = (torch.rand(300, n, 2, generator=generator, dtype=torch.float64) for n in (4, 1))
+    corners, lift = (
+        torch.rand(300, n, 2, generator=generator, dtype=torch.float64) for n in (4, 1)
+    )
     batch = corners * torch.tensor([3.0, 6.0]) + lift * torch.tensor([-0.5, 9.0])
-    batch = torch.cat([batch, torch.tensor([[[0.0, 0.0], [3.0, 0.0], [3.0, 20.0], [0.0, 20.0]]])])
+    batch = torch.cat(
+        [batch, torch.tensor([[[0.0, 0.0], [3.0, 0.0], [3.0, 20.0], [0.0, 20.0]]])]
+    )
     whole = polygon_cover(batch, 16, 4)
     for frame in range(301):
-        assert torch.equal(polygon_cover(batch[frame : frame + 1], 16, 4)[0], whole[frame])
+        assert torch.equal(
+            polygon_cover(batch[frame : frame + 1], 16, 4)[0], whole[frame]
+        )
 
 
 TURNS = Distribution("uniform", (-30.0, 40.0))
@@ -317,21 +394,30 @@ def test_the_rotation_is_scipys_and_keeps_the_panels_centre(yaw, pitch, roll):
     if yaw == pitch == roll == 0:
         return
     placed = drawn(Pose(yaw, pitch, roll), frames=2)
-    expected = Rotation.from_euler("YXZ", [-yaw, -pitch, roll], degrees=True).as_matrix()
-    np.testing.assert_allclose(placed[1, :, :2].numpy(), expected[:, :2], rtol=0, atol=1e-14)
+    expected = Rotation.from_euler(
+        "YXZ", [-yaw, -pitch, roll], degrees=True
+    ).as_matrix()
+    np.testing.assert_allclose(
+        placed[1, :, :2].numpy(), expected[:, :2], rtol=0, atol=1e-14
+    )
     assert placed[0, :, 2].tolist() == [0.5, 0.0, 30.0]
     assert placed.dtype == torch.float64
 
 
 def angles_of(placed):
     return Rotation.from_matrix(
-        np.concatenate([placed[..., :2], np.cross(placed[..., 0], placed[..., 1])[..., None]], axis=-1)
+        np.concatenate(
+            [placed[..., :2], np.cross(placed[..., 0], placed[..., 1])[..., None]],
+            axis=-1,
+        )
     ).as_euler("YXZ", degrees=True) * [-1, -1, 1]
 
 
 def test_angles_are_drawn_from_their_distributions_once_a_frame():
     """A Kolmogorov distance of 0.17 is the 5 % bound for 64 draws; seeded, so that it holds always."""
-    pose = Pose(TURNS, Distribution("choice", (-20.0, 15.0)), Distribution("constant", (100.0,)))
+    pose = Pose(
+        TURNS, Distribution("choice", (-20.0, 15.0)), Distribution("constant", (100.0,))
+    )
     yaw, pitch, roll = angles_of(drawn(pose).numpy()).T
     ranks = (np.sort(yaw) + 30) / 70
     assert np.abs(ranks - (np.arange(64) + 0.5) / 64).max() < 0.17
@@ -374,7 +460,12 @@ def test_size_in_px_bounds_every_image_of_the_panel(pose, camera, nearest_m):
     for trial in range(16):
         distance = nearest_m * (1 + max(0.0, rng.uniform(-1, 1)))
         place = rng.uniform(-1, 1, 2) if trial % 2 else rng.choice([-1, 1], 2)
-        half = np.array([camera.width_px, camera.height_px]) / 2 * distance / camera.focal_length_px
+        half = (
+            np.array([camera.width_px, camera.height_px])
+            / 2
+            * distance
+            / camera.focal_length_px
+        )
         x, y = place * half
         scene = Scene.of(64, distance_m=distance, offset_x_m=x, offset_y_m=y)
         keys = [FrameKey(BlockKey(trial, "bound", 0), frame) for frame in range(64)]
@@ -383,7 +474,11 @@ def test_size_in_px_bounds_every_image_of_the_panel(pose, camera, nearest_m):
         except VoccError as error:
             assert "turns the panel's back" in str(error)  # noqa: PT017  # nothing to see from there
             continue
-        arm = (view.points_px(rectangle) - view.points_px(torch.zeros(1, 2))).abs().amax(dim=(0, 1))
+        arm = (
+            (view.points_px(rectangle) - view.points_px(torch.zeros(1, 2)))
+            .abs()
+            .amax(dim=(0, 1))
+        )
         assert (2 * arm.numpy() <= bound + 1e-9).all()
         ratio = max(ratio, float((2 * arm.numpy() / bound).max()))
     assert ratio > 0.5
@@ -398,7 +493,8 @@ def test_a_panel_that_could_reach_the_camera_is_refused():
         return pose.size_in_px((0.8 * scale, 0.8 * scale), CAMERA, nearest_m)
 
     with pytest.raises(
-        VoccError, match=r"pose can bring the panel's edge 0\.2 m nearer .*distance_m is 0\.199"
+        VoccError,
+        match=r"pose can bring the panel's edge 0\.2 m nearer .*distance_m is 0\.199",
     ):
         bound(0.199)
     bound(0.201)
@@ -420,8 +516,12 @@ def over_the_sensor(lens, camera, count):
     radius = lens.corner_radius(camera) * camera.focal_length_px
     angle, share = torch.rand(2, count, generator=generator, dtype=torch.float64)
     angle = 2 * math.pi * angle
-    arm = torch.stack([angle.cos(), angle.sin()], dim=-1) * (radius * share.sqrt()).unsqueeze(-1)
-    return (arm + torch.tensor([camera.width_px / 2, camera.height_px / 2])).unsqueeze(0)
+    arm = torch.stack([angle.cos(), angle.sin()], dim=-1) * (
+        radius * share.sqrt()
+    ).unsqueeze(-1)
+    return (arm + torch.tensor([camera.width_px / 2, camera.height_px / 2])).unsqueeze(
+        0
+    )
 
 
 @pytest.mark.parametrize(("camera", "k1", "k2", "k3"), ON_SENSORS)
@@ -429,10 +529,16 @@ def test_the_jacobian_is_autograds(camera, k1, k2, k3):
     lens, context = LensDistortion(k1, k2, k3), Context(Scene.of(), camera)
     places = over_the_sensor(lens, camera, 30)
     # Each point moves by itself, so that the sum's derivative holds every point's own: (2, 1, N, 2).
-    rows = torch.autograd.functional.jacobian(lambda p: lens(p, context).sum(dim=(0, 1)), places)
+    rows = torch.autograd.functional.jacobian(
+        lambda p: lens(p, context).sum(dim=(0, 1)), places
+    )
     expected = rows.permute(1, 2, 0, 3)
-    torch.testing.assert_close(lens.jacobian(places, context), expected, rtol=1e-12, atol=1e-12)
-    assert torch.autograd.gradcheck(lambda p: lens(p, context), places.clone().requires_grad_())
+    torch.testing.assert_close(
+        lens.jacobian(places, context), expected, rtol=1e-12, atol=1e-12
+    )
+    assert torch.autograd.gradcheck(
+        lambda p: lens(p, context), places.clone().requires_grad_()
+    )
 
 
 @pytest.mark.parametrize(("camera", "k1", "k2", "k3"), ON_SENSORS)
@@ -441,12 +547,16 @@ def test_size_in_px_bounds_every_distorted_image(camera, k1, k2, k3, shape):
     lens, context = LensDistortion(k1, k2, k3), Context(Scene.of(), camera)
     height, width = lens.size_in_px(shape, camera, 30.0)
     centres = over_the_sensor(lens, camera, 20_000)
-    rim = torch.tensor([[-1, -1], [0, -1], [1, -1], [1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0]])
+    rim = torch.tensor(
+        [[-1, -1], [0, -1], [1, -1], [1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0]]
+    )
     corners = centres.unsqueeze(2) + rim * torch.tensor([shape[1], shape[0]]) / 2
     middle = torch.tensor([camera.width_px / 2, camera.height_px / 2])
     radius = lens.corner_radius(camera) * camera.focal_length_px
     inside = (corners - middle).norm(dim=-1) < radius
-    places = torch.where(inside.unsqueeze(-1), corners, centres.unsqueeze(2)).view(1, -1, 2)
+    places = torch.where(inside.unsqueeze(-1), corners, centres.unsqueeze(2)).view(
+        1, -1, 2
+    )
     arm = lens(places, context).view_as(corners) - lens(centres, context).unsqueeze(2)
     most = 2 * arm.abs().amax(dim=(0, 1, 2))
     assert most[0] <= width
@@ -459,9 +569,7 @@ def test_size_in_px_bounds_every_distorted_image(camera, k1, k2, k3, shape):
 def test_where_the_image_turns_back_inside_the_sensor_the_lens_is_refused():
     """With k1 alone the radius after the distortion is greatest at r = 1 / sqrt(-3 k1), by 2 r / 3."""
     lens, context = LensDistortion(k1=-0.3), Context(Scene.of(), WIDE)
-    refusal = (
-        r"lens_distortion\.k1, k2, k3 are -0\.3, 0, 0: the image turns back 0\.703 focal lengths .* 1\.1"
-    )
+    refusal = r"lens_distortion\.k1, k2, k3 are -0\.3, 0, 0: the image turns back 0\.703 focal lengths .* 1\.1"
     with pytest.raises(VoccError, match=refusal):
         lens(torch.zeros(1, 1, 2), context)
     with pytest.raises(VoccError, match="turns back"):
@@ -470,7 +578,9 @@ def test_where_the_image_turns_back_inside_the_sensor_the_lens_is_refused():
     LensDistortion(k1=least * 0.999).corner_radius(WIDE)
     with pytest.raises(VoccError, match="turns back"):
         LensDistortion(k1=least * 1.001).corner_radius(WIDE)
-    assert LensDistortion(k1=-0.3).limit(CAMERA) == pytest.approx(1 / math.sqrt(0.9), rel=1e-12)
+    assert LensDistortion(k1=-0.3).limit(CAMERA) == pytest.approx(
+        1 / math.sqrt(0.9), rel=1e-12
+    )
     assert LensDistortion(k1=-0.3, k2=0.1).limit(WIDE) == math.inf
 
 
@@ -478,5 +588,8 @@ def test_a_point_beyond_where_the_image_turns_back_is_refused():
     lens, context = LensDistortion(k1=-0.3), Context(Scene.of(), CAMERA)
     edge = 960 + CAMERA.focal_length_px / math.sqrt(0.9)
     lens(torch.tensor([[[edge - 0.1, 540.0]]], dtype=torch.float64), context)
-    with pytest.raises(VoccError, match=r"a point of the panel lies 1\.05 focal lengths out, beyond 1\.05"):
+    with pytest.raises(
+        VoccError,
+        match=r"a point of the panel lies 1\.05 focal lengths out, beyond 1\.05",
+    ):
         lens(torch.tensor([[[edge + 0.1, 540.0]]], dtype=torch.float64), context)

@@ -12,8 +12,14 @@ from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 def test_the_plan_names_what_finds_the_panel():
     plan = ReceiverPlan(locator="refined")
     finders = plan.finders(["truth", "paper", "refined"])
-    assert finders == {"truth": None, "paper": plan.location, "refined": RefinedLocator(plan.location)}
-    with pytest.raises(VoccError, match="it must be truth or paper or refined or learned"):
+    assert finders == {
+        "truth": None,
+        "paper": plan.location,
+        "refined": RefinedLocator(plan.location),
+    }
+    with pytest.raises(
+        VoccError, match="it must be truth or paper or refined or learned"
+    ):
         ReceiverPlan(locator="guess")
 
 
@@ -32,7 +38,11 @@ def test_training_on_refined_corners_is_nearly_training_on_the_true_ones(make_pl
 
 @pytest.mark.parametrize(
     ("name", "locator"),
-    [("truth", PaperLocator()), ("paper", PaperLocator()), ("refined", RefinedLocator())],
+    [
+        ("truth", PaperLocator()),
+        ("paper", PaperLocator()),
+        ("refined", RefinedLocator()),
+    ],
 )
 def test_a_kept_receiver_never_needs_the_truth(name, locator, make_plan, trained):
     training = Training(trained, 0, 0, trained.direction, trained.direction)
@@ -44,7 +54,9 @@ def test_the_kept_receiver_reads_frames_with_its_locator(make_plan):
     receiver = trained_receiver(plan, train(plan))
     assert receiver.locator == RefinedLocator()
     link = Link.of(plan)
-    (seen,) = link.observe(plan.world.scene, block_keys(0, "test", 8), preambles=False, frames=8)
+    (seen,) = link.observe(
+        plan.world.scene, block_keys(0, "test", 8), preambles=False, frames=8
+    )
     decoded = receiver.decode(seen.frames.grey)
     assert decoded.found.all()
     assert (decoded.bits == seen.bits).double().mean() > 0.97

@@ -29,9 +29,7 @@ GRID = "studies.curve:run_grid"
 """What runs ``task=test`` where the experiment has rows."""
 
 MULTIRUN = ("-m", "--multirun")
-OUT_OF_MEMORY = (
-    "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
-)
+OUT_OF_MEMORY = "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 
 
 def complain(message: str) -> None:
@@ -39,7 +37,9 @@ def complain(message: str) -> None:
     # On a full disk nobody can be told, but by the exit status.
     with contextlib.suppress(OSError):
         # In one piece, for jobs that complain at the same time.
-        sys.stderr.write(f"vocc-torch: error: {printable(' '.join(message.splitlines()))}\n")
+        sys.stderr.write(
+            f"vocc-torch: error: {printable(' '.join(message.splitlines()))}\n"
+        )
 
 
 @contextlib.contextmanager
@@ -83,7 +83,10 @@ def discard_if_empty(folder: Path) -> None:
     if not inside_runs(folder):
         return
     runs = Path.cwd() / "runs"
-    for empty in (folder, *(parent for parent in folder.parents if parent.is_relative_to(runs))):
+    for empty in (
+        folder,
+        *(parent for parent in folder.parents if parent.is_relative_to(runs)),
+    ):
         # It holds something, or another run has begun in it.
         with contextlib.suppress(OSError, VoccError), locked(empty):
             empty.rmdir()
@@ -95,7 +98,9 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
         return f"{error.filename or folder}: {error.strerror or error}"
     if isinstance(error, UnicodeEncodeError):
         return f"{shown(error.object)} cannot be written as {error.encoding}: give the file another name"
-    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "memory" in str(error)):
+    if isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and "memory" in str(error)
+    ):
         return OUT_OF_MEMORY
     return str(error) if isinstance(error, VoccError) else None
 
@@ -107,7 +112,10 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
     typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
     words = list(map(str, typed))
     one_of_many = about.mode == RunMode.MULTIRUN
-    number, folder = int(about.job.num) if one_of_many else 0, Path(about.runtime.output_dir)
+    number, folder = (
+        int(about.job.num) if one_of_many else 0,
+        Path(about.runtime.output_dir),
+    )
     jobs.begun(number, folder)
     if one_of_many:
         heading = " ".join(words)
@@ -128,9 +136,16 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
     except Exception as error:
         complaint = complaint_of(error, folder) or ""
         if not complaint:
-            trace, complaint = traceback.format_exc(), " ".join(f"{type(error).__name__}: {error}".split())
+            trace, complaint = (
+                traceback.format_exc(),
+                " ".join(f"{type(error).__name__}: {error}".split()),
+            )
             sys.stderr.write(trace)
-    complain(f"job {number}: {complaint}" if jobs.elsewhere or (trace and one_of_many) else complaint)
+    complain(
+        f"job {number}: {complaint}"
+        if jobs.elsewhere or (trace and one_of_many)
+        else complaint
+    )
     if mine:
         configuration = ""
         with contextlib.suppress(VoccError):  # it may be what failed
@@ -146,7 +161,9 @@ def run_jobs(jobs: Jobs) -> int:
         0 for well, 2 for a user's mistake, 1 for a fault that is not the user's, 130 for Ctrl-C.
     """
 
-    @hydra.main(version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config")
+    @hydra.main(
+        version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config"
+    )
     def job(config: DictConfig) -> None:
         with contextlib.ExitStack() as stack:
             if jobs.elsewhere:
@@ -176,11 +193,18 @@ def run_jobs(jobs: Jobs) -> int:
             discard_if_empty(folder)
     measured = [folder for folder in jobs.folders() if (folder / "ber.csv").exists()]
     if len(measured) > 1:
-        print(f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}")
+        print(
+            f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}"
+        )
     failures = jobs.told("failed")
     if failures and jobs.parallel:
-        numbers, count = ", ".join(str(one["job"]) for one in failures), len(jobs.folders())
-        complain(f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why")
+        numbers, count = (
+            ", ".join(str(one["job"]) for one in failures),
+            len(jobs.folders()),
+        )
+        complain(
+            f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why"
+        )
     if any(one["trace"] for one in failures):
         return 1
     return 2 if failures else 0
@@ -191,13 +215,27 @@ def own_scenes(words: Sequence[str]) -> list[str]:
 
     A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
-    chosen = [word.removeprefix("scene=") for word in words if word.startswith("scene=")]
+    chosen = [
+        word.removeprefix("scene=") for word in words if word.startswith("scene=")
+    ]
     # No path, and nothing that is too long for one.
-    names = [name for one in chosen for name in one.split(",") if re.fullmatch(r"\w[\w.-]{0,99}", name)]
-    found = [Path("runs", name) for name in names if Path("runs", name, "scene", f"{name}.yaml").is_file()]
+    names = [
+        name
+        for one in chosen
+        for name in one.split(",")
+        if re.fullmatch(r"\w[\w.-]{0,99}", name)
+    ]
+    found = [
+        Path("runs", name)
+        for name in names
+        if Path("runs", name, "scene", f"{name}.yaml").is_file()
+    ]
     if not found or any(word.startswith("hydra.searchpath=") for word in words):
         return []
-    paths = ",".join("'file://{}'".format(str(path).replace("'", r"\'")) for path in dict.fromkeys(found))
+    paths = ",".join(
+        "'file://{}'".format(str(path).replace("'", r"\'"))
+        for path in dict.fromkeys(found)
+    )
     return [f"hydra.searchpath=[{paths}]"]
 
 
@@ -211,5 +249,7 @@ def run() -> int:
     register_schema()
     sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
     ours = f".vocc-torch.{os.getpid()}.tmp."
-    with tempfile.TemporaryDirectory(prefix=ours, ignore_cleanup_errors=True) as mailbox:
+    with tempfile.TemporaryDirectory(
+        prefix=ours, ignore_cleanup_errors=True
+    ) as mailbox:
         return run_jobs(Jobs(Path(mailbox), os.getpid()))

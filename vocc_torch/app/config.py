@@ -14,7 +14,12 @@ from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.messages.config import MessagesConfig, ReceiveConfig, RecordConfig, TransmitConfig
+from vocc_torch.extras.messages.config import (
+    MessagesConfig,
+    ReceiveConfig,
+    RecordConfig,
+    TransmitConfig,
+)
 from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
 from vocc_torch.measure.schema import keys_of as keys_of
@@ -42,7 +47,10 @@ TASKS = {
     "receive": ("extras.messages.receive_task:run_receive", "receive"),
     "messages": ("extras.messages.comparison_task:run_messages", "messages"),
     "calibrate": ("extras.calibrate.task:run_calibrate", "calibrate"),
-    "train_detector": ("studies.train_detector.run:run_train_detector", "train_detector"),
+    "train_detector": (
+        "studies.train_detector.run:run_train_detector",
+        "train_detector",
+    ),
 }
 """What runs each task, below ``vocc_torch``, and the section that is its own."""
 
@@ -85,10 +93,14 @@ class AppConfig(Settings):
         run_folder(self.name)
         if self.task not in TASKS:
             raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
-        finds = self.task == "calibrate" or (self.task in ("decode", "receive") and self.model is None)
+        finds = self.task == "calibrate" or (
+            self.task in ("decode", "receive") and self.model is None
+        )
         if finds and self.receiver.locator == "truth":
             finders = "paper, refined or learned"
-            rule = f"{finders} for task={self.task}: a recording does not tell its corners"
+            rule = (
+                f"{finders} for task={self.task}: a recording does not tell its corners"
+            )
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
 
@@ -98,9 +110,20 @@ PARTS = ("classifiers", "locators", "features")
 RECORDED = ("input", "model", "plug_ins")
 """What tells of a recording, and of a receiver that is at hand."""
 
-COUNTING = tuple(f"budget.{one.name}" for one in fields(Budget) if one.name != "training_frames")
-TESTING = tuple(f"experiment.{one.name}" for one in fields(Experiment) if one.name != "training")
-ALONE = ("workers", "executor", "tensorboard", "scene.name", "receiver.names", *COUNTING)
+COUNTING = tuple(
+    f"budget.{one.name}" for one in fields(Budget) if one.name != "training_frames"
+)
+TESTING = tuple(
+    f"experiment.{one.name}" for one in fields(Experiment) if one.name != "training"
+)
+ALONE = (
+    "workers",
+    "executor",
+    "tensorboard",
+    "scene.name",
+    "receiver.names",
+    *COUNTING,
+)
 """What has no part in making one receiver."""
 
 IGNORED = {
@@ -108,47 +131,142 @@ IGNORED = {
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
     "figures": (
-        *(*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "scene.name"),
+        *(
+            *RECORDED,
+            "experiment",
+            "receiver.locator",
+            "receiver.false_alarms",
+            "scene.name",
+        ),
         *("camera.focal_length_mm", "panel.board_reflectance"),  # readings set them
     ),
     "effects": (
-        *(*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "receiver.features"),
+        *(
+            *RECORDED,
+            "experiment",
+            "receiver.locator",
+            "receiver.false_alarms",
+            "receiver.features",
+        ),
         *("budget.trainings", *PARTS),
     ),
     "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
-        *("input", "experiment", "workers", "executor", "tensorboard", "scene.name", "receiver.names"),
+        *(
+            "input",
+            "experiment",
+            "workers",
+            "executor",
+            "tensorboard",
+            "scene.name",
+            "receiver.names",
+        ),
         *(one for one in COUNTING if one != "budget.frames"),
     ),
     "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
     "transmit": (
-        *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
-        *("executor", "tensorboard", "scene", "camera", "receiver", "experiment", "budget", *PARTS),
+        *(
+            "model",
+            "plug_ins",
+            "seed",
+            "device",
+            "precision",
+            "framing",
+            "batch_frames",
+            "workers",
+        ),
+        *(
+            "executor",
+            "tensorboard",
+            "scene",
+            "camera",
+            "receiver",
+            "experiment",
+            "budget",
+            *PARTS,
+        ),
         *(f"panel.{one.name}" for one in fields(LedPanel) if one.name != "shape"),
     ),
     "record": (
-        *("model", "plug_ins", "workers", "executor", "tensorboard", "scene.name", "receiver", "experiment"),
+        *(
+            "model",
+            "plug_ins",
+            "workers",
+            "executor",
+            "tensorboard",
+            "scene.name",
+            "receiver",
+            "experiment",
+        ),
         *("budget", "panel.rows", "panel.columns", *PARTS),
     ),
     "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
     "messages": (
         *(*RECORDED, "tensorboard", "scene.name", "receiver.save", *COUNTING),
         *(one for one in TESTING if one != "experiment.scene"),
-        *(f"messages.signalling.{one}" for one in ("code", "code_rate", "interleave", "scramble")),
+        *(
+            f"messages.signalling.{one}"
+            for one in ("code", "code_rate", "interleave", "scramble")
+        ),
         *(f"messages.record.{one}" for one in ("fps", "start_s", "quality")),
     ),
     "calibrate": (
-        *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
-        *("executor", "tensorboard", "camera.iso_limits", "scene", "experiment", "budget", *PARTS),
-        *("receiver.names", "receiver.features", "receiver.samples_per_led", "receiver.gradient"),
+        *(
+            "model",
+            "plug_ins",
+            "seed",
+            "device",
+            "precision",
+            "framing",
+            "batch_frames",
+            "workers",
+        ),
+        *(
+            "executor",
+            "tensorboard",
+            "camera.iso_limits",
+            "scene",
+            "experiment",
+            "budget",
+            *PARTS,
+        ),
+        *(
+            "receiver.names",
+            "receiver.features",
+            "receiver.samples_per_led",
+            "receiver.gradient",
+        ),
         "receiver.save",
     ),
     "train_detector": (
-        *("model", "input", "plug_ins", "device", "precision", "framing", "batch_frames", "workers"),
-        *("executor", "tensorboard", "scene", "camera", "panel", "receiver", "experiment", "budget", *PARTS),
+        *(
+            "model",
+            "input",
+            "plug_ins",
+            "device",
+            "precision",
+            "framing",
+            "batch_frames",
+            "workers",
+        ),
+        *(
+            "executor",
+            "tensorboard",
+            "scene",
+            "camera",
+            "panel",
+            "receiver",
+            "experiment",
+            "budget",
+            *PARTS,
+        ),
     ),
-    "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
+    "collect": tuple(
+        one.name
+        for one in fields(AppConfig)
+        if one.name not in ("task", "name", "input")
+    ),
 }
 """What each task passes over, besides the sections of others: keys, and sections for all that is in them."""
 
@@ -161,7 +279,9 @@ def passes_over(task: str, key: str) -> bool:
         (True, False)
     """
     others = [part for _, part in TASKS.values() if part not in (None, TASKS[task][1])]
-    return any(f"{key}.".startswith(f"{one}.") for one in (*IGNORED.get(task, ()), *others))
+    return any(
+        f"{key}.".startswith(f"{one}.") for one in (*IGNORED.get(task, ()), *others)
+    )
 
 
 def inside_runs(folder: str | Path) -> bool:
@@ -190,7 +310,9 @@ def run_folder(name: str) -> str:
     if not name.isprintable() or set("`[]") & set(name):
         raise VoccError.of("name", ascii(name), "printable, without `, [ and ]")
     if not path.parts or ".." in path.parts or not inside_runs("runs" / path):
-        raise VoccError.of("name", repr(name), "a folder below runs/, without .. or links out")
+        raise VoccError.of(
+            "name", repr(name), "a folder below runs/, without .. or links out"
+        )
     return str("runs" / path)
 
 
@@ -248,8 +370,14 @@ def descriptions(schema: type) -> dict[str, str]:
     for key, kind in {"": schema, **keys_of(schema)}.items():
         known = isinstance(kind, type) and is_dataclass(kind)
         for base in reversed(kind.__mro__) if known else ():
-            for argument in re.findall(ARGUMENT, inspect.cleandoc(base.__doc__ or ""), re.MULTILINE):
-                name, _, words = " ".join(argument.replace("``", "").split()).rstrip(".").partition(": ")
+            for argument in re.findall(
+                ARGUMENT, inspect.cleandoc(base.__doc__ or ""), re.MULTILINE
+            ):
+                name, _, words = (
+                    " ".join(argument.replace("``", "").split())
+                    .rstrip(".")
+                    .partition(": ")
+                )
                 said[f"{key}.{name}".lstrip(".")] = words
     return said
 
@@ -257,7 +385,9 @@ def descriptions(schema: type) -> dict[str, str]:
 # Here, because worker processes of a multirun import this and do not register the schema.
 OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
 OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
-OmegaConf.register_new_resolver("described", lambda _root_: described(_root_, AppConfig), replace=True)
+OmegaConf.register_new_resolver(
+    "described", lambda _root_: described(_root_, AppConfig), replace=True
+)
 
 
 @dataclass
@@ -288,7 +418,9 @@ def hydra_settings() -> HydraConf:
         output_subdir=None,  # the run's config.yaml has the whole configuration
         # The resolvers refuse a name that leads out of runs/ before anything is made.
         run=RunDir("${run_folder:${name}}"),
-        sweep=SweepDir("${run_folder:${name}}", "${job_folder:${name},${hydra.job.num}}"),
+        sweep=SweepDir(
+            "${run_folder:${name}}", "${job_folder:${name},${hydra.job.num}}"
+        ),
         job=JobConf(chdir=False),
     )
 
@@ -297,4 +429,6 @@ def register_schema() -> None:
     """Make the schema and the run's folder known to Hydra; calling it again changes nothing."""
     store = ConfigStore.instance()
     store.store(name="schema", node=schema(Composed))
-    store.store(group="hydra", name="config", node=hydra_settings(), provider="vocc_torch")
+    store.store(
+        group="hydra", name="config", node=hydra_settings(), provider="vocc_torch"
+    )

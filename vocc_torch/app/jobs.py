@@ -72,11 +72,15 @@ class Jobs:
 
     def _tell(self, what: str, **about: Any) -> None:
         """Leave a word of a job."""
-        write_atomically(self.mailbox / f"{about['job']}.{what}", json.dumps(about).encode())
+        write_atomically(
+            self.mailbox / f"{about['job']}.{what}", json.dumps(about).encode()
+        )
 
     def told(self, what: str) -> list[dict[str, Any]]:
         """Give what the jobs have told, ``begun`` or ``failed``, by the number of the job."""
-        words = [json.loads(path.read_bytes()) for path in self.mailbox.glob(f"*.{what}")]
+        words = [
+            json.loads(path.read_bytes()) for path in self.mailbox.glob(f"*.{what}")
+        ]
         return sorted(words, key=lambda word: int(word["job"]))
 
     def folders(self) -> list[Path]:
@@ -94,7 +98,11 @@ class Jobs:
         if not kept or not self.parallel:
             return None
         where, runs = kept[0].parent, Path.cwd() / "runs"
-        return where.relative_to(runs).as_posix() if where.is_relative_to(runs) else str(where)
+        return (
+            where.relative_to(runs).as_posix()
+            if where.is_relative_to(runs)
+            else str(where)
+        )
 
 
 def begin_again(folder: Path) -> bool:
@@ -118,7 +126,9 @@ def begin_again(folder: Path) -> bool:
             lines = read_file(folder / CONFIG).decode("utf-8", "replace").splitlines()
         except VoccError:
             lines = []
-        if not {line.partition(":")[0] for line in lines} >= {key.name for key in fields(AppConfig)}:
+        if not {line.partition(":")[0] for line in lines} >= {
+            key.name for key in fields(AppConfig)
+        }:
             return not names
     attempted = FAILED in names and names <= {FAILED, CONFIG}
     resumable = bool({"ledger.sqlite", "ledgers"} & names)
@@ -176,7 +186,9 @@ class JobLines(io.TextIOBase):
         """Pass on the lines that are whole."""
         *whole, self._rest = (self._rest + text).split("\n")
         if whole:
-            self._under.write("".join(f"{self._prefix}{line}".rstrip() + "\n" for line in whole))
+            self._under.write(
+                "".join(f"{self._prefix}{line}".rstrip() + "\n" for line in whole)
+            )
             self._under.flush()
         return len(text)
 
@@ -209,9 +221,14 @@ def beside_others(job: int) -> Iterator[None]:
     # The launcher leaves its own method here, which the processes that a job starts in turn do not know.
     multiprocessing.set_start_method("spawn", force=True)
     prefix, width = f"job {job} | ", os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = str(max(40, shutil.get_terminal_size().columns - len(prefix)))
+    os.environ["COLUMNS"] = str(
+        max(40, shutil.get_terminal_size().columns - len(prefix))
+    )
     try:
-        with contextlib.closing(JobLines(sys.stdout, prefix)) as lines, contextlib.redirect_stdout(lines):
+        with (
+            contextlib.closing(JobLines(sys.stdout, prefix)) as lines,
+            contextlib.redirect_stdout(lines),
+        ):
             yield
     finally:
         del os.environ["COLUMNS"]

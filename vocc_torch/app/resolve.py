@@ -14,12 +14,30 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import MarkedYAMLError
 
-from vocc_torch.app.config import NAMES, PARTS, TASKS, AppConfig, keys_of, passes_over, schema
+from vocc_torch.app.config import (
+    NAMES,
+    PARTS,
+    TASKS,
+    AppConfig,
+    keys_of,
+    passes_over,
+    schema,
+)
 from vocc_torch.errors import VoccError, section, shown
 from vocc_torch.files import VIDEO_SUFFIXES
 from vocc_torch.measure.schema import refuse_shadowed, unknown_key
 
-OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
+OF_MODEL = (
+    "seed",
+    "precision",
+    "framing",
+    "batch_frames",
+    "scene",
+    "camera",
+    "panel",
+    "receiver",
+    "budget",
+)
 """What a model was made with, as :data:`PARTS`; the panel's rows and columns are given, and must agree."""
 
 AUTO = "auto"
@@ -40,7 +58,9 @@ ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
 
 N_JOBS = "hydra.launcher.n_jobs"
-LAUNCHER = f"{N_JOBS} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
+LAUNCHER = (
+    f"{N_JOBS} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
+)
 
 LOST_WORKER = (
     "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
@@ -60,15 +80,25 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
     """
     try:
         plain: Any = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        for key, kind in keys_of(AppConfig).items():  # an interpolation can bring what is no section or list
+        for key, kind in keys_of(
+            AppConfig
+        ).items():  # an interpolation can bring what is no section or list
             value = reduce(lambda held, name: held.get(name), key.split("."), plain)
-            if (is_dataclass(kind) or get_origin(kind) is dict) and not isinstance(value, dict):
+            if (is_dataclass(kind) or get_origin(kind) is dict) and not isinstance(
+                value, dict
+            ):
                 raise VoccError.of(key, shown(value), "a mapping, as in {key:value}")
             if get_origin(kind) in (list, tuple) and not isinstance(value, list):
                 texts = get_args(kind)[0] is str
-                rule = "a list of texts, as in [a,b]" if texts else "a list of numbers, as in [1,2]"
+                rule = (
+                    "a list of texts, as in [a,b]"
+                    if texts
+                    else "a list of numbers, as in [1,2]"
+                )
                 raise VoccError.of(key, shown(value), rule)
-        typed = OmegaConf.merge(schema(), plain)  # what interpolations brought has a type too
+        typed = OmegaConf.merge(
+            schema(), plain
+        )  # what interpolations brought has a type too
         parts = [("messages.record", "record", typed.messages.record)]
         parts.append(("messages.signalling", "transmit", typed.messages.signalling))
         for place in ("rivals.experiments", "figures.experiments"):
@@ -98,7 +128,11 @@ def trains(words: Sequence[str]) -> bool:
         (False, True)
     """
     keys = [word.lstrip("+~").partition("=")[0].rpartition("@")[2] for word in words]
-    keys = [key for key in keys if key not in ("panel.rows", "panel.columns", "receiver.false_alarms")]
+    keys = [
+        key
+        for key in keys
+        if key not in ("panel.rows", "panel.columns", "receiver.false_alarms")
+    ]
     return any(key.split(".")[0] in (*OF_MODEL, *PARTS, "classifier") for key in keys)
 
 
@@ -126,54 +160,110 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
     task, experiment = settings.task, settings.experiment
     for word in words:
         key, _, value = word.lstrip("+~").partition("=")
-        key = key.rpartition("@")[2]  # where a group goes: scene@rivals.scenes.night=fog
+        key = key.rpartition("@")[
+            2
+        ]  # where a group goes: scene@rivals.scenes.night=fog
         place = "classifiers" if key == "classifier" else key
         group, _, name = place.partition(".")
         said = f"{key} is {value}" if value else word
         refuse_shadowed(settings.scene, word)
         if key in GROUPS and value.startswith("["):
-            raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
+            raise VoccError(
+                f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)"
+            )
         if passes_over(task, place) and (key, value) != ("experiment", task):
             users = ", ".join(one for one in TASKS if not passes_over(one, place))
             raise VoccError(f"{said}: task={task} does not use it, only {users}")
-        if key == "receiver" and value in COMPARED and passes_over(task, "receiver.names"):
+        if (
+            key == "receiver"
+            and value in COMPARED
+            and passes_over(task, "receiver.names")
+        ):
             rule = f"task={task} keeps one, which receiver.save or classifier names"
             raise VoccError(f"{said}: these are receivers to compare, and {rule}")
         film = str(settings.input).lower().endswith(VIDEO_SUFFIXES) and task == "decode"
-        if film and key in ("decode.scale", "decode.annotate") and value not in ("1", "false"):
-            raise VoccError(f"{said}: pictures are annotated, and input {settings.input} is a video")
+        if (
+            film
+            and key in ("decode.scale", "decode.annotate")
+            and value not in ("1", "false")
+        ):
+            raise VoccError(
+                f"{said}: pictures are annotated, and input {settings.input} is a video"
+            )
         trains, points = name.startswith("training"), settings.export.points
         chosen = key == "experiment" and experiment.training
-        if task == "export" and group == "experiment" and trains != (points == "train") and not chosen:
-            raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
+        if (
+            task == "export"
+            and group == "experiment"
+            and trains != (points == "train")
+            and not chosen
+        ):
+            raise VoccError(
+                f"{said}: export.points={points} does not use it; leave it out"
+            )
         if key == "plug_ins" and settings.model in (None, SHIPPED):
-            raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
+            raise VoccError(
+                f"{said}: it must be empty without a model, a new one names its parts"
+            )
         reads = task in ("decode", "receive")
-        own_parts = {*(OF_MODEL if reads else ("panel", "receiver", "budget.training_frames")), *PARTS}
+        own_parts = {
+            *(OF_MODEL if reads else ("panel", "receiver", "budget.training_frames")),
+            *PARTS,
+        }
         other_rate = task == "decode" and key == "receiver.false_alarms"
-        if settings.model and {group, key} & own_parts and name not in ("rows", "columns") and not other_rate:
-            raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
+        if (
+            settings.model
+            and {group, key} & own_parts
+            and name not in ("rows", "columns")
+            and not other_rate
+        ):
+            raise VoccError(
+                f"{said}: the model brings its own; leave {key} or model out"
+            )
         finder = settings.receiver.locator if task in ONE_LOCATOR else None
-        if place == "receiver.false_alarms" and not settings.model and finder not in (None, *STATING):
-            raise VoccError(f"{said}: only learned states them, and receiver.locator is {finder}")
-        if place.startswith("receiver.location") and finder and finder not in NAMES["Locators"].split(", "):
-            raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
+        if (
+            place == "receiver.false_alarms"
+            and not settings.model
+            and finder not in (None, *STATING)
+        ):
+            raise VoccError(
+                f"{said}: only learned states them, and receiver.locator is {finder}"
+            )
+        if (
+            place.startswith("receiver.location")
+            and finder
+            and finder not in NAMES["Locators"].split(", ")
+        ):
+            raise VoccError(
+                f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}"
+            )
         own = name in experiment.training
         tested = name in {*experiment.scene, experiment.axis, experiment.row_axis}
-        if group == "scene" and own and (task == "train" or (task == "test" and tested)):
+        if (
+            group == "scene"
+            and own
+            and (task == "train" or (task == "test" and tested))
+        ):
             rule = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
-            raise VoccError(f"{said}: {rule}" + f" or experiment.scene.{name}" * (task == "test"))
+            raise VoccError(
+                f"{said}: {rule}" + f" or experiment.scene.{name}" * (task == "test")
+            )
 
 
 NO_OPTION = re.compile(
-    r"null|true|false|[-+]?([.\d_]+(e[-+]?\d+)?|\.?inf|\.?nan)|(int|float|bool)\(.*|[\[{$].*", re.I | re.S
+    r"null|true|false|[-+]?([.\d_]+(e[-+]?\d+)?|\.?inf|\.?nan)|(int|float|bool)\(.*|[\[{$].*",
+    re.I | re.S,
 )
 """What the command line's grammar reads as another thing than a name."""
 
 KINDS = {"Integer": "a whole number", "Float": "a number"}
 KINDS |= dict.fromkeys(("Boolean", "bool"), "true or false")
 
-SAID = resources.files("vocc_torch.app").joinpath("complaints.txt").read_text(encoding="utf-8")
+SAID = (
+    resources.files("vocc_torch.app")
+    .joinpath("complaints.txt")
+    .read_text(encoding="utf-8")
+)
 """What is said instead of what Hydra says."""
 
 
@@ -193,7 +283,9 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
     if isinstance(error, RecursionError):
         return f"{longest} has brackets in brackets, too many of them"
     if "integer string conversion" in text:
-        return f"{longest} is a number of thousands of digits: it must have at most 4300"
+        return (
+            f"{longest} is a number of thousands of digits: it must have at most 4300"
+        )
     override = getattr(error, "override", None)
     if override is not None:
         given = " ".join(str(override).split())
@@ -205,19 +297,28 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
                 return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
     lines = [line for line in SAID.splitlines() if not line.startswith("#")]
     for pattern, words in zip(lines[::2], lines[1::2], strict=True):
-        if match := re.search(pattern.replace("FULL_KEY", r"full_key: (?P<key>[\w.\[\]]+)"), text):
+        if match := re.search(
+            pattern.replace("FULL_KEY", r"full_key: (?P<key>[\w.\[\]]+)"), text
+        ):
             found = {"key": "", "kind": "", **match.groupdict(default="")}
             found["kind"] = KINDS.get(found["kind"], found["kind"])
             if "{unknown}" in words:
                 found["unknown"] = (
-                    LAUNCHER if found["key"] == N_JOBS else unknown_key(found["key"], AppConfig)
+                    LAUNCHER
+                    if found["key"] == N_JOBS
+                    else unknown_key(found["key"], AppConfig)
                 )
             if "{options}" in words:
-                listed = re.search(r"Available options in '.*':\s*\n((?:\s+.+\n?)+?)Config search path", text)
+                listed = re.search(
+                    r"Available options in '.*':\s*\n((?:\s+.+\n?)+?)Config search path",
+                    text,
+                )
                 files = resources.files("vocc_torch.conf").joinpath(found["key"])
                 there = files.iterdir() if files.is_dir() else ()
                 ours = sorted(one.name.removesuffix(".yaml") for one in there)
-                found["options"] = ", ".join(listed[1].split() if listed else ours) or "none"
+                found["options"] = (
+                    ", ".join(listed[1].split() if listed else ours) or "none"
+                )
             return words.strip().format_map(found)
     return " ".join(text.split("Set the environment variable")[0].split())
 
@@ -232,12 +333,25 @@ def refusal(error: Exception, arguments: Sequence[str]) -> str | None:
     if isinstance(error, BrokenProcessPool):
         return LOST_WORKER
     if isinstance(error, multiprocessing.TimeoutError):
-        return "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
+        return (
+            "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
+        )
     if isinstance(error, MarkedYAMLError):
         mark = error.problem_mark
-        return f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}" if mark else str(error)
+        return (
+            f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}"
+            if mark
+            else str(error)
+        )
     # Hydra trips over a group whose option is a list of numbers, and over a number that no float holds.
-    hydras = HydraException | OmegaConfBaseException | ValueError | TypeError | OverflowError | RecursionError
+    hydras = (
+        HydraException
+        | OmegaConfBaseException
+        | ValueError
+        | TypeError
+        | OverflowError
+        | RecursionError
+    )
     if isinstance(error, hydras):
         return one_line(error, arguments)
     if isinstance(error, OSError):

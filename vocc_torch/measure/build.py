@@ -44,18 +44,30 @@ def build_world(settings: WorldSettings) -> plans.World:
         VoccError: a value outside its range, named by its key.
     """
     if settings.precision not in PRECISIONS:
-        why = ", half precision changes pixels and bits" if settings.precision in HALF_PRECISIONS else ""
-        raise VoccError.of("precision", repr(settings.precision), " or ".join(PRECISIONS) + why)
+        why = (
+            ", half precision changes pixels and bits"
+            if settings.precision in HALF_PRECISIONS
+            else ""
+        )
+        raise VoccError.of(
+            "precision", repr(settings.precision), " or ".join(PRECISIONS) + why
+        )
     resolve_device(settings.device)
     panel, scene = asdict(settings.panel), settings.scene
     with section("scene.camera", before="camera"):
-        changes = {name: value for name, value in vars(scene.camera).items() if value is not None}
+        changes = {
+            name: value
+            for name, value in vars(scene.camera).items()
+            if value is not None
+        }
         camera = replace(settings.camera, **changes)
     shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
     return plans.World(
         camera=camera,
         panel=LedPanel(shape=shape, **panel),
-        scene=SceneModel(**parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})),
+        scene=SceneModel(
+            **parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})
+        ),
         effects=effect_settings(scene.effects),
         framing=settings.framing,  # type: ignore[arg-type]  # checked by name in Simulator
         device=settings.device,
@@ -75,15 +87,25 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     """
     world, budget = build_world(settings), settings.budget
     if budget.rare and settings.task != "test":
-        raise VoccError.of("budget.rare", "true", f"false for task={settings.task}: only task=test uses it")
+        raise VoccError.of(
+            "budget.rare",
+            "true",
+            f"false for task={settings.task}: only task=test uses it",
+        )
     if settings.task not in plans.TRAINS_OFTEN:
-        budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
-    receivers = receiver_plan(settings, world.panel.shape, settings.task in ("train", "decode", "receive"))
+        budget = replace(
+            budget, trainings=1
+        )  # of a named budget; where it is typed it is refused
+    receivers = receiver_plan(
+        settings, world.panel.shape, settings.task in ("train", "decode", "receive")
+    )
     draws = (settings.seed, settings.batch_frames)
     return plans.Plan(world, receivers, settings.experiment, budget, folder, *draws)
 
 
-def receiver_plan(settings: ReceiverParts, shape: PanelShape, single: bool = False) -> plans.ReceiverPlan:
+def receiver_plan(
+    settings: ReceiverParts, shape: PanelShape, single: bool = False
+) -> plans.ReceiverPlan:
     """Build the plan of the receivers, with every part that plugs in.
 
     Args:
@@ -95,27 +117,43 @@ def receiver_plan(settings: ReceiverParts, shape: PanelShape, single: bool = Fal
         VoccError: a value outside its range, or a name that nobody knows, by its key.
     """
     receiver = settings.receiver
-    locators = {name: PlugIn.of(f"locators.{name}", one, name) for name, one in settings.locators.items()}
-    outside = {name: PlugIn.of(f"features.{name}", one, name) for name, one in settings.features.items()}
+    locators = {
+        name: PlugIn.of(f"locators.{name}", one, name)
+        for name, one in settings.locators.items()
+    }
+    outside = {
+        name: PlugIn.of(f"features.{name}", one, name)
+        for name, one in settings.features.items()
+    }
     locator, chosen = receiver.locator, []
     if is_target(locator):
         one = PlugIn.of("receiver.locator", locator)
         locator, locators[one.name] = one.name, one
     for name in receiver.features:
         if not isinstance(name, str):
-            raise VoccError.of("receiver.features", list(receiver.features), "a list of words", "has")
+            raise VoccError.of(
+                "receiver.features", list(receiver.features), "a list of words", "has"
+            )
         if is_target(name):
             one = PlugIn.of("receiver.features", name)
             outside[one.name] = one
         chosen.append(one.name if is_target(name) else name)
     kernel = receiver.gradient
-    own = reader.Reader(shape, receiver.samples_per_led, kernel, tuple(outside.values()))  # type: ignore[arg-type]  # checked there
+    own = reader.Reader(
+        shape, receiver.samples_per_led, kernel, tuple(outside.values())
+    )  # type: ignore[arg-type]  # checked there
     if not {*chosen} <= {*own.names} or len({*chosen}) < len(chosen) or not chosen:
         rule = f"of {', '.join(own.names)}, or FILE.py:NAME, each once"
         raise VoccError.of("receiver.features", chosen, rule)
-    plugged_in = [classifier_plan(name, one, chosen) for name, one in settings.classifiers.items()]
+    plugged_in = [
+        classifier_plan(name, one, chosen) for name, one in settings.classifiers.items()
+    ]
     if (*chosen,) != FEATURE_NAMES:
-        flda = PlugIn("receiver.features", "flda", "vocc_torch.receiver.classifiers.FldaClassifier")
+        flda = PlugIn(
+            "receiver.features",
+            "flda",
+            "vocc_torch.receiver.classifiers.FldaClassifier",
+        )
         plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
     save = receiver.save
     if save is None and len(plugged_in) > 1 and single:
@@ -124,9 +162,15 @@ def receiver_plan(settings: ReceiverParts, shape: PanelShape, single: bool = Fal
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
-    if save not in (savable := (*bank.FLDA_FEATURES, *(one.name for one in plugged_in))):
-        raise VoccError(f"receiver.save is {save!r}: it must be one of {', '.join(savable)}")
-    given = {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}
+    if save not in (
+        savable := (*bank.FLDA_FEATURES, *(one.name for one in plugged_in))
+    ):
+        raise VoccError(
+            f"receiver.save is {save!r}: it must be one of {', '.join(savable)}"
+        )
+    given = (
+        {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}
+    )
     return plans.ReceiverPlan(
         names=(*receiver.names, *(one.name for one in plugged_in)),
         classifiers=tuple(plugged_in),
@@ -154,12 +198,16 @@ def classifier_plan(
     """
     key = f"classifiers.{name}"
     if not name.isidentifier() or name in RESERVED:
-        raise VoccError(f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}")
+        raise VoccError(
+            f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}"
+        )
     with section(key):
         keys = {one.name for one in fields(training.TrainingRecipe)}
         for word in config.training:
             if word not in keys:
-                raise VoccError(f"training.{word} is not a known key: known are {', '.join(sorted(keys))}")
+                raise VoccError(
+                    f"training.{word} is not a known key: known are {', '.join(sorted(keys))}"
+                )
         given = dict(config.build)
         if config.file is not None:
             given[TARGET] = f"{config.file}:{given.get(TARGET)}"
@@ -188,16 +236,22 @@ def refuse_unused_recipe(config: ClassifierSettings, build: PlugIn) -> None:
     kind = kind if isinstance(kind, type) else type(build.build(kind, build.arguments))
     if not issubclass(kind, torch.nn.Module):
         for word, value in recipe.items():
-            raise VoccError.of(f"training.{word}", value, "left out: a recipe is for torch modules")
+            raise VoccError.of(
+                f"training.{word}", value, "left out: a recipe is for torch modules"
+            )
     elif config.frames is not None:
-        raise VoccError.of("frames", config.frames, "null: a torch module trains on training.frames")
+        raise VoccError.of(
+            "frames", config.frames, "null: a torch module trains on training.frames"
+        )
 
 
 EXTRAS = {"sklearn": "scikit-learn"}
 """Packages that classifiers of the package's own configuration need, by the name that is imported."""
 
 
-def without_absent(receiver: plans.ReceiverPlan) -> tuple[plans.ReceiverPlan, dict[str, str]]:
+def without_absent(
+    receiver: plans.ReceiverPlan,
+) -> tuple[plans.ReceiverPlan, dict[str, str]]:
     """Leave out the classifiers whose package is an extra that is not installed, and say why.
 
     Args:
@@ -210,7 +264,9 @@ def without_absent(receiver: plans.ReceiverPlan) -> tuple[plans.ReceiverPlan, di
     for one in receiver.classifiers:
         for package, name in EXTRAS.items():
             if package in one.build.packages and find_spec(package) is None:
-                left_out[one.name] = f"{name} is not installed; pip install {name} adds it"
+                left_out[one.name] = (
+                    f"{name} is not installed; pip install {name} adds it"
+                )
     kept = tuple(one for one in receiver.classifiers if one.name not in left_out)
     names = tuple(name for name in receiver.names if name not in left_out)
     save = "flda_3" if receiver.save in left_out else receiver.save

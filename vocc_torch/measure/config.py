@@ -74,16 +74,26 @@ class Budget:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        demand_least("budget.", self, frames=1, training_frames=2, target_frame_errors=1)
+        demand_least(
+            "budget.", self, frames=1, training_frames=2, target_frame_errors=1
+        )
         if not 1 <= self.trainings <= MOST_TRAININGS:
-            raise VoccError.of("budget.trainings", self.trainings, f"1 to {MOST_TRAININGS}")
+            raise VoccError.of(
+                "budget.trainings", self.trainings, f"1 to {MOST_TRAININGS}"
+            )
         share, target = self.precision, self.target_frame_errors
         if share is not None and not 0 < share < 1:
-            raise VoccError.of("budget.precision", share, "above 0 and below 1, or null")
+            raise VoccError.of(
+                "budget.precision", share, "above 0 and below 1, or null"
+            )
         if not 0 <= self.least_ber < 1:
-            raise VoccError.of("budget.least_ber", self.least_ber, "at least 0 and below 1")
+            raise VoccError.of(
+                "budget.least_ber", self.least_ber, "at least 0 and below 1"
+            )
         if self.least_ber and share is None:
-            raise VoccError.of("budget.least_ber", self.least_ber, "0 unless budget.precision is given")
+            raise VoccError.of(
+                "budget.least_ber", self.least_ber, "0 unless budget.precision is given"
+            )
         if self.rare and (self.trainings > 1 or target is not None):
             name = "trainings" if self.trainings > 1 else "target_frame_errors"
             rule = f"{1 if self.trainings > 1 else 'null'} where budget.rare is true"
@@ -126,25 +136,41 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Check the distributions, the axes and their values."""
-        from vocc_torch.simulation.scene import SCENE_FIELDS, parsed_scene  # which needs torch
+        from vocc_torch.simulation.scene import (
+            SCENE_FIELDS,
+            parsed_scene,
+        )  # which needs torch
 
         self.values, self.rows = tuple(self.values), tuple(self.rows)
         for part in ("scene", "training"):
             parsed_scene(getattr(self, part), f"experiment.{part}")
         axes = (*SCENE_FIELDS, "contrast")
         if self.axis not in axes:
-            raise VoccError.of("experiment.axis", repr(self.axis), f"one of {', '.join(axes)}")
+            raise VoccError.of(
+                "experiment.axis", repr(self.axis), f"one of {', '.join(axes)}"
+            )
         if self.name.partition("/")[0] in ("", "train"):
-            raise VoccError.of("experiment.name", repr(self.name), "a name, and train is training's own")
-        binned, is_grid = self.axis == "contrast", self.row_axis is not None or bool(self.rows)
+            raise VoccError.of(
+                "experiment.name",
+                repr(self.name),
+                "a name, and train is training's own",
+            )
+        binned, is_grid = (
+            self.axis == "contrast",
+            self.row_axis is not None or bool(self.rows),
+        )
         known = [name for name in SCENE_FIELDS if name != self.axis]
         if is_grid and self.row_axis not in known:
-            raise VoccError.of("experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}")
+            raise VoccError.of(
+                "experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}"
+            )
         for name, least in (("values", 1 + binned), ("rows", int(is_grid))):
             numbers = getattr(self, name)
             apart = 1 + 1e-5 * is_grid  # rows are named by six digits
             ascending = all(a < b and a * apart <= b for a, b in pairwise(numbers))
-            if len(numbers) < least or not (ascending and all(map(math.isfinite, numbers))):
+            if len(numbers) < least or not (
+                ascending and all(map(math.isfinite, numbers))
+            ):
                 rule = f"finite numbers in ascending order, at least {least} of them"
                 rule += ", each a hundred-thousandth above the one before" * is_grid
                 raise VoccError.of(f"experiment.{name}", list(numbers), rule)
@@ -170,7 +196,9 @@ class Experiment:
         try:
             return narrowed(model, {self.axis: value}, "scene")
         except VoccError as error:
-            raise VoccError.of("experiment.values", error.value, error.rule, "has") from None
+            raise VoccError.of(
+                "experiment.values", error.value, error.rule, "has"
+            ) from None
 
     def training_model(self, world: "World") -> "SceneModel":
         """The scenes that a receiver trains on."""
@@ -181,11 +209,20 @@ class Experiment:
 
 def _schema(name: str, *domains: type, without: str, unset: bool = False) -> type:
     """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null."""
-    kept: list[Any] = [one for domain in domains for one in fields(domain) if one.name != without]
-    made = [(one.name, one.type | None, None) if unset else (one.name, one.type, one.default) for one in kept]
+    kept: list[Any] = [
+        one for domain in domains for one in fields(domain) if one.name != without
+    ]
+    made = [
+        (one.name, one.type | None, None)
+        if unset
+        else (one.name, one.type, one.default)
+        for one in kept
+    ]
     told = "\n    ".join(str(domain.__doc__) for domain in domains)
     # The module is where the class is found when settings are pickled.
-    return make_dataclass(name, made, namespace={"__doc__": told, "__module__": __name__})
+    return make_dataclass(
+        name, made, namespace={"__doc__": told, "__module__": __name__}
+    )
 
 
 if TYPE_CHECKING:
@@ -194,7 +231,9 @@ if TYPE_CHECKING:
     PanelSettings = LedPanel
 else:
     # The light meter's constant is no matter of the scene.
-    CameraChanges = _schema("CameraChanges", Camera, without="calibration_constant", unset=True)
+    CameraChanges = _schema(
+        "CameraChanges", Camera, without="calibration_constant", unset=True
+    )
     PanelSettings = _schema("PanelSettings", PanelShape, LedPanel, without="shape")
 
 
@@ -383,7 +422,9 @@ def as_yaml(settings: Settings) -> str:
     return OmegaConf.to_yaml(OmegaConf.create(asdict(settings)))
 
 
-def effect_settings(effects: dict[str, Any], key: str = "scene.effects") -> dict[str, Any]:
+def effect_settings(
+    effects: dict[str, Any], key: str = "scene.effects"
+) -> dict[str, Any]:
     """Check that the effects are a mapping of mappings; the registry checks names and parameters.
 
     Example:
@@ -392,7 +433,11 @@ def effect_settings(effects: dict[str, Any], key: str = "scene.effects") -> dict
     """
     for name, parameters in effects.items():
         if parameters is not None and not isinstance(parameters, dict):
-            raise VoccError.of(f"{key}.{name}", repr(parameters), "a mapping of parameters, {} for none")
+            raise VoccError.of(
+                f"{key}.{name}",
+                repr(parameters),
+                "a mapping of parameters, {} for none",
+            )
     return effects
 
 

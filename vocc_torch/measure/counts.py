@@ -39,7 +39,9 @@ class Tally:
             return self
         if not isinstance(other, type(self)):
             return NotImplemented
-        return type(self)(*(one + more for one, more in zip(self.numbers, other.numbers, strict=True)))
+        return type(self)(
+            *(one + more for one, more in zip(self.numbers, other.numbers, strict=True))
+        )
 
     __radd__ = __add__
 
@@ -93,23 +95,37 @@ class Counts(Tally):
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
         for name, value in zip(self.__match_args__, self.numbers, strict=True):
             if type(value) is not int or value < 0:
-                raise VoccError(f"counts.{name} is {value!r}: it must be an integer of at least 0")
+                raise VoccError(
+                    f"counts.{name} is {value!r}: it must be an integer of at least 0"
+                )
         limits = (
             ("bits", self.bits if self.frames else 0, "no frames"),
             ("frames", self.bits, "bits"),
             ("half_errors", 2 * self.bits, "twice bits"),
             ("half_errors_squared", self.half_errors**2, "half_errors squared"),
-            ("frame_errors", min(self.frames, self.half_errors), "frames and half_errors"),
+            (
+                "frame_errors",
+                min(self.frames, self.half_errors),
+                "frames and half_errors",
+            ),
             ("panels_missed", self.frame_errors, "frame_errors"),
             ("misplaced", self.frames, "frames"),
-            ("misplaced_half_errors", self.half_errors if self.misplaced else 0, "half_errors"),
+            (
+                "misplaced_half_errors",
+                self.half_errors if self.misplaced else 0,
+                "half_errors",
+            ),
         )
         for name, limit, reason in limits:
             if getattr(self, name) > limit:
-                raise VoccError.of(f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})")
+                raise VoccError.of(
+                    f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})"
+                )
         if self.half_errors_squared * self.frame_errors < self.half_errors**2:
             rule = f"large enough for {self.half_errors} half errors in {self.frame_errors} frames"
-            raise VoccError.of("counts.half_errors_squared", self.half_errors_squared, rule)
+            raise VoccError.of(
+                "counts.half_errors_squared", self.half_errors_squared, rule
+            )
 
     @classmethod
     def of(cls, decided: Tensor, sent: Tensor, found: Tensor) -> Self:
@@ -130,7 +146,9 @@ class Counts(Tally):
             (9, 4.5, 1)
         """
         half = half_errors(decided, sent, found)
-        sums = torch.stack([half.sum(), (half * half).sum(), (half > 0).sum(), (~found).sum()])
+        sums = torch.stack(
+            [half.sum(), (half * half).sum(), (half > 0).sum(), (~found).sum()]
+        )
         return cls(len(sent), sent.numel(), *sums.tolist())
 
     @property
@@ -146,7 +164,9 @@ class Counts(Tally):
     @property
     def location_share(self) -> float | None:
         """Share of the wrong bits in frames whose panel was missed or misplaced; None without errors."""
-        return self.misplaced_half_errors / self.half_errors if self.half_errors else None
+        return (
+            self.misplaced_half_errors / self.half_errors if self.half_errors else None
+        )
 
     @property
     def ber(self) -> float:
@@ -156,7 +176,9 @@ class Counts(Tally):
             VoccError: no bits were counted.
         """
         if self.bits == 0:
-            raise VoccError("counts.bits is 0: a bit error rate needs at least one frame")
+            raise VoccError(
+                "counts.bits is 0: a bit error rate needs at least one frame"
+            )
         return self.half_errors / (2 * self.bits)
 
 
@@ -193,22 +215,38 @@ class WeightedCounts(Counts):
     weighted_squares: int = 0
     squares: int = 0
     fourths: int = 0
-    least_frames: ClassVar[int] = 128 * BLOCK_FRAMES  # few frames may have most of the weight
+    least_frames: ClassVar[int] = (
+        128 * BLOCK_FRAMES
+    )  # few frames may have most of the weight
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give."""
         Counts.__post_init__(self)
         limits = (
             ("nominal", BLOCK_FRAMES * self.frames, "64 times frames"),
-            ("weighted", self.weighted_squares if self.half_errors else 0, "weighted_squares"),
+            (
+                "weighted",
+                self.weighted_squares if self.half_errors else 0,
+                "weighted_squares",
+            ),
             # By Cauchy and Schwarz.
-            ("weighted", math.isqrt(self.squares * self.frame_errors), "the root of squares by frame_errors"),
-            ("squares", math.isqrt(self.fourths * self.frame_errors), "the root of fourths by frame_errors"),
+            (
+                "weighted",
+                math.isqrt(self.squares * self.frame_errors),
+                "the root of squares by frame_errors",
+            ),
+            (
+                "squares",
+                math.isqrt(self.fourths * self.frame_errors),
+                "the root of fourths by frame_errors",
+            ),
             ("fourths", self.squares**2, "squares squared"),
         )
         for name, limit, reason in limits:
             if getattr(self, name) > limit:
-                raise VoccError.of(f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})")
+                raise VoccError.of(
+                    f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})"
+                )
 
     @classmethod
     def weigh(
@@ -229,7 +267,9 @@ class WeightedCounts(Counts):
             nominal: share of the frames, in 64ths, that come from the scenes that are meant.
         """
         wrong = np.flatnonzero(halves).tolist()
-        pairs = [(round(float(weights[i]) / WEIGHT_UNIT), int(halves[i])) for i in wrong]
+        pairs = [
+            (round(float(weights[i]) / WEIGHT_UNIT), int(halves[i])) for i in wrong
+        ]
         return cls(
             frames=len(halves),
             bits=len(halves) * leds,
@@ -252,7 +292,9 @@ class WeightedCounts(Counts):
             VoccError: no bits were counted.
         """
         if self.bits == 0:
-            raise VoccError("counts.bits is 0: a bit error rate needs at least one frame")
+            raise VoccError(
+                "counts.bits is 0: a bit error rate needs at least one frame"
+            )
         return self.weighted * WEIGHT_UNIT / (2 * self.bits)
 
     @property
@@ -295,7 +337,11 @@ def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:
     """
     leds = sent.shape[1:].numel()
     own = sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"
-    demands = ("sent", sent, own), ("decided", decided, sent.shape), ("found", found, sent.shape[:1])
+    demands = (
+        ("sent", sent, own),
+        ("decided", decided, sent.shape),
+        ("found", found, sent.shape[:1]),
+    )
     for name, bits, shape in demands:
         if bits.dtype != torch.bool or bits.shape != shape:
             rule = f"torch.bool of shape {tuple(shape) if isinstance(shape, torch.Size) else shape}"

@@ -96,8 +96,13 @@ class Row(PointKey):
         if not math.isfinite(self.value):
             raise VoccError(f"{self.axis} is {self.value}: it must be finite")
         if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
-            key, ends = f"ber of {self.receiver} at {self.axis}={self.value:g}", [self.ber_low, self.ber_high]
-            raise VoccError.of(key, f"{self.ber} in {ends}", "0 <= ber_low <= ber <= ber_high <= 1")
+            key, ends = (
+                f"ber of {self.receiver} at {self.axis}={self.value:g}",
+                [self.ber_low, self.ber_high],
+            )
+            raise VoccError.of(
+                key, f"{self.ber} in {ends}", "0 <= ber_low <= ber <= ber_high <= 1"
+            )
 
     @property
     def error_free(self) -> bool:
@@ -112,7 +117,11 @@ class Row(PointKey):
     @property
     def algorithm(self) -> Estimate | None:
         """The algorithm's rate with its interval, after several trainings."""
-        if self.ber_mean is None or self.algorithm_low is None or self.algorithm_high is None:
+        if (
+            self.ber_mean is None
+            or self.algorithm_low is None
+            or self.algorithm_high is None
+        ):
             return None
         return Estimate(self.ber_mean, self.algorithm_low, self.algorithm_high)
 
@@ -155,21 +164,46 @@ class Point(PointKey):
         # The size comes from points whose panels may have more LEDs.
         size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
         interval = ber_interval(counts, errors_per_frame_error=size)
-        named = (self.experiment, self.axis, float(self.value), self.receiver, self.locator)
+        named = (
+            self.experiment,
+            self.axis,
+            float(self.value),
+            self.receiver,
+            self.locator,
+        )
         rates = (counts.bit_errors, interval.value, interval.low, interval.high)
         ends = (counts.frame_errors, counts.panels_missed, self.stopped_by)
         row = Row(*named, counts.frames, counts.bits, *rates, *ends)
         if isinstance(counts, WeightedCounts):
             unseen = -math.log(1 - CONFIDENCE) / counts.nominal_frames
-            row = replace(row, effective_frames=counts.effective_frames, unseen_below=min(1.0, unseen))
+            row = replace(
+                row,
+                effective_frames=counts.effective_frames,
+                unseen_below=min(1.0, unseen),
+            )
             return replace(row, method="rare")
         if self.locator != "truth":
             row = replace(row, location_share=counts.location_share)
         if (of := self.trained) is None:
             return row
-        found, least, most = of.interval(errors_per_frame_error=size), min(of.rates), max(of.rates)
-        row = replace(row, trainings=len(of.each), ber_sd=of.deviation, ber_best=least, ber_worst=most)
-        return replace(row, ber_mean=found.value, algorithm_low=found.low, algorithm_high=found.high)
+        found, least, most = (
+            of.interval(errors_per_frame_error=size),
+            min(of.rates),
+            max(of.rates),
+        )
+        row = replace(
+            row,
+            trainings=len(of.each),
+            ber_sd=of.deviation,
+            ber_best=least,
+            ber_worst=most,
+        )
+        return replace(
+            row,
+            ber_mean=found.value,
+            algorithm_low=found.low,
+            algorithm_high=found.high,
+        )
 
 
 class BerTable:
@@ -210,21 +244,35 @@ class BerTable:
         for point in given:
             if isinstance(point, Point):
                 totals[point.receiver] = point.counts + totals.get(point.receiver, 0)
-        typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
-        stated = (one.stated(typical[one.receiver]) if isinstance(one, Point) else one for one in given)
+        typical = {
+            name: max(1.0, n.bit_errors / max(1, n.frame_errors))
+            for name, n in totals.items()
+        }
+        stated = (
+            one.stated(typical[one.receiver]) if isinstance(one, Point) else one
+            for one in given
+        )
         self.rows = tuple(stated)
-        experiments, axes = ({getattr(row, name) for row in self.rows} for name in ("experiment", "axis"))
+        experiments, axes = (
+            {getattr(row, name) for row in self.rows} for name in ("experiment", "axis")
+        )
         for name, names in (("experiment", experiments), ("axis", axes)):
             if len(names) > 1:
-                raise VoccError(f"{name} is {' and '.join(sorted(names))}: a table holds one {name}")
+                raise VoccError(
+                    f"{name} is {' and '.join(sorted(names))}: a table holds one {name}"
+                )
         self.experiment, self.axis = "".join(experiments), "".join(axes)
         self.values = tuple(sorted({row.value for row in self.rows}))
         self.receivers = tuple(dict.fromkeys(row.receiver for row in self.rows))
         self.locators = tuple(dict.fromkeys(row.locator for row in self.rows))
-        for (name, value), count in Counter((row.receiver, row.value) for row in self.rows).items():
+        for (name, value), count in Counter(
+            (row.receiver, row.value) for row in self.rows
+        ).items():
             if count > 1:
                 why = "a table holds one; give each locator a table of its own"
-                raise VoccError(f"receiver {name} has two points at {self.axis}={value:g}: {why}")
+                raise VoccError(
+                    f"receiver {name} has two points at {self.axis}={value:g}: {why}"
+                )
 
     def __len__(self) -> int:
         """Count the points."""
@@ -274,13 +322,23 @@ class Curves:
     paired: Mapping[tuple[str, str, float], PairedCounts]
     stopped_by: Mapping[float, str]
     trained: Mapping[tuple[str, float], Trained] = field(default_factory=dict)
-    trained_pairs: Mapping[tuple[str, str, float], PairedCounts] = field(default_factory=dict)
+    trained_pairs: Mapping[tuple[str, str, float], PairedCounts] = field(
+        default_factory=dict
+    )
 
     def points(self) -> list[Point]:
         """Give the points by value, then by receiver."""
         place = self.experiment, self.axis
         return [
-            Point(*place, value, receiver, self.locator, counts, self.stopped_by[value], self.trained.get(at))
+            Point(
+                *place,
+                value,
+                receiver,
+                self.locator,
+                counts,
+                self.stopped_by[value],
+                self.trained.get(at),
+            )
             for value in self.values
             for receiver in self.receivers
             if (counts := self.counts.get(at := (receiver, value))) is not None
@@ -293,7 +351,8 @@ class Curves:
     def total(self, receiver: str) -> Counts:
         """Give one receiver's counts over all values."""
         return sum(
-            (self.counts[receiver, value] for value in self.values[1:]), self.counts[receiver, self.values[0]]
+            (self.counts[receiver, value] for value in self.values[1:]),
+            self.counts[receiver, self.values[0]],
         )
 
     def pair(self, a: str, b: str, value: float | None = None) -> PairedCounts:
@@ -315,12 +374,19 @@ class Curves:
         of = self.trained.get((receiver, value))
         return self.counts[receiver, value] if of is None else of.pooled
 
-    def trained_pair(self, a: str, b: str, value: float, confidence: float = CONFIDENCE) -> Estimate | None:
+    def trained_pair(
+        self, a: str, b: str, value: float, confidence: float = CONFIDENCE
+    ) -> Estimate | None:
         """Give the algorithms' difference, a less b, at one value; None after a single training."""
         if (a, value) not in self.trained or (b, value) not in self.trained:
             return None
-        pair = self.trained_pairs.get((a, b, value)) or self.trained_pairs[b, a, value].swapped()
-        return mean_difference(self.trained[a, value], self.trained[b, value], pair, confidence)
+        pair = (
+            self.trained_pairs.get((a, b, value))
+            or self.trained_pairs[b, a, value].swapped()
+        )
+        return mean_difference(
+            self.trained[a, value], self.trained[b, value], pair, confidence
+        )
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,9 @@ def all_pairs(compared: int) -> int:
     return compared * (compared - 1) // 2
 
 
-def may_be_least(compared: int, difference: Callable[[int, int, float], Estimate]) -> list[int]:
+def may_be_least(
+    compared: int, difference: Callable[[int, int, float], Estimate]
+) -> list[int]:
     """Give the places that may hold the least of some numbers: those that no other is surely below.
 
     Multiple comparisons with the best (Hsu, Annals of Statistics 12, 1984) with Bonferroni's level: each
@@ -77,4 +79,8 @@ def may_be_least(compared: int, difference: Callable[[int, int, float], Estimate
         [1, 2]
     """
     level, every = joint_confidence(compared - 1), range(compared)
-    return [a for a in every if all(difference(a, b, level).low <= 0 for b in every if b != a)]
+    return [
+        a
+        for a in every
+        if all(difference(a, b, level).low <= 0 for b in every if b != a)
+    ]

@@ -46,9 +46,7 @@ class Limits:
 
     most_workers: int = 256  # more processes than any machine's cores
     most_by_default: int = 8  # processes where no number was given
-    patience_s: float = (
-        10.0  # processor time in this process after which others surely pay: each begins in 3 s
-    )
+    patience_s: float = 10.0  # processor time in this process after which others surely pay: each begins in 3 s
     connect_s: float = 5.0  # in which something must answer at an address
     tries: int = 3  # how often a cluster does a call whose node was lost
 
@@ -78,17 +76,29 @@ class Workers:
         3
     """
 
-    def __init__(self, count: int | None = 1, kind: str = "auto", address: str = "auto") -> None:
+    def __init__(
+        self, count: int | None = 1, kind: str = "auto", address: str = "auto"
+    ) -> None:
         if count is not None and not 0 <= count <= LIMITS.most_workers:
-            raise VoccError(f"workers is {count}: it must be from 0 (one a core) to {LIMITS.most_workers}")
+            raise VoccError(
+                f"workers is {count}: it must be from 0 (one a core) to {LIMITS.most_workers}"
+            )
         if kind not in KINDS:
-            raise VoccError.of("executor.kind", repr(kind), f"one of {', '.join(KINDS)}")
+            raise VoccError.of(
+                "executor.kind", repr(kind), f"one of {', '.join(KINDS)}"
+            )
         if kind not in CLUSTERS and address != "auto":
-            raise VoccError(f"executor.address is {address}: it has no meaning for executor={kind}")
+            raise VoccError(
+                f"executor.address is {address}: it has no meaning for executor={kind}"
+            )
         cores = timing.usable_cores()
-        self.count = min(cores, LIMITS.most_by_default) if count is None else count or cores
+        self.count = (
+            min(cores, LIMITS.most_by_default) if count is None else count or cores
+        )
         self._most, self._kind, self._address = count or None, kind, address
-        self._here = kind == "here" or (kind == "auto" and (self.count == 1 or count is None))
+        self._here = kind == "here" or (
+            kind == "auto" and (self.count == 1 or count is None)
+        )
         # Where nobody said otherwise, processes begin once they surely pay.
         waits = kind == "auto" and count is None and self.count > 1
         self._patience_s = LIMITS.patience_s if waits else math.inf
@@ -109,11 +119,15 @@ class Workers:
                 rule = "auto, here or processes for task=export, which writes where it computes"
                 raise VoccError.of("executor.kind", kind, rule)
             if not on_cpu:
-                raise VoccError.of("device", settings.device, f"cpu for executor={kind}")
+                raise VoccError.of(
+                    "device", settings.device, f"cpu for executor={kind}"
+                )
             for name, classifier in settings.classifiers.items():
                 if folder := classifier.training.get("checkpoints"):
                     rule = f"null for executor={kind}, whose nodes do not share it"
-                    raise VoccError.of(f"classifiers.{name}.training.checkpoints", folder, rule)
+                    raise VoccError.of(
+                        f"classifiers.{name}.training.checkpoints", folder, rule
+                    )
         if count is None and kind == "auto" and not on_cpu:
             count = 1  # processes would share the accelerator
         return cls(count, kind, settings.executor.address)
@@ -145,13 +159,19 @@ class Workers:
         if self._packed[0] is not call:  # packed once for many blocks
             self._packed = call, pool.kept(pickle.dumps(call))
         with worker_losses_told():
-            work = pool.submit(called, about_run(self._kind), self._packed[1], pickle.dumps(argument))
+            work = pool.submit(
+                called, about_run(self._kind), self._packed[1], pickle.dumps(argument)
+            )
         return Unpacked(work)
 
     def _open(self) -> "Pool":
         if self._pool is None:
             pools = {"ray": RayPool, "dask": DaskPool}
-            self._pool = pools[self._kind](self._address) if self._kind in pools else ProcessPool(self.count)
+            self._pool = (
+                pools[self._kind](self._address)
+                if self._kind in pools
+                else ProcessPool(self.count)
+            )
         return self._pool
 
     def __enter__(self) -> Self:
@@ -201,7 +221,9 @@ class Pool:
         """How many calls are worked on at the same time; nodes may come and go."""
         raise NotImplementedError
 
-    def submit(self, call: Callable[..., bytes], /, *arguments: object) -> futures.Future[bytes]:
+    def submit(
+        self, call: Callable[..., bytes], /, *arguments: object
+    ) -> futures.Future[bytes]:
         """Hand out a call."""
         raise NotImplementedError
 
@@ -229,7 +251,9 @@ class ProcessPool(Pool):
         """As many as there are processes."""
         return self._count
 
-    def submit(self, call: Callable[..., bytes], /, *arguments: object) -> futures.Future[bytes]:
+    def submit(
+        self, call: Callable[..., bytes], /, *arguments: object
+    ) -> futures.Future[bytes]:
         """Hand out a call; a process begun meanwhile never hears of Ctrl-C, not even while it starts."""
         if not hasattr(signal, "pthread_sigmask"):  # on Windows
             return self._executor.submit(call, *arguments)
@@ -241,7 +265,9 @@ class ProcessPool(Pool):
 
     def end(self, *, at_once: bool) -> None:
         """End the processes; before Python 3.14 a pool has no other way to do so at once."""
-        for process in list((self._executor._processes or {}).values()) if at_once else ():
+        for process in (
+            list((self._executor._processes or {}).values()) if at_once else ()
+        ):
             process.terminate()
         self._executor.shutdown(cancel_futures=True)
 
@@ -278,7 +304,9 @@ class RayPool(Pool):
             demand_answer(address)
         options = {"include_dashboard": False} if address == "local" else {}
         with _joining("Ray", address):
-            self._ray.init(address, log_to_driver=False, logging_level="ERROR", **options)
+            self._ray.init(
+                address, log_to_driver=False, logging_level="ERROR", **options
+            )
         self._task = self._ray.remote(num_cpus=1, max_retries=LIMITS.tries - 1)(called)
 
     def slots(self) -> int:
@@ -289,7 +317,9 @@ class RayPool(Pool):
         """Lay the bytes into Ray's store, from which every node fetches them once."""
         return self._ray.put(content)
 
-    def submit(self, _: Callable[..., bytes], /, *arguments: object) -> futures.Future[bytes]:
+    def submit(
+        self, _: Callable[..., bytes], /, *arguments: object
+    ) -> futures.Future[bytes]:
         """Hand out a call of :func:`called`."""
         future: futures.Future[bytes] = self._task.remote(*arguments).future()
         return future
@@ -312,17 +342,25 @@ class DaskPool(Pool):
     def __init__(self, address: str) -> None:
         distributed = _imported("dask")
         if address in ("auto", "local"):
-            raise VoccError.of("executor.address", address, "HOST:PORT of a scheduler for executor=dask")
+            raise VoccError.of(
+                "executor.address",
+                address,
+                "HOST:PORT of a scheduler for executor=dask",
+            )
         demand_answer(address)
         with _joining("Dask", address):
-            self._client = distributed.Client(address, timeout=LIMITS.connect_s, set_as_default=False)
+            self._client = distributed.Client(
+                address, timeout=LIMITS.connect_s, set_as_default=False
+            )
         self._executor = self._client.get_executor(pure=False)
 
     def slots(self) -> int:
         """As many as the workers have threads."""
         return sum(self._client.nthreads().values()) or 1
 
-    def submit(self, call: Callable[..., bytes], /, *arguments: object) -> futures.Future[bytes]:
+    def submit(
+        self, call: Callable[..., bytes], /, *arguments: object
+    ) -> futures.Future[bytes]:
         """Hand out a call."""
         future: futures.Future[bytes] = self._executor.submit(call, *arguments)
         return future
@@ -369,13 +407,19 @@ def demand_answer(address: str) -> None:
     """
     host, _, port = address.rpartition("://")[2].rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-        raise VoccError.of("executor.address", repr(address), "HOST:PORT, auto or local")
+        raise VoccError.of(
+            "executor.address", repr(address), "HOST:PORT, auto or local"
+        )
     try:
-        with closing(socket.create_connection((host.strip("[]"), int(port)), LIMITS.connect_s)):
+        with closing(
+            socket.create_connection((host.strip("[]"), int(port)), LIMITS.connect_s)
+        ):
             pass
     except OSError as error:
         why = error.strerror or str(error)
-        raise VoccError(f"executor.address is {address}: nothing answers there ({why})") from None
+        raise VoccError(
+            f"executor.address is {address}: nothing answers there ({why})"
+        ) from None
 
 
 def _of_cluster(error: Exception) -> Exception:
@@ -385,15 +429,22 @@ def _of_cluster(error: Exception) -> Exception:
         return error
     if "OutOfMemory" in name:
         help_ = "give a smaller batch_frames, or nodes with more memory for each CPU"
-        return VoccError(f"a task ran out of memory on its node, {LIMITS.tries} times in all: {help_}")
+        return VoccError(
+            f"a task ran out of memory on its node, {LIMITS.tries} times in all: {help_}"
+        )
     if name != "RaySystemError" and (
         "Crashed" in name or "Died" in name or "Lost" in name or "Killed" in name
     ):
         lost = f"a task was lost with its worker or node, {LIMITS.tries} times in all ({name})"
         return VoccError(f"{lost}: start again to go on")
     lines = [line for line in str(error).splitlines() if line.strip()]
-    why = next((line for line in reversed(lines) if "Error" in line), lines[-1] if lines else name)
-    return VoccError(f"a node cannot take part ({why.strip()}): give every node the same releases")
+    why = next(
+        (line for line in reversed(lines) if "Error" in line),
+        lines[-1] if lines else name,
+    )
+    return VoccError(
+        f"a node cannot take part ({why.strip()}): give every node the same releases"
+    )
 
 
 @contextmanager
@@ -414,9 +465,17 @@ def worker_losses_told() -> Iterator[None]:
 @functools.cache
 def releases() -> dict[str, str]:
     """Tell what counts here: releases, and a digest of this package's code."""
-    full = {"torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}
+    full = {
+        "torch": torch.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
     short = {name: ".".join(release.split(".")[:2]) for name, release in full.items()}
-    return {"vocc_torch": vocc_torch.__version__, "code of vocc_torch": package_digest("vocc_torch"), **short}
+    return {
+        "vocc_torch": vocc_torch.__version__,
+        "code of vocc_torch": package_digest("vocc_torch"),
+        **short,
+    }
 
 
 def about_run(kind: str) -> bytes:
@@ -426,7 +485,9 @@ def about_run(kind: str) -> bytes:
         VoccError: such files where they cannot go.
     """
     files = plugins.carried() if kind in CLUSTERS else {}
-    if files and kind == "dask":  # whose workers outlive the run, and its files' modules with them
+    if (
+        files and kind == "dask"
+    ):  # whose workers outlive the run, and its files' modules with them
         cannot = f"executor.kind is dask, and {next(iter(files))} cannot go with it"
         raise VoccError(f"{cannot}: it must be ray, or one on this machine")
     return pickle.dumps((releases(), files))
@@ -475,7 +536,9 @@ def called(run: bytes, call: bytes, argument: bytes) -> bytes:
         return pickle.dumps((True, _unpacked(call)(pickle.loads(argument))))
     except Exception as error:
         if not isinstance(error, VoccError):
-            error.add_note(f"in worker {os.getpid()} of {socket.gethostname()}:\n{traceback.format_exc()}")
+            error.add_note(
+                f"in worker {os.getpid()} of {socket.gethostname()}:\n{traceback.format_exc()}"
+            )
         try:
             packed = pickle.dumps((False, error))
             pickle.loads(packed)

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.estimate import CONFIDENCE, Estimate, all_pairs, joint_confidence
+from vocc_torch.measure.estimate import (
+    CONFIDENCE,
+    Estimate,
+    all_pairs,
+    joint_confidence,
+)
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 
 
@@ -66,13 +71,19 @@ class FrameErrors:
         """Refuse more than 64 bits can count."""
         frames = self.half_errors.shape[1]
         if frames * (2 * int(self.leds)) ** 2 > np.iinfo(np.int64).max:
-            raise VoccError.of("leds", self.leds, f"less: squared errors of {frames} frames overflow 64 bits")
+            raise VoccError.of(
+                "leds",
+                self.leds,
+                f"less: squared errors of {frames} frames overflow 64 bits",
+            )
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
         """Join parts with the same receivers, at least one: the frames of the first, then of the second."""
         every = list(parts)
-        halves, found = ([getattr(one, name) for one in every] for name in ("half_errors", "found"))
+        halves, found = (
+            [getattr(one, name) for one in every] for name in ("half_errors", "found")
+        )
         groups = [one.groups for one in every if one.groups is not None]
         sorted_by = np.concatenate(groups) if groups else None
         misplaced = [one.misplaced for one in every if one.misplaced is not None]
@@ -86,7 +97,13 @@ class FrameErrors:
         halves = np.concatenate([one.half_errors for one in parts])
         found = np.concatenate([one.found for one in parts])
         off = [one.misplaced for one in parts if one.misplaced is not None]
-        return cls(halves, found, parts[0].leds, parts[0].groups, np.concatenate(off) if off else None)
+        return cls(
+            halves,
+            found,
+            parts[0].leds,
+            parts[0].groups,
+            np.concatenate(off) if off else None,
+        )
 
     def packed(self) -> bytes:
         """Write the numbers as bytes; leds and keys are not among them."""
@@ -97,7 +114,9 @@ class FrameErrors:
         return zlib.compress(table.tobytes(), level=1)
 
     @classmethod
-    def unpacked(cls, content: bytes, frames: int, leds: int, keys: Sequence[Key]) -> Self:
+    def unpacked(
+        cls, content: bytes, frames: int, leds: int, keys: Sequence[Key]
+    ) -> Self:
         """Read what :meth:`packed` wrote.
 
         Args:
@@ -118,7 +137,12 @@ class FrameErrors:
             what = f"counts of {rows} receivers in {frames} frames"
             raise VoccError(f"{what} cannot be read: {error}") from None
         halves, flags = numbers[:rows], numbers[rows : 3 * rows]
-        if halves.min() < 0 or halves.max() > 2 * leds or flags.min() < 0 or flags.max() > 1:
+        if (
+            halves.min() < 0
+            or halves.max() > 2 * leds
+            or flags.min() < 0
+            or flags.max() > 1
+        ):
             raise VoccError(f"counts have a frame with more wrong bits than its {leds}")
         found, off = flags.astype(bool).reshape(2, rows, frames)
         groups = numbers[-1].astype(np.int64)
@@ -129,13 +153,22 @@ class FrameErrors:
         return self.of(frames=slice(frames))
 
     def of(
-        self, receivers: slice | Sequence[int] = slice(None), frames: slice | NDArray[np.bool_] = slice(None)
+        self,
+        receivers: slice | Sequence[int] = slice(None),
+        frames: slice | NDArray[np.bool_] = slice(None),
     ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
-        halves, found = self.half_errors[receivers][:, frames], self.found[receivers][:, frames]
+        halves, found = (
+            self.half_errors[receivers][:, frames],
+            self.found[receivers][:, frames],
+        )
         groups = None if self.groups is None else self.groups[frames]
         off = None if self.misplaced is None else self.misplaced[receivers][:, frames]
-        rows = range(len(self.keys))[receivers] if isinstance(receivers, slice) else receivers
+        rows = (
+            range(len(self.keys))[receivers]
+            if isinstance(receivers, slice)
+            else receivers
+        )
         keys = [self.keys[row] for row in rows if self.keys]
         return type(self)(halves, found, self.leds, groups, off, tuple(keys))
 
@@ -145,7 +178,11 @@ class FrameErrors:
 
     def by_group(self) -> Iterator[tuple[int, Self]]:
         """Give the frames of each group that has some, by the group; those below 0 are in none."""
-        groups = np.zeros(self.half_errors.shape[1], np.int64) if self.groups is None else self.groups
+        groups = (
+            np.zeros(self.half_errors.shape[1], np.int64)
+            if self.groups is None
+            else self.groups
+        )
         for group in np.unique(groups[groups >= 0]).tolist():
             yield group, self.of(frames=groups == group)
 
@@ -159,7 +196,14 @@ class FrameErrors:
         first = trainings[0]
         halves = np.sum([one.half_errors for one in trainings], axis=0)
         found = np.all([one.found for one in trainings], axis=0)
-        return cls(halves, found, first.leds * len(trainings), first.groups, first.misplaced, first.keys)
+        return cls(
+            halves,
+            found,
+            first.leds * len(trainings),
+            first.groups,
+            first.misplaced,
+            first.keys,
+        )
 
     @cached_property
     def counts(self) -> list[Counts]:
@@ -167,7 +211,9 @@ class FrameErrors:
         frames = self.half_errors.shape[1]
         missed = frames - self.found.sum(axis=1, keepdims=True)
         off = np.zeros_like(self.found) if self.misplaced is None else self.misplaced
-        of_location = np.stack([off.sum(axis=1), (self.half_errors * off).sum(axis=1)], axis=1)
+        of_location = np.stack(
+            [off.sum(axis=1), (self.half_errors * off).sum(axis=1)], axis=1
+        )
         rows = np.hstack([_sums(self.half_errors), missed, of_location]).tolist()
         return [Counts(frames, frames * self.leds, *sums) for sums in rows]
 
@@ -180,14 +226,21 @@ class FrameErrors:
         receivers, frames = self.half_errors.shape
         first, second = np.triu_indices(receivers, k=1)
         apart = self.half_errors[first] - self.half_errors[second]
-        sides = np.hstack([_sums(np.maximum(apart, 0)), _sums(np.maximum(-apart, 0))]).tolist()
+        sides = np.hstack(
+            [_sums(np.maximum(apart, 0)), _sums(np.maximum(-apart, 0))]
+        ).tolist()
         places = zip(first.tolist(), second.tolist(), sides, strict=True)
-        return {(a, b): PairedCounts(frames, frames * self.leds, *sums) for a, b, sums in places}
+        return {
+            (a, b): PairedCounts(frames, frames * self.leds, *sums)
+            for a, b, sums in places
+        }
 
     def paired(self, a: int, b: int) -> PairedCounts:
         """Compare two receivers by their places, in either order."""
         if a == b:
-            return PairedCounts(self.half_errors.shape[1], self.half_errors.shape[1] * self.leds)
+            return PairedCounts(
+                self.half_errors.shape[1], self.half_errors.shape[1] * self.leds
+            )
         return self.pairs[a, b] if a < b else self.pairs[b, a].swapped()
 
     def compared(self, a: int, b: int, confidence: float = CONFIDENCE) -> Estimate:
@@ -202,10 +255,15 @@ class FrameErrors:
 
     def surely_worse(self, a: int, b: int) -> bool:
         """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
-        return self.compared(a, b, joint_confidence(all_pairs(len(self.half_errors)))).low > 0
+        return (
+            self.compared(a, b, joint_confidence(all_pairs(len(self.half_errors)))).low
+            > 0
+        )
 
 
 def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
     """Give the sum, the sum of squares and the number above 0 of each row, (L,3)."""
     squared = np.einsum("ln,ln->l", errors, errors)
-    return np.stack([errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1)
+    return np.stack(
+        [errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1
+    )

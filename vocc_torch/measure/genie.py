@@ -83,7 +83,9 @@ def relaxed_shares(model: PixelModel) -> Tensor:
         step = torch.zeros_like(shares)
         if bool(free.any()):
             moving = active[free]
-            curvature = moving @ moving.T + ridge * torch.eye(len(moving), dtype=light.dtype)
+            curvature = moving @ moving.T + ridge * torch.eye(
+                len(moving), dtype=light.dtype
+            )
             step[free] = torch.linalg.solve(curvature, slope[free])
         cost = float(missed @ missed)
         for halving in range(12):
@@ -180,7 +182,10 @@ def likely_bits(model: PixelModel, shares: Tensor, width: int) -> Tensor:
     choice = torch.tensor([0.0, 1.0], dtype=light.dtype)
     for led in reversed(range(len(light))):
         decided = away[:, led + 1 :] @ factor[led, led + 1 :]
-        costs = cost.unsqueeze(1) + (decided.unsqueeze(1) + factor[led, led] * (choice - middle[led])) ** 2
+        costs = (
+            cost.unsqueeze(1)
+            + (decided.unsqueeze(1) + factor[led, led] * (choice - middle[led])) ** 2
+        )
         cost, kept = costs.flatten().topk(min(width, costs.numel()), largest=False)
         away = away[kept // 2]
         away[:, led] = kept % 2 - middle[led]
@@ -264,26 +269,40 @@ class Genie:
             UnknownLikelihoodError: pixels that are full before they are white.
         """
         if len(scene) != len(frames):
-            raise VoccError.of("scene", f"of {len(scene)} scenes", f"one for each of {len(frames)} frames")
+            raise VoccError.of(
+                "scene",
+                f"of {len(scene)} scenes",
+                f"one for each of {len(frames)} frames",
+            )
         device, shape, seconds = self._simulator.device, self._simulator.panel.shape, []
         scene = scene.checked().to(device)
         bits = torch.zeros(len(frames), shape.rows, shape.columns, dtype=torch.bool)
         scores, proven = bits.double(), torch.zeros(len(frames), dtype=torch.bool)
         for i in range(len(frames)):
             begun = time.thread_time()
-            found, costs, proven[i] = self.decide_one(frames[i : i + 1], scene[i : i + 1])
+            found, costs, proven[i] = self.decide_one(
+                frames[i : i + 1], scene[i : i + 1]
+            )
             seconds.append(time.thread_time() - begun)
             bits[i] = found.view_as(bits[i])
             scores[i] = torch.where(found, costs, -costs).view_as(scores[i])
-        return GenieDecision(bits.to(device), scores.to(device), proven.to(device), tuple(seconds))
+        return GenieDecision(
+            bits.to(device), scores.to(device), proven.to(device), tuple(seconds)
+        )
 
     def decide_one(self, frame: Frames, scene: Scene) -> tuple[Tensor, Tensor, bool]:
         """Decide one frame: bits (N,), what each flip would cost (N,), and whether they are proven."""
         model, shape = self._forward.pixels(frame, scene), self._simulator.panel.shape
         found: list[tuple[float, Tensor, Tensor]] = []
         shares = relaxed_shares(model)
-        widths, starts = (WIDTHS, STARTS) if model.noise is None else ((NOISE_WIDTH,), 1)
-        later = (bits for width in widths for bits in likely_bits(model, shares, width)[:starts])
+        widths, starts = (
+            (WIDTHS, STARTS) if model.noise is None else ((NOISE_WIDTH,), 1)
+        )
+        later = (
+            bits
+            for width in widths
+            for bits in likely_bits(model, shares, width)[:starts]
+        )
         # Each has more work behind it than the one before.
         for start in chain([shares > 0.5], later):
             bits, costs = descend(model, start)
@@ -292,7 +311,10 @@ class Genie:
                 again = self._simulator.render(scene, sent, panel_only=True)
                 mine, theirs = overlap(again, frame)
                 # Bits that give the very frame, around the panel, are proven.
-                if torch.equal(again.grey[0, 0][mine], frame.grey[0, 0][theirs].to(again.grey.device)):
+                if torch.equal(
+                    again.grey[0, 0][mine],
+                    frame.grey[0, 0][theirs].to(again.grey.device),
+                ):
                     return bits, costs, True
             found.append((float(model.misfit(model.exposure(bits)).sum()), bits, costs))
         _, bits, costs = min(found, key=lambda one: one[0])
@@ -315,7 +337,12 @@ class GenieReference:
 
 
 def genie_reference(
-    plan: Plan, model: SceneModel, point: str, frames: int, workers: Workers, store: Store | None = None
+    plan: Plan,
+    model: SceneModel,
+    point: str,
+    frames: int,
+    workers: Workers,
+    store: Store | None = None,
 ) -> GenieReference:
     """Let the genie decide a point's first frames, the same that every receiver decides there.
 
@@ -333,11 +360,19 @@ def genie_reference(
         VoccError: a worker that was ended from outside.
     """
     decider = GenieDecider(plan)
-    job = runner.Job(plan, model, point, decider, ProvenFrames(decider), f"{point}/genie")
-    (outcome,) = runner.count([runner.Point(job, Budget(frames), store)], workers, BLOCK_FRAMES)
+    job = runner.Job(
+        plan, model, point, decider, ProvenFrames(decider), f"{point}/genie"
+    )
+    (outcome,) = runner.count(
+        [runner.Point(job, Budget(frames), store)], workers, BLOCK_FRAMES
+    )
     (counts,) = outcome.errors.counts
     assert outcome.errors.groups is not None
-    return GenieReference(counts, int((outcome.errors.groups == PROVEN).sum()), seconds_a_frame(job, frames))
+    return GenieReference(
+        counts,
+        int((outcome.errors.groups == PROVEN).sum()),
+        seconds_a_frame(job, frames),
+    )
 
 
 PROVEN = 1
@@ -368,12 +403,19 @@ class GenieDecider:
 
         def decide() -> GenieDecision:
             # One thread, whose clock then knows of all the work, and whose sums have one order.
-            with timing.threads(1), torch.autocast(seen.bits.device.type, enabled=False):
-                return Genie(self.plan.world.simulator()).decide(seen.frames, seen.scene)
+            with (
+                timing.threads(1),
+                torch.autocast(seen.bits.device.type, enabled=False),
+            ):
+                return Genie(self.plan.world.simulator()).decide(
+                    seen.frames, seen.scene
+                )
 
         return seen.once("genie", decide)
 
-    def __call__(self, views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, link.Observation]]:
+    def __call__(
+        self, views: Mapping[str, link.Observation], /
+    ) -> Iterator[tuple[Tensor, link.Observation]]:
         """Decide one batch."""
         (seen,) = views.values()
         yield self.decision(seen).bits, seen

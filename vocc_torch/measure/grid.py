@@ -44,9 +44,13 @@ class Grid:
         [[0.00048828125, 0.0]]
     """
 
-    def __init__(self, row_axis: str, rows: Sequence[float], curves: Sequence[Curves]) -> None:
+    def __init__(
+        self, row_axis: str, rows: Sequence[float], curves: Sequence[Curves]
+    ) -> None:
         if not rows or len(rows) != len(curves):
-            one_each = f"one for each of the {len(rows)} values of {row_axis}, at least one"
+            one_each = (
+                f"one for each of the {len(rows)} values of {row_axis}, at least one"
+            )
             raise VoccError(f"curves has {len(curves)} rows: it must have {one_each}")
         for name in ("axis", "values", "receivers", "locator"):
             given = list(dict.fromkeys(getattr(curve, name) for curve in curves))
@@ -57,11 +61,22 @@ class Grid:
         self.column_axis, self.columns = curves[0].axis, curves[0].values
         self.receivers, self.locator = curves[0].receivers, curves[0].locator
         self._known: dict[tuple[str, float | None], tuple[Floats, Floats]] = {}
-        for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
+        for axis, values in (
+            (self.row_axis, self.rows),
+            (self.column_axis, self.columns),
+        ):
             # Closer ones have the same logarithm, and no octave between them.
-            ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
-            if not values or not ascending or not all(0 < value < math.inf for value in values):
-                rule = "ascending by at least a millionth and above 0, at least one value"
+            ascending = all(
+                one * (1 + 1e-6) <= after for one, after in pairwise(values)
+            )
+            if (
+                not values
+                or not ascending
+                or not all(0 < value < math.inf for value in values)
+            ):
+                rule = (
+                    "ascending by at least a millionth and above 0, at least one value"
+                )
                 raise VoccError.of(axis, list(values), rule)
 
     def counts(self, receiver: str) -> list[list[Counts]]:
@@ -71,19 +86,28 @@ class Grid:
             VoccError: an unknown receiver, or a cell without frames.
         """
         if receiver not in self.receivers:
-            raise VoccError(f"receiver is {receiver}: it must be one of {', '.join(self.receivers)}")
+            raise VoccError(
+                f"receiver is {receiver}: it must be one of {', '.join(self.receivers)}"
+            )
         for row, curve in zip(self.rows, self.curves, strict=True):
             for value in self.columns:
                 if not curve.counts.get((receiver, value), Counts()).frames:
                     at = f"{self.row_axis}={row:g}, {self.column_axis}={value:g}"
-                    raise VoccError(f"{receiver} at {at} has no frames: a grid needs every cell")
-        return [[curve.counts[receiver, value] for value in self.columns] for curve in self.curves]
+                    raise VoccError(
+                        f"{receiver} at {at} has no frames: a grid needs every cell"
+                    )
+        return [
+            [curve.counts[receiver, value] for value in self.columns]
+            for curve in self.curves
+        ]
 
     def ber(self, receiver: str) -> Floats:
         """Give the bit error rates, (rows, columns)."""
         return np.array([[cell.ber for cell in row] for row in self.counts(receiver)])
 
-    def intervals(self, receiver: str, tail: float | None = None) -> tuple[Floats, Floats]:
+    def intervals(
+        self, receiver: str, tail: float | None = None
+    ) -> tuple[Floats, Floats]:
         """Give both ends of each cell's interval, as in ``ber_interval``: a limit where there was no error.
 
         For the limit a wrong frame is taken to have as many wrong bits as at the nearest cells with errors in
@@ -98,24 +122,43 @@ class Grid:
             Low and high ends, (rows, columns) each.
         """
         confidence, of_limits = (
-            (estimate.CONFIDENCE, estimate.CONFIDENCE) if tail is None else (1 - 2 * tail, 1 - tail)
+            (estimate.CONFIDENCE, estimate.CONFIDENCE)
+            if tail is None
+            else (1 - 2 * tail, 1 - tail)
         )
         # Kept because most of the time of every view would go into the same quantiles.
         if (receiver, tail) not in self._known:
             counts = self.counts(receiver)
-            sizes = np.array([[one.bit_errors / max(1, one.frame_errors) for one in row] for row in counts])
+            sizes = np.array(
+                [
+                    [one.bit_errors / max(1, one.frame_errors) for one in row]
+                    for row in counts
+                ]
+            )
 
             def wrong_bits(i: int, j: int) -> float:
                 """What a wrong frame of a cell is taken to have, from the nearest with errors each way."""
                 ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
-                return max(1.0, *(float(next((size for size in way if size > 0), 0.0)) for way in ways))
+                return max(
+                    1.0,
+                    *(
+                        float(next((size for size in way if size > 0), 0.0))
+                        for way in ways
+                    ),
+                )
 
             found = [
-                intervals.ber_interval(cell, confidence if cell.half_errors else of_limits, wrong_bits(i, j))
+                intervals.ber_interval(
+                    cell,
+                    confidence if cell.half_errors else of_limits,
+                    wrong_bits(i, j),
+                )
                 for i, row in enumerate(counts)
                 for j, cell in enumerate(row)
             ]
-            ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
+            ends = np.array([(end.low, end.high) for end in found]).reshape(
+                len(self.rows), -1, 2
+            )
             self._known[receiver, tail] = ends[..., 0], ends[..., 1]
         return self._known[receiver, tail]
 
@@ -211,13 +254,20 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         ((2000.0,), (2000.0,), True)
     """
     ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
-    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)))
+    candidates = not_worse(
+        ber,
+        *grid.one_sided(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)),
+    )
     low = grid.one_sided(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
-    high = grid.one_sided(receiver, (1 - estimate.joint_confidence(len(luminances))) / 2)[1].min(1)
+    high = grid.one_sided(
+        receiver, (1 - estimate.joint_confidence(len(luminances))) / 2
+    )[1].min(1)
     ends, bests = (grid.columns[0], grid.columns[-1]), []
     for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
         rate = float(row.min())
-        least, may_be = (tuple(luminances[which].tolist()) for which in (row == rate, candidates[i]))
+        least, may_be = (
+            tuple(luminances[which].tolist()) for which in (row == rate, candidates[i])
+        )
         interval = rate, min(float(low[i]), rate), max(float(high[i]), rate)
         bests.append(Best(receiver, at, least, may_be, ends, *interval))
     return bests

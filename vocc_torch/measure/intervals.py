@@ -11,7 +11,15 @@ import sys
 from collections.abc import Callable
 
 from scipy.optimize import bisect
-from scipy.special import betainc, betaincc, betainccinv, betaincinv, gammainccinv, gammaincinv, stdtrit
+from scipy.special import (
+    betainc,
+    betaincc,
+    betainccinv,
+    betaincinv,
+    gammainccinv,
+    gammaincinv,
+    stdtrit,
+)
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, WeightedCounts
@@ -24,7 +32,9 @@ UNEVEN = 12
 _TAIL_TOLERANCE = 1e-3
 
 
-def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -> Estimate:
+def clopper_pearson(
+    successes: float, trials: float, confidence: float = 0.95
+) -> Estimate:
     """Give the exact two-sided interval of a binomial proportion (Clopper and Pearson, Biometrika 26, 1934).
 
     Either end leaves out half of what ``confidence`` leaves, to a thousandth of it; without successes the low
@@ -49,7 +59,9 @@ def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -
     """
     _check_confidence(confidence)
     if not 0 < trials <= MOST_TRIALS:
-        raise VoccError(f"trials is {trials}: it must be above 0 and at most {MOST_TRIALS:g}")
+        raise VoccError(
+            f"trials is {trials}: it must be above 0 and at most {MOST_TRIALS:g}"
+        )
     if not 0 <= successes <= trials:
         raise VoccError(f"successes is {successes}: it must be 0 to trials, {trials}")
     tail = (1 - confidence) / 2
@@ -63,7 +75,11 @@ def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -
 
 
 def _inverse(
-    integral: Callable[..., float], inverse: Callable[..., float], a: float, b: float, tail: float
+    integral: Callable[..., float],
+    inverse: Callable[..., float],
+    a: float,
+    b: float,
+    tail: float,
 ) -> float:
     """Give x at which a beta distribution's ``integral(a, b, x)``, monotone in x, is ``tail``."""
     x = float(inverse(a, b, tail))
@@ -112,10 +128,14 @@ def design_effect(counts: Counts) -> float:
     if halves == 0 or right == 0:
         return 1.0
     # In integers up to the division, so that nothing cancels: 1 - ber does at rates near 1.
-    return max(1.0, counts.spread * counts.bits / ((counts.frames - 1) * halves * right))
+    return max(
+        1.0, counts.spread * counts.bits / ((counts.frames - 1) * halves * right)
+    )
 
 
-def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_error: float = 1.0) -> Estimate:
+def ber_interval(
+    counts: Counts, confidence: float = 0.95, errors_per_frame_error: float = 1.0
+) -> Estimate:
     """Give the interval of the bit error rate, with frames as the independent units.
 
     **Some errors.** Korn and Graubard's interval: Clopper and Pearson's with ``bits / design_effect`` trials,
@@ -165,7 +185,11 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
         rule = f"above 0 and at most the bits of a frame, {bits_per_frame:g}"
         raise VoccError.of("errors_per_frame_error", errors_per_frame_error, rule)
     if counts.half_errors == 0 or isinstance(counts, WeightedCounts):
-        frames = counts.nominal_frames if isinstance(counts, WeightedCounts) else counts.frames
+        frames = (
+            counts.nominal_frames
+            if isinstance(counts, WeightedCounts)
+            else counts.frames
+        )
         # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
         frame_error_limit = -math.expm1(math.log1p(-confidence) / frames)
         limit = frame_error_limit * errors_per_frame_error / bits_per_frame
@@ -173,11 +197,15 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
             return weighted_interval(counts, confidence, limit)
         return Estimate(ber, 0.0, limit)
     if counts.bits > MOST_TRIALS:
-        raise VoccError(f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits")
+        raise VoccError(
+            f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits"
+        )
     # A missed panel of a single LED is half a bit error: the only wrong frame with less than one.
     fewest = min(1.0, bits_per_frame / 2)
     frames_in_error = counts.half_errors**2 / counts.half_errors_squared
-    return clustered_interval(counts, design_effect(counts), frames_in_error, fewest, confidence)
+    return clustered_interval(
+        counts, design_effect(counts), frames_in_error, fewest, confidence
+    )
 
 
 def precise_enough(counts: Counts, share: float, least_ber: float) -> bool:
@@ -191,14 +219,20 @@ def precise_enough(counts: Counts, share: float, least_ber: float) -> bool:
     if counts.frames < max(1, counts.least_frames):
         return False
     # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
-    interval = ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2)
+    interval = ber_interval(
+        counts, errors_per_frame_error=counts.bits / counts.frames / 2
+    )
     reach = max(interval.high - counts.ber, counts.ber - interval.low)
     narrow = counts.half_errors > 0 and reach <= share * counts.ber
     return narrow or interval.high <= least_ber
 
 
 def clustered_interval(
-    counts: Counts, effect: float, frames_in_error: float, fewest: float, confidence: float
+    counts: Counts,
+    effect: float,
+    frames_in_error: float,
+    fewest: float,
+    confidence: float,
 ) -> Estimate:
     """Korn and Graubard's interval of a rate, cut to what holds however errors cluster.
 
@@ -217,10 +251,14 @@ def clustered_interval(
     clustered = clopper_pearson(rate * trials, trials, confidence)
     frame_error = clopper_pearson(counts.frame_errors, counts.frames, confidence)
     low = max(clustered.low, frame_error.low * fewest / (counts.bits / counts.frames))
-    return Estimate(rate, min(low, rate), max(min(clustered.high, frame_error.high), rate))
+    return Estimate(
+        rate, min(low, rate), max(min(clustered.high, frame_error.high), rate)
+    )
 
 
-def weighted_interval(counts: WeightedCounts, confidence: float = 0.95, unseen: float = 0.0) -> Estimate:
+def weighted_interval(
+    counts: WeightedCounts, confidence: float = 0.95, unseen: float = 0.0
+) -> Estimate:
     """Give the interval of a rate from weighted frames, which are the independent units.
 
     Their sum is one of rare things of unequal sizes, for which Fay and Feuer (Statistics in Medicine 16,
@@ -240,18 +278,33 @@ def weighted_interval(counts: WeightedCounts, confidence: float = 0.95, unseen: 
         confidence: above 0, below 1.
         unseen: rate of errors that may go unseen, added to the upper end of such counts.
     """
-    total, squares, fourths, frames = counts.weighted, counts.squares, counts.fourths, counts.frames
+    total, squares, fourths, frames = (
+        counts.weighted,
+        counts.squares,
+        counts.fourths,
+        counts.frames,
+    )
     seen, freedom = total**2 / squares, squares**2 / fourths
     # Frames were a number fixed beforehand.
     shape = total**2 / (squares - total**2 / frames) if seen < frames else float(frames)
     paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
-    tail, rate, large = (1 - confidence) / 2, counts.ber, math.sqrt(fourths / squares) / total
+    tail, rate, large = (
+        (1 - confidence) / 2,
+        counts.ber,
+        math.sqrt(fourths / squares) / total,
+    )
     more = 1 + (max(1.0, -math.log(tail)) - 1) * (1 - min(1.0, freedom / seen) ** 2)
-    mean, variance, shape = 1 + more * large, (1 / shape + more * large**2) / paid, shape * paid
+    mean, variance, shape = (
+        1 + more * large,
+        (1 / shape + more * large**2) / paid,
+        shape * paid,
+    )
     low = gammaincinv(shape, tail) / shape
     high = gammainccinv(mean**2 / variance, tail) * variance / mean
     missed = unseen if counts.frame_errors > UNEVEN * seen else 0.0
-    return Estimate(rate, float(low) * rate, max(rate, min(1.0, float(high) * rate + missed)))
+    return Estimate(
+        rate, float(low) * rate, max(rate, min(1.0, float(high) * rate + missed))
+    )
 
 
 def t_correction(bits: float, freedom: float, confidence: float) -> float:

@@ -20,7 +20,14 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
 
 _NUMBERS = ("frames", "missed", "seconds")
-_NOT_KEPT = (VoccError, LookupError, TypeError, ValueError, RuntimeError, AttributeError)
+_NOT_KEPT = (
+    VoccError,
+    LookupError,
+    TypeError,
+    ValueError,
+    RuntimeError,
+    AttributeError,
+)
 """What a classifier raises that cannot say what it learned, or cannot take it up."""
 
 
@@ -56,13 +63,19 @@ class KeptTrainings:
         content = ""
         with suppress(*_NOT_KEPT):
             parts = {name: _packed(one) for name, one in trainings.items()}
-            if all(_alike(one, _unpacked(parts[name], plan), plan) for name, one in trainings.items()):
+            if all(
+                _alike(one, _unpacked(parts[name], plan), plan)
+                for name, one in trainings.items()
+            ):
                 content = canonical(parts)
         if 0 < len(content) <= MOST_BYTES:
             self._stores[0].add_trained(key, content)
 
     def or_trained(
-        self, plan: Plan, locators: Sequence[Locator], train: Callable[[], dict[Locator, Training]]
+        self,
+        plan: Plan,
+        locators: Sequence[Locator],
+        train: Callable[[], dict[Locator, Training]],
     ) -> tuple[dict[Locator, Training], bool]:
         """Give a plan's trained receivers, and whether they were known; else they are trained and kept."""
         key = training_key(plan, locators)
@@ -79,14 +92,20 @@ def _alike(one: Training, other: Training, plan: Plan) -> bool:
     for name, learned in one.classifiers.items():
         size = shape.rows, shape.columns, learned.inputs.size
         x = torch.rand(2, *size, generator=drawn).to(resolve_device(plan.world.device))
-        if not torch.equal(learned.decision_function(x), other.classifiers[name].decision_function(x)):
+        if not torch.equal(
+            learned.decision_function(x), other.classifiers[name].decision_function(x)
+        ):
             return False
     return all(_alike(*pair, plan) for pair in zip(one.more, other.more, strict=True))
 
 
 def _packed(training: Training) -> dict[str, Any]:
     """Take a training apart."""
-    arrays = {**training.flda.state_dict(), "features": training.features, "bits": training.bits}
+    arrays = {
+        **training.flda.state_dict(),
+        "features": training.features,
+        "bits": training.bits,
+    }
     learned = {}
     for name, one in training.classifiers.items():
         values, state = plugged.state_of(one)
@@ -102,7 +121,9 @@ def _packed(training: Training) -> dict[str, Any]:
 
 def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     """Put a training together."""
-    plans: dict[str, ClassifierPlan] = {one.name: one for one in plan.receiver.classifiers}
+    plans: dict[str, ClassifierPlan] = {
+        one.name: one for one in plan.receiver.classifiers
+    }
     arrays = {name: array_of(one) for name, one in content["arrays"].items()}
     device = resolve_device(plan.world.device)
     kept: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
@@ -111,9 +132,15 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     learned = {}
     for name, one in content["classifiers"].items():
         state = {key: array_of(array) for key, array in one["arrays"].items()}
-        guarded = plugged.restored(plans[name].build, plans[name].inputs, one["values"], state)
+        guarded = plugged.restored(
+            plans[name].build, plans[name].inputs, one["values"], state
+        )
         learned[name] = guarded if device.type == "cpu" else guarded.to(device)
     made = {name: Making(**one) for name, one in content["made"].items()}
     more = tuple(_unpacked(one, plan) for one in content["more"])
     numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
-    return replace(Training(flda.to(device), classifiers=learned, made=made, more=more), **numbers, **kept)
+    return replace(
+        Training(flda.to(device), classifiers=learned, made=made, more=more),
+        **numbers,
+        **kept,
+    )

@@ -13,12 +13,27 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import Simulator
-from vocc_torch.simulation.effects import Context, Effect, Parameters, coding, sensor, view
+from vocc_torch.simulation.effects import (
+    Context,
+    Effect,
+    Parameters,
+    coding,
+    sensor,
+    view,
+)
 from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso
 from vocc_torch.types import Frames, PanelShape, Scene
 
 AFFINE = (
-    *("lens_distortion", "attenuation", "airlight", "veiling_glare", "motion_blur", "defocus", "diffraction"),
+    *(
+        "lens_distortion",
+        "attenuation",
+        "airlight",
+        "veiling_glare",
+        "motion_blur",
+        "defocus",
+        "diffraction",
+    ),
     *("blooming", "vignetting", "bayer", "photoelectrons", "dark_current", "gain"),
 )
 """Effects that leave the exposure an affine function of the bits."""
@@ -87,7 +102,9 @@ class SensorNoise:
     def variance(self, exposure: Tensor) -> Tensor:
         """Variance of relative exposure, in any shape, whose mean is ``exposure``."""
         mean = exposure.clamp(min=0) * self.electrons_per_unit
-        variance = self.response_share**2 * (mean - self.dark_electrons).clamp(min=0) ** 2
+        variance = (
+            self.response_share**2 * (mean - self.dark_electrons).clamp(min=0) ** 2
+        )
         variance = variance + self.fixed_variance + (mean if self.shot else 0.0)
         # A pixel without electrons has no variance, and a normal density none without.
         return variance.clamp(min=0.01) / self.electrons_per_unit**2
@@ -177,17 +194,25 @@ class PixelModel:
             the value is met whatever rounding does. With noise minus the logarithm of its probability.
         """
         limits = self.low, self.high, self.step, self.slack
-        low, high, step, slack = (limit if pixels is None else limit[pixels] for limit in limits)
+        low, high, step, slack = (
+            limit if pixels is None else limit[pixels] for limit in limits
+        )
         if self.noise is None:
-            outside = (low + slack - exposure).clamp(min=0) + (exposure - high + slack).clamp(min=0)
+            outside = (low + slack - exposure).clamp(min=0) + (
+                exposure - high + slack
+            ).clamp(min=0)
             return (outside / step) ** 2
         sigma = self.noise.variance(exposure).sqrt()
-        return -log_interval_probability((low - exposure) / sigma, (high - exposure) / sigma)
+        return -log_interval_probability(
+            (low - exposure) / sigma, (high - exposure) / sigma
+        )
 
     def deviation(self, exposure: Tensor) -> Tensor:
         """Standard deviation of grey values read as exposures, (P,): of rounding, and of noise at these."""
         rounding = self.step**2 / 12
-        return (rounding if self.noise is None else rounding + self.noise.variance(exposure)).sqrt()
+        return (
+            rounding if self.noise is None else rounding + self.noise.variance(exposure)
+        ).sqrt()
 
 
 Window = tuple[slice, slice]
@@ -204,7 +229,9 @@ def overlap(mine: Frames, theirs: Frames) -> tuple[Window, Window]:
     """
     x, y = (theirs.origin_px[0].cpu() - mine.origin_px[0].cpu()).tolist()
     sizes = zip(mine.grey.shape[-2:], theirs.grey.shape[-2:], (y, x), strict=True)
-    (rows, their_rows), (columns, their_columns) = (clipped(at, theirs, mine) for mine, theirs, at in sizes)
+    (rows, their_rows), (columns, their_columns) = (
+        clipped(at, theirs, mine) for mine, theirs, at in sizes
+    )
     return (rows, columns), (their_rows, their_columns)
 
 
@@ -238,28 +265,51 @@ class ForwardModel:
     """
 
     def __init__(self, simulator: Simulator) -> None:
-        self.camera, self.panel, self.effects = simulator.camera, simulator.panel, simulator.effects
+        self.camera, self.panel, self.effects = (
+            simulator.camera,
+            simulator.panel,
+            simulator.effects,
+        )
         known = (*AFFINE, *NOISE, *CODING)
-        if others := [f"scene.effects.{one.name}" for one in self.effects if one.name not in known]:
+        if others := [
+            f"scene.effects.{one.name}" for one in self.effects if one.name not in known
+        ]:
             told = f"the genie knows no likelihood for {', '.join(others)}"
             raise UnknownLikelihoodError(f"{told}: known are {', '.join(known)}")
-        levels = [one.levels for one in self.effects if isinstance(one, coding.Quantization)]
+        levels = [
+            one.levels for one in self.effects if isinstance(one, coding.Quantization)
+        ]
         if not levels:
-            raise UnknownLikelihoodError("the genie reads digital numbers: name scene.effects.quantization")
+            raise UnknownLikelihoodError(
+                "the genie reads digital numbers: name scene.effects.quantization"
+            )
         self._half_step = 127.5 / (levels[0] - 1)
         kept: dict[str, Parameters] = {}
         for effect in self.effects:
             if effect.name in AFFINE:
                 assert is_dataclass(effect)
-                given = {one.name: getattr(effect, one.name) for one in fields(effect) if one.init}
+                given = {
+                    one.name: getattr(effect, one.name)
+                    for one in fields(effect)
+                    if one.init
+                }
                 # A parameter that may be left out is None where it was.
-                kept[effect.name] = {name: value for name, value in given.items() if value is not None}
+                kept[effect.name] = {
+                    name: value for name, value in given.items() if value is not None
+                }
         # Each LED is rendered as a panel of one LED at its place: small pictures, not the whole panel's.
         # Off, it is as grey as what lies behind it.
         grey = simulator.panel.background_reflectance
-        lone = replace(simulator.panel, shape=PanelShape(1, 1), led_reflectance=grey, board_reflectance=None)
+        lone = replace(
+            simulator.panel,
+            shape=PanelShape(1, 1),
+            led_reflectance=grey,
+            board_reflectance=None,
+        )
         self._whole, self._led = (
-            Simulator(self.camera, panel, kept, device=simulator.device, dtype=torch.float64)
+            Simulator(
+                self.camera, panel, kept, device=simulator.device, dtype=torch.float64
+            )
             for panel in (simulator.panel, lone)
         )
 
@@ -276,9 +326,13 @@ class ForwardModel:
         Raises:
             UnknownLikelihoodError: pixels that are full before they are white.
         """
-        context = Context(scene, self.camera, effects=self._whole.effects, panel=self.panel)
+        context = Context(
+            scene, self.camera, effects=self._whole.effects, panel=self.panel
+        )
         noise = sensor_noise(self.effects, context)
-        none = torch.zeros(1, self.panel.shape.rows, self.panel.shape.columns, dtype=torch.bool)
+        none = torch.zeros(
+            1, self.panel.shape.rows, self.panel.shape.columns, dtype=torch.bool
+        )
         unlit = self._whole.render(scene, none, panel_only=True)
         mine, theirs = overlap(unlit, frame)
         light = self.led_light(scene, unlit)[(slice(None), *mine)].flatten(1)
@@ -287,9 +341,21 @@ class ForwardModel:
         grey = frame.grey[0, 0][theirs].flatten().to("cpu", torch.float64)[reached]
         sides = (grey - self._half_step).clamp(min=0), grey + self._half_step, grey
         low, high, centre = (self._exposure(side) for side in sides)
-        open_low, open_high = low.masked_fill(grey <= 0, -torch.inf), high.masked_fill(grey >= 255, torch.inf)
+        open_low, open_high = (
+            low.masked_fill(grey <= 0, -torch.inf),
+            high.masked_fill(grey >= 255, torch.inf),
+        )
         slack = (high - low) * (SLACK / (2 * self._half_step))
-        return PixelModel(base, light[:, reached], open_low, open_high, centre, high - low, slack, noise)
+        return PixelModel(
+            base,
+            light[:, reached],
+            open_low,
+            open_high,
+            centre,
+            high - low,
+            slack,
+            noise,
+        )
 
     def _exposure(self, grey: Tensor) -> Tensor:
         """Undo gamma encoding (Eq. 1): relative exposure, on the CPU."""
@@ -298,13 +364,24 @@ class ForwardModel:
     def led_light(self, scene: Scene, whole: Frames) -> Tensor:
         """Render what each LED adds to the pixels of a picture, (N,H,W)."""
         at = view.led_centres_m(self.panel).to(scene.distance_m)
-        leds = Scene(*(getattr(scene, field.name).expand(len(at)) for field in fields(Scene)))
-        x, y = (offset + own for offset, own in zip((leds.offset_x_m, leds.offset_y_m), at.T, strict=True))
+        leds = Scene(
+            *(getattr(scene, field.name).expand(len(at)) for field in fields(Scene))
+        )
+        x, y = (
+            offset + own
+            for offset, own in zip(
+                (leds.offset_x_m, leds.offset_y_m), at.T, strict=True
+            )
+        )
         leds = replace(leds, offset_x_m=x, offset_y_m=y)
         on = torch.ones(len(at), 1, 1, dtype=torch.bool)
         lit = self._led.render(leds, on, panel_only=True)
-        alike = slice(0, None if any(effect.fills_sensor for effect in self._led.effects) else 1)
-        without = self._exposure(self._led.render(leds[alike], ~on[alike], panel_only=True).grey[:, 0])
+        alike = slice(
+            0, None if any(effect.fills_sensor for effect in self._led.effects) else 1
+        )
+        without = self._exposure(
+            self._led.render(leds[alike], ~on[alike], panel_only=True).grey[:, 0]
+        )
         added = self._exposure(lit.grey[:, 0]) - without
         # Gamma and back leave rounding where an LED adds nothing.
         added = torch.where(added > 1e-12 * without, added, 0.0)

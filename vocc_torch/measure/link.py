@@ -101,20 +101,35 @@ class Link:
     """
 
     def __init__(
-        self, simulator: Simulator, locator: PanelLocator | None, reader: Reader, batch_frames: int = 64
+        self,
+        simulator: Simulator,
+        locator: PanelLocator | None,
+        reader: Reader,
+        batch_frames: int = 64,
     ) -> None:
         self.simulator, self.locator, self.reader = simulator, locator, reader
-        samples = (reader.shape.rows + 2) * (reader.shape.columns + 2) * reader.samples_per_led**2
+        samples = (
+            (reader.shape.rows + 2)
+            * (reader.shape.columns + 2)
+            * reader.samples_per_led**2
+        )
         self.batch_frames = max(1, min(batch_frames, MOST_SAMPLES // samples))
 
     @classmethod
     def of(cls, plan: Plan) -> Self:
         """Build the link that a plan describes."""
         (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-        return cls(plan.world.simulator(), locator, plan.receiver.reader, plan.batch_frames)
+        return cls(
+            plan.world.simulator(), locator, plan.receiver.reader, plan.batch_frames
+        )
 
     def observe(
-        self, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool, frames: int | None = None
+        self,
+        model: SceneModel,
+        keys: Sequence[BlockKey],
+        *,
+        preambles: bool,
+        frames: int | None = None,
     ) -> Iterator[Observation]:
         """Run blocks through the link, in order, in batches of at most ``batch_frames`` frames.
 
@@ -124,7 +139,9 @@ class Link:
             preambles: whether to render the all-On and all-Off frames of each scene too.
             frames: how many frames of the blocks to use, from the first on; all by default.
         """
-        every = self.observe_each({"": self.locator}, model, keys, preambles=preambles, frames=frames)
+        every = self.observe_each(
+            {"": self.locator}, model, keys, preambles=preambles, frames=frames
+        )
         return (seen[""] for seen in every)
 
     def observe_each(
@@ -148,15 +165,27 @@ class Link:
             first: how many of these to pass over.
         """
         drawn = len(keys) * BLOCK_FRAMES
-        total, simulator = drawn if frames is None else min(frames, drawn), self.simulator
+        total, simulator = (
+            drawn if frames is None else min(frames, drawn),
+            self.simulator,
+        )
         every = range(first, total, self.batch_frames)
         # Nobody who knows the corners looks anywhere else.
         panel_only = all(locator is None for locator in locators.values())
-        for scene, bits, names, takes in rendered(simulator, model, keys, every, preambles, panel_only):
-            seen, truth = {}, cache(partial(simulator.true_panels, scene, names, rendered=True))
+        for scene, bits, names, takes in rendered(
+            simulator, model, keys, every, preambles, panel_only
+        ):
+            seen, truth = (
+                {},
+                cache(partial(simulator.true_panels, scene, names, rendered=True)),
+            )
             for name, locator in locators.items():
                 with torch.autocast(simulator.device.type, enabled=False):
-                    panels = truth() if locator is None else locator(takes[0], self.reader.shape)
+                    panels = (
+                        truth()
+                        if locator is None
+                        else locator(takes[0], self.reader.shape)
+                    )
                 seen[name] = Observation(scene, bits, panels, takes, self.reader, truth)
             yield seen
 
@@ -183,7 +212,9 @@ def misplaced(panels: Panels, truth: Panels, shape: PanelShape) -> torch.Tensor:
     sides = (truth.corners_px - truth.corners_px.roll(-1, dims=1)).norm(dim=-1)
     cells = sides.new_tensor([shape.columns, shape.rows] * 2)
     off = (panels.corners_px - truth.corners_px).norm(dim=-1).amax(1)
-    near: torch.Tensor = panels.found & (off <= MOST_OFF_CELLS * (sides / cells).amin(1))
+    near: torch.Tensor = panels.found & (
+        off <= MOST_OFF_CELLS * (sides / cells).amin(1)
+    )
     return truth.found & ~near
 
 
@@ -209,11 +240,20 @@ def rendered(
         preambles: whether the all-On and the all-Off frame of each scene follow it.
         panel_only: whether the panel's corners are known to all that look.
     """
-    drawn, device = [model.draw(key, simulator.panel.shape) for key in keys], simulator.device
-    scenes, sent = Scene.cat([scene for scene, _ in drawn]), torch.cat([bits for _, bits in drawn])
+    drawn, device = (
+        [model.draw(key, simulator.panel.shape) for key in keys],
+        simulator.device,
+    )
+    scenes, sent = (
+        Scene.cat([scene for scene, _ in drawn]),
+        torch.cat([bits for _, bits in drawn]),
+    )
     names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
     # Small crops are rendered together, which costs less; whole frames take by take, for their memory.
-    far = any(one.unbounded or (one.fills_sensor and not panel_only) for one in simulator.effects)
+    far = any(
+        one.unbounded or (one.fills_sensor and not panel_only)
+        for one in simulator.effects
+    )
     small = simulator.framing == "crop" and not far
     for start in frames:
         rows = slice(start, min(start + frames.step, frames.stop))
@@ -222,11 +262,26 @@ def rendered(
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
         for some in [list(shown)] if small else [[take] for take in shown]:
-            own = [FrameKey(name.block, name.frame, take) for take in some for name in names[rows]]
-            lit, many = torch.cat([shown[take] for take in some]), Scene.cat([scene] * len(some))
+            own = [
+                FrameKey(name.block, name.frame, take)
+                for take in some
+                for name in names[rows]
+            ]
+            lit, many = (
+                torch.cat([shown[take] for take in some]),
+                Scene.cat([scene] * len(some)),
+            )
             with torch.autocast(device.type, enabled=False):
-                seen = simulator.render(many, lit, nearest_m=model.nearest_m, keys=own, panel_only=panel_only)
-            takes += [seen[at : at + len(scene)] for at in range(0, len(seen), len(scene))]
+                seen = simulator.render(
+                    many,
+                    lit,
+                    nearest_m=model.nearest_m,
+                    keys=own,
+                    panel_only=panel_only,
+                )
+            takes += [
+                seen[at : at + len(scene)] for at in range(0, len(seen), len(scene))
+            ]
         yield scene, bits, names[rows], tuple(takes)
 
 

@@ -62,7 +62,11 @@ class PairedCounts(Tally):
         frames, bits, *sides = self.numbers
         # In less than half the time of what tells of them: a block of frames may have a thousand of these.
         whole = all(type(one) is int for one in self.numbers)
-        possible = whole and _possible(frames, bits, *sides[:3]) and _possible(frames, bits, *sides[3:])
+        possible = (
+            whole
+            and _possible(frames, bits, *sides[:3])
+            and _possible(frames, bits, *sides[3:])
+        )
         if possible and self.discordant <= frames:
             return
         for side in ("a", "b"):
@@ -71,12 +75,18 @@ class PairedCounts(Tally):
             except VoccError as error:
                 raise VoccError(f"paired, {side} worse: {error}") from None
         if self.discordant > self.frames:
-            raise VoccError.of("paired.a_worse + b_worse", self.discordant, f"at most {self.frames} (frames)")
+            raise VoccError.of(
+                "paired.a_worse + b_worse",
+                self.discordant,
+                f"at most {self.frames} (frames)",
+            )
 
     def side(self, side: str) -> Counts:
         """The excess of receiver ``a`` or ``b`` as the counts that they are: errors a frame at a time."""
         names = ("excess", "excess_squared", "worse")
-        return Counts(self.frames, self.bits, *(getattr(self, f"{side}_{name}") for name in names))
+        return Counts(
+            self.frames, self.bits, *(getattr(self, f"{side}_{name}") for name in names)
+        )
 
     def swapped(self) -> "PairedCounts":
         """Give the same comparison seen from the other receiver."""
@@ -111,7 +121,9 @@ class PairedCounts(Tally):
             VoccError: no bits were counted.
         """
         if self.bits == 0:
-            raise VoccError("paired.bits is 0: a difference of bit error rates needs at least one frame")
+            raise VoccError(
+                "paired.bits is 0: a difference of bit error rates needs at least one frame"
+            )
         return self.half_difference / (2 * self.bits)
 
 
@@ -127,7 +139,9 @@ def _possible(frames: int, bits: int, excess: int, squared: int, worse: int) -> 
 
 
 def paired_interval(
-    paired: PairedCounts, confidence: float = 0.95, errors_per_discordant_frame: float = 1.0
+    paired: PairedCounts,
+    confidence: float = 0.95,
+    errors_per_discordant_frame: float = 1.0,
 ) -> Estimate:
     """The interval of the difference of two bit error rates, with frames as the independent units.
 
@@ -164,18 +178,24 @@ def paired_interval(
     difference, leds = paired.difference, paired.bits / paired.frames
     if not 0 < errors_per_discordant_frame <= leds:
         rule = f"above 0 and at most the bits of a frame, {leds:g}"
-        raise VoccError.of("errors_per_discordant_frame", errors_per_discordant_frame, rule)
+        raise VoccError.of(
+            "errors_per_discordant_frame", errors_per_discordant_frame, rule
+        )
     sides = [paired.side("a"), paired.side("b")]
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
     if paired.bits > MOST_TRIALS:
-        raise VoccError(f"paired.bits is {paired.bits}: an interval takes at most {MOST_TRIALS:g} bits")
+        raise VoccError(
+            f"paired.bits is {paired.bits}: an interval takes at most {MOST_TRIALS:g} bits"
+        )
     a, b = (excess_interval(side, paired, confidence) for side in sides)
     # The product of the two sides' excess is 0 in every frame.
     correlation, product = 0.0, paired.a_excess * paired.b_excess
     if product:
-        correlation = max(-1.0, -product / math.sqrt(sides[0].spread) / math.sqrt(sides[1].spread))
+        correlation = max(
+            -1.0, -product / math.sqrt(sides[0].spread) / math.sqrt(sides[1].spread)
+        )
 
     def joined(first: float, second: float) -> float:
         return math.sqrt(first**2 + second**2 - 2 * correlation * first * second)
@@ -237,7 +257,11 @@ def sign_test(paired: PairedCounts) -> float:
         0.03125
     """
     if paired.discordant > MOST_TRIALS:
-        raise VoccError.of("paired.discordant", paired.discordant, f"at most {MOST_TRIALS:g} for a test")
+        raise VoccError.of(
+            "paired.discordant",
+            paired.discordant,
+            f"at most {MOST_TRIALS:g} for a test",
+        )
     fewer, more = sorted((paired.a_worse, paired.b_worse))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))
@@ -256,7 +280,9 @@ class MeanGain(Estimate):
     left_out: int
 
 
-def relative_gain(a: Counts, b: Counts, paired: PairedCounts, confidence: float = 0.95) -> Estimate | None:
+def relative_gain(
+    a: Counts, b: Counts, paired: PairedCounts, confidence: float = 0.95
+) -> Estimate | None:
     """Give the relative gain of receiver b over receiver a on the same frames, and its interval.
 
     The gain is the difference of the two rates over the rate of a. Both have intervals that hold with few
@@ -293,18 +319,28 @@ def relative_gain(a: Counts, b: Counts, paired: PairedCounts, confidence: float 
     """
     if len({(one.frames, one.bits) for one in (a, b, paired)}) > 1:
         frames = f"{a.frames}, {b.frames}, {paired.frames}"
-        raise VoccError(f"frames of a, b and paired are {frames}: they must be the same frames")
+        raise VoccError(
+            f"frames of a, b and paired are {frames}: they must be the same frames"
+        )
     if paired.half_difference != (apart := a.half_errors - b.half_errors):
-        raise VoccError.of("paired.half_difference", paired.half_difference, f"that of a and b, {apart}")
+        raise VoccError.of(
+            "paired.half_difference",
+            paired.half_difference,
+            f"that of a and b, {apart}",
+        )
     difference = paired_interval(paired, confidence)
     if not a.half_errors:
         return None
     rate, gain = ber_interval(a, confidence), difference.value / a.ber
-    ends = mover_ratio(difference, rate, _correlation(paired.spread, a.spread, b.spread))
+    ends = mover_ratio(
+        difference, rate, _correlation(paired.spread, a.spread, b.spread)
+    )
     low = ends.low
     if low > 0:
         most = Estimate(b.ber, b.ber, b.ber + _reach(b, a, confidence)[1])
-        left = mover_ratio(most, rate, _correlation(a.spread, b.spread, paired.spread)).high
+        left = mover_ratio(
+            most, rate, _correlation(a.spread, b.spread, paired.spread)
+        ).high
         low = min(low, max(1 - left, difference.low / rate.high))
     return Estimate(gain, min(low, gain), min(1.0, max(ends.high, gain)))
 
@@ -313,7 +349,13 @@ def _correlation(first: int, second: int, difference: int) -> float:
     """Give the correlation of two quantities from their variances and that of their difference."""
     if not first or not second:
         return 0.0
-    return max(-1.0, min(1.0, (first + second - difference) / 2 / math.sqrt(first) / math.sqrt(second)))
+    return max(
+        -1.0,
+        min(
+            1.0,
+            (first + second - difference) / 2 / math.sqrt(first) / math.sqrt(second),
+        ),
+    )
 
 
 def mean_gain(
@@ -378,9 +420,15 @@ def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Es
         >>> f"{interval.value:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
         ('4.7e-04 in [2.5e-04, 7.0e-04]', True)
     """
-    (a_below, a_above), (b_below, b_above) = _reach(a, b, confidence), _reach(b, a, confidence)
+    (a_below, a_above), (b_below, b_above) = (
+        _reach(a, b, confidence),
+        _reach(b, a, confidence),
+    )
     difference = a.ber - b.ber
-    low, high = difference - math.hypot(a_below, b_above), difference + math.hypot(a_above, b_below)
+    low, high = (
+        difference - math.hypot(a_below, b_above),
+        difference + math.hypot(a_above, b_below),
+    )
     return Estimate(difference, max(-1.0, low), min(1.0, high))
 
 
@@ -390,8 +438,13 @@ def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, flo
         interval = ber_interval(counts, confidence)
     else:
         # The limit of an error-free point is one-sided; a two-sided interval leaves half as much above it.
-        size = min(max(1.0, other.bit_errors / max(1, other.frame_errors)), counts.bits / counts.frames)
-        interval = ber_interval(counts, min((1 + confidence) / 2, math.nextafter(1.0, 0.0)), size)
+        size = min(
+            max(1.0, other.bit_errors / max(1, other.frame_errors)),
+            counts.bits / counts.frames,
+        )
+        interval = ber_interval(
+            counts, min((1 + confidence) / 2, math.nextafter(1.0, 0.0)), size
+        )
     return counts.ber - interval.low, interval.high - counts.ber
 
 
@@ -437,7 +490,9 @@ def mover_ratio(over: Estimate, under: Estimate, correlation: float = 0.0) -> Es
     return Estimate(over.value / rate, least(over.value, over.low, correlation), high)
 
 
-def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Estimate | None:
+def rate_ratio(
+    reference: Counts, receiver: Counts, paired: PairedCounts
+) -> Estimate | None:
     """Give a receiver's bit error rate over the reference's.
 
     Two intervals hold at 95 %: that of the two rates' own intervals (:func:`mover_ratio`), and that of one
@@ -469,7 +524,10 @@ def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Est
     gain = relative_gain(reference, receiver, paired)
     if gain is None:
         return None
-    size = min(max(1.0, reference.bit_errors / reference.frame_errors), reference.bits / reference.frames)
+    size = min(
+        max(1.0, reference.bit_errors / reference.frame_errors),
+        reference.bits / reference.frames,
+    )
     own = ber_interval(receiver, errors_per_frame_error=size)
     apart = mover_ratio(own, ber_interval(reference))
     low, high = max(apart.low, 1 - gain.high), min(apart.high, 1 - gain.low)

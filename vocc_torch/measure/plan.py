@@ -15,7 +15,13 @@ from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.receiver.locators import LOCATORS, PanelLocator, PaperLocator, locator_named, plugged_locator
+from vocc_torch.receiver.locators import (
+    LOCATORS,
+    PanelLocator,
+    PaperLocator,
+    locator_named,
+    plugged_locator,
+)
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
@@ -51,14 +57,19 @@ class World:
     camera: Camera = field(default_factory=Camera)
     panel: LedPanel = field(default_factory=LedPanel)
     scene: SceneModel = field(default_factory=SceneModel)
-    effects: Mapping[str, Parameters] = field(default_factory=lambda: dict(PAPER_EFFECTS))
+    effects: Mapping[str, Parameters] = field(
+        default_factory=lambda: dict(PAPER_EFFECTS)
+    )
     framing: Framing = "crop"
     device: str = "auto"
     dtype: torch.dtype = torch.float32
 
     def simulator(self) -> Simulator:
         """Build the simulator of this world."""
-        seen, device = (self.camera, self.panel, self.effects), resolve_device(self.device)
+        seen, device = (
+            (self.camera, self.panel, self.effects),
+            resolve_device(self.device),
+        )
         return Simulator(*seen, framing=self.framing, device=device, dtype=self.dtype)
 
 
@@ -88,7 +99,9 @@ class ClassifierPlan:
     def __post_init__(self) -> None:
         """Check what can be checked without building."""
         if self.frames is not None and self.frames < 1:
-            raise VoccError.of(f"classifiers.{self.name}.frames", self.frames, "at least 1, or null")
+            raise VoccError.of(
+                f"classifiers.{self.name}.frames", self.frames, "at least 1, or null"
+            )
 
 
 @dataclass(frozen=True)
@@ -110,7 +123,12 @@ class ReceiverPlan:
         VoccError: an unknown name, or a rate that is not above 0.
     """
 
-    names: tuple[str, ...] = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
+    names: tuple[str, ...] = (
+        "center_greyscale",
+        "average_greyscale",
+        "flda_2",
+        "flda_3",
+    )
     locator: Locator = "paper"
     location: PaperLocator = field(default_factory=PaperLocator)
     reader: Reader = field(default_factory=Reader)
@@ -126,7 +144,9 @@ class ReceiverPlan:
         plugged_in = [one.name for one in self.classifiers]
         check_receivers(self.names, plugged_in)
         if stray := [name for name in self.locators if name in OWN_LOCATORS]:
-            raise VoccError(f"locators.{stray[0]} is the name of a locator that ships: choose another")
+            raise VoccError(
+                f"locators.{stray[0]} is the name of a locator that ships: choose another"
+            )
         self.demand_locators("receiver.locator", [self.locator])
         for one in self.classifiers:
             with section(f"classifiers.{one.name}"):
@@ -145,7 +165,9 @@ class ReceiverPlan:
         """
         known = (*OWN_LOCATORS, *self.locators)
         if stray := [name for name in names if name not in known]:
-            raise VoccError(f"{key} is {stray[0]!r}: it must be {' or '.join(known)}, or FILE.py:NAME")
+            raise VoccError(
+                f"{key} is {stray[0]!r}: it must be {' or '.join(known)}, or FILE.py:NAME"
+            )
 
     def finders(self, locators: Sequence[Locator]) -> dict[str, PanelLocator | None]:
         """Give what finds the panel by name, None for the simulator's own corners.
@@ -193,22 +215,42 @@ class Plan:
     def __post_init__(self) -> None:
         """Check every range, that auto-ISO can expose every scene, and that the locator knows such panels."""
         if (receiver := self.receiver).locator in LOCATORS:
-            locator = LOCATORS[receiver.locator].of(receiver.location, receiver.false_alarms)
+            locator = LOCATORS[receiver.locator].of(
+                receiver.location, receiver.false_alarms
+            )
             locator.demand_shape(self.world.panel.shape)
-        tested = {f"{at:g}": self.experiment.model_at(self.world, at) for at in self.experiment.values}
-        for value, model in (*tested.items(), ("", self.experiment.training_model(self.world))):
+        tested = {
+            f"{at:g}": self.experiment.model_at(self.world, at)
+            for at in self.experiment.values
+        }
+        for value, model in (
+            *tested.items(),
+            ("", self.experiment.training_model(self.world)),
+        ):
             if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:
                 of_axis = value and self.experiment.axis == "ambient_lx"
-                said = f"experiment.values has {value}" if of_axis else "scene.ambient_lx is 0"
+                said = (
+                    f"experiment.values has {value}"
+                    if of_axis
+                    else "scene.ambient_lx is 0"
+                )
                 rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
                 raise VoccError(f"{said}: {rule}")
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
             rule = f"at most the {frames} frames of a point"
             raise VoccError.of("budget.target_frame_errors", target, rule)
-        if self.budget.rare and (self.experiment.axis == "contrast" or self.experiment.rows):
-            named, what = ("axis", "contrast") if self.experiment.axis == "contrast" else ("rows", "a grid")
-            raise VoccError.of("budget.rare", "true", f"false where experiment.{named} makes {what}")
+        if self.budget.rare and (
+            self.experiment.axis == "contrast" or self.experiment.rows
+        ):
+            named, what = (
+                ("axis", "contrast")
+                if self.experiment.axis == "contrast"
+                else ("rows", "a grid")
+            )
+            raise VoccError.of(
+                "budget.rare", "true", f"false where experiment.{named} makes {what}"
+            )
         demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
             once = "give panel.rows and panel.columns once"
@@ -227,7 +269,10 @@ class Plan:
         """
         one, rows = self.experiment, {} if self.experiment.rows else {0.0: self}
         for value in one.rows:
-            name, held = f"{one.name}/{one.row_axis}={value:g}", {**one.scene, str(one.row_axis): value}
+            name, held = (
+                f"{one.name}/{one.row_axis}={value:g}",
+                {**one.scene, str(one.row_axis): value},
+            )
             row = replace(one, name=name, scene=held, row_axis=None, rows=())
             rows[value] = replace(self, experiment=row)
         return rows
@@ -266,7 +311,9 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """
     told, experiment = _plain(plan), plan.experiment
     del told["world"]["device"], told["receiver"]["save"]
-    if plan.receiver.false_alarms == ReceiverPlan.false_alarms:  # as ledgers were before there was a choice
+    if (
+        plan.receiver.false_alarms == ReceiverPlan.false_alarms
+    ):  # as ledgers were before there was a choice
         del told["receiver"]["false_alarms"]
     for one in told["receiver"]["classifiers"]:
         one["training"]["checkpoints"] = None  # where they are changes no weight
@@ -277,7 +324,11 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         effects[name] |= {TARGET: one.target, AFTER: one.arguments.get(AFTER)}
     named = {f"effects.{name}": one for name, one in outside.items()}
     named |= {f"locators.{one.name}": one for one in plan.receiver.locators.values()}
-    files = {f"{name}.{key}": digest for name, one in named.items() for key, digest in one.files.items()}
+    files = {
+        f"{name}.{key}": digest
+        for name, one in named.items()
+        for key, digest in one.files.items()
+    }
     return {
         "seed": plan.seed,
         "world": {**told["world"], "effects": effects},
@@ -285,7 +336,9 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "experiment": {
             "name": experiment.name,
             "axis": experiment.axis,
-            "bins": told["experiment"]["values"] if experiment.axis == "contrast" else None,
+            "bins": told["experiment"]["values"]
+            if experiment.axis == "contrast"
+            else None,
             "scene": _plain(parsed_scene(experiment.scene)),
             "training": _plain(parsed_scene(experiment.training)),
         },
@@ -297,9 +350,16 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),
             "numpy": ".".join(np.__version__.split(".")[:2]),
-            **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
+            **{
+                f"classifiers.{one.name}": one.build.maker
+                for one in plan.receiver.classifiers
+            },
             **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
-            **{f"effects.{one.name}": one.digest for one in built if isinstance(one, Photographs)},
+            **{
+                f"effects.{one.name}": one.digest
+                for one in built
+                if isinstance(one, Photographs)
+            },
             **{name: one.maker for name, one in named.items()},
             **files,
         },

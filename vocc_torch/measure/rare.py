@@ -74,19 +74,27 @@ class PilotFrames:
 class WeighedJob(runner.Job):
     """Receivers on frames of a frozen proposal, each error with the weight of its frame."""
 
-    def tallies(self, errors: FrameErrors, part: runner.Part) -> dict[tuple[Key, int], Counts]:
+    def tallies(
+        self, errors: FrameErrors, part: runner.Part
+    ) -> dict[tuple[Key, int], Counts]:
         """Count the weighted errors of a block."""
         scenes, shape = self.model, self.plan.world.panel.shape
         assert isinstance(scenes, TiltedScenes)
         drawn = scenes.drawn(BlockKey(self.plan.seed, self.point, part.block), shape)
         weights = scenes.weights(*drawn)[: part.frames]
         return {
-            (key, 0): WeightedCounts.weigh(halves, found, shape.leds, weights, scenes.nominal)
-            for key, halves, found in zip(errors.keys, errors.half_errors, errors.found, strict=True)
+            (key, 0): WeightedCounts.weigh(
+                halves, found, shape.leds, weights, scenes.nominal
+            )
+            for key, halves, found in zip(
+                errors.keys, errors.half_errors, errors.found, strict=True
+            )
         }
 
 
-def weighed_job(study: sweep.Study, banks: Banks, value: float, workers: Workers) -> WeighedJob:
+def weighed_job(
+    study: sweep.Study, banks: Banks, value: float, workers: Workers
+) -> WeighedJob:
     """Give what counts a point of a study on frames where errors are expected; see ``sweep.plain_job``."""
     plan, plain = study.plan, sweep.plain_job(study, banks, value, workers)
     scenes = proposal(plan, banks, plain.model, plain.point, workers.submit)
@@ -96,7 +104,9 @@ def weighed_job(study: sweep.Study, banks: Banks, value: float, workers: Workers
 Submit = Callable[[Callable[[int], PilotFrames], int], Future[PilotFrames]]
 
 
-def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Submit) -> TiltedScenes:
+def proposal(
+    plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Submit
+) -> TiltedScenes:
     """Find where a point's errors come from, by a pilot whose frames are not counted.
 
     The pilot's blocks have keys of their own and are computed one by one on one thread, so neither workers
@@ -115,12 +125,21 @@ def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Su
     looks: list[PilotFrames] = []
     for level, blocks in enumerate(LEVEL_BLOCKS):
         call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
-        looks.append(joined([one.result() for one in [submit(call, block) for block in range(blocks)]]))
+        looks.append(
+            joined(
+                [
+                    one.result()
+                    for one in [submit(call, block) for block in range(blocks)]
+                ]
+            )
+        )
         scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
     return scenes
 
 
-def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int) -> PilotFrames:
+def look(
+    plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int
+) -> PilotFrames:
     """Look at one block of a pilot."""
     plan, key, shape = (
         replace(plan, batch_frames=BLOCK_FRAMES),
@@ -135,36 +154,56 @@ def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int)
         margins, failed = [], []
         for locator, bank in banks.items():
             seen = views[locator]
-            true = link.simulator.true_panels(seen.scene, names, rendered=True).corners_px
+            true = link.simulator.true_panels(
+                seen.scene, names, rendered=True
+            ).corners_px
             pitch = (true[:, 1] - true[:, 0]).norm(dim=-1) / shape.columns
-            off = (seen.panels.corners_px - true).norm(dim=-1).amax(dim=1) > FAILED_CELLS * pitch
+            off = (seen.panels.corners_px - true).norm(dim=-1).amax(
+                dim=1
+            ) > FAILED_CELLS * pitch
             for scores in bank.scores(seen.readings, seen.preambles).values():
                 margins.append((scores * (2.0 * seen.bits - 1)).cpu().double().numpy())
                 failed.append((off | ~seen.panels.found).cpu().numpy())
     placed, bits = scenes.drawn(key, shape)
-    return PilotFrames(placed, bits, scenes.weights(placed, bits), np.stack(margins), np.stack(failed))
+    return PilotFrames(
+        placed, bits, scenes.weights(placed, bits), np.stack(margins), np.stack(failed)
+    )
 
 
 def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
     """Join what was seen of several blocks."""
-    placed = {name: np.concatenate([one.placed[name] for one in looks]) for name in looks[0].placed}
-    bits, weights = (np.concatenate([getattr(one, name) for one in looks]) for name in ("bits", "weights"))
+    placed = {
+        name: np.concatenate([one.placed[name] for one in looks])
+        for name in looks[0].placed
+    }
+    bits, weights = (
+        np.concatenate([getattr(one, name) for one in looks])
+        for name in ("bits", "weights")
+    )
     margins, failed = (
-        np.concatenate([getattr(one, name) for one in looks], axis=1) for name in ("margins", "failed")
+        np.concatenate([getattr(one, name) for one in looks], axis=1)
+        for name in ("margins", "failed")
     )
     return PilotFrames(placed, bits, weights, margins, failed)
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
     """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
-    components = [Component.nominal(NOMINAL, shape), patterns(shape, PATTERNS if locates else PATTERNS // 4)]
+    components = [
+        Component.nominal(NOMINAL, shape),
+        patterns(shape, PATTERNS if locates else PATTERNS // 4),
+    ]
     rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
-    for number, (own, near) in enumerate([(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]):
+    for number, (own, near) in enumerate(
+        [(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]
+    ):
         template = np.full((side, side), 0.5)
         template[1:-1, 1:-1] = near
         template[REACH, REACH] = own
         frames = rest // 4 + (number < rest % 4)
-        components.append(around_leds(shape, frames, template, 0.5, dict.fromkeys(CLASSES, 1.0), {}))
+        components.append(
+            around_leds(shape, frames, template, 0.5, dict.fromkeys(CLASSES, 1.0), {})
+        )
     return components
 
 
@@ -178,11 +217,16 @@ def patterns(shape: PanelShape, frames: int) -> Component:
                 one[(slice(None),) * axis + (slice(first, first + width),)] = 0.05
                 maps.append(one)
     for top, bottom, left, right in itertools.product(range(3), repeat=4):
-        if top + bottom + left + right <= 3 and 4 - (top, bottom, left, right).count(0) > 1:
+        if (
+            top + bottom + left + right <= 3
+            and 4 - (top, bottom, left, right).count(0) > 1
+        ):
             one = np.full((shape.rows, shape.columns), 0.05)
             one[top : shape.rows - bottom, left : shape.columns - right] = 0.5
             maps.append(one)
-    maps += [np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)]
+    maps += [
+        np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)
+    ]
     return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))
 
 
@@ -204,7 +248,9 @@ def around_leds(
         by_class: share of the LEDs that lie at none, one and two of the panel's sides.
         tilts: as of a component.
     """
-    wide = np.full((shape.leds, shape.rows + 2 * REACH, shape.columns + 2 * REACH), beyond)
+    wide = np.full(
+        (shape.leds, shape.rows + 2 * REACH, shape.columns + 2 * REACH), beyond
+    )
     for led in range(shape.leds):
         row, column = divmod(led, shape.columns)
         wide[led, row : row + len(template), column : column + len(template)] = template
@@ -216,16 +262,23 @@ def around_leds(
 
 def sides(shape: PanelShape) -> NDArray[np.int64]:
     """Count for each LED the sides of the panel that it lies at, (R,C); 2 is a corner."""
-    rows, columns = (np.isin(np.arange(n), (0, n - 1)).astype(np.int64) for n in (shape.rows, shape.columns))
+    rows, columns = (
+        np.isin(np.arange(n), (0, n - 1)).astype(np.int64)
+        for n in (shape.rows, shape.columns)
+    )
     return rows[:, None] + columns
 
 
-def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape) -> list[Component]:
+def learned(
+    scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape
+) -> list[Component]:
     """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
     (nominal, dark), seen = scenes.components[:2], looks[-1]
     components = [nominal, relearned(dark, joined(looks))]
     of_each = zip(seen.margins, seen.failed, strict=True)
-    weak = [one for margins, failed in of_each for one in weakest(margins, failed, seen)]
+    weak = [
+        one for margins, failed in of_each for one in weakest(margins, failed, seen)
+    ]
     rest = BLOCK_FRAMES - sum(one.frames for one in components)
     weak = sorted(weak, key=lambda one: -len(one[0]))[:rest]
     for number, (leds, weights) in enumerate(weak):
@@ -247,41 +300,64 @@ def weakest(
         Frame, row and column of each, (n,3), and the weights (n,).
     """
     wrong = ((margins < 0) | ((margins == 0) & ~seen.bits)) & ~failed[:, None, None]
-    shares = [seen.weights @ (wrong & (seen.bits == lit)).sum(axis=(1, 2)) for lit in (False, True)]
+    shares = [
+        seen.weights @ (wrong & (seen.bits == lit)).sum(axis=(1, 2))
+        for lit in (False, True)
+    ]
     for lit in (False, True):
         if shares[lit] < 0.02 * sum(shares):
             continue
-        own = np.where((seen.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf)
+        own = np.where(
+            (seen.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf
+        )
         count = max(WEAKEST, int(np.sum(wrong & (seen.bits == lit))))
         order = np.argsort(own, axis=None, kind="stable")[:count]
-        places = np.stack(np.unravel_index(order[np.isfinite(own.ravel()[order])], own.shape), axis=1)
+        places = np.stack(
+            np.unravel_index(order[np.isfinite(own.ravel()[order])], own.shape), axis=1
+        )
         if len(places):
             yield places, evened(seen.weights[places[:, 0]])
 
 
 def of_leds(
-    shape: PanelShape, frames: int, leds: NDArray[np.int64], weights: Floats, seen: PilotFrames
+    shape: PanelShape,
+    frames: int,
+    leds: NDArray[np.int64],
+    weights: Floats,
+    seen: PilotFrames,
 ) -> Component:
     """Make a component of weak LEDs: their neighbourhoods, where they lie, and their scenes."""
     (frame, row, column), side = leds.T, 2 * REACH + 1
     bits = seen.bits.astype(np.float64)
-    wide = np.pad(bits, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=np.nan)
+    wide = np.pad(
+        bits, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=np.nan
+    )
     around = sliding_window_view(wide, (side, side), axis=(1, 2))[frame, row, column]
     ways = turned(around)
-    there = np.sum([np.einsum("n,nij->ij", weights, ~np.isnan(one)) for one in ways], axis=0)
-    lit = np.sum([np.einsum("n,nij->ij", weights, np.nan_to_num(one)) for one in ways], axis=0)
+    there = np.sum(
+        [np.einsum("n,nij->ij", weights, ~np.isnan(one)) for one in ways], axis=0
+    )
+    lit = np.sum(
+        [np.einsum("n,nij->ij", weights, np.nan_to_num(one)) for one in ways], axis=0
+    )
     every, near = bits[frame].sum(axis=(1, 2)), np.nansum(around, axis=(1, 2))
     others = shape.leds - np.sum(~np.isnan(around), axis=(1, 2))
     count = effective(weights)
     prior = 2 * weights.sum() / count
-    template = ((lit + len(ways) * prior / 2) / (there + len(ways) * prior)).clip(0.05, 0.95)
+    template = ((lit + len(ways) * prior / 2) / (there + len(ways) * prior)).clip(
+        0.05, 0.95
+    )
     beyond = (weights @ (every - near) + others.mean() * prior / 2) / (
         weights @ others + others.mean() * prior
     )
     which, every_led = sides(shape)[row, column], sides(shape)
     share = {one: weights[which == one].sum() / weights.sum() for one in CLASSES}
-    share = {one: share[one] + 0.1 * float(np.mean(every_led == one)) for one in CLASSES}
-    return around_leds(shape, frames, template, float(beyond), share, tilts(seen, frame, weights))
+    share = {
+        one: share[one] + 0.1 * float(np.mean(every_led == one)) for one in CLASSES
+    }
+    return around_leds(
+        shape, frames, template, float(beyond), share, tilts(seen, frame, weights)
+    )
 
 
 def relearned(component: Component, seen: PilotFrames) -> Component:
@@ -290,37 +366,53 @@ def relearned(component: Component, seen: PilotFrames) -> Component:
     if len(frame) < 4:
         return component
     sides = turned(seen.bits[frame])
-    bits, weights = np.concatenate(sides), np.tile(evened(seen.weights[frame]) / len(sides), len(sides))
+    bits, weights = (
+        np.concatenate(sides),
+        np.tile(evened(seen.weights[frame]) / len(sides), len(sides)),
+    )
     ratios = component.log_ratios(bits)
     # How likely each frame came of each pattern.
-    belongs = np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None]) * weights[:, None]
+    belongs = (
+        np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None]) * weights[:, None]
+    )
     count = effective(weights) / len(sides)
     own = belongs.sum(axis=0) / weights.sum()
     lit = np.einsum("np,nrc->prc", belongs, bits.astype(np.float64)) / weights.sum()
     places = (count * own + 8 / len(own)) / (count + 8)
     maps = (count * lit + PRIOR * component.maps) / (count * own + PRIOR)[:, None, None]
     return Component(
-        component.frames, maps.clip(0.03, 0.97), places, tilts(seen, frame, weights[: len(frame)])
+        component.frames,
+        maps.clip(0.03, 0.97),
+        places,
+        tilts(seen, frame, weights[: len(frame)]),
     )
 
 
 def turned(maps: NDArray[Any]) -> list[NDArray[Any]]:
     """Give maps (N,R,C) in all ways that look the same to receivers: mirrored, and turned if square."""
     ways = [maps, maps.transpose(0, 2, 1)] if maps.shape[1] == maps.shape[2] else [maps]
-    return [way[:, ::down, ::right] for way in ways for down in (1, -1) for right in (1, -1)]
+    return [
+        way[:, ::down, ::right] for way in ways for down in (1, -1) for right in (1, -1)
+    ]
 
 
 def evened(weights: Floats) -> Floats:
     """Give a root of weights, where a few of them are most of their sum: it tells of more than these."""
     powers, enough = (1.0, 0.75, 0.5, 0.25, 0.0), min(ENOUGH, 0.99 * len(weights))
-    return next(one for one in (weights**power for power in powers) if effective(one) >= enough)
+    return next(
+        one for one in (weights**power for power in powers) if effective(one) >= enough
+    )
 
 
-def tilts(seen: PilotFrames, frame: NDArray[np.int64], weights: Floats) -> dict[str, Floats]:
+def tilts(
+    seen: PilotFrames, frame: NDArray[np.int64], weights: Floats
+) -> dict[str, Floats]:
     """Give the share of each part of the values of chosen scenes, where these are not as all others."""
     count, found = effective(weights), {}
     for name, placed in seen.placed.items():
-        share = np.bincount(part_of(placed[frame]), weights, len(WIDTHS)) / weights.sum()
+        share = (
+            np.bincount(part_of(placed[frame]), weights, len(WIDTHS)) / weights.sum()
+        )
         # Pearson's statistic, above which chance comes in one of a hundred cases.
         if count * np.sum((share - WIDTHS) ** 2 / WIDTHS) > 21.7:
             shrunk = (count * share + 8 * WIDTHS) / (count + 8)

@@ -76,7 +76,9 @@ class Deciders(Protocol):
     def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
         """Give what finds the panel by the name of the view; None takes the simulator's own corners."""
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterable[tuple[torch.Tensor, Observation]]:
+    def __call__(
+        self, views: Mapping[str, Observation], /
+    ) -> Iterable[tuple[torch.Tensor, Observation]]:
         """Give for each key the bits, (B,R,C) bool, and the observation that they were decided on."""
 
 
@@ -91,7 +93,9 @@ class Banks:
 
     banks: Sequence[tuple[str, ReceiverBank, int]]
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, Observation]]:
+    def __call__(
+        self, views: Mapping[str, Observation], /
+    ) -> Iterator[tuple[torch.Tensor, Observation]]:
         """Decide one batch, as :class:`Deciders` says."""
         for locator, bank, _ in self.banks:
             seen = views[locator]
@@ -100,13 +104,17 @@ class Banks:
 
     def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
         """Give the locators by name."""
-        return plan.receiver.finders(list(dict.fromkeys(locator for locator, _, _ in self.banks)))
+        return plan.receiver.finders(
+            list(dict.fromkeys(locator for locator, _, _ in self.banks))
+        )
 
     @property
     def keys(self) -> tuple[Key, ...]:
         """Whose decisions they are."""
         return tuple(
-            Key(locator, name, number) for locator, bank, number in self.banks for name in bank.names
+            Key(locator, name, number)
+            for locator, bank, number in self.banks
+            for name in bank.names
         )
 
     @property
@@ -165,29 +173,51 @@ class Job:
             frames: how many frames of these to use, from the first on.
             first: how many of them to pass over.
         """
-        link, keys = Link.of(self.plan), [BlockKey(self.plan.seed, self.point, block) for block in blocks]
+        link, keys = (
+            Link.of(self.plan),
+            [BlockKey(self.plan.seed, self.point, block) for block in blocks],
+        )
         deciders = self.receivers
         finders, preambles = deciders.finders(self.plan), deciders.needs_preambles
         wrong, found, off, groups = [], [], [], []
-        every = link.observe_each(finders, self.model, keys, preambles=preambles, frames=frames, first=first)
+        every = link.observe_each(
+            finders, self.model, keys, preambles=preambles, frames=frames, first=first
+        )
         for views in every:
             decided = list(deciders(views))
-            halves = [half_errors(bits, view.bits, view.panels.found) for bits, view in decided]
+            halves = [
+                half_errors(bits, view.bits, view.panels.found)
+                for bits, view in decided
+            ]
             wrong.append(torch.stack(halves))
             found.append(torch.stack([view.panels.found for _, view in decided]))
             off.append(torch.stack([view.misplaced for _, view in decided]))
             if self.sorter is not None:
                 groups.append(self.sorter(link, next(iter(views.values()))))
-        numbers, located, misplaced = (torch.cat(rows, dim=1).cpu().numpy() for rows in (wrong, found, off))
+        numbers, located, misplaced = (
+            torch.cat(rows, dim=1).cpu().numpy() for rows in (wrong, found, off)
+        )
         sorted_by = torch.cat(groups).cpu().numpy() if groups else None
-        return FrameErrors(numbers, located, link.reader.shape.leds, sorted_by, misplaced, deciders.keys)
+        return FrameErrors(
+            numbers,
+            located,
+            link.reader.shape.leds,
+            sorted_by,
+            misplaced,
+            deciders.keys,
+        )
 
     def __call__(self, parts: Sequence[Part]) -> list[bytes]:
         """Count some blocks; of these only the last may be used in part."""
         assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-        errors = self.count([part.block for part in parts], sum(part.frames for part in parts))
+        errors = self.count(
+            [part.block for part in parts], sum(part.frames for part in parts)
+        )
         starts = range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES)
-        return [errors.of(frames=slice(start, start + BLOCK_FRAMES)).packed() for start in starts]
+        return [
+            errors.of(frames=slice(start, start + BLOCK_FRAMES)).packed()
+            for start in starts
+        ]
 
     def read(self, content: bytes, part: Part) -> FrameErrors:
         """Give the errors that a block's bytes say."""
@@ -198,7 +228,10 @@ class Job:
         """Count the errors of each receiver in each group of a block's frames."""
         found: dict[tuple[Key, int], Counts] = {}
         for group, some in errors.by_group():
-            found |= {(key, group): counts for key, counts in zip(some.keys, some.counts, strict=True)}
+            found |= {
+                (key, group): counts
+                for key, counts in zip(some.keys, some.counts, strict=True)
+            }
         return found
 
 
@@ -224,7 +257,11 @@ class Outcome:
     def by_group(self) -> Iterator[tuple[int, "Outcome"]]:
         """Give what each group of frames gave, as an outcome of its own."""
         for group, errors in self.errors.by_group():
-            counts = {(key, 0): one for (key, where), one in self.counts.items() if where == group}
+            counts = {
+                (key, 0): one
+                for (key, where), one in self.counts.items()
+                if where == group
+            }
             yield group, Outcome(errors, counts, self.stopped_by)
 
 
@@ -264,9 +301,13 @@ class Point:
     def take(self, blocks: int) -> list[Part]:
         """Take the next blocks, and give those of them that the store does not know."""
         taken, missing = list(itertools.islice(self._parts, blocks)), []
-        self.exhausted = not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
+        self.exhausted = (
+            not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
+        )
         for part in taken:
-            content = None if self.store is None else self.store.find(self.job.rows, *part)
+            content = (
+                None if self.store is None else self.store.find(self.job.rows, *part)
+            )
             if content is None:
                 missing.append(part)
             else:
@@ -320,9 +361,16 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
         if min(errors.values()) >= rule.target_frame_errors:
             return "frame_errors"
     power_of_two = 1 << (blocks.bit_length() - 1)
-    if not counts or rule.precision is None or blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16):
+    if (
+        not counts
+        or rule.precision is None
+        or blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16)
+    ):
         return None
-    precise = (intervals.precise_enough(one, rule.precision, rule.least_ber) for one in counts.values())
+    precise = (
+        intervals.precise_enough(one, rule.precision, rule.least_ber)
+        for one in counts.values()
+    )
     return "precision" if all(precise) else None
 
 
@@ -330,7 +378,9 @@ Future: TypeAlias = futures.Future[Sequence[bytes]]
 Calls: TypeAlias = dict[Future, tuple[Point, list[Part]]]
 
 
-def count(points: Iterable[Point], workers: Workers, batch_frames: int = BLOCK_FRAMES) -> Iterator[Outcome]:
+def count(
+    points: Iterable[Point], workers: Workers, batch_frames: int = BLOCK_FRAMES
+) -> Iterator[Outcome]:
     """Count points one after the other, with blocks of the next ones ahead where there is room.
 
     A run that is killed loses the blocks that were under way and nothing else.
@@ -352,7 +402,9 @@ def count(points: Iterable[Point], workers: Workers, batch_frames: int = BLOCK_F
     def fill() -> None:
         # Passing by what is known already; up to where the first point is finished.
         while len(calls) < workers.window and not (begun and begun[0].stopped_by):
-            point = next((one for one in begun if not (one.exhausted or one.stopped_by)), None)
+            point = next(
+                (one for one in begun if not (one.exhausted or one.stopped_by)), None
+            )
             if point is None:
                 if (point := next(upcoming, None)) is None:
                     return
@@ -373,7 +425,11 @@ def count(points: Iterable[Point], workers: Workers, batch_frames: int = BLOCK_F
                         point.add()
                 else:
                     return
-                for future in [one for one, (point, _) in calls.items() if point.stopped_by and one.cancel()]:
+                for future in [
+                    one
+                    for one, (point, _) in calls.items()
+                    if point.stopped_by and one.cancel()
+                ]:
                     del calls[future]
     finally:
         _end(calls)

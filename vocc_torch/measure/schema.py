@@ -112,7 +112,9 @@ def empty(schema: type) -> DictConfig:
     OmegaConf.set_readonly(config, None)
     for key, kind in keys_of(schema).items():
         if isinstance(kind, type) and is_dataclass(kind):
-            OmegaConf.set_readonly(OmegaConf.select(config, key), None)  # frozen dataclasses take values too
+            OmegaConf.set_readonly(
+                OmegaConf.select(config, key), None
+            )  # frozen dataclasses take values too
     return config
 
 
@@ -156,7 +158,9 @@ def _parsed(words: Sequence[str]) -> list[Override]:
             parsed += OverridesParser.create().parse_overrides([word])
         except HydraException:
             rule = "write key=value, a list as [a,b], and quote what is special"
-            raise VoccError(f"{' '.join(str(word).split())} cannot be read: {rule}") from None
+            raise VoccError(
+                f"{' '.join(str(word).split())} cannot be read: {rule}"
+            ) from None
     return parsed
 
 
@@ -187,6 +191,10 @@ def refuse_shadowed(scene: "SceneSettings", word: str) -> None:
     key, _, value = word.lstrip("+~").partition("=")
     section, _, name = key.partition(".")
     if section == "camera" and getattr(scene.camera, name, None) is not None:
-        raise VoccError(f"{key} is set by the scene {scene.name}: give scene.{key}={value}")
+        raise VoccError(
+            f"{key} is set by the scene {scene.name}: give scene.{key}={value}"
+        )
     if key == "scene.effects" and value == "{}":
-        raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
+        raise VoccError(
+            "scene.effects={} takes none away: write ~scene.effects.NAME for each"
+        )

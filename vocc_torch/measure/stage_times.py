@@ -71,7 +71,9 @@ class StageTimes:
     def share(self) -> estimate.Estimate | None:
         """Bit detection's time over panel detection's (Fig. 25); None without the latter."""
         panel = np.array(self.rounds_ms["locate"])
-        return median_of(self.summed(BIT_DETECTION) / panel) if (panel > 0).all() else None
+        return (
+            median_of(self.summed(BIT_DETECTION) / panel) if (panel > 0).all() else None
+        )
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,14 @@ class Exposure:
     preambles: tuple[Frames, ...] = ()
 
     @classmethod
-    def of(cls, world: plan.World, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool) -> Self:
+    def of(
+        cls,
+        world: plan.World,
+        model: SceneModel,
+        keys: Sequence[BlockKey],
+        *,
+        preambles: bool,
+    ) -> Self:
         """Render blocks of scenes.
 
         Args:
@@ -100,7 +109,9 @@ class Exposure:
         """
         simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
         whole = range(0, frames, frames)
-        ((scene, _, names, takes),) = link.rendered(simulator, model, keys, whole, preambles)
+        ((scene, _, names, takes),) = link.rendered(
+            simulator, model, keys, whole, preambles
+        )
         first, *rest = (_on(take, torch.device("cpu")) for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(rest))
 
@@ -153,15 +164,32 @@ def time_stages(
         graphs: what reads (B,H,W) frames at (B,4,2) true corners in the same rounds, on the CPU, by name.
     """
     graphs = graphs or {}
-    chains = {name: Chain(name, on_device(one, device), device) for name, one in receivers.items()}
+    chains = {
+        name: Chain(name, on_device(one, device), device)
+        for name, one in receivers.items()
+    }
     starts = range(0, len(exposure.frames) - batch + 1, batch)
-    batches = [prepared(chains.values(), exposure, slice(start, start + batch), device) for start in starts]
+    batches = [
+        prepared(chains.values(), exposure, slice(start, start + batch), device)
+        for start in starts
+    ]
     # Each call takes the batch before, untimed, and then a batch.
-    turns = [one for pair in zip(batches[-1:] + batches[:-1], batches, strict=True) for one in pair]
-    stages = {key: stage for chain in chains.values() for key, stage in chain.stages.values()}
+    turns = [
+        one
+        for pair in zip(batches[-1:] + batches[:-1], batches, strict=True)
+        for one in pair
+    ]
+    stages = {
+        key: stage for chain in chains.values() for key, stage in chain.stages.values()
+    }
     stages |= {("whole", name): chains[name].whole for name in in_one_go}
-    stages |= {("graph", name): partial(_graphed, graph) for name, graph in graphs.items()}
-    calls = {str(key): map(one, itertools.cycle(turns)).__next__ for key, one in stages.items()}
+    stages |= {
+        ("graph", name): partial(_graphed, graph) for name, graph in graphs.items()
+    }
+    calls = {
+        str(key): map(one, itertools.cycle(turns)).__next__
+        for key, one in stages.items()
+    }
     wall, processor = time.perf_counter(), time.thread_time()
     timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
     wall, processor = time.perf_counter() - wall, time.thread_time() - processor
@@ -172,11 +200,19 @@ def time_stages(
         if name in in_one_go:
             ratios += list(seconds["whole", name] / sum(spent.values()))
         more = 2 / frames_a_preamble if chain.needs_preambles else 0.0
-        spent["preambles"] = more * np.sum([spent[stage] for stage in _MEASURING if stage in spent], axis=0)
-        rounds = {stage: 1e3 / batch * spent.get(stage, np.zeros(repeats)) for stage in STAGES}
-        times[name] = StageTimes({stage: tuple(each.tolist()) for stage, each in rounds.items()})
+        spent["preambles"] = more * np.sum(
+            [spent[stage] for stage in _MEASURING if stage in spent], axis=0
+        )
+        rounds = {
+            stage: 1e3 / batch * spent.get(stage, np.zeros(repeats)) for stage in STAGES
+        }
+        times[name] = StageTimes(
+            {stage: tuple(each.tolist()) for stage, each in rounds.items()}
+        )
     drawn = {name: median_of(1e3 / batch * seconds["graph", name]) for name in graphs}
-    return StageTimings(times, median_of(ratios).value if ratios else 1.0, wall, processor, drawn)
+    return StageTimings(
+        times, median_of(ratios).value if ratios else 1.0, wall, processor, drawn
+    )
 
 
 Intermediates: TypeAlias = dict[Hashable, Any]
@@ -196,7 +232,11 @@ class Chain:
     """
 
     def __init__(self, name: str, one: StagedReceiver, device: torch.device) -> None:
-        self.one, self.device, self.needs_preambles = one, device, needs_preambles(one.bank.names)
+        self.one, self.device, self.needs_preambles = (
+            one,
+            device,
+            needs_preambles(one.bank.names),
+        )
         self.where, self.known = ("locate", one.locator), ("preambles", name)
         patches = ("rectify", one.locator, one.reader.samples_per_led, one.dtype)
         measured = ("features", name)
@@ -205,26 +245,46 @@ class Chain:
         if one.locator is not None:
             self.stages["locate"] = self.where, lambda made: one.locate(made["read",])
         if one.bank.needs_patches:
-            self.stages["rectify"] = patches, lambda made: one.rectify(made["read",], made[self.where])
-        self.stages["features"] = measured, lambda m: one.measure(m["read",], m[self.where], m.get(patches))
-        self.stages["classify"] = ("classify", name), lambda m: _bits(one.decide(m[measured], m[self.known]))
+            self.stages["rectify"] = (
+                patches,
+                lambda made: one.rectify(made["read",], made[self.where]),
+            )
+        self.stages["features"] = (
+            measured,
+            lambda m: one.measure(m["read",], m[self.where], m.get(patches)),
+        )
+        self.stages["classify"] = (
+            ("classify", name),
+            lambda m: _bits(one.decide(m[measured], m[self.known])),
+        )
 
     def whole(self, made: Intermediates) -> object:
         """Do all stages in one go."""
         panels = made[self.where] if self.one.locator is None else None
-        return _bits(self.one(read(made["host"], self.device), panels, made[self.known]))
+        return _bits(
+            self.one(read(made["host"], self.device), panels, made[self.known])
+        )
 
 
-def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device) -> Intermediates:
+def prepared(
+    chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device
+) -> Intermediates:
     """Make what each stage starts from, of some of the frames."""
-    truth = (getattr(exposure.truth, one.name)[rows].to(device) for one in fields(Panels))
-    made: Intermediates = {"host": exposure.frames[rows], ("locate", None): Panels(*truth)}
+    truth = (
+        getattr(exposure.truth, one.name)[rows].to(device) for one in fields(Panels)
+    )
+    made: Intermediates = {
+        "host": exposure.frames[rows],
+        ("locate", None): Panels(*truth),
+    }
     on_off = [_on(take[rows], device) for take in exposure.preambles]
     for chain in chains:
         for key, stage in chain.stages.values():
             if key[0] == "classify":  # whose threshold comes from frames of known bits
                 needed, where = chain.needs_preambles, made[chain.where]
-                made[chain.known] = chain.one.preambles(on_off[0], on_off[1], where) if needed else None
+                made[chain.known] = (
+                    chain.one.preambles(on_off[0], on_off[1], where) if needed else None
+                )
             if key not in made:
                 made[key] = stage(made)
     return made
@@ -253,7 +313,9 @@ def read(host: Frames, device: torch.device) -> Frames:
 def _on(frames: Frames, device: torch.device) -> Frames:
     """Give frames on a device."""
     surround = None if frames.surround is None else frames.surround.to(device)
-    return Frames(frames.grey.to(device), frames.origin_px.to(device), frames.sensor_px, surround)
+    return Frames(
+        frames.grey.to(device), frames.origin_px.to(device), frames.sensor_px, surround
+    )
 
 
 def on_device(receiver: StagedReceiver, device: torch.device) -> StagedReceiver:

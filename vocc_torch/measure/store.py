@@ -67,10 +67,16 @@ class Store(AbstractContextManager["Store"]):
         (1, b'counts')
     """
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, settings: str) -> None:
+    def __init__(
+        self, path: Path, connection: sqlite3.Connection, settings: str
+    ) -> None:
         """Take what :meth:`open` has opened; use that."""
         self.path = path
-        self._run, self.close, self._connection = connection.execute, connection.close, connection
+        self._run, self.close, self._connection = (
+            connection.execute,
+            connection.close,
+            connection,
+        )
         self._settings, self._inode = settings, -1
 
     @classmethod
@@ -95,7 +101,9 @@ class Store(AbstractContextManager["Store"]):
                 raise VoccError(f"{_shown(path)} {no}")
             if there and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
-            if there and not os.access(path, os.W_OK):  # SQLite would open it for reading alone
+            if there and not os.access(
+                path, os.W_OK
+            ):  # SQLite would open it for reading alone
                 raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)
@@ -136,22 +144,31 @@ class Store(AbstractContextManager["Store"]):
         release = f"continue it with the release that began it, or {_ANOTHER}"
         ((version,),) = self._run("PRAGMA user_version")
         if version != _FORMAT:
-            raise self._refusal(f"has format {version}, and this release {_FORMAT}", release)
-        tables = tuple(row[0] for row in self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
+            raise self._refusal(
+                f"has format {version}, and this release {_FORMAT}", release
+            )
+        tables = tuple(
+            row[0]
+            for row in self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+        )
         if tables != _TABLES:
             raise self._refusal(*_DAMAGED)
-        ((settings, package),) = self._run("SELECT settings, package FROM identity").fetchall()
+        ((settings, package),) = self._run(
+            "SELECT settings, package FROM identity"
+        ).fetchall()
         begun_with, _, source = package.partition(" ")
         if begun_with != __version__:
-            raise self._refusal(f"is of vocc-torch {begun_with} and this is {__version__}", release)
-        if package != _code():
-            other = (
-                f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})"
+            raise self._refusal(
+                f"is of vocc-torch {begun_with} and this is {__version__}", release
             )
+        if package != _code():
+            other = f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})"
             raise self._refusal(other, "go back to that code, or give another name=")
         if settings != self._settings:
             changes = what_changed(json.loads(settings), json.loads(self._settings))
-            raise self._refusal("; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}")
+            raise self._refusal(
+                "; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}"
+            )
         if self._run("PRAGMA integrity_check(1)").fetchone() != ("ok",):
             raise self._refusal(*_DAMAGED)
         for table in ("blocks", "trained"):
@@ -161,13 +178,18 @@ class Store(AbstractContextManager["Store"]):
 
     def _digest(self, *row: object) -> str:
         """Give the checksum of a row of these settings."""
-        values = [one.hex() if isinstance(one, bytes) else one for one in (self._settings, *row)]
+        values = [
+            one.hex() if isinstance(one, bytes) else one
+            for one in (self._settings, *row)
+        ]
         return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
     def _refusal(self, told: str, help_: str) -> VoccError:
         """Word a refusal in one line that is not too long."""
         start, end = f"ledger {_shown(self.path)}: ", f": {help_}"
-        return VoccError(start + _cut(told, max(20, _LONGEST - len(start) - len(end))) + end)
+        return VoccError(
+            start + _cut(told, max(20, _LONGEST - len(start) - len(end))) + end
+        )
 
     def __exit__(self, *_: object) -> None:
         """Close."""
@@ -182,13 +204,17 @@ class Store(AbstractContextManager["Store"]):
         """Give what was counted in exactly this many frames of a block, or None."""
         with _told(self.path):
             where = "WHERE point=? AND block=? AND frames=?"
-            row = self._run(f"SELECT content FROM blocks {where}", (point, block, frames)).fetchone()
+            row = self._run(
+                f"SELECT content FROM blocks {where}", (point, block, frames)
+            ).fetchone()
             return None if row is None else bytes(row[0])
 
     def trained(self, key: str) -> dict[str, Any] | None:
         """Give what :meth:`add_trained` wrote under a key, or None."""
         with _told(self.path):
-            row = self._run("SELECT content FROM trained WHERE key=?", (key,)).fetchone()
+            row = self._run(
+                "SELECT content FROM trained WHERE key=?", (key,)
+            ).fetchone()
             return None if row is None else dict(json.loads(row[0]))
 
     def add_trained(self, key: str, content: str) -> None:
@@ -246,10 +272,14 @@ class Store(AbstractContextManager["Store"]):
             if not self._connection.in_transaction:
                 self._demand_file()
             line = (*row, self._digest(*row))
-            added = self._run("INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?)", line).rowcount
+            added = self._run(
+                "INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?)", line
+            ).rowcount
         if not added and self.find(point, block, frames) != content:
             other = f"has other counts for block {block} of {point}"
-            raise self._refusal(other, f"its settings miss what they depend on, {_ANOTHER}")
+            raise self._refusal(
+                other, f"its settings miss what they depend on, {_ANOTHER}"
+            )
 
 
 def _code() -> str:
@@ -264,13 +294,26 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except VoccError:
         raise
-    except (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+    except (
+        sqlite3.Error,
+        OSError,
+        ValueError,
+        TypeError,
+        KeyError,
+        RecursionError,
+    ) as error:
         kind = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
         busy = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-        told = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(kind)
+        told = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(
+            kind
+        )
         if isinstance(error, sqlite3.ProgrammingError):
             told = "is closed: open it again"
-        elif not told and not isinstance(error, OSError) and kind not in (*_FULL, *_REFUSED):
+        elif (
+            not told
+            and not isinstance(error, OSError)
+            and kind not in (*_FULL, *_REFUSED)
+        ):
             told = ": ".join(_DAMAGED)
         if told:
             raise VoccError(f"{_shown(path)} {told}") from None
@@ -315,13 +358,22 @@ def what_changed(there: object, here: object) -> list[str]:
     """
     old, new = dict(_leaves(there)), dict(_leaves(here))
     differing = {name for name in {*old, *new} if old.get(name) != new.get(name)}
-    digests = sorted(name for name in differing if name.endswith(".digest") and {*old} & {*new} & {name})
-    told = [f"{new.get(name[:-6] + 'file')} changed since this run began" for name in digests]
+    digests = sorted(
+        name
+        for name in differing
+        if name.endswith(".digest") and {*old} & {*new} & {name}
+    )
+    told = [
+        f"{new.get(name[:-6] + 'file')} changed since this run began"
+        for name in digests
+    ]
     for name in sorted(differing - set(digests)):
         # A changed file is told of already.
         if not (digests and name.startswith("made_with.classifiers.")):
             was, now = (_cut(one.get(name, "not set"), 40) for one in (old, new))
-            told.append(f"{name.removeprefix('world.').removeprefix('made_with.')} was {was}, is {now}")
+            told.append(
+                f"{name.removeprefix('world.').removeprefix('made_with.')} was {was}, is {now}"
+            )
     return told
 
 
@@ -333,4 +385,7 @@ def _leaves(value: object, name: str = "") -> Iterator[tuple[str, str]]:
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}" if name else key)
     else:
-        yield name, value if isinstance(value, str) else json.dumps(value).replace('"', "")
+        yield (
+            name,
+            value if isinstance(value, str) else json.dumps(value).replace('"', ""),
+        )

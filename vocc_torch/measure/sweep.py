@@ -97,12 +97,22 @@ def run_campaign(
     banks, results = {}, {}
     for study in studies:
         names = study.plan.receiver.names
-        banks[study.key] = {locator: one.bank(names) for locator, one in trainings[study.key].items()}
+        banks[study.key] = {
+            locator: one.bank(names) for locator, one in trainings[study.key].items()
+        }
 
-    points = run_studies(studies, banks, stores, workers, lambda one, _at, frames, _: advance(one, frames))
+    points = run_studies(
+        studies,
+        banks,
+        stores,
+        workers,
+        lambda one, _at, frames, _: advance(one, frames),
+    )
     for study in studies:
         own = itertools.islice(points, len(monte_carlo_values(study.plan)))
-        results[study.key] = measured(study, {value: outcome for _, value, outcome in own})
+        results[study.key] = measured(
+            study, {value: outcome for _, value, outcome in own}
+        )
         finished(study, results[study.key])
     return Campaign(results, trainings)
 
@@ -128,8 +138,13 @@ def plain_job(study: Study, banks: Banks, value: float, _: Workers) -> runner.Jo
         for locator, first in banks.items()
         for number, bank in enumerate((first, *first.more))
     ]
-    model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
-    return runner.Job(plan, model, point, runner.Banks(every), partial(group_of, plan.experiment))
+    model, point = (
+        plan.experiment.model_at(plan.world, value),
+        point_name(plan.experiment, value),
+    )
+    return runner.Job(
+        plan, model, point, runner.Banks(every), partial(group_of, plan.experiment)
+    )
 
 
 def run_studies(
@@ -156,16 +171,26 @@ def run_studies(
     Raises:
         VoccError: a store that cannot be written, or a worker that was ended from outside.
     """
-    places = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
+    places = [
+        (study, value) for study in studies for value in monte_carlo_values(study.plan)
+    ]
 
     def points() -> Iterator[runner.Point]:
         for study, value in places:
-            rule = replace(study.plan.budget, frames=study.plan.frames_in_point)  # those of all bins
+            rule = replace(
+                study.plan.budget, frames=study.plan.frames_in_point
+            )  # those of all bins
             job = prepare(study, banks[study.key], value, workers)
-            yield runner.Point(job, rule, stores.get(study.key), partial(progress, study, value))
+            yield runner.Point(
+                job, rule, stores.get(study.key), partial(progress, study, value)
+            )
 
-    batch_frames = max((study.plan.batch_frames for study in studies), default=BLOCK_FRAMES)
-    for place, outcome in zip(places, runner.count(points(), workers, batch_frames), strict=True):
+    batch_frames = max(
+        (study.plan.batch_frames for study in studies), default=BLOCK_FRAMES
+    )
+    for place, outcome in zip(
+        places, runner.count(points(), workers, batch_frames), strict=True
+    ):
         yield *place, outcome
 
 
@@ -177,7 +202,9 @@ def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Ten
     if experiment.axis != "contrast":
         return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
     contrast = link.simulator.contrast(seen.scene)
-    edges = torch.tensor(experiment.values, dtype=contrast.dtype, device=contrast.device)
+    edges = torch.tensor(
+        experiment.values, dtype=contrast.dtype, device=contrast.device
+    )
     groups = torch.bucketize(contrast, edges, right=True) - 1
     groups = torch.where(contrast == edges[-1], experiment.bins - 1, groups)
     return torch.where(groups < experiment.bins, groups, -1)
@@ -213,8 +240,14 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
     """
     if kind == "train":
         return {"train": plan.experiment.training_model(plan.world)}
-    points = ((row.experiment, value) for row in plan.rows().values() for value in monte_carlo_values(row))
-    return {point_name(one, value): one.model_at(plan.world, value) for one, value in points}
+    points = (
+        (row.experiment, value)
+        for row in plan.rows().values()
+        for value in monte_carlo_values(row)
+    )
+    return {
+        point_name(one, value): one.model_at(plan.world, value) for one, value in points
+    }
 
 
 def points_of(
@@ -244,12 +277,17 @@ def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> curve.Me
         values, (whole,) = axis_values(experiment), outcomes.values()
         outcomes = {values[group]: part for group, part in whole.by_group()}
     place = experiment.name, experiment.axis
-    curves = {str(name): curves_of(*place, name, names, outcomes) for name in study.locators}
+    curves = {
+        str(name): curves_of(*place, name, names, outcomes) for name in study.locators
+    }
     location: dict[tuple[str, float], PairedCounts] = {}
     if {"paper", "truth"} <= {*study.locators}:
         for at, outcome in outcomes.items():
             for name in names:
-                rows = [outcome.errors.place(Key(locator, name)) for locator in ("paper", "truth")]
+                rows = [
+                    outcome.errors.place(Key(locator, name))
+                    for locator in ("paper", "truth")
+                ]
                 location[name, at] = outcome.errors.of(rows).pairs[0, 1]
     return curve.Measured(curves, location)
 
@@ -282,15 +320,24 @@ def curves_of(
         ]
         counts |= {(name, at): outcome.counts[Key(locator, name), 0] for name in names}
         if outcome.comparable:
-            pairs |= {(names[a], names[b], at): pair for (a, b), pair in trainings[0].pairs.items()}
+            pairs |= {
+                (names[a], names[b], at): pair
+                for (a, b), pair in trainings[0].pairs.items()
+            }
         if len(trainings) > 1:
             pooled = FrameErrors.pooled(trainings)
             for row, name in enumerate(names):
-                trained[name, at] = Trained(tuple(of.counts[row] for of in trainings), pooled.counts[row])
-            trained_pairs |= {(names[a], names[b], at): pair for (a, b), pair in pooled.pairs.items()}
+                trained[name, at] = Trained(
+                    tuple(of.counts[row] for of in trainings), pooled.counts[row]
+                )
+            trained_pairs |= {
+                (names[a], names[b], at): pair for (a, b), pair in pooled.pairs.items()
+            }
     stopped = {at: outcome.stopped_by for at, outcome in outcomes.items()}
     found = counts, pairs, stopped, trained, trained_pairs
-    return curve.Curves(experiment, axis, locator, tuple(names), tuple(outcomes), *found)
+    return curve.Curves(
+        experiment, axis, locator, tuple(names), tuple(outcomes), *found
+    )
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:
@@ -300,13 +347,20 @@ def axis_values(experiment: Experiment) -> tuple[float, ...]:
         >>> axis_values(Experiment("c", "contrast", (0.0, 0.06, 0.12)))
         (0.03, 0.09)
     """
-    middles = tuple(round((low + high) / 2, 12) for low, high in itertools.pairwise(experiment.values))
+    middles = tuple(
+        round((low + high) / 2, 12)
+        for low, high in itertools.pairwise(experiment.values)
+    )
     return middles if experiment.axis == "contrast" else experiment.values
 
 
 def monte_carlo_values(plan: Plan) -> tuple[float, ...]:
     """The axis values that are simulated one by one; a single stand-in where frames are sorted afterwards."""
-    return (plan.experiment.values[0],) if plan.experiment.axis == "contrast" else plan.experiment.values
+    return (
+        (plan.experiment.values[0],)
+        if plan.experiment.axis == "contrast"
+        else plan.experiment.values
+    )
 
 
 def at_focal_length(plan: Plan, focal_length_mm: float) -> Plan:

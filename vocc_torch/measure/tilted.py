@@ -99,7 +99,9 @@ class TiltedScenes(SceneModel):
     def __post_init__(self) -> None:
         """Check the shares; what is meant was checked as it was made."""
         if (total := sum(one.frames for one in self.components)) != BLOCK_FRAMES:
-            raise VoccError.of("components", total, f"shares that add to {BLOCK_FRAMES}")
+            raise VoccError.of(
+                "components", total, f"shares that add to {BLOCK_FRAMES}"
+            )
 
     @classmethod
     def of(cls, model: SceneModel, components: Sequence[Component]) -> "TiltedScenes":
@@ -115,41 +117,63 @@ class TiltedScenes(SceneModel):
     def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool."""
         uniform, bits = self.drawn(key, shape)
-        values = (_value_at(getattr(self, name), uniform[name]) for name in SCENE_FIELDS)
+        values = (
+            _value_at(getattr(self, name), uniform[name]) for name in SCENE_FIELDS
+        )
         return Scene(*map(torch.from_numpy, values)), torch.from_numpy(bits)
 
     def weights(self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]) -> Floats:
         """Give the weight of each frame that was drawn, (N,)."""
-        found: Floats = np.exp(-np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0))
+        found: Floats = np.exp(
+            -np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0)
+        )
         return found
 
-    def log_ratios(self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]) -> Floats:
+    def log_ratios(
+        self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]
+    ) -> Floats:
         """Give the logarithm of each component's share and density over the density that is meant, (K,N)."""
         rows = []
         for one in self.components:
-            row = np.logaddexp.reduce(one.log_ratios(bits), axis=1) + np.log(one.frames / BLOCK_FRAMES)
+            row = np.logaddexp.reduce(one.log_ratios(bits), axis=1) + np.log(
+                one.frames / BLOCK_FRAMES
+            )
             for name, shares in one.tilts.items():
                 row += np.log(shares / WIDTHS)[part_of(uniform[name])]
             rows.append(row)
         return np.stack(rows)
 
-    def drawn(self, key: BlockKey, shape: PanelShape) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
+    def drawn(
+        self, key: BlockKey, shape: PanelShape
+    ) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
         """Draw a block: where each value lies in its distribution, (64,) from 0 to below 1, and the bits."""
-        order = np.repeat(np.arange(len(self.components)), [one.frames for one in self.components])
+        order = np.repeat(
+            np.arange(len(self.components)), [one.frames for one in self.components]
+        )
         order = key.generator("rare.component").permutation(order)
-        uniform = {name: key.generator(f"rare.{name}").random(BLOCK_FRAMES) for name in SCENE_FIELDS}
-        place, level = key.generator("rare.place").random(BLOCK_FRAMES), key.generator("rare.bits")
+        uniform = {
+            name: key.generator(f"rare.{name}").random(BLOCK_FRAMES)
+            for name in SCENE_FIELDS
+        }
+        place, level = (
+            key.generator("rare.place").random(BLOCK_FRAMES),
+            key.generator("rare.bits"),
+        )
         levels = level.random((BLOCK_FRAMES, shape.rows, shape.columns))
         bits = np.empty(levels.shape, dtype=np.bool_)
         for number, one in enumerate(self.components):
             rows = np.flatnonzero(order == number)
-            chosen = np.searchsorted(np.cumsum(one.places)[:-1], place[rows], side="right")
+            chosen = np.searchsorted(
+                np.cumsum(one.places)[:-1], place[rows], side="right"
+            )
             bits[rows] = levels[rows] < one.maps[chosen]
             for name, shares in one.tilts.items():
                 drawn, ends = uniform[name][rows], np.cumsum(shares)
                 part = np.searchsorted(ends[:-1], drawn, side="right")
                 inside = (drawn - (ends - shares)[part]) / shares[part]
-                uniform[name][rows] = EDGES[part] + WIDTHS[part] * inside.clip(0, 1 - 2**-40)
+                uniform[name][rows] = EDGES[part] + WIDTHS[part] * inside.clip(
+                    0, 1 - 2**-40
+                )
         return uniform, bits
 
 
@@ -167,5 +191,7 @@ def _value_at(one: Distribution, uniform: Floats) -> Floats:
         return values[np.floor(uniform * len(values)).astype(np.int64)]
     low, high = np.log(values) if one.kind == "log_uniform" else values
     drawn = low + (high - low) * uniform
-    found: Floats = (np.exp(drawn) if one.kind == "log_uniform" else drawn).clip(*one.bounds)
+    found: Floats = (np.exp(drawn) if one.kind == "log_uniform" else drawn).clip(
+        *one.bounds
+    )
     return found

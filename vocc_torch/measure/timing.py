@@ -156,15 +156,30 @@ def describe_machine(device: torch.device) -> str:
         '..., torch ...'
     """
     counts = {"core": usable_cores(), "thread": torch.get_num_threads()}
-    counted = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
+    counted = ", ".join(
+        f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items()
+    )
     where = f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
     named = None
     with suppress(OSError):
-        named = re.search(r"^model name\s*:(.*)", _CPU_FILE.read_text("utf-8", "replace"), re.MULTILINE)
-    cpu = (named and named[1].strip()) or platform.processor() or platform.machine() or "unknown processor"
+        named = re.search(
+            r"^model name\s*:(.*)",
+            _CPU_FILE.read_text("utf-8", "replace"),
+            re.MULTILINE,
+        )
+    cpu = (
+        (named and named[1].strip())
+        or platform.processor()
+        or platform.machine()
+        or "unknown processor"
+    )
     return f"{where}{cpu} with {counted}, torch {torch.__version__}"
 
 
 def usable_cores() -> int:
     """Count the cores that this process may run on; a container may allow fewer than there are."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )

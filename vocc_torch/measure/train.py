@@ -89,7 +89,11 @@ class Training:
 
     def bank(self, names: Sequence[str]) -> ReceiverBank:
         """Give the named receivers, ready to decide."""
-        learners = [name for name in names if name in FLDA_FEATURES or self.made.get(name, Making()).frames]
+        learners = [
+            name
+            for name in names
+            if name in FLDA_FEATURES or self.made.get(name, Making()).frames
+        ]
         more = [one.bank(learners) for one in self.more] if learners else []
         return ReceiverBank(names, self.flda, self.classifiers, more)
 
@@ -100,7 +104,10 @@ class Training:
         classifiers, made = dict(first.classifiers), dict(first.made)
         for one in parts[1:]:
             classifiers, made = {**classifiers, **one.classifiers}, {**made, **one.made}
-        more = tuple(cls.joined(column) for column in zip(*(one.more for one in parts), strict=True))
+        more = tuple(
+            cls.joined(column)
+            for column in zip(*(one.more for one in parts), strict=True)
+        )
         return replace(first, classifiers=classifiers, made=made, more=more)
 
     def making(self, name: str) -> Making:
@@ -110,18 +117,28 @@ class Training:
         if name not in FLDA_FEATURES:
             return Making(parameters=0)
         # What decides, without the sums that it was solved from.
-        rule, _ = discriminant.Discriminant.of(self.flda.select(feature_indices(name)).statistics)
+        rule, _ = discriminant.Discriminant.of(
+            self.flda.select(feature_indices(name)).statistics
+        )
         parameters = len(FLDA_FEATURES[name]) + 1
-        return Making(self.seconds, None, self.frames, parameters, len(pickle.dumps(rule)))
+        return Making(
+            self.seconds, None, self.frames, parameters, len(pickle.dumps(rule))
+        )
 
 
 def train(plan: Plan, progress: Told | None = None, *, keep: bool = False) -> Training:
     """Train on the plan's training scenes with its own locator, as :func:`train_each`."""
-    return train_each(plan, [plan.receiver.locator], progress, keep=keep)[plan.receiver.locator]
+    return train_each(plan, [plan.receiver.locator], progress, keep=keep)[
+        plan.receiver.locator
+    ]
 
 
 def train_each(
-    plan: Plan, locators: Sequence[Locator], progress: Told | None = None, *, keep: bool = False
+    plan: Plan,
+    locators: Sequence[Locator],
+    progress: Told | None = None,
+    *,
+    keep: bool = False,
 ) -> dict[Locator, Training]:
     """Train on the plan's training scenes with each of several locators, all on the same frames.
 
@@ -140,48 +157,81 @@ def train_each(
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
     numbers = range(plan.budget.trainings)
-    return several([train_once(plan, locators, progress, keep=keep, number=number) for number in numbers])
+    return several(
+        [
+            train_once(plan, locators, progress, keep=keep, number=number)
+            for number in numbers
+        ]
+    )
 
 
 def several(trainings: Sequence[Mapping[Locator, Training]]) -> dict[Locator, Training]:
     """Give the first of some trainings with the others in it, by locator."""
     first, *more = trainings
-    return {name: replace(one, more=tuple(other[name] for other in more)) for name, one in first.items()}
+    return {
+        name: replace(one, more=tuple(other[name] for other in more))
+        for name, one in first.items()
+    }
 
 
 def train_once(
-    plan: Plan, locators: Sequence[Locator], progress: Told | None, *, keep: bool, number: int
+    plan: Plan,
+    locators: Sequence[Locator],
+    progress: Told | None,
+    *,
+    keep: bool,
+    number: int,
 ) -> dict[Locator, Training]:
     """Do one training, by its number, from 0 on, as :func:`train_each`."""
-    begun, link, frames = time.perf_counter(), Link.of(plan), plan.budget.training_frames
-    finders, scenes = plan.receiver.finders(locators), plan.experiment.training_model(plan.world)
+    begun, link, frames = (
+        time.perf_counter(),
+        Link.of(plan),
+        plan.budget.training_frames,
+    )
+    finders, scenes = (
+        plan.receiver.finders(locators),
+        plan.experiment.training_model(plan.world),
+    )
     fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
     kept: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
     missed = dict.fromkeys(locators, 0)
     keys = block_keys(plan.seed, training_point(number), frames)
     views = link.observe_each(finders, scenes, keys, preambles=False, frames=frames)
-    read = ([(one.readings.features, one.panels.found, one.bits) for one in of.values()] for of in views)
+    read = (
+        [(one.readings.features, one.panels.found, one.bits) for one in of.values()]
+        for of in views
+    )
     # A block at a time: sums then do not depend on the batch's size.
     for parts in in_blocks(tuple(itertools.chain(*each)) for each in read):
-        for name, features, found, bits in zip(locators, *(parts[at::3] for at in range(3)), strict=True):
+        for name, features, found, bits in zip(
+            locators, *(parts[at::3] for at in range(3)), strict=True
+        ):
             leds = features[found], bits[found]
             fldas[name].update(leds[0][..., :_N_FEATURES], leds[1])
             missed[name] += int((~found).sum())
             if sum(len(one) for _, one in kept[name]) < FIGURE_SAMPLES:
-                kept[name].append((leds[0].flatten(0, -2).cpu(), leds[1].reshape(-1).cpu()))
+                kept[name].append(
+                    (leds[0].flatten(0, -2).cpu(), leds[1].reshape(-1).cpu())
+                )
         if progress is not None:
             progress(len(parts[0]))
     trained = {}
     for name, flda in fldas.items():
         if missed[name] == frames:
             where = "check scene, camera and receiver.location"
-            raise VoccError(f"training found no panel in any of {frames} frames: {where}")
+            raise VoccError(
+                f"training found no panel in any of {frames} frames: {where}"
+            )
         for status, leds in zip(("Off", "On"), flda.count.tolist(), strict=True):
             if not leds:
-                told = f"{frames - missed[name]} with a located panel held no {status} LED"
+                told = (
+                    f"{frames - missed[name]} with a located panel held no {status} LED"
+                )
                 rule = "raise it, or take receiver.locator=truth for panels too small to be found"
                 raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
-        x, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True))
+        x, bits = (
+            torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True)
+        )
         own = Training(flda, frames, missed[name], x, bits, time.perf_counter() - begun)
         trained[name] = train_classifiers(plan, link, finders[name], own, number, keep)
     return trained
@@ -189,7 +239,9 @@ def train_once(
 
 def training_key(plan: Plan, locators: Sequence[Locator]) -> str:
     """Name all that the trained receivers of a plan depend on; of the experiment only its training scenes."""
-    settings = identity(replace(plan, receiver=replace(plan.receiver, save="flda_3")), locators)
+    settings = identity(
+        replace(plan, receiver=replace(plan.receiver, save="flda_3")), locators
+    )
     return canonical({**settings, "experiment": settings["experiment"]["training"]})
 
 
@@ -224,20 +276,31 @@ def train_plans(
         # A part need not have the receiver that is kept.
         receiver, own = replace(plan.receiver, save="flda_3"), list[str]()
         alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
-        alone += [replace(receiver, names=(one.name,), classifiers=(one,)) for one in receiver.classifiers]
+        alone += [
+            replace(receiver, names=(one.name,), classifiers=(one,))
+            for one in receiver.classifiers
+        ]
         for part in (replace(plan, receiver=one) for one in alone):
             own.append(training_key(part, named))
             parts[own[-1]] = part, tuple(named)
         wanted.append(own)
 
     def panels(key: str) -> int:
-        return sum(one.frames or one.training.frames for one in parts[key][0].receiver.classifiers)
+        return sum(
+            one.frames or one.training.frames
+            for one in parts[key][0].receiver.classifiers
+        )
 
-    known = {key: None if kept is None else kept.known(key, part) for key, (part, _) in parts.items()}
+    known = {
+        key: None if kept is None else kept.known(key, part)
+        for key, (part, _) in parts.items()
+    }
     trained = {key: one for key, one in known.items() if one is not None}
     with worker_losses_told():
         # The longest training begins first.
-        longest = sorted((key for key in parts if key not in trained), key=panels, reverse=True)
+        longest = sorted(
+            (key for key in parts if key not in trained), key=panels, reverse=True
+        )
         for key in trained:
             told(parts[key][0].budget.training_frames)
         calls = {key: workers.submit(train_part, parts[key]) for key in longest}
@@ -270,9 +333,15 @@ def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
     with timing.threads(1):
         if not plan.receiver.classifiers:
             return train_each(plan, locators)
-        link, finders, trained = Link.of(plan), plan.receiver.finders(locators).items(), []
+        link, finders, trained = (
+            Link.of(plan),
+            plan.receiver.finders(locators).items(),
+            [],
+        )
         for number in range(plan.budget.trainings):
-            learn = partial(train_classifiers, plan, link, training=Training(), number=number)
+            learn = partial(
+                train_classifiers, plan, link, training=Training(), number=number
+            )
             trained.append({name: learn(one) for name, one in finders})
         return several(trained)
 
@@ -283,7 +352,10 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
     own = training.classifiers.get(name)
     classifier = training.flda.select(feature_indices(name)) if own is None else own
     # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
-    locator = plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator] or plan.receiver.location
+    locator = (
+        plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator]
+        or plan.receiver.location
+    )
     return Receiver(name, locator, plan.receiver.reader, classifier)
 
 
@@ -293,7 +365,10 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     These frames are neither trained on nor tested.
     """
     link, frames = Link.of(plan), min(CALIBRATION_FRAMES, plan.budget.training_frames)
-    model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "calibrate", frames)
+    model, keys = (
+        plan.experiment.training_model(plan.world),
+        block_keys(plan.seed, "calibrate", frames),
+    )
     receiver = trained_receiver(plan, training).to(link.simulator.device)
     scores, bits, looks = [], [], []
     for seen in link.observe(model, keys, preambles=False, frames=frames):
@@ -308,7 +383,11 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
 
 
 def receiver_for(
-    plan: Plan, model: Path | None, plug_ins: Sequence[str] = (), *, at_truth: bool = False
+    plan: Plan,
+    model: Path | None,
+    plug_ins: Sequence[str] = (),
+    *,
+    at_truth: bool = False,
 ) -> Receiver:
     """Load the receiver, or train one on the plan's scenes where no model is given.
 
@@ -344,7 +423,9 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     own: dict[str, Any] = locator_settings(receiver.locator)
     name, locators = locator_words(receiver.locator)
     limits = asdict(settings.receiver.location)
-    limits |= {key: value for key, value in own.get("paper", own).items() if key in limits}
+    limits |= {
+        key: value for key, value in own.get("paper", own).items() if key in limits
+    }
     named = replace(
         settings.receiver,
         save=receiver.name,
@@ -352,7 +433,9 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
         location=replace(settings.receiver.location, **limits),
         false_alarms=None if locators else own.get("false_alarms"),
     )
-    kept = {name: one for name, one in settings.classifiers.items() if name == receiver.name}
+    kept = {
+        name: one for name, one in settings.classifiers.items() if name == receiver.name
+    }
     return replace(settings, receiver=named, classifiers=kept, locators=locators)
 
 
@@ -417,7 +500,9 @@ class PanelStream:
             VoccError: ``first`` is no multiple of a block.
         """
         if first % BLOCK_FRAMES:
-            raise VoccError(f"first is {first}: it must be a multiple of {BLOCK_FRAMES}")
+            raise VoccError(
+                f"first is {first}: it must be a multiple of {BLOCK_FRAMES}"
+            )
         begun = time.perf_counter()
         for x, bits, found in in_blocks(self._seen(first, count)):
             self.frames += int(found.sum())
@@ -429,7 +514,11 @@ class PanelStream:
     def _seen(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
         """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
         keys = block_keys(self.seed, self.point, first + count)[first // BLOCK_FRAMES :]
-        parts = [self._simulated(keys, count)] if self.kept is None else map(self._known, keys)
+        parts = (
+            [self._simulated(keys, count)]
+            if self.kept is None
+            else map(self._known, keys)
+        )
         for readings, bits, found in (read for part in parts for read in part):
             used = min(len(bits), count)
             count -= used
@@ -445,14 +534,21 @@ class PanelStream:
 
     def _simulated(self, keys: Sequence[BlockKey], frames: int) -> Iterator[Read]:
         """Yield what is read of the first frames of some blocks."""
-        views = self.link.observe_each({"": self.locator}, self.model, keys, preambles=False, frames=frames)
+        views = self.link.observe_each(
+            {"": self.locator}, self.model, keys, preambles=False, frames=frames
+        )
         for seen in (view[""] for view in views):
             # Without the frames themselves, which would fill the memory where panels are kept.
             yield seen.readings, seen.bits, seen.panels.found
 
 
 def train_classifiers(
-    plan: Plan, link: Link, locator: PanelLocator | None, training: Training, number: int, keep: bool = False
+    plan: Plan,
+    link: Link,
+    locator: PanelLocator | None,
+    training: Training,
+    number: int,
+    keep: bool = False,
 ) -> Training:
     """Train a plan's classifiers one after the other.
 
@@ -477,13 +573,22 @@ def train_classifiers(
     for one in plan.receiver.classifiers:
         model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
         shared = kept.setdefault(model, {}) if keep else None
-        stream = PanelStream(link, locator, model, plan.seed, one.inputs, shared, training_point(number))
+        stream = PanelStream(
+            link, locator, model, plan.seed, one.inputs, shared, training_point(number)
+        )
         recipe = replace(one.training, seed=one.training.seed + number)
-        guarded, begun = plugged.classifier_of(one.build, one.inputs, recipe), time.perf_counter()
+        guarded, begun = (
+            plugged.classifier_of(one.build, one.inputs, recipe),
+            time.perf_counter(),
+        )
         with plugged.seeded(recipe.seed):
             guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
         # An interrupted training that went on has a price too.
-        seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))
+        seconds = (
+            time.perf_counter()
+            - begun
+            + float(getattr(guarded.classifier, "earlier_s", 0.0))
+        )
         counted = getattr(guarded.classifier, "parameters_count", None)
         try:
             size = len(pickle.dumps(guarded))
@@ -493,5 +598,7 @@ def train_classifiers(
             raise VoccError(f"classifier {one.name}: {rule} ({reason})") from error
         classifiers[one.name] = guarded
         parameters = None if counted is None else int(counted)
-        made[one.name] = Making(seconds, stream.seconds, stream.frames, parameters, size)
+        made[one.name] = Making(
+            seconds, stream.seconds, stream.frames, parameters, size
+        )
     return replace(training, classifiers=classifiers, made=made)

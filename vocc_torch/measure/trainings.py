@@ -41,7 +41,10 @@ class Trained:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be of the same frames."""
-        sums = (sum(one.bits for one in self.each), sum(one.half_errors for one in self.each))
+        sums = (
+            sum(one.bits for one in self.each),
+            sum(one.half_errors for one in self.each),
+        )
         if len(self.each) < 2 or sums != (self.pooled.bits, self.pooled.half_errors):
             rule = f"the sum of {len(self.each)} trainings, of two at least"
             raise VoccError.of("trained.pooled", self.pooled, rule)
@@ -56,7 +59,9 @@ class Trained:
         """Standard deviation of the rate from one training to the next, on these frames."""
         return float(np.std(self.rates, ddof=1))
 
-    def interval(self, confidence: float = CONFIDENCE, errors_per_frame_error: float = 1.0) -> Estimate:
+    def interval(
+        self, confidence: float = CONFIDENCE, errors_per_frame_error: float = 1.0
+    ) -> Estimate:
         """Give the interval of the algorithm's rate: trainings and frames are the units, crossed.
 
         Two distances are joined by squares (variance estimates recovery, Zou and Donner 2008): that of the
@@ -71,10 +76,17 @@ class Trained:
         """
         first = self.each[0]
         alike = all(one == first for one in self.each)
-        if alike and self.pooled.half_errors_squared == len(self.each) ** 2 * first.half_errors_squared:
+        if (
+            alike
+            and self.pooled.half_errors_squared
+            == len(self.each) ** 2 * first.half_errors_squared
+        ):
             # Then all erred alike in every frame, as what learns nothing does.
             return ber_interval(first, confidence, errors_per_frame_error)
-        size = min(len(self.each) * errors_per_frame_error, self.pooled.bits / max(1, self.pooled.frames))
+        size = min(
+            len(self.each) * errors_per_frame_error,
+            self.pooled.bits / max(1, self.pooled.frames),
+        )
         frames = ber_interval(self.pooled, confidence, size)
         if not frames.value:
             return frames
@@ -120,7 +132,9 @@ def t_reach(each: Sequence[float], confidence: float = CONFIDENCE) -> float:
     return quantile * float(np.std(each, ddof=1)) / math.sqrt(len(each))
 
 
-def mean_difference(a: Trained, b: Trained, pooled: PairedCounts, confidence: float = CONFIDENCE) -> Estimate:
+def mean_difference(
+    a: Trained, b: Trained, pooled: PairedCounts, confidence: float = CONFIDENCE
+) -> Estimate:
     """Give the algorithms' difference, rate of a less that of b, paired by test frame and by training.
 
     Args:
@@ -132,7 +146,10 @@ def mean_difference(a: Trained, b: Trained, pooled: PairedCounts, confidence: fl
     Raises:
         VoccError: trainings that cannot be paired.
     """
-    if len(a.each) != len(b.each) or pooled.half_difference != a.pooled.half_errors - b.pooled.half_errors:
+    if (
+        len(a.each) != len(b.each)
+        or pooled.half_difference != a.pooled.half_errors - b.pooled.half_errors
+    ):
         rule = "that of the same trainings of a and b"
         raise VoccError.of("pooled.half_difference", pooled.half_difference, rule)
     # Where no frame differs, all trainings are taken to differ alike in the frame that was not seen.

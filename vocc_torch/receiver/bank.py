@@ -20,7 +20,9 @@ RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
 """Every receiver that can be named."""
 
 
-def check_receivers(names: Sequence[str], plugged_in: Sequence[str] = ()) -> tuple[str, ...]:
+def check_receivers(
+    names: Sequence[str], plugged_in: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Return the names, or refuse the first unknown or repeated one.
 
     Args:
@@ -37,9 +39,13 @@ def check_receivers(names: Sequence[str], plugged_in: Sequence[str] = ()) -> tup
     known = (*RECEIVER_NAMES, *plugged_in)
     for name in names:
         if name not in known:
-            raise VoccError(f"receiver.names has {name!r}: known receivers are {', '.join(known)}")
+            raise VoccError(
+                f"receiver.names has {name!r}: known receivers are {', '.join(known)}"
+            )
     if not names or len(set(names)) != len(names):
-        raise VoccError(f"receiver.names is {list(names)}: it must hold at least one name, each once")
+        raise VoccError(
+            f"receiver.names is {list(names)}: it must hold at least one name, each once"
+        )
     return tuple(names)
 
 
@@ -90,12 +96,18 @@ class ReceiverBank:
         self.deciders = {}
         for name in check_receivers(names, tuple(plugged_in)):
             if name in FLDA_FEATURES:
-                self.deciders[name] = FldaDecider(name, flda.select(feature_indices(name)))
+                self.deciders[name] = FldaDecider(
+                    name, flda.select(feature_indices(name))
+                )
             else:
-                self.deciders[name] = plugged_in[name] if name in plugged_in else GreyDecider(name)
+                self.deciders[name] = (
+                    plugged_in[name] if name in plugged_in else GreyDecider(name)
+                )
 
     @classmethod
-    def of(cls, deciders: Mapping[str, Decider], more: "Sequence[ReceiverBank]" = ()) -> Self:
+    def of(
+        cls, deciders: Mapping[str, Decider], more: "Sequence[ReceiverBank]" = ()
+    ) -> Self:
         """Put what decides together, by name."""
         bank = cls.__new__(cls)
         bank.deciders, bank.more = dict(deciders), tuple(more)
@@ -109,7 +121,9 @@ class ReceiverBank:
     @property
     def needed(self) -> frozenset[str]:
         """What is measured for them: some of ``agr``, ``gri``, ``ngr``, ``average``, ``centre``."""
-        return frozenset(name for decider in self.deciders.values() for name in decider.features)
+        return frozenset(
+            name for decider in self.deciders.values() for name in decider.features
+        )
 
     @property
     def needs_patches(self) -> bool:
@@ -118,12 +132,20 @@ class ReceiverBank:
 
     def to(self, device: torch.device) -> Self:
         """Copy them to a device."""
-        return self.of({name: decider.to(device) for name, decider in self.deciders.items()}, self.more)
+        return self.of(
+            {name: decider.to(device) for name, decider in self.deciders.items()},
+            self.more,
+        )
 
-    def scores(self, readings: Readings, preambles: Preambles | None) -> dict[str, Tensor]:
+    def scores(
+        self, readings: Readings, preambles: Preambles | None
+    ) -> dict[str, Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On.
 
         Raises:
             VoccError: a greyscale receiver without preambles.
         """
-        return {name: decider.score(readings, preambles) for name, decider in self.deciders.items()}
+        return {
+            name: decider.score(readings, preambles)
+            for name, decider in self.deciders.items()
+        }

@@ -52,36 +52,64 @@ class Calibration:
         """Check what a file may have brought."""
         for distances, sizes in (self.off, self.on):
             values = np.array([distances, sizes], dtype=np.float64)
-            if not len(distances) or not np.isfinite(values).all() or (np.diff(values, axis=1) < 0).any():
-                raise VoccError("calibration is not two rows of finite ascending numbers")
+            if (
+                not len(distances)
+                or not np.isfinite(values).all()
+                or (np.diff(values, axis=1) < 0).any()
+            ):
+                raise VoccError(
+                    "calibration is not two rows of finite ascending numbers"
+                )
 
     @classmethod
     def of(cls, scores: torch.Tensor, bits: torch.Tensor) -> Self:
         """Learn from scores and the bits that were sent, (B,...) of B frames."""
-        frame = np.arange(len(scores)).repeat(scores[0].numel()) if len(scores) else np.arange(0)
-        given, sent = scores.flatten().cpu().double().numpy(), bits.flatten().cpu().numpy()
+        frame = (
+            np.arange(len(scores)).repeat(scores[0].numel())
+            if len(scores)
+            else np.arange(0)
+        )
+        given, sent = (
+            scores.flatten().cpu().double().numpy(),
+            bits.flatten().cpu().numpy(),
+        )
         on = given >= 0
-        return cls(_learned(-given[~on], sent[~on], frame[~on]), _learned(given[on], ~sent[on], frame[on]))
+        return cls(
+            _learned(-given[~on], sent[~on], frame[~on]),
+            _learned(given[on], ~sent[on], frame[on]),
+        )
 
     @classmethod
     def read(cls, settings: Mapping[str, Sequence[Sequence[float]]]) -> Self:
         """Read back what a model file keeps of its fields."""
-        (off, on) = ((tuple(settings[side][0]), tuple(settings[side][1])) for side in ("off", "on"))
+        (off, on) = (
+            (tuple(settings[side][0]), tuple(settings[side][1]))
+            for side in ("off", "on")
+        )
         return cls(off, on)
 
     def __call__(self, scores: torch.Tensor) -> torch.Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
         given = scores.detach().double()
         on, off = self._tables
-        return torch.where(given >= 0, _interpolated(given, on), -_interpolated(-given, off))
+        return torch.where(
+            given >= 0, _interpolated(given, on), -_interpolated(-given, off)
+        )
 
     @cached_property
     def _tables(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
         with torch.inference_mode(False):  # normal tensors, for they are kept
-            both = [torch.tensor(side, dtype=torch.float64) for side in (self.on, self.off)]
-            slopes = [torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in both]
-            on, off = (torch.cat([one, slope[None]]) for one, slope in zip(both, slopes, strict=True))
+            both = [
+                torch.tensor(side, dtype=torch.float64) for side in (self.on, self.off)
+            ]
+            slopes = [
+                torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in both
+            ]
+            on, off = (
+                torch.cat([one, slope[None]])
+                for one, slope in zip(both, slopes, strict=True)
+            )
             return on, off
 
 
@@ -103,15 +131,27 @@ def _learned(
     distances, wrong, frame = distances[order], wrong[order], frame[order]
     places, sizes = [0.0], [0.0]
     if len(wrong):
-        ends = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks.tolist()
-        held = [float(wrong[first:last].sum()) + 0.5 for first, last in itertools.pairwise(ends)]
+        ends = isotonic_regression(
+            wrong.astype(np.float64), increasing=False
+        ).blocks.tolist()
+        held = [
+            float(wrong[first:last].sum()) + 0.5
+            for first, last in itertools.pairwise(ends)
+        ]
         held[-1] = max(held[-1], float(beyond_others(frame[wrong])))
         # Steps that are no longer less often wrong than the one before are one with it.
-        while len(held) > 1 and held[-1] * (ends[-2] - ends[-3]) > held[-2] * (ends[-1] - ends[-2]):
+        while len(held) > 1 and held[-1] * (ends[-2] - ends[-3]) > held[-2] * (
+            ends[-1] - ends[-2]
+        ):
             held[-2:], ends[-2:] = [held[-2] + held[-1] - 0.5], ends[-1:]
         for (first, last), errors in zip(itertools.pairwise(ends), held, strict=True):
             places += [float(distances[first]), float(distances[last - 1])]
-            sizes += [max(sizes[-1], float(np.log(max(last - first + 1.0 - errors, 0.5) / errors)))] * 2
+            sizes += [
+                max(
+                    sizes[-1],
+                    float(np.log(max(last - first + 1.0 - errors, 0.5) / errors)),
+                )
+            ] * 2
     return tuple(places), tuple(sizes)
 
 
@@ -129,7 +169,9 @@ def beyond_others(frames: NDArray[np.int64]) -> int:
     return len(frames) - (int(others[-1]) + 1 if len(others) else 0)
 
 
-def calibration_error(ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20) -> float:
+def calibration_error(
+    ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20
+) -> float:
     """Expected calibration error: how far stated probabilities of On are from what was sent, on average.
 
     Args:
@@ -142,7 +184,10 @@ def calibration_error(ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20) 
         0.0
     """
     order = torch.argsort(ratios.flatten(), stable=True)
-    stated, sent = torch.sigmoid(ratios.flatten()[order].double()), bits.flatten()[order].double()
+    stated, sent = (
+        torch.sigmoid(ratios.flatten()[order].double()),
+        bits.flatten()[order].double(),
+    )
     parts = zip(stated.tensor_split(bins), sent.tensor_split(bins), strict=True)
     apart = [float((a.mean() - b.mean()).abs()) * len(a) for a, b in parts if len(a)]
     return sum(apart) / max(1, len(stated))
@@ -156,7 +201,11 @@ def appearance(readings: Readings) -> torch.Tensor:
     """
     cells = readings.greys.average.double().flatten(1)
     darkest, brightest = cells.aminmax(dim=1)
-    measured = [readings.cell_px.double().mean(dim=1), cells.mean(dim=1), brightest - darkest]
+    measured = [
+        readings.cell_px.double().mean(dim=1),
+        cells.mean(dim=1),
+        brightest - darkest,
+    ]
     return torch.stack(measured, dim=1)
 
 
@@ -170,7 +219,11 @@ def ranges_of(seen: torch.Tensor) -> Ranges:
     They reach a twentieth further at either end: the scenes' own ends are hardly ever drawn.
     """
     low, high = seen.amin(dim=0), seen.amax(dim=0)
-    ends = zip((low - (high - low) / 20).tolist(), (high + (high - low) / 20).tolist(), strict=True)
+    ends = zip(
+        (low - (high - low) / 20).tolist(),
+        (high + (high - low) / 20).tolist(),
+        strict=True,
+    )
     return dict(zip(APPEARANCE, ends, strict=True))
 
 

@@ -13,7 +13,12 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.receiver.lattice_search import PITCHES_PX, Pyramid
-from vocc_torch.receiver.resample import cell_homography, cell_size_px, corner_cells, map_points
+from vocc_torch.receiver.resample import (
+    cell_homography,
+    cell_size_px,
+    corner_cells,
+    map_points,
+)
 from vocc_torch.types import Batched, PanelShape
 
 # Samples along a cell's side, where places are compared and where they are fitted.
@@ -53,25 +58,42 @@ class Cells(Batched):
         """Lay panels at corners (n,4,2) px of the one frame, in the levels that suit their pitches."""
         pitch = torch.stack(cell_size_px(corners_px, shape)).prod(0).sqrt()
         most = len(pyramid.levels) - 1
-        level = (pitch / PITCHES_PX[0]).clamp(min=1e-3).log2().floor().nan_to_num().clamp(0, most).long()
+        level = (
+            (pitch / PITCHES_PX[0])
+            .clamp(min=1e-3)
+            .log2()
+            .floor()
+            .nan_to_num()
+            .clamp(0, most)
+            .long()
+        )
         bits = level.new_zeros(len(level), shape.rows, shape.columns, dtype=torch.bool)
         corners_px = corners_px.double() / 2.0 ** level.double()[:, None, None]
         return cls(level, corners_px, bits, torch.zeros_like(pitch))
 
 
 def read_cells(
-    pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, margin: int | tuple[int, int]
+    pyramid: Pyramid,
+    cells: Cells,
+    shape: PanelShape,
+    samples: int,
+    margin: int | tuple[int, int],
 ) -> Tensor:
     """Read K x K samples a cell, (n,(R+2m)K,(C+2m)K); ``margin`` may be one down and one right."""
     margins = (margin, margin) if isinstance(margin, int) else margin
     rows, columns = (
-        (torch.arange((leds + 2 * one) * samples, device=cells.level.device) + 0.5) / samples - one
+        (torch.arange((leds + 2 * one) * samples, device=cells.level.device) + 0.5)
+        / samples
+        - one
         for leds, one in zip((shape.rows, shape.columns), margins, strict=True)
     )
     h = cell_homography(cells.corners_px, shape).to(torch.float32)[..., None, None]
     u, v = columns[None, None, :], rows[None, :, None]
     scale = h[:, 2, 0] * u + h[:, 2, 1] * v + h[:, 2, 2]
-    x, y = ((h[:, axis, 0] * u + h[:, axis, 1] * v + h[:, axis, 2]) / scale for axis in (0, 1))
+    x, y = (
+        (h[:, axis, 0] * u + h[:, axis, 1] * v + h[:, axis, 2]) / scale
+        for axis in (0, 1)
+    )
     x, y = (one.nan_to_num().clamp(-1e6, 1e6).flatten(1) for one in (x, y))
     return pyramid.read(cells.level, x, y).view(-1, len(rows), len(columns))
 
@@ -96,7 +118,10 @@ def randomness(bits: Tensor) -> Tensor:
         rule = rule + rows * columns * bits_told
     own = [_unlikeness(bits), _unlikeness(bits.mT)]
     usual = _usual_unlikeness(bits.shape[-2], bits.shape[-1])
-    unlike = [((one + 1) / (mean + 1)).clamp(max=1) for one, mean in zip(own, usual, strict=True)]
+    unlike = [
+        ((one + 1) / (mean + 1)).clamp(max=1)
+        for one, mean in zip(own, usual, strict=True)
+    ]
     return (_MOST_USUAL - rule) / 2 + 2 * (unlike[0] * unlike[1]).log()
 
 
@@ -112,7 +137,9 @@ def _unlikeness(bits: Tensor) -> Tensor:
 @lru_cache(maxsize=64)
 def _usual_unlikeness(rows: int, columns: int) -> tuple[float, float]:
     """Mean of :func:`_unlikeness` for rows and for columns of random bits, from 256 draws of one key."""
-    draws = torch.rand(256, rows, columns, generator=torch.Generator().manual_seed(0)) < 0.5
+    draws = (
+        torch.rand(256, rows, columns, generator=torch.Generator().manual_seed(0)) < 0.5
+    )
     return float(_unlikeness(draws).mean()), float(_unlikeness(draws.mT).mean())
 
 
@@ -133,7 +160,9 @@ def best_places(
     picture = read_cells(pyramid, start, shape, samples, reach)
     n, k = len(picture), samples * samples
     picture = picture.view(n, high + 2 * reach, samples, wide + 2 * reach, samples)
-    picture = picture.permute(0, 1, 3, 2, 4).reshape(n, high + 2 * reach, wide + 2 * reach, k)
+    picture = picture.permute(0, 1, 3, 2, 4).reshape(
+        n, high + 2 * reach, wide + 2 * reach, k
+    )
     span = 2 * reach + 1
     best: list[tuple[Tensor, ...]] = []
     for down in range(span):
@@ -152,22 +181,35 @@ def best_places(
         flat, weight = row.flatten(2, 3), on.flatten(2)[..., None]
         total = flat.sum(2)
         up = (flat * weight).sum(2)
-        mean_on, mean_off = up / lit[..., None], (total - up) / (high * wide - lit).clamp(min=1)[..., None]
+        mean_on, mean_off = (
+            up / lit[..., None],
+            (total - up) / (high * wide - lit).clamp(min=1)[..., None],
+        )
         square = flat.square().sum((2, 3))
-        left = square - lit * mean_on.square().sum(2) - (high * wide - lit) * mean_off.square().sum(2)
+        left = (
+            square
+            - lit * mean_on.square().sum(2)
+            - (high * wide - lit) * mean_off.square().sum(2)
+        )
         energy = lit * (mean_on - mean_off).square().sum(2)
         noise = ROUNDING_DN2 * high * wide * k
         if by_light:
             merit = energy - _UNLIKE_WEIGHT * left
         else:
-            merit = ((energy + noise) / (left + noise)).log().clamp(max=_BEST_FIT) + randomness(on)
+            merit = ((energy + noise) / (left + noise)).log().clamp(
+                max=_BEST_FIT
+            ) + randomness(on)
         merit, place = merit.max(1)
-        bits = on.gather(1, place[:, None, None, None].expand(-1, 1, high, wide))[:, 0] > 0
+        bits = (
+            on.gather(1, place[:, None, None, None].expand(-1, 1, high, wide))[:, 0] > 0
+        )
         best.append((merit, place - reach, torch.full_like(place, down - reach), bits))
     merits = torch.stack([one[0] for one in best], 1)
     merit, line = merits.max(1)
     rows = torch.arange(n, device=merit.device)
-    shift = torch.stack([torch.stack([one[axis] for one in best], 1)[rows, line] for axis in (1, 2)], 1)
+    shift = torch.stack(
+        [torch.stack([one[axis] for one in best], 1)[rows, line] for axis in (1, 2)], 1
+    )
     bits = torch.stack([one[3] for one in best], 1)[rows, line]
     cells = corner_cells(shape).to(shift.device) + shift[:, None]
     corners = map_points(start.corners_px, cells, shape)
@@ -185,7 +227,10 @@ def edge_changes(pyramid: Pyramid, cells: Cells, picture: Tensor) -> Tensor:
     inner, on = middle[:, 1:-1, 1:-1], cells.bits.float()
     bright = (inner * on).sum((1, 2)) / on.sum((1, 2)).clamp(min=1)
     dark = (inner * (1 - on)).sum((1, 2)) / (1 - on).sum((1, 2)).clamp(min=1)
-    row, column = torch.arange(high + 2, device=on.device), torch.arange(wide + 2, device=on.device)
+    row, column = (
+        torch.arange(high + 2, device=on.device),
+        torch.arange(wide + 2, device=on.device),
+    )
     y = torch.cat([0 * column, row[1:], 0 * column[1:] + high + 1, row[1:-1].flip(0)])
     x = torch.cat([column, 0 * row[1:] + wide + 1, column[:-1].flip(0), 0 * row[1:-1]])
     lit = middle[:, y, x] > ((bright + dark) / 2)[:, None]
@@ -200,13 +245,16 @@ def edge_changes(pyramid: Pyramid, cells: Cells, picture: Tensor) -> Tensor:
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Fields 1, u, v and uv, -1 to 1 over the panel, at its samples (4,RK,CK), and at its corners (4,4)."""
     axes = [
-        (torch.arange(leds * _FINE) + 0.5) * 2 / (leds * _FINE) - 1 for leds in (shape.columns, shape.rows)
+        (torch.arange(leds * _FINE) + 0.5) * 2 / (leds * _FINE) - 1
+        for leds in (shape.columns, shape.rows)
     ]
     u, v = axes[0].expand(len(axes[1]), -1), axes[1][:, None].expand(-1, len(axes[0]))
     corner = 2 * corner_cells(shape) / torch.tensor([shape.columns, shape.rows]) - 1
     cu, cv = corner.unbind(1)
     inside = torch.stack([torch.ones_like(u), u, v, u * v])
-    return inside.to(device), torch.stack([torch.ones_like(cu), cu, cv, cu * cv]).to(device)
+    return inside.to(device), torch.stack([torch.ones_like(cu), cu, cv, cu * cv]).to(
+        device
+    )
 
 
 def _quadrants(plane: Tensor) -> Tensor:
@@ -215,7 +263,11 @@ def _quadrants(plane: Tensor) -> Tensor:
     rows, columns = plane.shape[-2] // _FINE, plane.shape[-1] // _FINE
     cells = plane.reshape(*lead, rows, _FINE, columns, _FINE).transpose(-3, -2)
     up, low = cells[..., :half, :].flip(-2), cells[..., half:, :]
-    parts = [part for line in (up, low) for part in (line[..., :half].flip(-1), line[..., half:])]
+    parts = [
+        part
+        for line in (up, low)
+        for part in (line[..., :half].flip(-1), line[..., half:])
+    ]
     return torch.stack([part.flatten(-2) for part in parts], len(lead))
 
 
@@ -231,14 +283,23 @@ def _regressors(bits: Tensor) -> Tensor:
     parts = []
     for down in (-1, 1):
         for right in (-1, 1):
-            near = [at(own, 0, 0), at(own, 0, right), at(own, down, 0), at(own, down, right)]
+            near = [
+                at(own, 0, 0),
+                at(own, 0, right),
+                at(own, down, 0),
+                at(own, down, right),
+            ]
             beyond = [1 - at(inside, 0, right), 1 - at(inside, down, 0)]
             parts.append(torch.stack([torch.ones_like(near[0]), *near, *beyond], -1))
     return torch.stack(parts, 1)
 
 
 def fit_cells(
-    pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6, most_random: float = math.inf
+    pyramid: Pyramid,
+    start: Cells,
+    shape: PanelShape,
+    steps: int = 6,
+    most_random: float = math.inf,
 ) -> Cells:
     """Move corners freely, by Gauss-Newton steps, to where the bits explain most, and score the best of them.
 
@@ -263,9 +324,13 @@ def fit_cells(
                 picture[:, _FINE + 1 : 1 - _FINE, _FINE:-_FINE]
                 - picture[:, _FINE - 1 : -1 - _FINE, _FINE:-_FINE]
             ) * (_FINE / 2)
-            planes = torch.cat([planes, slope_u[:, None] * inside, slope_v[:, None] * inside], 1)
+            planes = torch.cat(
+                [planes, slope_u[:, None] * inside, slope_v[:, None] * inside], 1
+            )
         # (n,4RC,K/2*K/2), and nine times as many with slopes
-        folded = _quadrants(planes).permute(0, 2, 3, 4, 1, 5).reshape(n, 4 * shape.leds, -1)
+        folded = (
+            _quadrants(planes).permute(0, 2, 3, 4, 1, 5).reshape(n, 4 * shape.leds, -1)
+        )
         bits = now.bits
         for _ in range(2):
             a = _regressors(bits).reshape(n, -1, 7)
@@ -278,14 +343,20 @@ def fit_cells(
             gain = weights[:, 1:2, :quarter]
             sign = (1 - 2 * a[..., 1:2]) * gain
             change = (
-                ((own - sign).square() - own.square()).sum(2).view(n, 4, shape.rows, shape.columns).sum(1)
+                ((own - sign).square() - own.square())
+                .sum(2)
+                .view(n, 4, shape.rows, shape.columns)
+                .sum(1)
             )
             bits = bits ^ (change < 0)
         a = _regressors(bits).reshape(n, -1, 7)
         gram = a.mT @ a + torch.eye(7, device=a.device) * 1e-3 * shape.leds
         rest = folded - a @ torch.linalg.solve(gram, a.mT @ folded)
         rest = rest.view(n, -1, planes.shape[1], quarter)
-        left, slopes = rest[:, :, 0].flatten(1), rest[:, :, 1:].permute(0, 2, 1, 3).flatten(2)
+        left, slopes = (
+            rest[:, :, 0].flatten(1),
+            rest[:, :, 1:].permute(0, 2, 1, 3).flatten(2),
+        )
         energy = left.square().sum(1)
         value = folded[..., :quarter]
         spread = (value - value.mean(1, keepdim=True)).square().sum((1, 2))
@@ -295,7 +366,11 @@ def fit_cells(
         fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
         now = Cells(now.level, now.corners_px, bits, fit)
         beyond = (edge_changes(pyramid, now, picture) - _FREE_CHANGES).clamp(min=0)
-        score = fit.clamp(max=_BEST_FIT) + randomness(bits).clamp(max=most_random) - _CHANGE_COST * beyond
+        score = (
+            fit.clamp(max=_BEST_FIT)
+            + randomness(bits).clamp(max=most_random)
+            - _CHANGE_COST * beyond
+        )
         now = Cells(now.level, now.corners_px, bits, score)
         if number == 0:
             best, closest = now[torch.arange(n, device=score.device)], fit
@@ -312,9 +387,14 @@ def fit_cells(
         curve = curve + torch.diag_embed(variance / expected**2)
         step = -torch.linalg.solve(curve, (slopes @ left[..., None])[..., 0])
         step = step.nan_to_num() * (
-            _MOST_STEP_CELLS / step.abs().amax(1, keepdim=True).clamp(min=_MOST_STEP_CELLS)
+            _MOST_STEP_CELLS
+            / step.abs().amax(1, keepdim=True).clamp(min=_MOST_STEP_CELLS)
         )
-        moves = torch.stack([step[:, :4] @ corner.float(), step[:, 4:] @ corner.float()], 2).to(torch.float64)
-        corners = map_points(now.corners_px, corner_cells(shape).to(moves.device) + moves, shape)
+        moves = torch.stack(
+            [step[:, :4] @ corner.float(), step[:, 4:] @ corner.float()], 2
+        ).to(torch.float64)
+        corners = map_points(
+            now.corners_px, corner_cells(shape).to(moves.device) + moves, shape
+        )
         now = Cells(now.level, corners, bits, score)
     return best

@@ -55,7 +55,9 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
         # A column's windows are read along the rows; for rows the plane lies on its side. What the strokes do
         # wrong at the outer edge of a margin is cut off with it.
         column = plane.new_ones(size_px, 1)
-        plane = torch.nn.functional.pad(dilation(plane, column, engine=engine), [reach, reach]).mT
+        plane = torch.nn.functional.pad(
+            dilation(plane, column, engine=engine), [reach, reach]
+        ).mT
         plane = erosion(dilation(plane, column, engine=engine), column, engine=engine)
         plane = erosion(plane[..., reach:-reach, :].mT, column, engine=engine)
     return plane[..., reach:-reach, :] > 0
@@ -113,8 +115,12 @@ class Runs:
             return self
         kept = chosen[self.frame]
         frame = (chosen.cumsum(0) - 1)[self.frame[kept]]
-        row, start, end, pixels = (one[kept] for one in (self.row, self.start, self.end, self.pixels))
-        return type(self)(frame, row, start, end, pixels, (int(chosen.sum()), *self.size[1:]))
+        row, start, end, pixels = (
+            one[kept] for one in (self.row, self.start, self.end, self.pixels)
+        )
+        return type(self)(
+            frame, row, start, end, pixels, (int(chosen.sum()), *self.size[1:])
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +139,9 @@ class Components:
     area_px: torch.Tensor
     frame: torch.Tensor
 
-    def at(self, frame: torch.Tensor, row: torch.Tensor, column: torch.Tensor) -> torch.Tensor:
+    def at(
+        self, frame: torch.Tensor, row: torch.Tensor, column: torch.Tensor
+    ) -> torch.Tensor:
         """Return the labels of pixels, 0 for background.
 
         Example:
@@ -166,7 +174,14 @@ def runs_of(mask: torch.Tensor) -> Runs:
     line = start // (width + 2)
     start, beyond = start - line * (width + 2), beyond - line * (width + 2)
     frame = line // max(1, height)
-    return Runs(frame, line - frame * height, start, beyond - 1, beyond - start, (masks, height, width))
+    return Runs(
+        frame,
+        line - frame * height,
+        start,
+        beyond - 1,
+        beyond - start,
+        (masks, height, width),
+    )
 
 
 def joined(mask: torch.Tensor, closed: Runs) -> Runs:
@@ -211,11 +226,15 @@ def label_components(mask: torch.Tensor) -> Components:
     runs = runs_of(mask)
     root = _roots(runs)
     blocks_high, blocks_wide = (-(-side // 2) for side in runs.size[1:])
-    block = ((runs.frame * blocks_high) + (runs.row >> 1)) * blocks_wide + (runs.start >> 1)
+    block = ((runs.frame * blocks_high) + (runs.row >> 1)) * blocks_wide + (
+        runs.start >> 1
+    )
     first = block.scatter_reduce(0, root, block, "amin")
     own = (root == torch.arange(len(runs), device=root.device)).nonzero()[:, 0]
     own = own[first[own].argsort()]
-    number = torch.zeros_like(root).index_copy(0, own, torch.arange(1, len(own) + 1, device=root.device))
+    number = torch.zeros_like(root).index_copy(
+        0, own, torch.arange(1, len(own) + 1, device=root.device)
+    )
     label = number[root]
     area = label.new_zeros(len(own) + 1).scatter_add(0, label, runs.pixels)
     frame = torch.cat([runs.frame.new_zeros(1), runs.frame[own]])
@@ -234,13 +253,17 @@ def _roots(runs: Runs) -> torch.Tensor:
     count = torch.searchsorted(start, end - width - 1, right=True) - low
     parent = torch.arange(len(runs), device=line.device)
     lower = parent.repeat_interleave(count)
-    upper = (low - count.cumsum(0) + count)[lower] + torch.arange(len(lower), device=line.device)
+    upper = (low - count.cumsum(0) + count)[lower] + torch.arange(
+        len(lower), device=line.device
+    )
     while True:
         a, b = parent[lower], parent[upper]
         if torch.equal(a, b):
             return parent
         # Only roots are hooked, and every parent decreases: no cycle can form.
-        parent = parent.scatter_reduce(0, torch.maximum(a, b), torch.minimum(a, b), "amin")
+        parent = parent.scatter_reduce(
+            0, torch.maximum(a, b), torch.minimum(a, b), "amin"
+        )
         while not torch.equal(further := parent[parent], parent):
             parent = further
 
@@ -305,7 +328,9 @@ def largest(value: torch.Tensor, frame: torch.Tensor, most: int) -> torch.Tensor
     return label[rank < most]
 
 
-def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, level: int = 0) -> Blobs:
+def collect_blobs(
+    runs: Runs, components: Components, *, min_area_px: int = 1, level: int = 0
+) -> Blobs:
     """List the components of a batch of masks.
 
     Args:
@@ -332,7 +357,9 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
         keep &= torch.zeros_like(keep).index_fill(0, few, True)
     run_label = components.at(runs.frame, runs.row >> level, runs.start >> level)
     kept = keep[run_label]
-    row, start, end, pixels = (one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels))
+    row, start, end, pixels = (
+        one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels)
+    )
     # Kept labels by their first run, and each run's number among them.
     label = keep.nonzero()[:, 0]
     compact = (keep.cumsum(0) - 1)[run_label[kept]]
@@ -350,6 +377,22 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
     cell = number * height + down
     ends = [(one - left[number]).to(torch.int16) for one in (start, end)]
     empty = torch.zeros(len(label) * height, dtype=torch.int16, device=row.device)
-    first = empty.scatter_reduce(0, cell, ends[0], "amin", include_self=False).view(-1, height)
-    last = (empty - 1).scatter_reduce(0, cell, ends[1], "amax", include_self=False).view(-1, height)
-    return Blobs(components.frame[label], label, seed, left, closed_px[label], mask_px, first, last, count)
+    first = empty.scatter_reduce(0, cell, ends[0], "amin", include_self=False).view(
+        -1, height
+    )
+    last = (
+        (empty - 1)
+        .scatter_reduce(0, cell, ends[1], "amax", include_self=False)
+        .view(-1, height)
+    )
+    return Blobs(
+        components.frame[label],
+        label,
+        seed,
+        left,
+        closed_px[label],
+        mask_px,
+        first,
+        last,
+        count,
+    )

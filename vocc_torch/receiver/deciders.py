@@ -73,10 +73,14 @@ class FldaDecider:
     def __post_init__(self) -> None:
         """Check the name and the number of features."""
         if self.name not in tuple(FLDA_FEATURES):
-            raise VoccError.of("receiver name", repr(self.name), f"one of {', '.join(FLDA_FEATURES)}")
+            raise VoccError.of(
+                "receiver name", repr(self.name), f"one of {', '.join(FLDA_FEATURES)}"
+            )
         if self.classifier.n_features != len(self.features):
             count = self.classifier.n_features
-            raise VoccError(f"classifier has {count} features: {self.name} needs {len(self.features)}")
+            raise VoccError(
+                f"classifier has {count} features: {self.name} needs {len(self.features)}"
+            )
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -85,7 +89,10 @@ class FldaDecider:
 
     def score(self, readings: Readings, preambles: Preambles | None = None) -> Tensor:
         """Score every LED."""
-        features, columns = readings.features, [readings.names.index(name) for name in self.features]
+        features, columns = (
+            readings.features,
+            [readings.names.index(name) for name in self.features],
+        )
         if columns != list(range(features.shape[-1])):
             features = features[..., columns]
         return self.classifier.decision_function(features.double())
@@ -126,7 +133,9 @@ class GreyDecider:
             VoccError: there are no preambles.
         """
         if preambles is None:
-            raise VoccError(f"receiver {self.name} needs preamble frames, and none were given")
+            raise VoccError(
+                f"receiver {self.name} needs preamble frames, and none were given"
+            )
         (level,) = self.features
         takes = preambles.on, preambles.off, readings.greys
         on, off, greys = (getattr(take, level) for take in takes)
@@ -137,7 +146,9 @@ class GreyDecider:
         return self
 
 
-def decider_of(name: str, classifier: FLDA | FldaDecider | Guarded) -> FldaDecider | Guarded:
+def decider_of(
+    name: str, classifier: FLDA | FldaDecider | Guarded
+) -> FldaDecider | Guarded:
     """Give what decides in a receiver that is kept: a classifier under its name, or FLDA on named features.
 
     Raises:
@@ -147,7 +158,9 @@ def decider_of(name: str, classifier: FLDA | FldaDecider | Guarded) -> FldaDecid
     if isinstance(classifier, torch.nn.Module):
         return FldaDecider(name, classifier)
     if name != classifier.name:
-        raise VoccError.of("receiver name", repr(name), f"its classifier's, {classifier.name!r}")
+        raise VoccError.of(
+            "receiver name", repr(name), f"its classifier's, {classifier.name!r}"
+        )
     return classifier
 
 

@@ -61,7 +61,9 @@ def checked_features(features: Tensor, n_features: int) -> Tensor:
     return features.to(torch.float64)
 
 
-def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Tensor, Tensor]:
+def checked_samples(
+    features: Tensor, bits: Tensor, n_features: int
+) -> tuple[Tensor, Tensor]:
     """Return a training set as float64 and bool, or refuse what cannot be learned from.
 
     Args:
@@ -83,12 +85,16 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
     rows = checked_features(features, n_features)
     bits = tensor_of("bits", bits)
     if bits.shape != rows.shape[:-1]:
-        allowed = f"{tuple(rows.shape[:-1])}, that of features without its last dimension"
+        allowed = (
+            f"{tuple(rows.shape[:-1])}, that of features without its last dimension"
+        )
         raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {allowed}")
     bits = bits.to(rows.device)
     stray = bits[(bits != 0) & (bits != 1)]
     if stray.numel():
-        raise VoccError(f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)")
+        raise VoccError(
+            f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)"
+        )
     flat = rows.detach().reshape(-1, n_features)
     if len(beyond := (~(flat.abs() <= LARGEST)).nonzero()):
         sample, column = beyond[0].tolist()
@@ -120,7 +126,10 @@ class ClassScatter(Batched):
     @classmethod
     def empty(cls, n_features: int) -> Self:
         """Statistics of no samples of ``n_features`` features."""
-        count, mean = torch.zeros(2, dtype=torch.int64), torch.zeros(2, n_features, dtype=torch.float64)
+        count, mean = (
+            torch.zeros(2, dtype=torch.int64),
+            torch.zeros(2, n_features, dtype=torch.float64),
+        )
         return cls(count, mean, mean.new_zeros(2, n_features, n_features))
 
     @classmethod
@@ -136,15 +145,23 @@ class ClassScatter(Batched):
     @classmethod
     def of_rows(cls, rows: Tensor, on: Tensor) -> Self:
         """Sum up samples (N,F) with their bits (N,), as of :func:`checked_samples`; differentiable."""
-        (off_mean, off_scatter), (on_mean, on_scatter) = _moments(rows[~on]), _moments(rows[on])
-        means, scatters = torch.stack([off_mean, on_mean]), torch.stack([off_scatter, on_scatter])
+        (off_mean, off_scatter), (on_mean, on_scatter) = (
+            _moments(rows[~on]),
+            _moments(rows[on]),
+        )
+        means, scatters = (
+            torch.stack([off_mean, on_mean]),
+            torch.stack([off_scatter, on_scatter]),
+        )
         return cls(torch.stack([(~on).sum(), on.sum()]), means, scatters)
 
     @classmethod
     def stacked(cls, sets: Sequence[Self], batch: Sequence[int]) -> Self:
         """Stack the statistics of several training sets into one batch of shape ``batch``."""
         parts = ([getattr(one, name) for one in sets] for name in cls.__slots__)
-        return cls(*(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts))
+        return cls(
+            *(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts)
+        )
 
     @property
     def within(self) -> Tensor:
@@ -166,8 +183,14 @@ class ClassScatter(Batched):
         count = self.count + theirs.count
         share = (theirs.count / count.clamp(min=1).to(torch.float64))[..., None]
         step = theirs.mean - self.mean
-        spread = step[..., None] * step[..., None, :] * (self.count[..., None] * share)[..., None]
-        return type(self)(count, self.mean + step * share, self.scatter + theirs.scatter + spread)
+        spread = (
+            step[..., None]
+            * step[..., None, :]
+            * (self.count[..., None] * share)[..., None]
+        )
+        return type(self)(
+            count, self.mean + step * share, self.scatter + theirs.scatter + spread
+        )
 
     def select(self, features: Sequence[int]) -> Self:
         """Keep some features, in the order given.
@@ -181,7 +204,9 @@ class ClassScatter(Batched):
         demand_kind("features", features, Iterable)
         chosen, known = list(features), self.mean.shape[-1]
         if not chosen or len(set(chosen) & set(range(known))) != len(chosen):
-            raise VoccError(f"features is {chosen}: it must name distinct features from 0 to {known - 1}")
+            raise VoccError(
+                f"features is {chosen}: it must name distinct features from 0 to {known - 1}"
+            )
         index = torch.tensor(chosen, dtype=torch.int64)
         scatter = self.scatter[..., index, :][..., index]
         return type(self)(self.count.clone(), self.mean[..., index], scatter)
@@ -194,11 +219,17 @@ class ClassScatter(Batched):
                 of a class, or a variance below 0, which no samples have.
         """
         if not bool(torch.isfinite(self.gap).all() & torch.isfinite(self.within).all()):
-            raise VoccError(f"scatter is not finite: features up to {LARGEST:g} in size are allowed")
+            raise VoccError(
+                f"scatter is not finite: features up to {LARGEST:g} in size are allowed"
+            )
         if bool((self.count < 0).any()):
-            raise VoccError("count is below 0: more than 9e18 samples of a class, which overflow int64")
+            raise VoccError(
+                "count is below 0: more than 9e18 samples of a class, which overflow int64"
+            )
         if bool((self.within.diagonal(dim1=-2, dim2=-1) < 0).any()):
-            raise VoccError("scatter holds a variance below 0: these are no statistics of samples")
+            raise VoccError(
+                "scatter holds a variance below 0: these are no statistics of samples"
+            )
         return self
 
 
@@ -247,25 +278,40 @@ class Discriminant(NamedTuple):
         along such a direction too, Eq. 13 is infinite along it. There the variance is taken as 1 /
         CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
         """
-        covariance = seen.within / seen.count.to(torch.float64).sum(dim=-1)[..., None, None]
-        rounding = (ROUNDING * seen.mean.detach().abs().amax(dim=-2)).clamp(min=SMALLEST)
+        covariance = (
+            seen.within / seen.count.to(torch.float64).sum(dim=-1)[..., None, None]
+        )
+        rounding = (ROUNDING * seen.mean.detach().abs().amax(dim=-2)).clamp(
+            min=SMALLEST
+        )
         spread = covariance.detach().diagonal(dim1=-2, dim2=-1).sqrt()
         flat = spread <= rounding
         gap = torch.where(flat & (seen.gap.abs() <= rounding), 0.0, seen.gap)
         constant = flat & (gap == 0)
-        scale = torch.where(flat, torch.where(constant, 1.0, gap.detach().abs()), spread)
-        gap, noise = gap / scale, torch.where(constant, 0.0, rounding / scale).norm(dim=-1)
+        scale = torch.where(
+            flat, torch.where(constant, 1.0, gap.detach().abs()), spread
+        )
+        gap, noise = (
+            gap / scale,
+            torch.where(constant, 0.0, rounding / scale).norm(dim=-1),
+        )
         within = covariance / scale.unsqueeze(-1) / scale.unsqueeze(-2)
-        within = torch.where(flat.unsqueeze(-1) | flat.unsqueeze(-2), 0.0, (within + within.mT) / 2)
+        within = torch.where(
+            flat.unsqueeze(-1) | flat.unsqueeze(-2), 0.0, (within + within.mT) / 2
+        )
 
         values, basis = torch.linalg.eigh(within.detach())
         floor = values[..., -1:].clamp(min=1.0) / CONDITION_LIMIT
         null = values <= floor
         along = (basis.mT @ gap.unsqueeze(-1)).squeeze(-1)
         outside = torch.where(null, along.detach(), 0.0).norm(dim=-1)
-        separated = outside > torch.maximum(GAP_LIMIT * gap.detach().norm(dim=-1), noise)
+        separated = outside > torch.maximum(
+            GAP_LIMIT * gap.detach().norm(dim=-1), noise
+        )
         kept = ~(null.unsqueeze(-1) | null.unsqueeze(-2))
-        system = torch.where(kept, basis.mT @ within @ basis, torch.diag_embed(floor.expand_as(values)))
+        system = torch.where(
+            kept, basis.mT @ within @ basis, torch.diag_embed(floor.expand_as(values))
+        )
         along = torch.where(null & ~separated.unsqueeze(-1), 0.0, along)
         solution = (basis @ torch.linalg.solve(system, along.unsqueeze(-1))).squeeze(-1)
         direction = torch.where(constant, 0.0, solution) / scale
@@ -286,7 +332,9 @@ class Discriminant(NamedTuple):
         Raises:
             VoccError: features of the wrong kind or shape.
         """
-        apart = checked_features(features, self.direction.shape[-1]) - self.centre.unsqueeze(-2)
+        apart = checked_features(
+            features, self.direction.shape[-1]
+        ) - self.centre.unsqueeze(-2)
         return (apart * self.direction.unsqueeze(-2)).sum(dim=-1)
 
 
@@ -306,13 +354,19 @@ def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> st
         if which := (flat & (gap == 0)).nonzero().flatten().tolist():
             reasons.append(f"constant features {which} get weight 0")
         if which := (flat & (gap != 0)).nonzero().flatten().tolist():
-            reasons.append(f"features {which} differ between the classes but not within them")
+            reasons.append(
+                f"features {which} differ between the classes but not within them"
+            )
         if int(null.sum()) > int(flat.sum()):
-            reasons.append(f"the features are collinear, condition number above {CONDITION_LIMIT:g}")
+            reasons.append(
+                f"the features are collinear, condition number above {CONDITION_LIMIT:g}"
+            )
         huge = "the classes separate without variance, scores are huge"
         outcome = huge if bool(separated[place]) else "least-norm solution"
         why = "; ".join(reasons)
-        parts.append(f"the within-class scatter is singular or ill-conditioned ({why}): {outcome}")
+        parts.append(
+            f"the within-class scatter is singular or ill-conditioned ({why}): {outcome}"
+        )
     return "; ".join(parts)
 
 
@@ -347,14 +401,22 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
     """
     shape = tuple(features.shape) if isinstance(features, Tensor) else None
     if shape is None or len(shape) < 2 or 0 in (*shape[:-2], shape[-1]):
-        raise VoccError.of("features", shape or shown(features), "a tensor of shape (..., samples, features)")
+        raise VoccError.of(
+            "features",
+            shape or shown(features),
+            "a tensor of shape (..., samples, features)",
+        )
     rows, on = checked_samples(features, bits, features.shape[-1])
     for name, there in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
         if missing := (~there.any(dim=-1)).nonzero().tolist():
             place = f" in set {', '.join(map(str, missing[0]))}" if missing[0] else ""
-            raise VoccError(f"bits has no {name} sample{place}: a discriminant needs both")
+            raise VoccError(
+                f"bits has no {name} sample{place}: a discriminant needs both"
+            )
     places = itertools.product(*map(range, shape[:-2]))
-    seen = ClassScatter.stacked([ClassScatter.of_rows(rows[at], on[at]) for at in places], shape[:-2])
+    seen = ClassScatter.stacked(
+        [ClassScatter.of_rows(rows[at], on[at]) for at in places], shape[:-2]
+    )
     rule, complaint = Discriminant.of(seen.checked())
     if complaint:
         warnings.warn(f"discriminant: {complaint}", FLDAWarning, stacklevel=2)

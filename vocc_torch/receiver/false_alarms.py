@@ -60,7 +60,9 @@ class FalseAlarms:
             VoccError: fewer than 50 frames, or too few with a score.
         """
         if len(maxima) < _LEAST_FRAMES:
-            raise VoccError.of("frames", len(maxima), f"at least {_LEAST_FRAMES} to calibrate on")
+            raise VoccError.of(
+                "frames", len(maxima), f"at least {_LEAST_FRAMES} to calibrate on"
+            )
         ordered = maxima.double().sort(descending=True).values
         first, *more = (round(share * len(ordered)) for share in _SHARES)
         counts = (max(10, first), *(one for one in more if one >= _LEAST_ABOVE))
@@ -68,17 +70,27 @@ class FalseAlarms:
         above = tuple(one for one in counts if ordered[one].isfinite())
         if not above:
             scored = int(ordered.isfinite().sum())
-            raise VoccError.of("maxima", f"{scored} scores", f"{counts[-1] + 1} at least to calibrate on")
+            raise VoccError.of(
+                "maxima",
+                f"{scored} scores",
+                f"{counts[-1] + 1} at least to calibrate on",
+            )
         floors = tuple(float(ordered[one]) for one in above)
         scale = max(float((ordered[: above[-1]] - floors[-1]).mean()), 1e-6)
-        return cls(locator, shape.rows, shape.columns, len(ordered), above, floors, scale)
+        return cls(
+            locator, shape.rows, shape.columns, len(ordered), above, floors, scale
+        )
 
     def expected(self, score: Tensor) -> Tensor:
         """False alarms that a panel-free frame gives at these scores or better; below the first floor 1."""
         at = score.detach().cpu().double().numpy()
-        log_rate = np.interp(at, self.floors, np.log(np.array(self.above) / self.frames))
+        log_rate = np.interp(
+            at, self.floors, np.log(np.array(self.above) / self.frames)
+        )
         log_rate -= np.maximum(at - self.floors[-1], 0.0) / self.scale
-        return torch.from_numpy(np.where(at >= self.floors[0], np.exp(log_rate), 1.0)).to(score.device)
+        return torch.from_numpy(
+            np.where(at >= self.floors[0], np.exp(log_rate), 1.0)
+        ).to(score.device)
 
     def interval(self, score: float) -> tuple[float, float]:
         """Bounds of 95 % about what is expected at a score, from the frames that passed the last floor."""
@@ -91,7 +103,9 @@ class FalseAlarms:
         """The score from which on no more false alarms a frame are expected, or the first floor."""
         rates = np.array(self.above) / self.frames
         if false_alarms < rates[-1]:
-            return self.floors[-1] + self.scale * float(np.log(rates[-1] / false_alarms))
+            return self.floors[-1] + self.scale * float(
+                np.log(rates[-1] / false_alarms)
+            )
         return float(np.interp(-np.log(false_alarms), -np.log(rates), self.floors))
 
 
@@ -101,7 +115,9 @@ def write_table(path: Path, rows: Sequence[FalseAlarms]) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows([[_told(getattr(row, name)) for name in names] for row in rows])
+        writer.writerows(
+            [[_told(getattr(row, name)) for name in names] for row in rows]
+        )
 
 
 def _told(value: object) -> str:
@@ -118,18 +134,35 @@ def read_table(path: Path = TABLE) -> tuple[FalseAlarms, ...]:
         _, *lines = csv.reader(file)
     found = []
     for locator, rows, columns, frames, above, floors, scale in lines:
-        counts, scores = tuple(map(int, above.split())), tuple(map(float, floors.split()))
-        found.append(FalseAlarms(locator, int(rows), int(columns), int(frames), counts, scores, float(scale)))
+        counts, scores = (
+            tuple(map(int, above.split())),
+            tuple(map(float, floors.split())),
+        )
+        found.append(
+            FalseAlarms(
+                locator,
+                int(rows),
+                int(columns),
+                int(frames),
+                counts,
+                scores,
+                float(scale),
+            )
+        )
     return tuple(found)
 
 
-def calibrated(locator: str, shape: PanelShape, path: Path = TABLE) -> FalseAlarms | None:
+def calibrated(
+    locator: str, shape: PanelShape, path: Path = TABLE
+) -> FalseAlarms | None:
     """Give a locator's row for the largest calibrated panel that is no larger; None where there is none.
 
     Smaller panels give more false alarms at a score, so what it states is too high rather than too low.
     """
     rows = [
-        one for one in read_table(path) if one.locator == locator and one.rows * one.columns <= shape.leds
+        one
+        for one in read_table(path)
+        if one.locator == locator and one.rows * one.columns <= shape.leds
     ]
     return max(rows, key=lambda one: one.rows * one.columns) if rows else None
 
@@ -142,7 +175,10 @@ def demand_stated(locator: str, shape: PanelShape) -> FalseAlarms:
     """
     if found := calibrated(locator, shape):
         return found
-    least = min((one.rows * one.columns for one in read_table() if one.locator == locator), default=0)
+    least = min(
+        (one.rows * one.columns for one in read_table() if one.locator == locator),
+        default=0,
+    )
     rule = f"of at least {least} LEDs for receiver.locator={locator}, which states no false alarms of fewer"
     rule += ": receiver.locator=refined states none, and reads any"
     raise VoccError.of("panel", f"{shape.rows} x {shape.columns}", rule)

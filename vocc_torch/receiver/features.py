@@ -29,7 +29,9 @@ def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
     if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
         given = f"patches has shape {tuple(patches.shape)}"
         rule = f"(B,1,{shape.rows + 2}K,{shape.columns + 2}K), K at least 1"
-        raise VoccError(f"{given}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}")
+        raise VoccError(
+            f"{given}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}"
+        )
     if not patches.is_floating_point():
         raise VoccError(f"patches has dtype {patches.dtype}: it must be floating")
     return samples
@@ -50,8 +52,12 @@ def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
     if not is_exporting() and greys.numel():
         low, high = (float(end) for end in greys.detach().aminmax())
         if not (low >= 0 and high <= MOST_GREY):
-            held = "NaN" if math.isnan(low + high) else f"values from {low:g} to {high:g}"
-            raise VoccError(f"{name} holds {held}: grey values must be finite, 0 to {MOST_GREY:g}")
+            held = (
+                "NaN" if math.isnan(low + high) else f"values from {low:g} to {high:g}"
+            )
+            raise VoccError(
+                f"{name} holds {held}: grey values must be finite, 0 to {MOST_GREY:g}"
+            )
     return greys
 
 
@@ -100,7 +106,9 @@ def average_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
         >>> average_greyscale_ratio(means)[0].tolist()
         [[1.5, 0.5], [1.0, 1.0]]
     """
-    return _ratio_to_panel(checked_greys(means, "means")[:, None, 1:-1, 1:-1], means)[:, 0]
+    return _ratio_to_panel(checked_greys(means, "means")[:, None, 1:-1, 1:-1], means)[
+        :, 0
+    ]
 
 
 def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
@@ -125,7 +133,9 @@ def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
 
 def _around(means: torch.Tensor) -> torch.Tensor:
     """Mean of the eight neighbours of each LED's cell, (B,R+2,C+2) to (B,1,R,C)."""
-    return torch.nn.functional.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))
+    return torch.nn.functional.conv2d(
+        means.unsqueeze(1), _ring(means.dtype, means.device)
+    )
 
 
 @lru_cache(maxsize=16)
@@ -137,7 +147,9 @@ def _ring(dtype: torch.dtype, device: torch.device) -> torch.Tensor:
     return ring
 
 
-def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+def radial_inward_field(
+    samples_per_led: int, dtype: torch.dtype, device: torch.device
+) -> torch.Tensor:
     """Unit vectors towards the cell's centre at its K x K samples (Eq. 8), (2,K,K) as (x, y).
 
     At the centre itself, which is a sample for odd K, the direction is undefined and the vector is zero.
@@ -146,7 +158,10 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
         >>> radial_inward_field(3, torch.float32, torch.device("cpu"))[0].round(decimals=3).tolist()[1]
         [1.0, 0.0, -1.0]
     """
-    steps = torch.arange(samples_per_led, dtype=dtype, device=device) - (samples_per_led - 1) / 2
+    steps = (
+        torch.arange(samples_per_led, dtype=dtype, device=device)
+        - (samples_per_led - 1) / 2
+    )
     inward = -torch.stack(torch.meshgrid(steps, steps, indexing="xy"))
     length = torch.linalg.vector_norm(inward, dim=0)
     return torch.where(length > 0, inward / length.clamp(min=0.5), 0.0)
@@ -154,9 +169,13 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+def _inward_fields(
+    samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device
+) -> torch.Tensor:
     """The inward field repeated for every LED of a panel, (2,R*K,C*K)."""
-    return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
+    return radial_inward_field(samples, dtype, device).repeat(
+        1, shape.rows, shape.columns
+    )
 
 
 def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
@@ -177,10 +196,21 @@ def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
     """
     if kernel == "sobel":
         # Of more than a hundred frames torch's convolution takes five times as long for each.
-        parts = [patches] if is_exporting() or patches.is_cuda else torch.split(patches, _CONVOLVED_FRAMES)
-        return torch.cat([kornia.filters.spatial_gradient(part, mode="sobel")[:, 0] for part in parts])
+        parts = (
+            [patches]
+            if is_exporting() or patches.is_cuda
+            else torch.split(patches, _CONVOLVED_FRAMES)
+        )
+        return torch.cat(
+            [
+                kornia.filters.spatial_gradient(part, mode="sobel")[:, 0]
+                for part in parts
+            ]
+        )
     if kernel != "central":
-        raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")
+        raise VoccError.of(
+            "receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}"
+        )
     padded = torch.nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")
     dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
     dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
@@ -226,10 +256,14 @@ def gradient_radial_inwardness(
     gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
     field = _inward_fields(samples, shape, patches.dtype, patches.device)
     towards = torch.nn.functional.avg_pool2d(gradient * field, samples)
-    per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
+    per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(
+        min=1e-6
+    )
     inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
     if not are_finite(inward):
-        raise VoccError("patches or cell sizes give a GRI that is not finite: both must be finite")
+        raise VoccError(
+            "patches or cell sizes give a GRI that is not finite: both must be finite"
+        )
     return inward
 
 
@@ -267,11 +301,16 @@ def led_features(
     """
     agr = gri = ngr = patches.new_zeros(patches.shape[0], shape.rows, shape.columns)
     if "gri" in needed:
-        gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
+        gri = gradient_radial_inwardness(
+            patches, shape, cell_width_px, cell_height_px, kernel
+        )
     if means is not None:
         levels = torch.cat([means[:, None, 1:-1, 1:-1], _around(means)], dim=1)
         own, around = _ratio_to_panel(levels, means).unbind(1)
-        agr, ngr = (own if "agr" in needed else agr), (around if "ngr" in needed else ngr)
+        agr, ngr = (
+            (own if "agr" in needed else agr),
+            (around if "ngr" in needed else ngr),
+        )
     return torch.stack([agr, gri, ngr], dim=-1)
 
 
@@ -294,10 +333,15 @@ def preamble_threshold(on_greys: torch.Tensor, off_greys: torch.Tensor) -> torch
         150.0
     """
     # In float64 the mean of equal float32 values is that value, whatever their number.
-    on, off = (greys.mean(dim=(1, 2), keepdim=True, dtype=torch.float64) for greys in (on_greys, off_greys))
+    on, off = (
+        greys.mean(dim=(1, 2), keepdim=True, dtype=torch.float64)
+        for greys in (on_greys, off_greys)
+    )
     threshold = (on + off) / 2
     if not bool(threshold.isfinite().all()):
-        raise VoccError("preambles hold grey values that are not finite: each must be finite")
+        raise VoccError(
+            "preambles hold grey values that are not finite: each must be finite"
+        )
     return threshold
 
 
@@ -313,5 +357,7 @@ def greyscale_scores(greys: torch.Tensor, threshold: torch.Tensor) -> torch.Tens
     """
     scores = greys.to(torch.float64) - threshold
     if not bool(scores.isfinite().all()):
-        raise VoccError("grey values or thresholds give a score that is not finite: both must be finite")
+        raise VoccError(
+            "grey values or thresholds give a score that is not finite: both must be finite"
+        )
     return scores

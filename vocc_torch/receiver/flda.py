@@ -8,7 +8,11 @@ from typing import Any, Self
 import torch
 
 from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.receiver.discriminant import ClassScatter, Discriminant, checked_features
+from vocc_torch.receiver.discriminant import (
+    ClassScatter,
+    Discriminant,
+    checked_features,
+)
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
 from vocc_torch.types import are_finite
 
@@ -61,7 +65,9 @@ class FLDA(torch.nn.Module):
         """Start without samples."""
         super().__init__()
         if type(n_features) is not int or n_features < 1:
-            raise VoccError(f"n_features is {n_features}: it must be a whole number of at least 1")
+            raise VoccError(
+                f"n_features is {n_features}: it must be a whole number of at least 1"
+            )
         start = ClassScatter.empty(n_features)
         for name in _PARTS:
             self.register_buffer(name, getattr(start, name))
@@ -124,7 +130,9 @@ class FLDA(torch.nn.Module):
         """
         demand_kind("other", other, FLDA)
         if other.n_features != self.n_features:
-            raise VoccError(f"other has n_features = {other.n_features}: it must be {self.n_features}")
+            raise VoccError(
+                f"other has n_features = {other.n_features}: it must be {self.n_features}"
+            )
         with torch.inference_mode(False), torch.no_grad():
             self._store(self.statistics.merged(other.statistics).checked())
         return self
@@ -172,7 +180,9 @@ class FLDA(torch.nn.Module):
         if not are_finite(scores):
             stray = scores[~scores.isfinite()]
             given = "features holds a value that is not finite, or too far from the training set"
-            raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")
+            raise VoccError(
+                f"{given}: its score is {stray[0].item():g}, neither On nor Off"
+            )
         return scores
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
@@ -210,20 +220,31 @@ class FLDA(torch.nn.Module):
                 solution, complaint = Discriminant.of(seen)
             if complaint:
                 warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
-            self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
+            self._solution = Discriminant(
+                *(value.to(self.mean.device) for value in solution)
+            )
         return self._solution
 
-    def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
+    def _apply(
+        self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
+    ) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
-        kept, solution = self.statistics, self._solution  # there are no modules within to recurse into
+        kept, solution = (
+            self.statistics,
+            self._solution,
+        )  # there are no modules within to recurse into
         super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
         if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
             self._store(kept)
         if solution is not None:
-            self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
+            self._solution = Discriminant(
+                *(value.to(self.mean.device) for value in solution)
+            )
         return self
 
-    def _load_from_state_dict(self, state: dict[str, torch.Tensor], prefix: str, *rest: Any) -> None:
+    def _load_from_state_dict(
+        self, state: dict[str, torch.Tensor], prefix: str, *rest: Any
+    ) -> None:
         """Take over statistics, in their dtypes; an older version wrote sums as two numbers each."""
         for name in ("mean", "scatter"):
             if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:
@@ -232,7 +253,9 @@ class FLDA(torch.nn.Module):
         self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
         self.scatter, self._solution = self.scatter.to(torch.float64), None
         if bool((self.count > 0).all()):
-            with suppress(VoccError):  # statistics that are none are refused where they are used
+            with suppress(
+                VoccError
+            ):  # statistics that are none are refused where they are used
                 self._solved()  # here, for nothing can be solved within a graph
 
 
@@ -240,7 +263,11 @@ def _require_both(seen: ClassScatter) -> None:
     """Refuse statistics in which a class has no samples, by its name."""
     off, on = seen.count.tolist()
     if not off + on:
-        raise VoccError("FLDA has seen no samples: call fit or update with both Off and On samples first")
+        raise VoccError(
+            "FLDA has seen no samples: call fit or update with both Off and On samples first"
+        )
     if not off or not on:
         seen_none = f"FLDA has seen no {'On (bit 1)' if off else 'Off (bit 0)'} sample"
-        raise VoccError(f"{seen_none}, only {off + on} of the other class: it needs both")
+        raise VoccError(
+            f"{seen_none}, only {off + on} of the other class: it needs both"
+        )

@@ -20,9 +20,13 @@ from vocc_torch.types import Frames
 class RegionSettings:
     """What is counted as uneven, and what stands out of the background."""
 
-    large_frame_px: int = 1 << 16  # in smaller frames looking for what is uneven costs more than it saves
+    large_frame_px: int = (
+        1 << 16
+    )  # in smaller frames looking for what is uneven costs more than it saves
     counted_px: int = 1 << 12  # from so many on frames are counted one by one
-    tile_blocks: int = 15  # along the side of a tile, whose median is taken for background
+    tile_blocks: int = (
+        15  # along the side of a tile, whose median is taken for background
+    )
     sigmas: float = 8.0  # of blocks, by which a region is brighter than the background
     sigma_per_mad: float = 1.4826  # of a normal distribution
     least_dn: float = 0.75  # by which a region is brighter where nothing varies
@@ -61,34 +65,58 @@ def trimmed(frames: Frames) -> Frames:
     """
     grey, (height, width) = frames.grey, frames.grey.shape[-2:]
     whole = frames.surround is None and frames.sensor_px == (height, width)
-    if not whole or not len(frames) or grey.device.type != "cpu" or height * width < REGION.large_frame_px:
+    if (
+        not whole
+        or not len(frames)
+        or grey.device.type != "cpu"
+        or height * width < REGION.large_frame_px
+    ):
         return frames
     boxes, planes = [], grey.numpy()[:, 0]
     for plane in planes:
         if (plane[0] != plane[0, 0]).any():
             return frames
         # The eight bytes that a block has of a row are compared at once, where they lie in words.
-        words = plane.view(np.uint64) if width % BLOCK_PX == 0 and plane.strides[1] == 1 else plane
+        words = (
+            plane.view(np.uint64)
+            if width % BLOCK_PX == 0 and plane.strides[1] == 1
+            else plane
+        )
         uneven, across = (words.ravel() != words[0, 0]).nonzero()[0], words.shape[1]
         if not len(uneven):
             boxes.append((0, 0, 1, 1))
             continue
         columns, step = uneven % across, BLOCK_PX // words.itemsize
         left, right = int(columns.min()) // step, int(columns.max()) // step + 1
-        top, low = int(uneven[0]) // across // BLOCK_PX, int(uneven[-1]) // across // BLOCK_PX + 1
+        top, low = (
+            int(uneven[0]) // across // BLOCK_PX,
+            int(uneven[-1]) // across // BLOCK_PX + 1,
+        )
         # Blocks that the border cuts stay with the frame.
-        if 2 * (right - left) * BLOCK_PX > width or right > width // BLOCK_PX or low > height // BLOCK_PX:
+        if (
+            2 * (right - left) * BLOCK_PX > width
+            or right > width // BLOCK_PX
+            or low > height // BLOCK_PX
+        ):
             return frames
         boxes.append((left, top, right - left, low - top))
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
     room_x, room_y = width // BLOCK_PX - wide, height // BLOCK_PX - high
-    origin = [(min(left, room_x) * BLOCK_PX, min(top, room_y) * BLOCK_PX) for left, top, _, _ in boxes]
+    origin = [
+        (min(left, room_x) * BLOCK_PX, min(top, room_y) * BLOCK_PX)
+        for left, top, _, _ in boxes
+    ]
     down, across = high * BLOCK_PX, wide * BLOCK_PX
     parts = np.empty((len(planes), 1, down, across), dtype=np.uint8)
     for part, plane, (x, y) in zip(parts, planes, origin, strict=True):
         part[0] = plane[y : y + down, x : x + across]
     cut, level = torch.from_numpy(parts), torch.from_numpy(planes[:, 0, 0].copy())
-    return Frames(cut, torch.from_numpy(frames.origin_px.numpy() + origin), frames.sensor_px, level)
+    return Frames(
+        cut,
+        torch.from_numpy(frames.origin_px.numpy() + origin),
+        frames.sensor_px,
+        level,
+    )
 
 
 def histogram256(grey: Tensor) -> Tensor:
@@ -113,13 +141,19 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels = grey.reshape(frames, -1)
-    if frames == 1 and pixels.shape[1] <= REGION.counted_px and grey.device.type == "cpu":
+    if (
+        frames == 1
+        and pixels.shape[1] <= REGION.counted_px
+        and grey.device.type == "cpu"
+    ):
         return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
     # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
     if pixels.shape[1] >= REGION.counted_px or frames == 1:
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
-    return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(frames, _LEVELS)
+    return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(
+        frames, _LEVELS
+    )
 
 
 def sensor_histogram(frames: Frames) -> Tensor:
@@ -149,7 +183,9 @@ def sensor_histogram(frames: Frames) -> Tensor:
     height, width = frames.grey.shape[-2:]
     outside = frames.sensor_px[0] * frames.sensor_px[1] - height * width
     if outside < 0:
-        raise VoccError(f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}")
+        raise VoccError(
+            f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}"
+        )
     for count, level in zip(counts.numpy(), frames.surround.tolist(), strict=True):
         count[min(max(round(level), 0), _LEVELS - 1)] += outside
     return counts.to(frames.grey.device)
@@ -183,9 +219,14 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
     apart = (total_mass * below - mass * total).astype(np.float64)
     between = np.where(
-        parts, apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0), -1.0
+        parts,
+        apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0),
+        -1.0,
     )
-    best = parts & ((between >= between.max(1, keepdims=True) * (1 - TIE_SHARE)) | (total > MOST_EXACT_PX))
+    best = parts & (
+        (between >= between.max(1, keepdims=True) * (1 - TIE_SHARE))
+        | (total > MOST_EXACT_PX)
+    )
     threshold = best.argmax(1)
     for row in (best.sum(1) != 1).nonzero()[0].tolist():
         if not parts[row].any():  # one grey value has all pixels, or nothing has any
@@ -194,8 +235,12 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
         n, s = below[row].tolist(), mass[row].tolist()
         levels = best[row].nonzero()[0].tolist()
         apart_squared = [(s[-1] * n[level] - s[level] * n[-1]) ** 2 for level in levels]
-        exact = map(Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels))
-        threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[1]
+        exact = map(
+            Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels)
+        )
+        threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[
+            1
+        ]
     return torch.from_numpy(threshold).to(histogram.device)
 
 
@@ -251,15 +296,30 @@ def local_background(means: Tensor) -> Tensor:
     """
     high, wide = means.shape[1:]
     rows, columns = _tiles(high, means.device), _tiles(wide, means.device)
-    medians = means[:, rows[:, None, :, None], columns[None, :, None]].flatten(3).median(3).values
-    around = nn.functional.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
+    medians = (
+        means[:, rows[:, None, :, None], columns[None, :, None]]
+        .flatten(3)
+        .median(3)
+        .values
+    )
+    around = (
+        nn.functional.pad(medians[:, None], [1] * 4, mode="replicate")
+        .unfold(2, 3, 1)
+        .unfold(3, 3, 1)
+    )
     level = around.flatten(4).median(4).values
     # Extrapolated linearly by one tile at both ends.
     for axis in (2, 3):
         last = level.shape[axis] - 1
-        ends = [level.narrow(axis, at, 1) for at in (0, min(1, last), max(0, last - 1), last)]
+        ends = [
+            level.narrow(axis, at, 1)
+            for at in (0, min(1, last), max(0, last - 1), last)
+        ]
         level = torch.cat([2 * ends[0] - ends[1], level, 2 * ends[3] - ends[2]], axis)
-    size = [round((len(tiles) + 2) * (side / len(tiles))) for tiles, side in ((rows, high), (columns, wide))]
+    size = [
+        round((len(tiles) + 2) * (side / len(tiles)))
+        for tiles, side in ((rows, high), (columns, wide))
+    ]
     top, left = ((size[0] - high) // 2, (size[1] - wide) // 2)
     fine = nn.functional.interpolate(level, size=size, mode="bilinear")
     return fine[:, 0, top : top + high, left : left + wide]
@@ -278,10 +338,16 @@ def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
     crop = trimmed(Frames.whole(grey))
     means = block_means(crop.grey)
     if crop.surround is not None:
-        level, inside, size = crop.surround.to(torch.float32)[:, None, None], means, means.shape[1:]
+        level, inside, size = (
+            crop.surround.to(torch.float32)[:, None, None],
+            means,
+            means.shape[1:],
+        )
         high, wide = (-(-side // BLOCK_PX) for side in grey.shape[-2:])
         means = level.repeat(1, high, wide)
-        for one, part, (x, y) in zip(means, inside, (crop.origin_px // BLOCK_PX).tolist(), strict=True):
+        for one, part, (x, y) in zip(
+            means, inside, (crop.origin_px // BLOCK_PX).tolist(), strict=True
+        ):
             one[y : y + size[0], x : x + size[1]] = part
         # Too little differs to move any median.
         tall, broad = (_tiles(blocks, grey.device).shape[1] for blocks in (high, wide))
@@ -313,16 +379,30 @@ def bright_regions(grey: Tensor) -> Regions:
     components = label_components(close_mask(hot[:, None], REGION.closing_blocks)[:, 0])
     runs, labels = components.runs, len(components.frame)
     # The light of a run from sums along the flat plane.
-    total = nn.functional.pad(excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0])
+    total = nn.functional.pad(
+        excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0]
+    )
     line = (runs.frame * runs.size[1] + runs.row) * runs.size[2]
     own = total[line + runs.end + 1] - total[line + runs.start]
     energy = own.new_zeros(labels).scatter_add(0, components.label, own)
     chosen = largest(energy, components.frame, REGION.most_regions)
     boxes = []
-    for values, how in ((runs.start, "amin"), (runs.row, "amin"), (runs.end, "amax"), (runs.row, "amax")):
+    for values, how in (
+        (runs.start, "amin"),
+        (runs.row, "amin"),
+        (runs.end, "amax"),
+        (runs.row, "amax"),
+    ):
         zeros = values.new_zeros(labels)
-        boxes.append(zeros.scatter_reduce(0, components.label, values, how, include_self=False)[chosen])
-    first, last = torch.stack(boxes[:2], 1) * BLOCK_PX, (torch.stack(boxes[2:], 1) + 1) * BLOCK_PX
+        boxes.append(
+            zeros.scatter_reduce(0, components.label, values, how, include_self=False)[
+                chosen
+            ]
+        )
+    first, last = (
+        torch.stack(boxes[:2], 1) * BLOCK_PX,
+        (torch.stack(boxes[2:], 1) + 1) * BLOCK_PX,
+    )
     side = (last - first).amax(1)
     side = (side + side // 2 + 4 * BLOCK_PX + 31) // 32 * 32
     left, top = ((first + last - side[:, None]) // 2).unbind(1)
@@ -337,7 +417,9 @@ def cut_windows(frames: Frames, regions: Regions, chosen: Tensor, side: int) -> 
     y = (regions.top_px[chosen] - wider).clamp(max=height - side).clamp(min=0)
     rows = y[:, None] + torch.arange(min(side, height), device=x.device)
     columns = x[:, None] + torch.arange(min(side, width), device=x.device)
-    grey = frames.grey[regions.frame[chosen, None, None], 0, rows[:, :, None], columns[:, None]][:, None]
+    grey = frames.grey[
+        regions.frame[chosen, None, None], 0, rows[:, :, None], columns[:, None]
+    ][:, None]
     origin = torch.stack([x, y], 1) + frames.origin_px[regions.frame[chosen]]
     return Frames(grey, origin, frames.sensor_px)
 
@@ -357,7 +439,9 @@ def ring_statistics(grey: Tensor) -> tuple[Tensor, Tensor]:
     level = ring.median(1, keepdim=True).values
     spread = (ring - level).abs()
     # Grey values are whole: a mean of those near the median is finer than the median.
-    near = spread <= 3 * (REGION.sigma_per_mad * spread.median(1, keepdim=True).values).clamp(min=1.0)
+    near = spread <= 3 * (
+        REGION.sigma_per_mad * spread.median(1, keepdim=True).values
+    ).clamp(min=1.0)
     count = near.sum(1)
     mean = (ring * near).sum(1) / count
     return mean, (((ring - mean[:, None]) * near).square().sum(1) / count).sqrt()

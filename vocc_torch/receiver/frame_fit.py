@@ -21,7 +21,9 @@ class FollowFitSettings:
     steps_at_first: int = 8  # of a fit from where a search found the panel
     most_cells: float = 0.35  # of one step
     most_off_cells: float = 0.5  # of all steps together
-    least_settled: float = 0.5  # share that two levels explain of a panel that stands still
+    least_settled: float = (
+        0.5  # share that two levels explain of a panel that stands still
+    )
     good_share: float = 0.95  # of the share that they explained before
     free_costs: tuple[float, ...] = (
         4.0,
@@ -57,7 +59,8 @@ _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]]
 def _grid(rows: int, columns: int, margin: int = 1) -> tuple[Plane, Plane, Plane]:
     """Samples of a panel with cells of margin: weights (4,P) of the corners, cells (N,) down and across."""
     down, across = (
-        (np.arange((n + 2 * margin) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES - margin
+        (np.arange((n + 2 * margin) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES
+        - margin
         for n in (rows, columns)
     )
     return _weights(across / columns, down / rows), down, across
@@ -79,17 +82,23 @@ def _weights(u: Plane, v: Plane) -> Plane:
 
 
 @lru_cache(maxsize=256)
-def _spots(leds: int, blur: float, level: bool = True) -> tuple[Plane, Plane, Plane, Plane]:
+def _spots(
+    leds: int, blur: float, level: bool = True
+) -> tuple[Plane, Plane, Plane, Plane]:
     """Profiles (N,n) of spots along an axis, their slopes by place and by blur, and their inverse (n,N)."""
     place = (np.arange((leds + 2) * SAMPLES, dtype=np.float32) + 0.5) / SAMPLES - 1
-    apart = (place[:, None] - np.arange(leds, dtype=np.float32) - 0.5) / np.float32(blur)
+    apart = (place[:, None] - np.arange(leds, dtype=np.float32) - 0.5) / np.float32(
+        blur
+    )
     value = np.exp(-(apart**2) / 2)
     slope = value * apart / np.float32(blur)
     wider = slope * apart
     if level:
         flat = _flattener(len(place))
         value, slope, wider = flat @ value, flat @ slope, flat @ wider
-    inverse = np.linalg.solve(value.T @ value + np.float32(2e-2) * np.eye(leds, dtype=np.float32), value.T)
+    inverse = np.linalg.solve(
+        value.T @ value + np.float32(2e-2) * np.eye(leds, dtype=np.float32), value.T
+    )
     return value, slope, wider, inverse
 
 
@@ -119,7 +128,9 @@ def _two_levels(lit: Plane) -> Plane:
     return np.where(on, np.float32(high), np.float32(low))
 
 
-def read_cells(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, margin: int = 1) -> Plane:
+def read_cells(
+    grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, margin: int = 1
+) -> Plane:
     """Read bilinearly the light of a panel with ``margin`` cells around: ((R+2M)*SAMPLES,(C+2M)*SAMPLES).
 
     Beyond the picture its borders go on.
@@ -131,7 +142,9 @@ def read_cells(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, mar
     x, y = (x - left).astype(np.float32), (y - top).astype(np.float32)
     flat, first = grey.reshape(-1), top * grey.shape[1] + left
     below = first + grey.shape[1]
-    one, two, three, four = (LIGHT_OF_GREY[flat[place]] for place in (first, first + 1, below, below + 1))
+    one, two, three, four = (
+        LIGHT_OF_GREY[flat[place]] for place in (first, first + 1, below, below + 1)
+    )
     upper, lower = one + (two - one) * x, three + (four - three) * x
     light: Plane = upper + (lower - upper) * y
     return light.reshape(len(down), len(across))
@@ -144,10 +157,14 @@ def cell_levels(light: Plane, shape: PanelShape) -> Plane:
         (R+2,C+2,P,P) at places by quarters of cells, P = 8 (M - 1) + 1 for a margin of M cells.
     """
     for _ in range(2):  # sums of slices are several times faster than means of windows
-        light = sum(light[i : len(light) - SAMPLES + 1 + i] for i in range(1, SAMPLES)) + light[: 1 - SAMPLES]
+        light = (
+            sum(light[i : len(light) - SAMPLES + 1 + i] for i in range(1, SAMPLES))
+            + light[: 1 - SAMPLES]
+        )
         light = light.T / SAMPLES
     size = tuple(
-        n - SAMPLES * (leds + 1) for n, leds in zip(light.shape, (shape.rows, shape.columns), strict=True)
+        n - SAMPLES * (leds + 1)
+        for n, leds in zip(light.shape, (shape.rows, shape.columns), strict=True)
     )
     return sliding_window_view(light, size)[::SAMPLES, ::SAMPLES]
 
@@ -158,7 +175,9 @@ def spot_energy(light: Plane) -> Plane:
     flat = _flattener(light.shape[0]) @ light @ _flattener(light.shape[1]).T
     lit = _spots(rows, FIT.blur_cells)[3] @ flat @ _spots(columns, FIT.blur_cells)[3].T
     inside = lit[1:-1, 1:-1]
-    energy: Plane = np.log1p((lit / max(FIT.spot_share * float(np.ptp(inside)), 1e-3)) ** 2)
+    energy: Plane = np.log1p(
+        (lit / max(FIT.spot_share * float(np.ptp(inside)), 1e-3)) ** 2
+    )
     return energy
 
 
@@ -201,21 +220,31 @@ def fit(
     for step in range(steps + 1):
         blur = round(blur * 128) / 128
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur, level)
-        columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur, level)
+        columns, column_slope, column_blur, from_columns = _spots(
+            shape.columns, blur, level
+        )
         patch = read_cells(grey, corners, shape)
         if level:
             patch = _flattener(len(rows)) @ patch @ _flattener(len(columns)).T
         else:
-            patch = patch - np.median(np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]]))
+            patch = patch - np.median(
+                np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
+            )
         lit = from_rows @ patch @ from_columns.T
         lit = lit if level else _two_levels(lit)
         if step == steps:
             rest = patch - rows @ _two_levels(lit) @ columns.T
             all_of_it = float((patch**2).sum())
             # Of noise so many amplitudes explain a share by chance.
-            pixels = rest.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds) if level else math.inf
+            pixels = (
+                rest.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds)
+                if level
+                else math.inf
+            )
             if all_of_it > 1e-6 and pixels > shape.leds:
-                share = 1 - float((rest**2).sum()) / all_of_it / (1 - shape.leds / pixels)
+                share = 1 - float((rest**2).sum()) / all_of_it / (
+                    1 - shape.leds / pixels
+                )
             break
         half = rows @ lit
         rest = patch - half @ columns.T
@@ -225,14 +254,21 @@ def fit(
         if level:  # less what other amplitudes would explain: moves and amplitudes are fitted together
             jacobian -= rows @ (from_rows @ jacobian @ from_columns.T) @ columns.T
         slopes = jacobian.reshape(9, -1)
-        damping = np.array([*costs[:4] * 2, costs[4]]) * max(float((rest**2).mean()), 1e-2)
+        damping = np.array([*costs[:4] * 2, costs[4]]) * max(
+            float((rest**2).mean()), 1e-2
+        )
         pull = slopes @ rest.ravel() - damping * np.append(moved, 0.0)
         moves = np.linalg.solve(slopes @ slopes.T + np.diag(damping), pull)
         moves *= min(1.0, FIT.most_cells / max(float(np.abs(moves).max()), 1e-9))
         moved = moved + moves[:8]
-        cells, blur = _SIGNS @ moves[:8].reshape(2, 4).T, min(max(blur + float(moves[8]), 0.12), 0.7)
+        cells, blur = (
+            _SIGNS @ moves[:8].reshape(2, 4).T,
+            min(max(blur + float(moves[8]), 0.12), 0.7),
+        )
         # From cells to px along the panel's own sides.
-        along = (corners[1] - corners[0] + corners[2] - corners[3]) / (2 * shape.columns)
+        along = (corners[1] - corners[0] + corners[2] - corners[3]) / (
+            2 * shape.columns
+        )
         beside = (corners[3] - corners[0] + corners[2] - corners[1]) / (2 * shape.rows)
         corners = corners + cells[:, :1] * along + cells[:, 1:] * beside
     return corners, blur, share
@@ -259,14 +295,19 @@ def settled(
     """
     if known is None:
         moved, blur, share = max(
-            (fit(grey, corners, shape, one, FIT.steps_at_first, level=False) for one in BLURS),
+            (
+                fit(grey, corners, shape, one, FIT.steps_at_first, level=False)
+                for one in BLURS
+            ),
             key=lambda one: one[2],
         )
         least = FIT.least_settled
     else:
         moved, blur, share = fit(grey, corners, shape, known[0], level=False)
         least = max(FIT.least_settled, FIT.good_share * known[1])
-    off = float(np.abs(moved - corners).max()) / math.sqrt(abs(area(corners)) / shape.leds)
+    off = float(np.abs(moved - corners).max()) / math.sqrt(
+        abs(area(corners)) / shape.leds
+    )
     return (moved, blur, share) if share >= least and off < FIT.most_off_cells else None
 
 

@@ -60,11 +60,16 @@ class Resampled:
 
     def read(self, lattice: Lattice) -> torch.Tensor:
         """Resample each about its lattice."""
-        return lattice_model.read_patches(self.frames, lattice.corners_px, lattice.shape, MARGIN)
+        return lattice_model.read_patches(
+            self.frames, lattice.corners_px, lattice.shape, MARGIN
+        )
 
 
 def fit_lattice(
-    frames: Frames | Pictures, start: Lattice, steps: range = range(_STEPS), face_light: float = NO_FACE
+    frames: Frames | Pictures,
+    start: Lattice,
+    steps: range = range(_STEPS),
+    face_light: float = NO_FACE,
 ) -> Lattice:
     """Fit corners, spots and two levels to the pictures.
 
@@ -92,7 +97,11 @@ def fit_lattice(
         twice = active.new_zeros(2) if len(active) == 1 else slice(None)
         before, after, unsettled = _improved(seen, own[twice], number, face_light)
         before, unsettled = before[: len(active)], unsettled[: len(active)]
-        better = before.rms_dn < best.rms_dn[active] if number else torch.ones_like(unsettled)
+        better = (
+            before.rms_dn < best.rms_dn[active]
+            if number
+            else torch.ones_like(unsettled)
+        )
         best.put(active[better], before[better])
         rows = unsettled.nonzero()[:, 0]
         if not len(rows):
@@ -112,7 +121,9 @@ def _improved(
 ) -> tuple[Lattice, Lattice, torch.Tensor]:
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
-    unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
+    unsettled = torch.full_like(
+        lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool
+    )
     if number < _FREE_STEPS:
         background = lattice.background.to(model.grey.dtype)[:, None, None]
         light = linear_light(model.grey) - background
@@ -142,7 +153,9 @@ def _improved(
     root = trust.sqrt().flatten(1)
     rest = (model.grey - predicted).flatten(1) * root
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
-    variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).to(torch.float64)[:, None]
+    variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).to(torch.float64)[
+        :, None
+    ]
     curvature = (jacobian @ jacobian.mT).to(torch.float64) / variance[..., None]
     stiffness = _STIFF if number < _STIFF_STEPS else _EXPECTED
     expected = torch.tensor((*stiffness, face_light), dtype=torch.float64)
@@ -154,11 +167,19 @@ def _improved(
     cells, fields = _fields(lattice.shape, step.device)
     moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
     corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
-    blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
+    blur, levels = (
+        (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
+        lattice.levels + step[:, 10:12],
+    )
     background = (lattice.background + step[:, 12]).clamp(0, 1)
     face = (lattice.face + step[:, 13]).clamp(-background, WHITEST_FACE * background)
     after = replace(
-        lattice, corners_px=corners_px, blur=blur, levels=levels, background=background, face=face
+        lattice,
+        corners_px=corners_px,
+        blur=blur,
+        levels=levels,
+        background=background,
+        face=face,
     )
     return before, after, unsettled | (greatest >= _STILL_CELLS)
 
@@ -166,7 +187,10 @@ def _improved(
 def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
     """Return the light's derivatives (B,14,H*W) by what :data:`_EXPECTED` lists, and by the face."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
-    (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
+    (row_place, row_blur), (column_place, column_blur) = (
+        rows.changes(),
+        columns.changes(),
+    )
     batch, high, wide = model.grey.shape
     across = torch.cat([rows.value, rows.value * rows.lever], 1)
     down = torch.cat([row_place, row_place * rows.lever, row_blur], 1)
@@ -174,12 +198,21 @@ def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
     straight = torch.cat([columns.value, columns.value * columns.lever], 1)
     # Products of all pairs at once; of each six the one that is no derivative is left out.
     lit = torch.bmm(torch.cat([across, down], 1), amplitude)
-    by_x = torch.bmm(lit[:, : 2 * high], sideways.mT).view(batch, 2, high, 3, wide).transpose(2, 3)
-    by_y = torch.bmm(lit[:, 2 * high :], straight.mT).view(batch, 3, high, 2, wide).transpose(2, 3)
+    by_x = (
+        torch.bmm(lit[:, : 2 * high], sideways.mT)
+        .view(batch, 2, high, 3, wide)
+        .transpose(2, 3)
+    )
+    by_y = (
+        torch.bmm(lit[:, 2 * high :], straight.mT)
+        .view(batch, 3, high, 2, wide)
+        .transpose(2, 3)
+    )
     up, along = model.edges
     face = lattice.face.to(amplitude.dtype)[:, None, None, None, None]
     samples = [
-        sample_cells(int(leds), SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1 for leds in amplitude.shape[1:]
+        sample_cells(int(leds), SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1
+        for leds in amplitude.shape[1:]
     ]
     v_face = torch.stack([up.value, up.value * samples[0]], 1)
     u_face = torch.stack([along.value, along.value * samples[1]], 1)
@@ -187,7 +220,12 @@ def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
     ends_y = torch.stack([up.shift, up.stretch], 1)
     face_x = face * v_face[:, :, None, :, None] * ends_x[:, None, :, None]
     face_y = face * ends_y[:, :, None, :, None] * u_face[:, None, :, None]
-    changes = [by_x[:, :, :2] + face_x, by_y[:, :2] + face_y, by_x[:, 0, 2], by_y[:, 2, 0]]
+    changes = [
+        by_x[:, :, :2] + face_x,
+        by_y[:, :2] + face_y,
+        by_x[:, 0, 2],
+        by_y[:, 2, 0],
+    ]
     box = up.value[:, :, None] * along.value[:, None]
     changes += [model.parts, torch.ones_like(model.grey), box]
     return torch.cat([one.reshape(batch, -1, high * wide) for one in changes], 1)
@@ -195,7 +233,9 @@ def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _fields(shape: PanelShape, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+def _fields(
+    shape: PanelShape, device: torch.device
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
     cells = corner_cells(shape)
     u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
@@ -209,7 +249,10 @@ def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
     """
     # Pseudo-inverses of the spots' profiles, near singular where spots melt together.
     inverses = []
-    for value in (model.rows.value.to(torch.float64), model.columns.value.to(torch.float64)):
+    for value in (
+        model.rows.value.to(torch.float64),
+        model.columns.value.to(torch.float64),
+    ):
         products = value.mT @ value
         products.diagonal(dim1=1, dim2=2).add_(1e-6)
         inverses.append(torch.linalg.solve(products, value.mT).to(torch.float32))
@@ -219,7 +262,11 @@ def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
     some = white.flatten(1).any(1).nonzero()[:, 0]
     if len(some):
         light, white, down, across = light[some], white[some], down[some], across[some]
-        rows, columns, own = model.rows.value[some], model.columns.value[some].mT, found[some]
+        rows, columns, own = (
+            model.rows.value[some],
+            model.columns.value[some].mT,
+            found[some],
+        )
         for _ in range(_IMPUTATIONS):
             guess = torch.maximum(light, rows @ own @ columns)
             own = down @ torch.where(white, guess, light) @ across.mT
@@ -231,7 +278,9 @@ def _two_levels(amplitude: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Split amplitudes (B,R,C) into Off and On: bits, and class means (B,2); a single LED is On."""
     value = amplitude.flatten(1)
     if value.shape[1] == 1:
-        return torch.ones_like(amplitude, dtype=torch.bool), torch.cat([value * 0, value], 1)
+        return torch.ones_like(amplitude, dtype=torch.bool), torch.cat(
+            [value * 0, value], 1
+        )
     limits, means = two_levels(value)
     return amplitude > limits[:, None, None], means
 
@@ -240,9 +289,15 @@ def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Te
     """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
     width = 3 * SAMPLES
     place = (torch.arange(width, device=model.grey.device) + 0.5) / SAMPLES - 1.5
-    across, down = (torch.exp(-((place / one[:, None]) ** 2) / 2) for one in lattice.blur.float().unbind(1))
+    across, down = (
+        torch.exp(-((place / one[:, None]) ** 2) / 2)
+        for one in lattice.blur.float().unbind(1)
+    )
     levels = lattice.levels.to(torch.float32)
-    change = torch.where(lattice.bits, -1.0, 1.0) * (levels[:, 1] - levels[:, 0])[:, None, None]
+    change = (
+        torch.where(lattice.bits, -1.0, 1.0)
+        * (levels[:, 1] - levels[:, 0])[:, None, None]
+    )
     spot = change[..., None, None] * (down[:, :, None] * across[:, None])[:, None, None]
     light, grey = _around(model.light), _around(model.grey)
     rest = (model.predicted - model.grey).square()
@@ -278,8 +333,14 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
         for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
             new = torch.exp(-(((samples - near) / blur) ** 2) / 2)
             old = (others.value @ amplitude.select(axis, far)[..., None])[..., 0]
-            change = new[:, :, None] * off[:, None] - spots.value[:, :, far, None] * old[:, None]
-            moved = Edges.of(leds, lattice.blur[:, 2 - axis], by).value - model.edges[axis - 1].value
+            change = (
+                new[:, :, None] * off[:, None]
+                - spots.value[:, :, far, None] * old[:, None]
+            )
+            moved = (
+                Edges.of(leds, lattice.blur[:, 2 - axis], by).value
+                - model.edges[axis - 1].value
+            )
             face = lattice.face.float()[:, None] * model.edges[2 - axis].value
             change = change + moved[:, :, None] * face[:, None]
             light = model.light + (change if axis == 1 else change.mT)
@@ -295,8 +356,13 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
         bits.select(axis, -1 if by > 0 else 0).fill_(False)
         cells = corner_cells(lattice.shape).to(bits.device, copy=True)
         cells[:, 2 - axis] += by
-        corners = resample.map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
+        corners = resample.map_points(
+            lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape
+        )
         there = (chosen == option)[:, None, None]
-        bits, corners = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
+        bits, corners = (
+            found.bits.where(~there, bits),
+            found.corners_px.where(~there, corners),
+        )
         found = replace(found, bits=bits, corners_px=corners)
     return found, shifted

@@ -55,13 +55,25 @@ class Lattice(Batched):
     share_of_all: Tensor
 
     @classmethod
-    def at(cls, corners_px: Tensor, blur: Tensor, background_dn: Tensor, shape: PanelShape) -> Self:
+    def at(
+        cls, corners_px: Tensor, blur: Tensor, background_dn: Tensor, shape: PanelShape
+    ) -> Self:
         """Start with corners (B,4,2), a blur (B,) and a background (B,), DN; without light."""
         none = background_dn.new_zeros(4, len(corners_px), dtype=torch.float64)
-        bits = none.new_zeros(len(corners_px), shape.rows, shape.columns, dtype=torch.bool)
+        bits = none.new_zeros(
+            len(corners_px), shape.rows, shape.columns, dtype=torch.bool
+        )
         light = linear_light(background_dn.to(torch.float64))
         levels, face = none[:2].mT.clone(), none[0]
-        return cls(corners_px.clone(), blur[:, None].repeat(1, 2), levels, light, face, bits, *none[1:])
+        return cls(
+            corners_px.clone(),
+            blur[:, None].repeat(1, 2),
+            levels,
+            light,
+            face,
+            bits,
+            *none[1:],
+        )
 
     @property
     def shape(self) -> PanelShape:
@@ -74,9 +86,13 @@ class Lattice(Batched):
         return torch.where(self.bits, levels[:, 1:, None], levels[:, :1, None])
 
 
-def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: int) -> Tensor:
+def read_patches(
+    frames: Frames, corners_px: Tensor, shape: PanelShape, margin: int
+) -> Tensor:
     """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``SAMPLES``."""
-    return rectify(frames, Panels.known(corners_px), shape, SAMPLES, margin=margin)[:, 0].to(torch.float32)
+    return rectify(frames, Panels.known(corners_px), shape, SAMPLES, margin=margin)[
+        :, 0
+    ].to(torch.float32)
 
 
 class Spots(NamedTuple):
@@ -147,7 +163,9 @@ class Edges(NamedTuple):
         samples = sample_cells(leds, SAMPLES, MARGIN).to(width) - moved_cells
         ends = samples / width, (samples - leds) / width
         rises = [torch.special.ndtr(end) for end in ends]
-        slopes = [torch.exp(-(end**2) / 2) / (width * math.sqrt(2 * math.pi)) for end in ends]
+        slopes = [
+            torch.exp(-(end**2) / 2) / (width * math.sqrt(2 * math.pi)) for end in ends
+        ]
         return cls(rises[0] - rises[1], slopes[1] - slopes[0], slopes[1] + slopes[0])
 
 
@@ -177,13 +195,22 @@ class Model(NamedTuple):
         """Predict pictures that are resampled about the lattices; spots and edges are taken where known."""
         high, wide = lattice.bits.shape[1:]
         if known is None:
-            rows, columns = Spots.of(high, lattice.blur[:, 1]), Spots.of(wide, lattice.blur[:, 0])
-            edges = Edges.of(high, lattice.blur[:, 1]), Edges.of(wide, lattice.blur[:, 0])
+            rows, columns = (
+                Spots.of(high, lattice.blur[:, 1]),
+                Spots.of(wide, lattice.blur[:, 0]),
+            )
+            edges = (
+                Edges.of(high, lattice.blur[:, 1]),
+                Edges.of(wide, lattice.blur[:, 0]),
+            )
         else:
             rows, columns, edges = known.rows, known.columns, known.edges
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
         parts = rows.value[:, None] @ both @ columns.value[:, None].mT
-        levels, background = lattice.levels.to(grey.dtype), lattice.background.to(grey.dtype)
+        levels, background = (
+            lattice.levels.to(grey.dtype),
+            lattice.background.to(grey.dtype),
+        )
         light = (parts * levels[:, :, None, None]).sum(1) + background[:, None, None]
         face = lattice.face.to(grey.dtype)[:, None, None]
         light = light + face * edges[0].value[:, :, None] * edges[1].value[:, None]
@@ -205,12 +232,19 @@ class Model(NamedTuple):
     def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
         """Return the lattice with its ``rms_dn`` and shares; ``trust`` (B,H,W) weighs the pixels."""
         level = grey_values(lattice.background).to(self.grey.dtype)[:, None, None]
-        rest, spread = (self.grey - self.predicted).square(), (self.grey - level).square()
+        rest, spread = (
+            (self.grey - self.predicted).square(),
+            (self.grey - level).square(),
+        )
         weight = trust.sum((1, 2))
         weighed = [(one * trust).sum((1, 2)) / weight for one in (rest, spread)]
-        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).to(torch.float64)
+        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).to(
+            torch.float64
+        )
         shares = 1 - both[::2] / both[1::2].clamp(min=ROUNDING_DN**2)
-        return replace(lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1])
+        return replace(
+            lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1]
+        )
 
 
 _MARGIN = 2
@@ -230,12 +264,21 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
         (P,) pitches and (S,) shifts, cells; (N*(N+1)/2,P*S*G) upper triangles of projectors, in which what is
         beside the diagonal counts twice; (N*(N+1)/2,) where in N x N numbers the upper triangle lies.
     """
-    pitch = 1 + torch.linspace(-_EXTENT, _EXTENT, _PITCHES, dtype=torch.float64) / max(most, 8)
+    pitch = 1 + torch.linspace(-_EXTENT, _EXTENT, _PITCHES, dtype=torch.float64) / max(
+        most, 8
+    )
     shift = torch.linspace(-_SHIFT, _SHIFT, _SHIFTS, dtype=torch.float64)
     blur = torch.tensor(_BLURS, dtype=torch.float64)
-    p, s, g = (grid.flatten()[:, None, None] for grid in torch.meshgrid(pitch, shift, blur, indexing="ij"))
-    centre = leds / 2 + s + p * (torch.arange(leds, dtype=torch.float64) + 0.5 - leds / 2)
-    spots = torch.exp(-(((sample_cells(leds, SAMPLES, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2)
+    p, s, g = (
+        grid.flatten()[:, None, None]
+        for grid in torch.meshgrid(pitch, shift, blur, indexing="ij")
+    )
+    centre = (
+        leds / 2 + s + p * (torch.arange(leds, dtype=torch.float64) + 0.5 - leds / 2)
+    )
+    spots = torch.exp(
+        -(((sample_cells(leds, SAMPLES, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2
+    )
     basis = torch.linalg.qr(spots)[0]
     row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)
@@ -245,7 +288,12 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
 
 
 def search_lattice(
-    frames: Frames, corners_px: Tensor, background: Tensor, shape: PanelShape, *, square: bool = True
+    frames: Frames,
+    corners_px: Tensor,
+    background: Tensor,
+    shape: PanelShape,
+    *,
+    square: bool = True,
 ) -> tuple[Tensor, Tensor]:
     """Find the lattice near a quadrilateral whose spots explain most of the light.
 
@@ -282,8 +330,15 @@ def search_lattice(
     # Axes of equally many LEDs are searched as one batch.
     products = [torch.cat(products)] if sides[0] == sides[1] else products
     pairs = zip(products, banks, strict=False)
-    energy = torch.cat([product.flatten(1)[:, upper] @ spans for product, (_, _, spans, upper) in pairs])
-    bests = [one.max(2) for one in energy.view(2, len(light), _PITCHES, _SHIFTS, len(_BLURS))]
+    energy = torch.cat(
+        [
+            product.flatten(1)[:, upper] @ spans
+            for product, (_, _, spans, upper) in pairs
+        ]
+    )
+    bests = [
+        one.max(2) for one in energy.view(2, len(light), _PITCHES, _SHIFTS, len(_BLURS))
+    ]
     # Energy by pitch along the rows, pitch down the columns and blur.
     pitches = torch.arange(_PITCHES, device=light.device)
     both = bests[0].values[:, :, None] + bests[1].values[:, None]
@@ -314,5 +369,7 @@ def _with_square_cells(corners_px: Tensor, shape: PanelShape) -> Tensor:
     cell = (wide * high / shape.leds).sqrt()
     along = across / wide.clamp(min=1e-9) * cell * shape.columns / 2
     below = down / high.clamp(min=1e-9) * cell * shape.rows / 2
-    corners = torch.stack([-along - below, along - below, along + below, below - along], 1)
+    corners = torch.stack(
+        [-along - below, along - below, along + below, below - along], 1
+    )
     return corners + corners_px.mean(1, keepdim=True)

@@ -67,7 +67,9 @@ class Pyramid(NamedTuple):
 
     def size_px(self, level: Tensor) -> Tensor:
         """Give width and height (n,2) of levels (n,)."""
-        return torch.tensor([one.shape[::-1] for one in self.levels], device=level.device)[level]
+        return torch.tensor(
+            [one.shape[::-1] for one in self.levels], device=level.device
+        )[level]
 
     def read(self, level: Tensor, x: Tensor, y: Tensor) -> Tensor:
         """Read levels at points (n,P), px of the level, between pixels; beyond the border is the mean.
@@ -112,13 +114,17 @@ def _blocks(plane: Tensor, high: int, wide: int) -> Tensor:
     for axis, size in ((0, high), (1, wide)):
         while size > 1:
             even = plane.narrow(axis, 0, plane.shape[axis] // 2 * 2)
-            plane = even[::2] + even[1::2] if axis == 0 else even[:, ::2] + even[:, 1::2]
+            plane = (
+                even[::2] + even[1::2] if axis == 0 else even[:, ::2] + even[:, 1::2]
+            )
             plane *= 0.5
             size //= 2
     return plane
 
 
-def _boxes(planes: Tensor, size: tuple[int, int], join: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+def _boxes(
+    planes: Tensor, size: tuple[int, int], join: Callable[[Tensor, Tensor], Tensor]
+) -> Tensor:
     """Join values over boxes of odd sides about each place of (n,H,W); borders go on.
 
     Spans of 1, 2, 4, ... values are joined to those of the sides: many times faster than pooling.
@@ -144,7 +150,12 @@ def _texture_blocks(plane: Tensor) -> Tensor:
     """Means over blocks of 4 px of changes along both axes, of grey values, and of their squares (4,h,w)."""
     few = plane[::_LAG_PX, ::_LAG_PX] - 128
     side = _BLOCK_PX // _LAG_PX
-    parts = ((few[:, 1:] - few[:, :-1]).abs_(), (few[1:] - few[:-1]).abs_(), few, few * few)
+    parts = (
+        (few[:, 1:] - few[:, :-1]).abs_(),
+        (few[1:] - few[:-1]).abs_(),
+        few,
+        few * few,
+    )
     blocks = [_blocks(one, side, side) for one in parts]
     high, wide = (min(one.shape[axis] for one in blocks) for axis in (0, 1))
     return torch.stack([one[:high, :wide] for one in blocks])
@@ -152,8 +163,14 @@ def _texture_blocks(plane: Tensor) -> Tensor:
 
 def texture(blocks: Tensor, shape: PanelShape, pitch_px: float) -> Tensor:
     """Texture along both axes for its contrast, (h,w) in blocks (4,h,w), within boxes of a panel's size."""
-    box = [max(1, round(leds * pitch_px * 0.75 / _BLOCK_PX)) | 1 for leds in (shape.rows, shape.columns)]
-    box = [min(one, side - 1 + side % 2) for one, side in zip(box, blocks.shape[1:], strict=True)]
+    box = [
+        max(1, round(leds * pitch_px * 0.75 / _BLOCK_PX)) | 1
+        for leds in (shape.rows, shape.columns)
+    ]
+    box = [
+        min(one, side - 1 + side % 2)
+        for one, side in zip(box, blocks.shape[1:], strict=True)
+    ]
     mean = _boxes(blocks, (box[0], box[1]), torch.add) / (box[0] * box[1])
     contrast = (mean[3] - mean[2] ** 2).clamp(min=0).sqrt()
     rough = torch.minimum(mean[0], mean[1])
@@ -175,19 +192,34 @@ def proposals(pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor, Tens
         for step in (0.5, 1.0) if level == 0 else (1.0,):
             pitch = _MID_PITCH_PX * step
             value = texture(blocks, shape, pitch)
-            side = [max(3, round(leds * pitch * 0.6 / _BLOCK_PX)) | 1 for leds in (shape.rows, shape.columns)]
+            side = [
+                max(3, round(leds * pitch * 0.6 / _BLOCK_PX)) | 1
+                for leds in (shape.rows, shape.columns)
+            ]
             top = _boxes(value[None], (side[0], side[1]), torch.maximum)[0]
             value = value.where(value >= top, 0.0).flatten()
             best = value.topk(min(_WINDOWS, len(value)))
             place = best.indices[best.values > _LEAST_TEXTURE]
             wide = top.shape[1]
-            centre = torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX) + _BLOCK_PX / 2 + 0.5
-            filled = min(plane.shape[0] / shape.rows, plane.shape[1] / shape.columns) / step
+            centre = (
+                torch.stack([place % wide, place // wide], 1) * float(_BLOCK_PX)
+                + _BLOCK_PX / 2
+                + 0.5
+            )
+            filled = (
+                min(plane.shape[0] / shape.rows, plane.shape[1] / shape.columns) / step
+            )
             if _FILLED_PX[0] <= filled <= _FILLED_PX[1]:
                 place = nn.functional.pad(place, (1, 0))
                 middle = centre.new_tensor([[plane.shape[1] / 2, plane.shape[0] / 2]])
                 centre = torch.cat([middle, centre])
-            found.append((torch.full_like(place, level), torch.full_like(centre[:, 0], step), centre))
+            found.append(
+                (
+                    torch.full_like(place, level),
+                    torch.full_like(centre[:, 0], step),
+                    centre,
+                )
+            )
     return tuple(torch.cat(part) for part in zip(*found, strict=True))  # type: ignore[return-value]
 
 
@@ -199,19 +231,29 @@ class _Bank(NamedTuple):
 
     @classmethod
     def of(
-        cls, low: float, high: float, step: float, side: int, taper: Tensor, device: torch.device
+        cls,
+        low: float,
+        high: float,
+        step: float,
+        side: int,
+        taper: Tensor,
+        device: torch.device,
     ) -> "_Bank":
         count = round((high - low) / step) + 1
         frequency = torch.linspace(low, high, count, dtype=torch.float64)
         place = torch.arange(side, dtype=torch.float64) + 0.5 - side / 2
         phase = 2 * torch.pi * frequency[:, None] * place
         wave = torch.complex(phase.cos(), -phase.sin()) * taper
-        return cls(frequency.to(device, torch.float32), wave.to(device, torch.complex64))
+        return cls(
+            frequency.to(device, torch.float32), wave.to(device, torch.complex64)
+        )
 
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tuple[_Bank, ...]]:
+def _banks(
+    leds: tuple[int, int], device: torch.device
+) -> tuple[int, Tensor, tuple[_Bank, ...]]:
     """Side of a window, its taper, and for each axis the waves along it and across it."""
     cells = [min(one, MOST_CELLS) for one in leds]
     side = 2 * round(max(cells) * _MID_PITCH_PX * 0.75) + 2
@@ -223,7 +265,11 @@ def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tu
         steps = [1 / (one * 4.5 * 2.2) for one in (cells[along], cells[across])]
         banks.append(_Bank.of(low, high, steps[0], side, tapers[along], device))
         banks.append(_Bank.of(-slant, slant, steps[1], side, tapers[across], device))
-    return side, (tapers[1][:, None] * tapers[0]).to(device, torch.float32), tuple(banks)
+    return (
+        side,
+        (tapers[1][:, None] * tapers[0]).to(device, torch.float32),
+        tuple(banks),
+    )
 
 
 class _Lines(NamedTuple):
@@ -240,7 +286,14 @@ class _Lines(NamedTuple):
     waves: Tensor
 
     @classmethod
-    def of(cls, planes: Sequence[Tensor], bent: Tensor, taper: Tensor, own: _Bank, other: _Bank) -> "_Lines":
+    def of(
+        cls,
+        planes: Sequence[Tensor],
+        bent: Tensor,
+        taper: Tensor,
+        own: _Bank,
+        other: _Bank,
+    ) -> "_Lines":
         """Look along x of planes (n,S,S) each; of the last there are those of the windows ``bent`` alone."""
         seen = torch.cat(list(planes))
         seen = seen - (seen * taper).sum((1, 2), keepdim=True) / taper.sum()
@@ -253,7 +306,9 @@ class _Lines(NamedTuple):
         whole = (len(planes) - 1) * len(planes[0])
         waves[:-1], waves[-1, bent] = found[:whole].view_as(waves[:-1]), found[whole:]
         power = torch.view_as_real(waves).square().sum((0, -1))
-        power = power.masked_fill(other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0)
+        power = power.masked_fill(
+            other.frequency[:, None].abs() > _SHEAR * own.frequency, 0.0
+        )
         power, across = power.max(1)
         # Random bits have most power at low frequencies; a lattice is a peak, and the lowest of all is none.
         beside = nn.functional.pad(power, (1, 1))
@@ -262,7 +317,9 @@ class _Lines(NamedTuple):
         return cls(power.where(peak, _FLANK * power), across, waves)
 
 
-def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> Hypotheses:
+def lattice_hypotheses(
+    pyramid: Pyramid, shape: PanelShape, turned: int = 0
+) -> Hypotheses:
     """Find lattices in the windows of most texture, the most periodic first, then those of stretched windows.
 
     Along each axis a cell's middle lies where grey values are greatest, where they change least or where they
@@ -276,7 +333,9 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
     many = (len(level), turned, _STRETCHED, _STRETCHED)
     chosen = [(rank <= one).nonzero()[:, 0] for one in many]
     views = centre.new_tensor(_VIEWS)
-    turn = torch.cat([one.expand(len(few), 2, 2) for one, few in zip(views, chosen, strict=True)])
+    turn = torch.cat(
+        [one.expand(len(few), 2, 2) for one, few in zip(views, chosen, strict=True)]
+    )
     level, step, centre = (one[torch.cat(chosen)] for one in (level, step, centre))
     side, taper, banks = _banks((shape.columns, shape.rows), pyramid.levels[0].device)
     place = torch.arange(side, device=centre.device) + 0.5 - side / 2
@@ -292,35 +351,52 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
         smooth = _boxes(seen[bent], (3, 1), torch.add) / 3
         change, bend = torch.zeros_like(own), torch.zeros_like(smooth)
         change[..., 1:-1] = (seen[..., 2:] - seen[..., :-2]).abs()
-        bend[..., 1:-1] = (2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]).abs()
+        bend[..., 1:-1] = (
+            2 * smooth[..., 1:-1] - smooth[..., 2:] - smooth[..., :-2]
+        ).abs()
         banked = banks[2 * axis : 2 * axis + 2]
-        spectra.append(_Lines.of((own, change, bend), bent, taper.mT if axis else taper, *banked))
-    rows, pairs = _alike([one.power for one in spectra], [banks[0].frequency, banks[2].frequency])
+        spectra.append(
+            _Lines.of((own, change, bend), bent, taper.mT if axis else taper, *banked)
+        )
+    rows, pairs = _alike(
+        [one.power for one in spectra], [banks[0].frequency, banks[2].frequency]
+    )
     frequency, offset, strength = [], [], []
     for axis, (lines, at) in enumerate(zip(spectra, pairs, strict=True)):
         across = lines.across[rows, at]
-        own, other = banks[2 * axis].frequency[at], banks[2 * axis + 1].frequency[across]
+        own, other = (
+            banks[2 * axis].frequency[at],
+            banks[2 * axis + 1].frequency[across],
+        )
         frequency.append(torch.stack([other, own] if axis else [own, other], 1))
         # A wave cos(2 pi (f x) + angle) is greatest at f x = -angle / 2 pi: of grey values in the middle of
         # a cell, of differences on its border.
         there = lines.waves[:, rows, across, at]
         strongest = there.abs().argmax(0)
-        angle = there.gather(0, strongest[None])[0].angle() + torch.pi * (strongest == 1)
+        angle = there.gather(0, strongest[None])[0].angle() + torch.pi * (
+            strongest == 1
+        )
         offset.append(-angle / (2 * torch.pi))
         strength.append(lines.power[rows, at])
     periodic, ordered = torch.minimum(*strength).sort(descending=True, stable=True)
     ordered = ordered[periodic >= _LEAST_STRENGTH]
     # Apart: else the stretched ones crowd out those that most panels need.
     stretched = rows[ordered] >= sum(map(len, chosen[:2]))
-    ordered = torch.cat([ordered[~stretched][: _LATTICES[0]], ordered[stretched][: _LATTICES[1]]])
-    basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(torch.float32)
+    ordered = torch.cat(
+        [ordered[~stretched][: _LATTICES[0]], ordered[stretched][: _LATTICES[1]]]
+    )
+    basis = torch.linalg.inv(torch.stack(frequency, 1)[ordered].to(torch.float64)).to(
+        torch.float32
+    )
     middle = (basis @ torch.stack(offset, 1)[ordered, :, None])[..., 0]
     rows = rows[ordered]
     size, turn = step[rows, None], turn[rows]
     basis = turn @ basis
     # Of a lattice turned by more than an eighth the lines down are the rows.
     steep = basis[:, 1, 0] > basis[:, 0, 0]
-    basis = torch.where(steep[:, None, None], torch.stack([-basis[..., 1], basis[..., 0]], 2), basis)
+    basis = torch.where(
+        steep[:, None, None], torch.stack([-basis[..., 1], basis[..., 0]], 2), basis
+    )
     return Hypotheses(
         level[rows],
         centre[rows] + (turn @ middle[..., None])[..., 0] * size,
@@ -329,7 +405,9 @@ def lattice_hypotheses(pyramid: Pyramid, shape: PanelShape, turned: int = 0) -> 
     )
 
 
-def _alike(powers: list[Tensor], frequencies: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
+def _alike(
+    powers: list[Tensor], frequencies: list[Tensor]
+) -> tuple[Tensor, list[Tensor]]:
     """Choose own frequencies for both axes by powers (n,F): windows (m,), and which along x and y (m,) each.
 
     Cells are nearly square. Of such pairs the strongest few are taken: random bits may be stronger somewhere

@@ -27,7 +27,9 @@ def grey_values(light: Tensor) -> Tensor:
     return 255 * light.clamp(1e-5, 1.0) ** (1 / GAMMA)
 
 
-LIGHT_OF_GREY = (255 * linear_light(torch.arange(256, dtype=torch.float64))).float().numpy()
+LIGHT_OF_GREY = (
+    (255 * linear_light(torch.arange(256, dtype=torch.float64))).float().numpy()
+)
 """(256,) float32 light of each grey value, of which 255 is white: spots of light add, grey values do not."""
 
 

@@ -36,10 +36,18 @@ class LocatorLimits:
         """Check every range."""
         side = self.closing_px
         if type(side) is not int or not 1 <= side <= MOST_CLOSING_PX or side % 2 == 0:
-            raise VoccError.of("location.closing_px", side, f"odd, at least 1 and at most {MOST_CLOSING_PX}")
+            raise VoccError.of(
+                "location.closing_px",
+                side,
+                f"odd, at least 1 and at most {MOST_CLOSING_PX}",
+            )
         whole_number("location.min_area_px", self.min_area_px, 1, MOST_AREA_PX)
         for name in ("min_rectangularity", "min_compactness"):
             if not 0 <= finite_number(f"location.{name}", getattr(self, name)) <= 1:
                 raise VoccError.of(f"location.{name}", getattr(self, name), "0 to 1")
         if self.quadrilateral not in QUADRILATERALS:
-            raise VoccError.of("location.quadrilateral", repr(self.quadrilateral), "min_area or upright")
+            raise VoccError.of(
+                "location.quadrilateral",
+                repr(self.quadrilateral),
+                "min_area or upright",
+            )

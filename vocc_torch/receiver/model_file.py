@@ -31,7 +31,9 @@ def _checksum(content: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor]) -> None:
+def write_model(
+    path: Path, settings: Settings, state: Mapping[str, torch.Tensor]
+) -> None:
     """Write settings and a classifier's state, whole or not at all.
 
     Args:
@@ -48,7 +50,9 @@ def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor
     content["sha256"] = _checksum(content)
     text = (json.dumps(content, indent=1) + "\n").encode()
     if len(text) > MOST_BYTES:
-        raise VoccError(f"model {path} would have {len(text)} bytes: at most {MOST_BYTES} are allowed")
+        raise VoccError(
+            f"model {path} would have {len(text)} bytes: at most {MOST_BYTES} are allowed"
+        )
     write_atomically(path, text)
 
 
@@ -62,16 +66,24 @@ def arrays_as_json(state: Mapping[str, torch.Tensor]) -> Settings:
     for name, value in state.items():
         given = value.detach().cpu().contiguous().numpy()
         if str(given.dtype) not in _DTYPES:
-            raise VoccError(f"the classifier's {name} is {given.dtype}: a model holds {', '.join(_DTYPES)}")
+            raise VoccError(
+                f"the classifier's {name} is {given.dtype}: a model holds {', '.join(_DTYPES)}"
+            )
         # Little-endian, whatever the machine.
         raw = given.astype(given.dtype.newbyteorder("<")).tobytes()
         data = base64.b64encode(raw).decode()
-        arrays[name] = {"dtype": str(given.dtype), "shape": list(given.shape), "base64": data}
+        arrays[name] = {
+            "dtype": str(given.dtype),
+            "shape": list(given.shape),
+            "base64": data,
+        }
     return arrays
 
 
 def read_model(
-    path: Path, what: str = "model", wanted: str = "the receiver.pt that task=train wrote"
+    path: Path,
+    what: str = "model",
+    wanted: str = "the receiver.pt that task=train wrote",
 ) -> tuple[Settings, dict[str, torch.Tensor]]:
     """Read what :func:`write_model` wrote; refusals name ``what`` it is to be, and what is ``wanted``.
 
@@ -86,18 +98,28 @@ def read_model(
     except VoccError as error:
         raise VoccError(f"{error}: give {wanted}") from None
     except (ValueError, RecursionError):
-        raise VoccError(f"{what} {path} is damaged or of another kind: give {wanted}") from None
+        raise VoccError(
+            f"{what} {path} is damaged or of another kind: give {wanted}"
+        ) from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise VoccError(f"{what} {path} is not of vocc_torch: give {wanted}")
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
-        raise VoccError(f"{what} {path} has format version {version}: this package reads versions {allowed}")
+        raise VoccError(
+            f"{what} {path} has format version {version}: this package reads versions {allowed}"
+        )
     if not fits:
-        raise VoccError(f"{what} {path} is damaged (its checksum does not fit): train it again")
+        raise VoccError(
+            f"{what} {path} is damaged (its checksum does not fit): train it again"
+        )
     try:
-        return dict(content["settings"]), {k: array_of(value) for k, value in content["classifier"].items()}
+        return dict(content["settings"]), {
+            k: array_of(value) for k, value in content["classifier"].items()
+        }
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-        raise VoccError(f"{what} {path} is damaged ({type(error).__name__}): train it again") from None
+        raise VoccError(
+            f"{what} {path} is damaged ({type(error).__name__}): train it again"
+        ) from None
 
 
 def array_of(array: Mapping[str, Any]) -> torch.Tensor:
@@ -106,7 +128,9 @@ def array_of(array: Mapping[str, Any]) -> torch.Tensor:
         raise ValueError
     kind = np.dtype(name)
     if "base64" not in array:
-        return torch.from_numpy(np.array(array["values"], dtype=kind).reshape(array["shape"]))
+        return torch.from_numpy(
+            np.array(array["values"], dtype=kind).reshape(array["shape"])
+        )
     raw = base64.b64decode(array["base64"], validate=True)
     flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
     if not np.isfinite(flat).all():

@@ -27,11 +27,17 @@ def demand_extra() -> None:
     Raises:
         VoccError: one is not installed, or torch is too old for a graph.
     """
-    lacking = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]
+    lacking = [
+        name
+        for name in ("onnx", "onnxscript", "onnxruntime")
+        if find_spec(name) is None
+    ]
     if not hasattr(torch.compiler, "is_exporting"):
         lacking.append("torch 2.7")
     if lacking:
-        raise VoccError(f"an ONNX graph needs {' and '.join(lacking)}: pip install 'vocc-torch[onnx]'")
+        raise VoccError(
+            f"an ONNX graph needs {' and '.join(lacking)}: pip install 'vocc-torch[onnx]'"
+        )
 
 
 class TensorReceiver(torch.nn.Module):
@@ -48,12 +54,16 @@ class TensorReceiver(torch.nn.Module):
     def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
         """Give what ``READ`` names of (B,H,W) frames at (B,4,2) corners; without those ``FOUND`` too."""
         frames, *corners = given
-        seen = self.receiver(Frames.whole(frames), Panels.known(corners[0]) if corners else None)
+        seen = self.receiver(
+            Frames.whole(frames), Panels.known(corners[0]) if corners else None
+        )
         read = seen.bits, seen.scores, seen.llr
         return read if corners else (*read, seen.corners_px, seen.found)
 
 
-def write_graph(receiver: Receiver, path: Path, frames: Tensor, corners_px: Tensor | None = None) -> None:
+def write_graph(
+    receiver: Receiver, path: Path, frames: Tensor, corners_px: Tensor | None = None
+) -> None:
     """Write a receiver as an ONNX graph, whole or not at all.
 
     The graph takes ``frames`` (B,H,W) uint8, any number of any size, and ``corners`` (B,4,2) float64, px,
@@ -74,25 +84,41 @@ def write_graph(receiver: Receiver, path: Path, frames: Tensor, corners_px: Tens
     demand_extra()
     onnxscript: Any = import_module("onnxscript")
     op, aten = onnxscript.opset18, torch.ops.aten
-    learned = receiver.classifier.classifier if isinstance(receiver.classifier, Guarded) else None
+    learned = (
+        receiver.classifier.classifier
+        if isinstance(receiver.classifier, Guarded)
+        else None
+    )
     if isinstance(learned, SklearnClassifier):
-        raise VoccError(f"receiver {receiver.name} decides by scikit-learn: no ONNX graph of torch has that")
+        raise VoccError(
+            f"receiver {receiver.name} decides by scikit-learn: no ONNX graph of torch has that"
+        )
 
-    def searchsorted(table: Any, x: Any, out_int32: bool = False, right: bool = False, **_: object) -> Any:
+    def searchsorted(
+        table: Any, x: Any, out_int32: bool = False, right: bool = False, **_: object
+    ) -> Any:
         last = op.Constant(value_ints=[-1])
-        below = (op.GreaterOrEqual if right else op.Greater)(op.Unsqueeze(x, last), table)
+        below = (op.GreaterOrEqual if right else op.Greater)(
+            op.Unsqueeze(x, last), table
+        )
         return op.ReduceSum(op.Cast(below, to=onnxscript.INT64.dtype), last, keepdims=0)
 
     given = (frames,) if corners_px is None else (frames, corners_px)
-    batch, height, width = (torch.export.Dim(name, min=1) for name in ("batch", "height", "width"))
+    batch, height, width = (
+        torch.export.Dim(name, min=1) for name in ("batch", "height", "width")
+    )
     sizes = ({0: batch, 1: height, 2: width}, {0: batch})[: len(given)]
     function, disabled = TensorReceiver(receiver), logging.root.manager.disable
     with torch.no_grad(), warnings.catch_warnings():
-        function(*given)  # what its parts work out once and keep is numbers from then on
+        function(
+            *given
+        )  # what its parts work out once and keep is numbers from then on
         warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
         try:
-            program = torch.export.export(function, given, dynamic_shapes={"given": sizes}, strict=False)
+            program = torch.export.export(
+                function, given, dynamic_shapes={"given": sizes}, strict=False
+            )
             drawn: Any = torch.onnx.export(
                 program,
                 dynamo=True,
@@ -102,15 +128,21 @@ def write_graph(receiver: Receiver, path: Path, frames: Tensor, corners_px: Tens
                 output_names=READ if len(given) == 2 else READ + FOUND,
                 custom_translation_table={
                     aten.searchsorted.Tensor: searchsorted,
-                    aten.bucketize.Tensor: lambda x, table, **how: searchsorted(table, x, **how),
+                    aten.bucketize.Tensor: lambda x, table, **how: searchsorted(
+                        table, x, **how
+                    ),
                 },
             )
         except Exception as error:  # of many kinds, from a part that looks at numbers to choose what it does
             cause: BaseException = error
             while cause.__cause__ is not None:
                 cause = cause.__cause__
-            reason = " ".join([f"{type(cause).__name__}:", *str(cause).splitlines()[:1]])
-            raise VoccError(f"receiver {receiver.name} fits no ONNX graph ({reason})") from error
+            reason = " ".join(
+                [f"{type(cause).__name__}:", *str(cause).splitlines()[:1]]
+            )
+            raise VoccError(
+                f"receiver {receiver.name} fits no ONNX graph ({reason})"
+            ) from error
         finally:
             logging.disable(disabled)
     with atomic_file(path) as temporary:
@@ -132,7 +164,9 @@ def read_graph(path: Path, threads: int = 0) -> Callable[..., list[Tensor]]:
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
-    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(
+        path, options, providers=["CPUExecutionProvider"]
+    )
     names = [one.name for one in session.get_inputs()]
 
     def run(*given: Tensor) -> list[Tensor]:

@@ -6,7 +6,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.cell_model import ROUNDING_DN2, Cells, best_places, fit_cells, randomness, read_cells
+from vocc_torch.receiver.cell_model import (
+    ROUNDING_DN2,
+    Cells,
+    best_places,
+    fit_cells,
+    randomness,
+    read_cells,
+)
 from vocc_torch.receiver.lattice_search import Pyramid
 from vocc_torch.receiver.panel_net import SAMPLES
 from vocc_torch.types import PanelShape
@@ -33,7 +40,9 @@ def evidence(clues: Tensor) -> Tensor:
     return clues @ clues.new_tensor(weights) + constant
 
 
-def clues_of(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
+def clues_of(
+    scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape: PanelShape
+) -> Tensor:
     """Measure what tells panels from clutter, of quadrilaterals (n,4,2) px with logits (n,).
 
     Lattices of clutter that look most like panels are regular: dots, lettering, grilles. The network sees how
@@ -60,12 +69,21 @@ def clues_of(scales: Pyramid, quads: Tensor, logit: Tensor, spots: Tensor, shape
     spotted = (low - (1 - spots.clamp(*SURE_SHARES)).log()) / (low - high)
     spotted = spotted * (explained / _TWO_PATTERNS).clamp(0, 1)
     # Where light runs together that of a cell has no middle of its own: how well spots fit tells the same.
-    aligned = torch.maximum(alignment(seen[0]).clamp(max=_MOST_ALIGNED) / _MOST_ALIGNED, spotted)
+    aligned = torch.maximum(
+        alignment(seen[0]).clamp(max=_MOST_ALIGNED) / _MOST_ALIGNED, spotted
+    )
     # The more LEDs, the more regular look those not half lit; the fewer, the less a perfect lattice is worth.
     many = shape.leds / _LARGE_LEDS
     told = [logit.clamp(max=_MOST_LOGIT), explained.clamp(max=_MOST_EXPLAINED)]
-    told += [parted.clamp(max=_MOST_PARTED), (random * min(1.0, many**-0.5)).clamp(min=_LEAST_RANDOM)]
-    told += [spotted * min(1.0, many), aligned, (lit - 0.5).square().clamp(max=_MOST_UNEQUAL)]
+    told += [
+        parted.clamp(max=_MOST_PARTED),
+        (random * min(1.0, many**-0.5)).clamp(min=_LEAST_RANDOM),
+    ]
+    told += [
+        spotted * min(1.0, many),
+        aligned,
+        (lit - 0.5).square().clamp(max=_MOST_UNEQUAL),
+    ]
     return torch.stack(told, 1)
 
 
@@ -127,16 +145,28 @@ def alignment(seen: Tensor) -> Tensor:
     light = (seen - limit[..., None, None, None]).clamp(min=0)
     at = (torch.arange(seen.shape[2], device=seen.device) + 0.5) / seen.shape[2] - 0.5
     whole = light.sum((2, 4)).clamp(min=1e-9)
-    middles = [(light.sum(2) * at).sum(3) / whole, (light.sum(4) * at[:, None]).sum(2) / whole]
-    v, u = (torch.linspace(-1, 1, leds, dtype=torch.float64, device=seen.device) for leds in bright.shape[1:])
+    middles = [
+        (light.sum(2) * at).sum(3) / whole,
+        (light.sum(4) * at[:, None]).sum(2) / whole,
+    ]
+    v, u = (
+        torch.linspace(-1, 1, leds, dtype=torch.float64, device=seen.device)
+        for leds in bright.shape[1:]
+    )
     u, v = u.expand_as(whole[0]), v[:, None].expand_as(whole[0])
     fields = torch.stack([torch.ones_like(u), u, v, u * v], -1).view(1, cells, 4)
     lit = fields * bright.view(count, cells, 1)
-    gram = lit.mT @ fields + 1e-3 * torch.eye(4, dtype=torch.float64, device=seen.device)
+    gram = lit.mT @ fields + 1e-3 * torch.eye(
+        4, dtype=torch.float64, device=seen.device
+    )
     off = torch.stack(middles, -1).view(count, cells, 2)
-    left = (off - fields @ torch.linalg.solve(gram, lit.mT @ off)) * bright.view(count, cells, 1)
+    left = (off - fields @ torch.linalg.solve(gram, lit.mT @ off)) * bright.view(
+        count, cells, 1
+    )
     many = bright.sum((1, 2))
     free = (2 * many - 8).clamp(min=0)
-    spread = (left.square().sum((1, 2)) + _LEAST_OFF_CELLS**2 * many) / free.clamp(min=1)
+    spread = (left.square().sum((1, 2)) + _LEAST_OFF_CELLS**2 * many) / free.clamp(
+        min=1
+    )
     told: Tensor = free / 2 * (_USUAL_OFF_CELLS**2 / spread.clamp(min=1e-9)).log()
     return told.clamp(min=0).to(seen)

@@ -44,13 +44,17 @@ class PanelNet(nn.Module):
         self.side = nn.Conv2d(_CELL, 4 * _SIDE, 1)
         self.quarter = nn.Conv2d(_CELL, _QUARTER, 1)
         self.judge = nn.Sequential(
-            nn.Conv2d(2 * _CELL + 4 * _SIDE + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 1, 1)
+            nn.Conv2d(2 * _CELL + 4 * _SIDE + 4, _HIDDEN, 1),
+            nn.ReLU(),
+            nn.Conv2d(_HIDDEN, 1, 1),
         )
         self.move = nn.Sequential(
             nn.Conv2d(4 * _QUARTER + 4, _HIDDEN, 1), nn.ReLU(), nn.Conv2d(_HIDDEN, 8, 1)
         )
 
-    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape, moved: bool = True) -> Tensor:
+    def forward(
+        self, patches: Tensor, pitch_px: Tensor, shape: PanelShape, moved: bool = True
+    ) -> Tensor:
         """Judge placings.
 
         Args:
@@ -64,22 +68,33 @@ class PanelNet(nn.Module):
             a logit, and moves (4,2) of the corners, cells.
         """
         high, wide = shape.rows, shape.columns
-        margins = (patches.shape[1] // SAMPLES - high) // 2, (patches.shape[2] // SAMPLES - wide) // 2
+        margins = (
+            (patches.shape[1] // SAMPLES - high) // 2,
+            (patches.shape[2] // SAMPLES - wide) // 2,
+        )
         down, right = (2 * (one - CONTEXT) + 1 for one in margins)
         top, left = ((one - 1) * SAMPLES for one in margins)
-        middle = patches[:, top : patches.shape[1] - top, left : patches.shape[2] - left]
+        middle = patches[
+            :, top : patches.shape[1] - top, left : patches.shape[2] - left
+        ]
         spread, mean = torch.var_mean(middle.flatten(1), 1, correction=0)
         spread, mean = spread[:, None, None], mean[:, None, None]
         contrast = (spread + 1.0).sqrt()
         seen = ((patches - mean) / contrast).clamp(-_MOST, _MOST)[:, None]
         seen = self.cell(self.spot(seen).relu()).relu()
         seen = self.far(self.near(seen).relu()).relu()
-        told = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(len(patches), 2)
-        told = torch.cat([told, pitch_px.log2()[:, None] / 4, contrast[:, 0].log2() / 4], 1)
+        told = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(
+            len(patches), 2
+        )
+        told = torch.cat(
+            [told, pitch_px.log2()[:, None] / 4, contrast[:, 0].log2() / 4], 1
+        )
         told = told[..., None, None].expand(-1, -1, down, right)
         inside = _means(torch.cat([seen, seen.square()], 1), high, wide)
         sides = self.side(seen).relu().split(_SIDE, 1)
-        lines = [_means(one, 1, wide) for one in sides[:2]] + [_means(one, high, 1) for one in sides[2:]]
+        lines = [_means(one, 1, wide) for one in sides[:2]] + [
+            _means(one, high, 1) for one in sides[2:]
+        ]
         at = [lines[0][:, :, :down], lines[1][:, :, high - 1 : high - 1 + down]]
         at += [lines[2][..., :right], lines[3][..., wide - 1 : wide - 1 + right]]
         logit: Tensor = self.judge(torch.cat([inside, *at, told], 1))
@@ -88,7 +103,10 @@ class PanelNet(nn.Module):
         half = ((high + 1) // 2, (wide + 1) // 2)
         quarters = _means(self.quarter(seen).relu(), *half)
         y, x = high - half[0], wide - half[1]
-        four = [quarters[:, :, j : j + down, i : i + right] for j, i in ((0, 0), (0, x), (y, x), (y, 0))]
+        four = [
+            quarters[:, :, j : j + down, i : i + right]
+            for j, i in ((0, 0), (0, x), (y, x), (y, 0))
+        ]
         moves = self.move(torch.cat([*four, told], 1))
         return torch.cat([logit, moves], 1)
 
@@ -97,7 +115,10 @@ def _means(planes: Tensor, high: int, wide: int) -> Tensor:
     """Means over every box of (n,C,H,W), as differences of running sums: many times faster than pooling."""
     for axis, size, before in ((3, wide, (1, 0)), (2, high, (0, 0, 1, 0))):
         if size > 1:
-            sums, many = nn.functional.pad(planes.cumsum(axis), before), planes.shape[axis] - size + 1
+            sums, many = (
+                nn.functional.pad(planes.cumsum(axis), before),
+                planes.shape[axis] - size + 1,
+            )
             planes = (sums.narrow(axis, size, many) - sums.narrow(axis, 0, many)) / size
     return planes
 
@@ -118,15 +139,21 @@ def load_weights(path: Path, device: torch.device) -> PanelNet:
     Raises:
         VoccError: a file that is missing, damaged or of another kind.
     """
-    settings, state = read_model(path, "weights", "a file that benchmarks/train_panel_net.py wrote")
+    settings, state = read_model(
+        path, "weights", "a file that benchmarks/train_panel_net.py wrote"
+    )
     with torch.inference_mode(False):
         net = PanelNet()
         try:
-            if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
+            if settings["kind"] != _KIND or not all(
+                bool(one.isfinite().all()) for one in state.values()
+            ):
                 raise ValueError
             net.load_state_dict(state)
         except (KeyError, RuntimeError, ValueError):
-            raise VoccError(f"weights {path} hold no learned locator: train it again") from None
+            raise VoccError(
+                f"weights {path} hold no learned locator: train it again"
+            ) from None
         # So kept, the first convolution, of one plane, takes a sixth of the time.
         net.to(memory_format=torch.channels_last)
         return net.eval().requires_grad_(False).to(device)

@@ -91,7 +91,9 @@ def convex_hull(first: Whole, last: Whole) -> Floats:
         for right, left in zip(chains[::2], chains[1::2], strict=True)
     ]
     most = max(map(len, hulls), default=0)
-    return np.array([hull + hull[:1] * (most - len(hull)) for hull in hulls], dtype=np.float64)
+    return np.array(
+        [hull + hull[:1] * (most - len(hull)) for hull in hulls], dtype=np.float64
+    )
 
 
 def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
@@ -127,11 +129,15 @@ def _extents(hull: Floats, direction: Points) -> tuple[Floats, Floats]:
     """
     # The real part of a product with a conjugate is the inner product, the imaginary one the outer.
     places = (hull.view(np.complex128) * direction.conj()[:, None]).view(np.float64)
-    low, high = (ends.reshape(*direction.shape, 2) for ends in (places.min(1), places.max(1)))
+    low, high = (
+        ends.reshape(*direction.shape, 2) for ends in (places.min(1), places.max(1))
+    )
     return low, high
 
 
-def _around(direction: Points, low: Floats, high: Floats, expand_px: float) -> Rectangles:
+def _around(
+    direction: Points, low: Floats, high: Floats, expand_px: float
+) -> Rectangles:
     """Return the rectangles with sides along directions (M,), between the ends (M,2) of :func:`_extents`."""
     length = np.abs(direction)[:, None]
     low, high = low / length - expand_px, high / length + expand_px
@@ -164,7 +170,10 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
     # The upright rectangle is always tried.
     vertices = hull.view(np.complex128)[..., 0]
     edge = np.ones((len(hull), hull.shape[1] + 1), dtype=np.complex128)
-    edge[:, :-2], edge[:, -2] = vertices[:, 1:] - vertices[:, :-1], vertices[:, 0] - vertices[:, -1]
+    edge[:, :-2], edge[:, -2] = (
+        vertices[:, 1:] - vertices[:, :-1],
+        vertices[:, 0] - vertices[:, -1],
+    )
     # By quarter turns into (-45, 45] degrees.
     edge = np.where(np.abs(edge.imag) > np.abs(edge.real), edge * -1j, edge)
     edge = np.where(edge.real < 0, -edge, edge)
@@ -188,7 +197,9 @@ def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         >>> upright_rectangle(hull).corners_px[0].tolist()
         [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
     """
-    return _around(np.ones(len(hull), dtype=np.complex128), hull.min(1), hull.max(1), expand_px)
+    return _around(
+        np.ones(len(hull), dtype=np.complex128), hull.min(1), hull.max(1), expand_px
+    )
 
 
 def compactness(area: Floats, perimeter: Floats, shape: PanelShape) -> Floats:
@@ -254,7 +265,12 @@ class Measures(NamedTuple):
 
 
 def measure_blobs(
-    first: Whole, last: Whole, area_px: Whole, place_px: Whole, shape: PanelShape, limits: LocatorLimits
+    first: Whole,
+    last: Whole,
+    area_px: Whole,
+    place_px: Whole,
+    shape: PanelShape,
+    limits: LocatorLimits,
 ) -> Measures:
     """Measure blobs against the panel looked for.
 
@@ -287,7 +303,9 @@ def measure_blobs(
             given = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
             halves.append(measure_blobs(*given, shape, limits))
         back = order.argsort()
-        return Measures(*(np.concatenate(both)[back] for both in zip(*halves, strict=True)))
+        return Measures(
+            *(np.concatenate(both)[back] for both in zip(*halves, strict=True))
+        )
     hull = convex_hull(first, last)
     area, perimeter = hull_area_and_perimeter(hull)
     least = minimum_area_rectangle(hull)

@@ -9,7 +9,13 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.plugins import PlugIn, one_line
-from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
+from vocc_torch.receiver.features import (
+    FEATURE_NAMES,
+    Gradient,
+    cell_means,
+    checked_greys,
+    led_features,
+)
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape, holds, without_autocast
 
@@ -78,16 +84,26 @@ class Reader:
         """Check every range."""
         demand_kind("shape", self.shape, PanelShape)
         if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
-            raise VoccError.of("receiver.samples_per_led", self.samples_per_led, "from 2 to 64")
-        samples = (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
+            raise VoccError.of(
+                "receiver.samples_per_led", self.samples_per_led, "from 2 to 64"
+            )
+        samples = (
+            (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
+        )
         if samples > _MOST_SAMPLES:
             panel = f"a panel of {self.shape.rows} x {self.shape.columns} LEDs would have {samples} samples"
             given = f"receiver.samples_per_led is {self.samples_per_led}"
             raise VoccError(f"{given}: {panel}, at most 2^25 are allowed")
         if self.gradient not in get_args(Gradient):
-            raise VoccError.of("receiver.gradient", repr(self.gradient), " or ".join(get_args(Gradient)))
+            raise VoccError.of(
+                "receiver.gradient",
+                repr(self.gradient),
+                " or ".join(get_args(Gradient)),
+            )
         if len({*self.names, *_GREYS}) < len(self.names) + len(_GREYS):
-            raise VoccError.of("receiver.features", [*self.names], f"each once, and none of {_GREYS}")
+            raise VoccError.of(
+                "receiver.features", [*self.names], f"each once, and none of {_GREYS}"
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -102,7 +118,9 @@ class Reader:
         """
         return self.read_takes([frames], panels)[0]
 
-    def read_takes(self, takes: Sequence[Frames], panels: Panels) -> tuple[Readings, list[Greys]]:
+    def read_takes(
+        self, takes: Sequence[Frames], panels: Panels
+    ) -> tuple[Readings, list[Greys]]:
         """Measure every LED of test frames, and grey levels only of further takes of the same scenes.
 
         Args:
@@ -115,21 +133,29 @@ class Reader:
         """
         first, *rest = self.rectify(takes, panels)
         others = zip(takes[1:], rest, strict=True)
-        greys = [self.measure(take, panels, patch, _GREYS).greys for take, patch in others]
+        greys = [
+            self.measure(take, panels, patch, _GREYS).greys for take, patch in others
+        ]
         return self.measure(takes[0], panels, first), greys
 
-    def read_features(self, frames: Frames, panels: Panels, names: Sequence[str] = FEATURE_NAMES) -> Tensor:
+    def read_features(
+        self, frames: Frames, panels: Panels, names: Sequence[str] = FEATURE_NAMES
+    ) -> Tensor:
         """Measure named features only, (B,R,C,N) float64, to the last bit as :meth:`read` does.
 
         Raises:
             VoccError: what :meth:`read_takes` refuses, greys at the LEDs' centres aside.
         """
-        readings = self.measure(frames, panels, self.rectify([frames], panels)[0], names)
+        readings = self.measure(
+            frames, panels, self.rectify([frames], panels)[0], names
+        )
         return readings.features[..., [self.names.index(name) for name in names]]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
-        return self.measure(frames, panels, self.rectify([frames], panels)[0], _GREYS).greys
+        return self.measure(
+            frames, panels, self.rectify([frames], panels)[0], _GREYS
+        ).greys
 
     def rectify(
         self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None
@@ -143,7 +169,9 @@ class Reader:
             demand_kind("frames", take, Frames)
         demand_kind("panels", panels, Panels)
         with without_autocast(takes[0].grey.device):
-            patches = rectify_takes(takes, panels, self.shape, self.samples_per_led, dtype)
+            patches = rectify_takes(
+                takes, panels, self.shape, self.samples_per_led, dtype
+            )
         for take, patch in zip(takes, patches, strict=True):
             # Bytes cannot be anything else than grey values.
             if take.grey.is_floating_point():
@@ -151,7 +179,11 @@ class Reader:
         return patches
 
     def measure(
-        self, frames: Frames, panels: Panels, patches: Tensor | None, needed: Collection[str] | None = None
+        self,
+        frames: Frames,
+        panels: Panels,
+        patches: Tensor | None,
+        needed: Collection[str] | None = None,
     ) -> Readings:
         """Measure located panels, and of them only what is needed; the rest is zeros.
 
@@ -168,19 +200,37 @@ class Reader:
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
         with without_autocast(frames.grey.device):
             count = frames.grey.shape[0]
-            features = average = centre = sizes[0].new_zeros(count, shape.rows, shape.columns)
+            features = average = centre = sizes[0].new_zeros(
+                count, shape.rows, shape.columns
+            )
             if "centre" in needed:
                 centre = centre_greys(frames, panels, shape)
             if patches is None:
                 features = features[..., None].expand(-1, -1, -1, len(self.names))
                 patches = frames.grey[..., :0, :0]
             else:
-                means = cell_means(patches, shape) if {"agr", "ngr", "average"} & {*needed} else None
-                features = led_features(patches, means, shape, *sizes, self.gradient, needed).double()
+                means = (
+                    cell_means(patches, shape)
+                    if {"agr", "ngr", "average"} & {*needed}
+                    else None
+                )
+                features = led_features(
+                    patches, means, shape, *sizes, self.gradient, needed
+                ).double()
                 average = average if means is None else means[:, 1:-1, 1:-1]
-                others = [self._outside(one, patches, one.name in needed) for one in self.more]
-                features = torch.cat([features, *others], dim=-1) if others else features
-        return Readings(features, Greys(average, centre), patches, torch.stack(sizes, dim=-1), self.names)
+                others = [
+                    self._outside(one, patches, one.name in needed) for one in self.more
+                ]
+                features = (
+                    torch.cat([features, *others], dim=-1) if others else features
+                )
+        return Readings(
+            features,
+            Greys(average, centre),
+            patches,
+            torch.stack(sizes, dim=-1),
+            self.names,
+        )
 
     def _outside(self, feature: PlugIn, patches: Tensor, wanted: bool) -> Tensor:
         """Measure a feature from outside, (B,R,C,1) float64; zeros where it is not wanted."""
@@ -190,8 +240,20 @@ class Reader:
         try:
             given = feature.made(patches, self.shape)
         except (Exception, SystemExit) as error:
-            raise VoccError(f"feature {feature.name} failed ({one_line(error)})") from error
-        if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
-            got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
-            raise VoccError(f"feature {feature.name} gave {got}: it must give finite numbers of shape {size}")
+            raise VoccError(
+                f"feature {feature.name} failed ({one_line(error)})"
+            ) from error
+        if (
+            not isinstance(given, Tensor)
+            or given.shape != size
+            or not holds(given.isfinite())
+        ):
+            got = (
+                tuple(given.shape)
+                if isinstance(given, Tensor)
+                else type(given).__name__
+            )
+            raise VoccError(
+                f"feature {feature.name} gave {got}: it must give finite numbers of shape {size}"
+            )
         return given.to(torch.float64).unsqueeze(-1)

@@ -89,7 +89,9 @@ class StagedReceiver:
             VoccError: there is no locator, or frames that it cannot read.
         """
         if self.locator is None:
-            raise VoccError("this receiver has no locator: give it one, or the panels' corners")
+            raise VoccError(
+                "this receiver has no locator: give it one, or the panels' corners"
+            )
         return self.locator(frames, self.reader.shape)
 
     def rectify(self, frames: Frames, panels: Panels) -> torch.Tensor | None:
@@ -99,7 +101,11 @@ class StagedReceiver:
         return self.reader.rectify([frames], panels, self.dtype)[0]
 
     def measure(
-        self, frames: Frames, panels: Panels, patches: torch.Tensor | None, also: Sequence[str] = ()
+        self,
+        frames: Frames,
+        panels: Panels,
+        patches: torch.Tensor | None,
+        also: Sequence[str] = (),
     ) -> Readings:
         """Measure what the receivers decide on; features and grey values that none needs are zeros.
 
@@ -113,10 +119,15 @@ class StagedReceiver:
 
     def preambles(self, on: Frames, off: Frames, panels: Panels) -> Preambles:
         """Measure the grey levels of the all-On and the all-Off frame of the same scenes."""
-        takes = (self.measure(take, panels, self.rectify(take, panels)).greys for take in (on, off))
+        takes = (
+            self.measure(take, panels, self.rectify(take, panels)).greys
+            for take in (on, off)
+        )
         return Preambles(*takes)
 
-    def decide(self, readings: Readings, preambles: Preambles | None = None) -> dict[str, torch.Tensor]:
+    def decide(
+        self, readings: Readings, preambles: Preambles | None = None
+    ) -> dict[str, torch.Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On (Eq. 18).
 
         Raises:
@@ -125,12 +136,17 @@ class StagedReceiver:
         return self.bank.scores(readings, preambles)
 
     def __call__(
-        self, frames: Images, panels: Panels | None = None, preambles: Preambles | None = None
+        self,
+        frames: Images,
+        panels: Panels | None = None,
+        preambles: Preambles | None = None,
     ) -> dict[str, torch.Tensor]:
         """Run all stages; location is left out where the panels are known."""
         frames = Frames.of(frames)
         where = self.locate(frames) if panels is None else panels
-        return self.decide(self.measure(frames, where, self.rectify(frames, where)), preambles)
+        return self.decide(
+            self.measure(frames, where, self.rectify(frames, where)), preambles
+        )
 
 
 class Receiver(torch.nn.Module):
@@ -161,7 +177,11 @@ class Receiver(torch.nn.Module):
     ) -> None:
         super().__init__()
         if not isinstance(locator, PanelLocator):
-            raise VoccError.of("locator", shown(locator), "a PanelLocator of vocc_torch.receiver.locators")
+            raise VoccError.of(
+                "locator",
+                shown(locator),
+                "a PanelLocator of vocc_torch.receiver.locators",
+            )
         demand_kind("reader", reader, Reader)
         self.decider = decider_of(name, classifier)
         demand_features(self.decider.features, reader.names)
@@ -172,12 +192,18 @@ class Receiver(torch.nn.Module):
     @property
     def classifier(self) -> FLDA | Guarded:
         """What decides: FLDA, or another classifier."""
-        return self.decider if isinstance(self.decider, Guarded) else self.decider.classifier
+        return (
+            self.decider
+            if isinstance(self.decider, Guarded)
+            else self.decider.classifier
+        )
 
     @property
     def stages(self) -> StagedReceiver:
         """Its stages."""
-        return StagedReceiver(ReceiverBank.of({self.name: self.decider}), self.reader, self.locator)
+        return StagedReceiver(
+            ReceiverBank.of({self.name: self.decider}), self.reader, self.locator
+        )
 
     @property
     def device(self) -> torch.device:
@@ -212,10 +238,14 @@ class Receiver(torch.nn.Module):
         """
         frames = Frames.of(images, "images")
         if not self.locator.finds_several:
-            raise VoccError("this receiver's locator sees one panel in a frame: learned sees several")
+            raise VoccError(
+                "this receiver's locator sees one panel in a frame: learned sees several"
+            )
         with torch.inference_mode():
             found = self.locator.locate(frames, self.shape)
-            whose, panels = found.panels(len(frames), self.locator.most_false_alarms, most)
+            whose, panels = found.panels(
+                len(frames), self.locator.most_false_alarms, most
+            )
             decoded = self.forward(frames[whose], panels)
         return whose.tolist(), Decoded(*(one.clone() for one in decoded))
 
@@ -231,14 +261,18 @@ class Receiver(torch.nn.Module):
         """
         frames, stages = Frames.of(frames), self.stages
         where = stages.locate(frames) if panels is None else panels
-        readings = stages.measure(frames, where, stages.rectify(frames, where), ("average",))
+        readings = stages.measure(
+            frames, where, stages.rectify(frames, where), ("average",)
+        )
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found
         judged = where.corners_px, where.found, where.score, where.candidates
         llr = scores if self.calibration is None else self.calibration(scores)
         stated = (
-            where.false_alarms if isinstance(where, StatedPanels) else torch.full_like(where.score, torch.nan)
+            where.false_alarms
+            if isinstance(where, StatedPanels)
+            else torch.full_like(where.score, torch.nan)
         )
         return Decoded(bits, scores, *judged, llr * found, appearance(readings), stated)
 
@@ -246,7 +280,9 @@ class Receiver(torch.nn.Module):
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
         return self.decider.score(readings)
 
-    def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
+    def _apply(
+        self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
+    ) -> Self:
         """Follow moves between devices with what decides, which is no module."""
         super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
         self.decider = self.decider.to(self.device)
@@ -262,14 +298,30 @@ class Receiver(torch.nn.Module):
         if not Path(path).name:
             raise VoccError.of("path", shown(str(path)), "that of a file")
         demand_folder(path)
-        settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
-        settings["package"] = {"version": __version__, "source": package_digest("vocc_torch")}
-        settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
-        seen = [one.settings for one in self.reader.more if one.name in self.decider.features]
+        settings: Settings = {
+            "name": self.name,
+            "rows": self.shape.rows,
+            "columns": self.shape.columns,
+        }
+        settings["package"] = {
+            "version": __version__,
+            "source": package_digest("vocc_torch"),
+        }
+        settings |= {
+            "samples_per_led": self.reader.samples_per_led,
+            "gradient": self.reader.gradient,
+        }
+        seen = [
+            one.settings
+            for one in self.reader.more
+            if one.name in self.decider.features
+        ]
         settings["features"] = seen
         settings["locator"] = locator_settings(self.locator)
         settings["trained_on"] = self.trained_on
-        settings["calibration"] = None if self.calibration is None else asdict(self.calibration)
+        settings["calibration"] = (
+            None if self.calibration is None else asdict(self.calibration)
+        )
         own, arrays = self.decider.model()
         write_model(Path(path), settings | ({"classifier": own} if own else {}), arrays)
 
@@ -290,19 +342,44 @@ class Receiver(torch.nn.Module):
         settings, state = read_model(Path(path))
         try:
             more = [
-                PlugIn.admitted("receiver.features", one, plug_ins) for one in settings.get("features", [])
+                PlugIn.admitted("receiver.features", one, plug_ins)
+                for one in settings.get("features", [])
             ]
             shape = PanelShape(settings["rows"], settings["columns"])
-            reader = Reader(shape, settings["samples_per_led"], settings["gradient"], tuple(more))
-            locator, name = locator_from(settings["locator"], plug_ins), settings["name"]
-            worth, ranges = settings.get("calibration"), settings.get("trained_on") or {}
+            reader = Reader(
+                shape, settings["samples_per_led"], settings["gradient"], tuple(more)
+            )
+            locator, name = (
+                locator_from(settings["locator"], plug_ins),
+                settings["name"],
+            )
+            worth, ranges = (
+                settings.get("calibration"),
+                settings.get("trained_on") or {},
+            )
             calibration = None if worth is None else Calibration.read(worth)
-            trained_on = {one: (float(ranges[one][0]), float(ranges[one][1])) for one in APPEARANCE if ranges}
+            trained_on = {
+                one: (float(ranges[one][0]), float(ranges[one][1]))
+                for one in APPEARANCE
+                if ranges
+            }
             own = settings.get("classifier")
-            decider = flda_decider(name, state) if own is None else plugged.loaded(own, state, plug_ins)
+            decider = (
+                flda_decider(name, state)
+                if own is None
+                else plugged.loaded(own, state, plug_ins)
+            )
             return cls(name, locator, reader, decider, calibration, trained_on)
-        except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        except (
+            LookupError,
+            TypeError,
+            ValueError,
+            RuntimeError,
+            AttributeError,
+        ) as error:
             if isinstance(error, VoccError):
                 raise VoccError(f"model {path}: {error}") from None
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise VoccError(f"model {path} is damaged ({reason}): train it again") from None
+            raise VoccError(
+                f"model {path} is damaged ({reason}): train it again"
+            ) from None

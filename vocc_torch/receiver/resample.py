@@ -21,11 +21,17 @@ from vocc_torch.types import Frames, Panels, PanelShape, holds, is_exporting
 class ResampleSettings:
     """Limits of resampling."""
 
-    most_px: float = 1e15  # corners farther than this from the sensor's corner are no corners
-    most_readings: int = 1 << 22  # of one frame: what 8 x 8 LEDs of 200 px with K = 8 take
+    most_px: float = (
+        1e15  # corners farther than this from the sensor's corner are no corners
+    )
+    most_readings: int = (
+        1 << 22
+    )  # of one frame: what 8 x 8 LEDs of 200 px with K = 8 take
     chunk_readings: int = 1 << 18  # on a CPU, whose cache holds so many
     most_factor: int = 64  # readings along a sample's side
-    flat_px2: float = 1e-9  # least cross product of neighbouring sides where a corner parts them
+    flat_px2: float = (
+        1e-9  # least cross product of neighbouring sides where a corner parts them
+    )
     flat_share: float = 1e-12  # the same, of the longest side's square
 
 
@@ -53,16 +59,25 @@ def sample_cells(leds: int, samples: int, margin: int) -> Tensor:
         >>> sample_cells(1, 4, 0).tolist()
         [0.125, 0.375, 0.625, 0.875]
     """
-    return (torch.arange((leds + 2 * margin) * samples, dtype=torch.float64) + 0.5) / samples - margin
+    return (
+        torch.arange((leds + 2 * margin) * samples, dtype=torch.float64) + 0.5
+    ) / samples - margin
 
 
 @lru_cache(maxsize=64)
 @torch.inference_mode(False)
 def _axes(
-    shape: PanelShape, samples: int, margin: int, dtype: torch.dtype, device: torch.device
+    shape: PanelShape,
+    samples: int,
+    margin: int,
+    dtype: torch.dtype,
+    device: torch.device,
 ) -> list[Tensor]:
     """Give the samples' cell coordinates along the rows (w,) and down the columns (h,)."""
-    return [sample_cells(leds, samples, margin).to(device, dtype) for leds in (shape.columns, shape.rows)]
+    return [
+        sample_cells(leds, samples, margin).to(device, dtype)
+        for leds in (shape.columns, shape.rows)
+    ]
 
 
 def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
@@ -106,7 +121,9 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
     to_x = (second - first + gh[:, :1] * second) * (1 / shape.columns)
     to_y = (fourth - first + gh[:, 1:] * fourth) * (1 / shape.rows)
     # With zero added, no zero is negative.
-    return torch.stack([to_x * convex[:, None] + 0.0, to_y * convex[:, None] + 0.0, first], 2)
+    return torch.stack(
+        [to_x * convex[:, None] + 0.0, to_y * convex[:, None] + 0.0, first], 2
+    )
 
 
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
@@ -133,9 +150,17 @@ def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
         [[[10.0, 2.0]]]
     """
     columns = cell_homography(corners_px, shape).mT[:, None]
-    mapped = cells[..., :1] * columns[:, :, 0] + cells[..., 1:] * columns[:, :, 1] + columns[:, :, 2]
+    mapped = (
+        cells[..., :1] * columns[:, :, 0]
+        + cells[..., 1:] * columns[:, :, 1]
+        + columns[:, :, 2]
+    )
     # A point on the horizon is as far away as a corner may be.
-    return (mapped[..., :2] / mapped[..., 2:]).nan_to_num().clamp(-SETTINGS.most_px, SETTINGS.most_px)
+    return (
+        (mapped[..., :2] / mapped[..., 2:])
+        .nan_to_num()
+        .clamp(-SETTINGS.most_px, SETTINGS.most_px)
+    )
 
 
 def _places(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
@@ -144,11 +169,15 @@ def _places(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
     From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
     """
     across = homography[:, :, :1] * x[..., None, :] + homography[:, :, 2:]
-    mapped = across[:, :, None, :] + (homography[:, :, 1:2] * y[..., None, :])[..., None]
+    mapped = (
+        across[:, :, None, :] + (homography[:, :, 1:2] * y[..., None, :])[..., None]
+    )
     return mapped[:, :2] / mapped[:, 2:].clamp(min=torch.finfo(mapped.dtype).tiny)
 
 
-def _read(frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+def _read(
+    frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor
+) -> Tensor:
     """Read frames ``rows`` (n,) bilinearly at cell coordinates x by y, as :func:`_places` has them: (n,h,w).
 
     Positions count from a whole sensor pixel at the panel, so a crop and the full frame give the same values
@@ -159,7 +188,11 @@ def _read(frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
     moved = torch.cat([moved, homography[:, 2:]], 1).to(x.dtype)
     begin = origin.long() - frames.origin_px[rows]
-    turned = is_exporting() or moved.requires_grad or bool(moved[:, (0, 1, 2, 2), (1, 0, 0, 1)].any())
+    turned = (
+        is_exporting()
+        or moved.requires_grad
+        or bool(moved[:, (0, 1, 2, 2), (1, 0, 0, 1)].any())
+    )
     if turned:
         at = _places(moved, x, y).unbind(1)
     else:
@@ -168,11 +201,15 @@ def _read(frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor
             (moved[:, 1, 1:2] * y + moved[:, 1, 2:])[..., None],
         )
     wholes, shares, firsts = [], [], []
-    for axis, (places, size) in enumerate(zip(at, frames.grey.shape[:1:-1], strict=True)):
+    for axis, (places, size) in enumerate(
+        zip(at, frames.grey.shape[:1:-1], strict=True)
+    ):
         from_first = begin[:, axis, None, None].to(x.dtype)
         places = places.clamp(-1 - from_first, size - 1 - from_first)
         whole = places.detach().floor()
-        first = (-1 - from_first) if is_exporting() else whole.amin((1, 2), keepdim=True)
+        first = (
+            (-1 - from_first) if is_exporting() else whole.amin((1, 2), keepdim=True)
+        )
         wholes.append(whole - first)
         shares.append(places - whole)
         firsts.append((first + from_first)[:, 0, 0])
@@ -180,23 +217,37 @@ def _read(frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor
     if turned:
         wide = windows.shape[2]
         index = wholes[1] * wide + wholes[0]
-        if not is_exporting() and windows[0].numel() > 1 << 24:  # beyond what float32 counts
+        if (
+            not is_exporting() and windows[0].numel() > 1 << 24
+        ):  # beyond what float32 counts
             index = wholes[1].double() * wide + wholes[0]
         index, flat = index.long().flatten(1), windows.flatten(1)
-        near = [flat[:, by:].gather(1, index).view_as(shares[0]) for by in (0, 1, wide, wide + 1)]
-        upper, lower = (torch.lerp(near[line], near[line + 1], shares[0]) for line in (0, 2))
+        near = [
+            flat[:, by:].gather(1, index).view_as(shares[0])
+            for by in (0, 1, wide, wide + 1)
+        ]
+        upper, lower = (
+            torch.lerp(near[line], near[line + 1], shares[0]) for line in (0, 2)
+        )
         return torch.lerp(upper, lower, shares[1])
     # A column of samples is a column of the image: pixels are mixed along the rows, and these once.
     count, tall, _ = windows.shape
     columns = wholes[0].long().expand(-1, tall, -1).contiguous()
     left, right = (windows[..., by:].gather(2, columns) for by in (0, 1))
     mixed = torch.lerp(left, right, shares[0]).flatten(0, 1)
-    lines = (wholes[1][..., 0].long() + torch.arange(count, device=rows.device)[:, None] * tall).flatten()
-    upper, lower = (mixed.index_select(0, lines + by).view(count, len(y), len(x)) for by in (0, 1))
+    lines = (
+        wholes[1][..., 0].long()
+        + torch.arange(count, device=rows.device)[:, None] * tall
+    ).flatten()
+    upper, lower = (
+        mixed.index_select(0, lines + by).view(count, len(y), len(x)) for by in (0, 1)
+    )
     return torch.lerp(upper, lower, shares[1])
 
 
-def _windows(frames: Frames, rows: Tensor, firsts: list[Tensor], wholes: list[Tensor]) -> Tensor:
+def _windows(
+    frames: Frames, rows: Tensor, firsts: list[Tensor], wholes: list[Tensor]
+) -> Tensor:
     """Cut windows (n,tall,wide) that hold the pixels read and their next ones; border pixels go on.
 
     Args:
@@ -206,10 +257,15 @@ def _windows(frames: Frames, rows: Tensor, firsts: list[Tensor], wholes: list[Te
         wholes: columns and rows that are read, from the window's first.
     """
     if is_exporting():
-        return nn.functional.pad(frames.grey.float(), (1, 1, 1, 1), mode="replicate")[:, 0]
+        return nn.functional.pad(frames.grey.float(), (1, 1, 1, 1), mode="replicate")[
+            :, 0
+        ]
     height, width = frames.grey.shape[-2:]
     columns, lines = (
-        (first.long()[:, None] + torch.arange(int(whole.amax()) + 2, device=rows.device)).clamp(0, size - 1)
+        (
+            first.long()[:, None]
+            + torch.arange(int(whole.amax()) + 2, device=rows.device)
+        ).clamp(0, size - 1)
         for first, whole, size in zip(firsts, wholes, (width, height), strict=True)
     )
     index = ((rows[:, None] * height + lines) * width)[..., None] + columns[:, None]
@@ -257,17 +313,32 @@ def rectify(
     homography = cell_homography(panels.corners_px, shape)
     cells = (shape.rows + 2 * margin) * (shape.columns + 2 * margin)
     most = max(1, math.isqrt(SETTINGS.most_readings // cells) // samples_per_led)
-    pixels = torch.maximum(*cell_size_px(panels.corners_px, shape)).detach() / samples_per_led
+    pixels = (
+        torch.maximum(*cell_size_px(panels.corners_px, shape)).detach()
+        / samples_per_led
+    )
     factors = pixels.round().clamp(1, min(SETTINGS.most_factor, most)).long()
     if is_exporting():
-        return _rectified_in_graph(frames, homography, factors, shape, samples_per_led, margin, dtype)
+        return _rectified_in_graph(
+            frames, homography, factors, shape, samples_per_led, margin, dtype
+        )
     patches: list[tuple[Tensor, Tensor]] = []
     for factor in sorted(set(factors.tolist())):
         x, y = _axes(shape, samples_per_led * factor, margin, dtype, grey.device)
-        chunk = SETTINGS.chunk_readings if grey.device.type == "cpu" else SETTINGS.most_readings
-        for rows in (factors == factor).nonzero()[:, 0].split(max(1, chunk // (len(x) * len(y)))):
+        chunk = (
+            SETTINGS.chunk_readings
+            if grey.device.type == "cpu"
+            else SETTINGS.most_readings
+        )
+        for rows in (
+            (factors == factor)
+            .nonzero()[:, 0]
+            .split(max(1, chunk // (len(x) * len(y))))
+        ):
             read = _read(frames, rows, homography[rows], x, y)[:, None]
-            patches.append((rows, nn.functional.avg_pool2d(read, factor) if factor > 1 else read))
+            patches.append(
+                (rows, nn.functional.avg_pool2d(read, factor) if factor > 1 else read)
+            )
     if len(patches) == 1:
         return patches[0][1]
     order = torch.cat([rows for rows, _ in patches]).argsort()
@@ -301,7 +372,9 @@ def rectify_takes(
     """
     shapes = [tuple(take.grey.shape) for take in takes]
     if len(set(shapes)) > 1:
-        raise VoccError(f"takes have shapes {', '.join(map(str, shapes))}: they must be of one shape")
+        raise VoccError(
+            f"takes have shapes {', '.join(map(str, shapes))}: they must be of one shape"
+        )
     return [rectify(take, panels, shape, samples_per_led, dtype) for take in takes]
 
 
@@ -326,14 +399,20 @@ def _rectified_in_graph(
     for leds in (shape.columns, shape.rows):
         places = torch.arange((leds + 2 * margin) * samples)[:, None] * factor
         places = places + torch.minimum(within, factor - 1)
-        axes.append((((places.double() + 0.5) / (samples * factor)) - margin).flatten(1).to(dtype))
+        axes.append(
+            (((places.double() + 0.5) / (samples * factor)) - margin)
+            .flatten(1)
+            .to(dtype)
+        )
     rows = torch.arange(len(factors), device=factors.device)
     read = _read(frames, rows, homography, axes[0][:, None], axes[1][:, None])
     weight = (within < factor).to(dtype)
     sides = ((leds + 2 * margin) * samples for leds in (shape.rows, shape.columns))
     high, wide = sides
     read = read.view(-1, high, most, wide, most)
-    summed = (read * weight[:, :, :, None, None] * weight[:, :, None, None, :]).sum((2, 4))
+    summed = (read * weight[:, :, :, None, None] * weight[:, :, None, None, :]).sum(
+        (2, 4)
+    )
     return (summed / factor.square())[:, None]
 
 
@@ -341,9 +420,16 @@ def _check(frames: Frames, panels: Panels) -> None:
     """Refuse frames that cannot be read at the panels."""
     size, corners = tuple(frames.grey.shape), tuple(panels.corners_px.shape)
     if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
-        raise VoccError(f"frames.grey has shape {size}: it must be (B,1,H,W), not empty")
+        raise VoccError(
+            f"frames.grey has shape {size}: it must be (B,1,H,W), not empty"
+        )
     if corners != (size[0], 4, 2):
-        raise VoccError.of("panels.corners_px", f"shape {corners}", f"({size[0]},4,2), one a frame", "has")
+        raise VoccError.of(
+            "panels.corners_px",
+            f"shape {corners}",
+            f"({size[0]},4,2), one a frame",
+            "has",
+        )
 
 
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
@@ -360,11 +446,20 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     """
     _check(frames, panels)
     homography = cell_homography(panels.corners_px, shape)
-    middles = (torch.arange(leds).to(homography) + 0.5 for leds in (shape.columns, shape.rows))
+    middles = (
+        torch.arange(leds).to(homography) + 0.5 for leds in (shape.columns, shape.rows)
+    )
     height, width = frames.grey.shape[-2:]
     place = _places(homography, *middles).floor() - frames.origin_px.view(-1, 2, 1, 1)
     # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
-    column, row = place[:, 0].clamp(0, width - 1).long(), place[:, 1].clamp(0, height - 1).long()
-    read = frames.grey.flatten(1).gather(1, (row * width + column).flatten(1)).view(row.shape)
+    column, row = (
+        place[:, 0].clamp(0, width - 1).long(),
+        place[:, 1].clamp(0, height - 1).long(),
+    )
+    read = (
+        frames.grey.flatten(1)
+        .gather(1, (row * width + column).flatten(1))
+        .view(row.shape)
+    )
     dtype = torch.float64 if read.dtype == torch.float64 else torch.float32
     return checked_greys(read.to(dtype), "frames.grey at the LEDs' centres")

@@ -19,8 +19,12 @@ def shipped_path(name: str) -> Path:
         VoccError: an unknown name.
     """
     if name not in SHIPPED:
-        raise VoccError.of("model", repr(name), f"a receiver.pt, or {' or '.join(SHIPPED)}")
-    return Path(str(resources.files("vocc_torch.receiver").joinpath("models", f"{name}.pt")))
+        raise VoccError.of(
+            "model", repr(name), f"a receiver.pt, or {' or '.join(SHIPPED)}"
+        )
+    return Path(
+        str(resources.files("vocc_torch.receiver").joinpath("models", f"{name}.pt"))
+    )
 
 
 def shipped_receiver(name: str, shape: PanelShape | None = None) -> Receiver:

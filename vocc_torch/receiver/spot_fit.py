@@ -30,12 +30,16 @@ def fitted_spots(
     """
     seen = _Seen(scales, Cells.at(scales, quads.repeat(2, 1, 1), shape))
     start, side = seen.cells.corners_px, lattice_model.SAMPLES
-    patches = read_cells(scales, seen.cells[: len(quads)], shape, side, lattice_model.MARGIN)
+    patches = read_cells(
+        scales, seen.cells[: len(quads)], shape, side, lattice_model.MARGIN
+    )
     dark = patches[:, side:-side, side:-side].flatten(1).quantile(0.1, dim=1)
     patches[:, side:-side, side:-side] = torch.nan
     ring = patches.flatten(1).nanmedian(1).values
     background = torch.cat([ring, dark]).double()
-    begun = lattice_model.Lattice.at(start, torch.full_like(background, _BLUR), background, shape)
+    begun = lattice_model.Lattice.at(
+        start, torch.full_like(background, _BLUR), background, shape
+    )
     rough = lattice_fit.fit_lattice(seen, begun, range(_ROUGH_STEPS))
     shares, which = rough.share.view(2, -1).max(0)
     rows = (shares > least_rough).nonzero()[:, 0]
@@ -49,7 +53,9 @@ def fitted_spots(
         moved = (lattice.corners_px - start[rows]).norm(dim=2).amax(1) / cell
         good = (lattice.share > _LEAST_SHARE) & (moved <= _NEAR_CELLS)
         rows, lattice = rows[good], lattice[good]
-        found[rows] = lattice.corners_px * 2.0 ** seen.cells.level[rows].double()[:, None, None]
+        found[rows] = (
+            lattice.corners_px * 2.0 ** seen.cells.level[rows].double()[:, None, None]
+        )
         shares[rows] = lattice.share
     return found, shares
 
@@ -72,4 +78,10 @@ class _Seen:
     def read(self, lattice: lattice_model.Lattice) -> Tensor:
         """Resample the picture about each."""
         cells = replace(self.cells, corners_px=lattice.corners_px)
-        return read_cells(self.scales, cells, lattice.shape, lattice_model.SAMPLES, lattice_model.MARGIN)
+        return read_cells(
+            self.scales,
+            cells,
+            lattice.shape,
+            lattice_model.SAMPLES,
+            lattice_model.MARGIN,
+        )

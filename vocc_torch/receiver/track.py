@@ -26,26 +26,39 @@ class TrackSettings:
 
     least_share: float = 0.6  # of what a lattice explained before
     least_explained: float = 0.3  # of the picture that a lattice explains
-    worse_share: float = 0.12  # less than before: half a cell off a lattice fits as well, though badly
+    worse_share: float = (
+        0.12  # less than before: half a cell off a lattice fits as well, though badly
+    )
     change_share: float = 0.5  # of a panel's LEDs that change from frame to frame
     clutter_change_share: float = 0.05  # of clutter's lights that change
-    frame_log_odds: tuple[float, float] = (-3.0, 10.0)  # the least and the most that one frame says
+    frame_log_odds: tuple[float, float] = (
+        -3.0,
+        10.0,
+    )  # the least and the most that one frame says
     panel_log_odds: float = 25.0  # from which on it is a panel
-    line_more: float = 3.0  # energy by which a panel moved by a line must stand out more
+    line_more: float = (
+        3.0  # energy by which a panel moved by a line must stand out more
+    )
     energy_learned: float = 0.2  # share of the energy that is learned anew
     least_energy: float = 1.2  # of a cell on the average; below, no panel is left
-    level_spread: float = 0.8  # of an LED's light about bright or dark, of half the way between
+    level_spread: float = (
+        0.8  # of an LED's light about bright or dark, of half the way between
+    )
     most_deviation2: float = 25.0  # squared deviations of the least likely cell
     reach_cells: int = 3  # by which a panel is looked for to the sides
     trust: float = 0.15  # in a cell, for cells are not independent
     still_share: float = 0.15  # of the LEDs' light that changes around them at first
-    light_learned: float = 0.1  # share of a cell's light and variance that is learned anew
+    light_learned: float = (
+        0.1  # share of a cell's light and variance that is learned anew
+    )
     place_gain: float = 0.5  # of a new motion of the place that is believed
     size_gain: float = 0.1  # of a new motion of the size: it changes slowly
     shape_gain: float = 0.05  # of a new turn and bend, which few pixels show badly
     size_kept: float = 0.5  # of a new size that is believed
     shape_kept: float = 0.2  # of a new turn and bend that is believed
-    beyond_share: float = 0.6  # of the LEDs' variance: lights beyond a side that vary so are LEDs
+    beyond_share: float = (
+        0.6  # of the LEDs' variance: lights beyond a side that vary so are LEDs
+    )
     steps: int = 2  # of the fit
     known_costs: tuple[float, ...] = (
         4.0,
@@ -118,19 +131,31 @@ class Track:
             # The least of all shifts by a line: where the corners slip, what stands still changes as well.
             before = sliding_window_view(self.on, inside.shape)
             changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
-            told = changed * math.log(TRACK.change_share / TRACK.clutter_change_share) + (
-                1 - changed
-            ) * math.log((1 - TRACK.change_share) / (1 - TRACK.clutter_change_share))
-            self.flicker += min(max(inside.size * told, TRACK.frame_log_odds[0]), TRACK.frame_log_odds[1])
+            told = changed * math.log(
+                TRACK.change_share / TRACK.clutter_change_share
+            ) + (1 - changed) * math.log(
+                (1 - TRACK.change_share) / (1 - TRACK.clutter_change_share)
+            )
+            self.flicker += min(
+                max(inside.size * told, TRACK.frame_log_odds[0]),
+                TRACK.frame_log_odds[1],
+            )
             self.flicker = max(self.flicker, STANDS)
             off = levels - self.lights[0]
-            self.lights = self.lights + TRACK.light_learned * np.stack([off, off**2 - self.lights[1]])
+            self.lights = self.lights + TRACK.light_learned * np.stack(
+                [off, off**2 - self.lights[1]]
+            )
         else:  # LEDs may change by all their light, and what is around them by little
             varied = np.full_like(levels, (TRACK.still_share * (high - low)) ** 2)
-            varied[1:-1, 1:-1], levels[1:-1, 1:-1] = ((high - low) / 2) ** 2, (low + high) / 2
+            varied[1:-1, 1:-1], levels[1:-1, 1:-1] = (
+                ((high - low) / 2) ** 2,
+                (low + high) / 2,
+            )
             self.lights = np.stack([levels, varied])
         self.on = on
-        self.lights[1] = np.maximum(self.lights[1], (TRACK.still_share * (high - low) / 2) ** 2 + 1)
+        self.lights[1] = np.maximum(
+            self.lights[1], (TRACK.still_share * (high - low) / 2) ** 2 + 1
+        )
 
     def likely(self, levels: Plane, apart: Corners, step: float) -> Plane:
         """How likely what is seen (R+2,C+2,P,P) is at places by a ``step`` of cells: (P,P), logarithms.
@@ -149,7 +174,9 @@ class Track:
         np.minimum(off, TRACK.most_deviation2, out=off)
         worth: Plane = -TRACK.trust / 2 * off.sum((0, 1))
         places = (np.arange(len(worth)) - len(worth) // 2) * step
-        across, down = ((places + one) ** 2 / 2 / (self.spread * self.misses) for one in apart)
+        across, down = (
+            (places + one) ** 2 / 2 / (self.spread * self.misses) for one in apart
+        )
         worth -= down[:, None] + across
         return worth
 
@@ -160,14 +187,18 @@ class Track:
         if inside[y, x] > inside[1, 1] + TRACK.line_more:
             self.corners = _by_cells(self.corners, x - 1, y - 1, shape)
             for name in ("on", "energy", "lights"):
-                setattr(self, name, np.roll(getattr(self, name), (1 - y, 1 - x), (-2, -1)))
+                setattr(
+                    self, name, np.roll(getattr(self, name), (1 - y, 1 - x), (-2, -1))
+                )
             variance = self.lights[1]
             variance[[0, -1]] = variance[:, [0, -1]] = variance.min()
 
     def ends(self) -> bool:
         """Whether lights beyond each side change less than LEDs do, so that the panel ends there."""
         variance = self.lights[1]
-        beyond = max(variance[[0, -1], 1:-1].mean(1).max(), variance[1:-1, [0, -1]].mean(0).max())
+        beyond = max(
+            variance[[0, -1], 1:-1].mean(1).max(), variance[1:-1, [0, -1]].mean(0).max()
+        )
         return bool(beyond <= TRACK.beyond_share * variance[1:-1, 1:-1].mean())
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
@@ -175,18 +206,44 @@ class Track:
         self.misses += 1
         expected = self.corners + self.motion * self.misses
         before = math.sqrt(abs(area(self.corners)) / shape.leds)
-        levels = cell_levels(read_cells(grey, expected, shape, 1 + TRACK.reach_cells), shape)
-        y, x = divmod(int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()), levels.shape[-1])
-        start = _by_cells(expected, x / SAMPLES - TRACK.reach_cells, y / SAMPLES - TRACK.reach_cells, shape)
-        corners, blur, share = fit(grey, start, shape, self.blur, TRACK.steps, TRACK.known_costs)
-        if share < self.share - TRACK.worse_share:  # half a cell off a lattice fits as well, though badly
-            halves = (_by_cells(start, x / 2, y / 2, shape) for y, x in ((0, 1), (1, 0), (1, 1)))
-            others = (fit(grey, half, shape, self.blur, TRACK.steps, TRACK.known_costs) for half in halves)
+        levels = cell_levels(
+            read_cells(grey, expected, shape, 1 + TRACK.reach_cells), shape
+        )
+        y, x = divmod(
+            int(self.likely(levels, np.zeros(2), 1 / SAMPLES).argmax()),
+            levels.shape[-1],
+        )
+        start = _by_cells(
+            expected,
+            x / SAMPLES - TRACK.reach_cells,
+            y / SAMPLES - TRACK.reach_cells,
+            shape,
+        )
+        corners, blur, share = fit(
+            grey, start, shape, self.blur, TRACK.steps, TRACK.known_costs
+        )
+        if (
+            share < self.share - TRACK.worse_share
+        ):  # half a cell off a lattice fits as well, though badly
+            halves = (
+                _by_cells(start, x / 2, y / 2, shape)
+                for y, x in ((0, 1), (1, 0), (1, 1))
+            )
+            others = (
+                fit(grey, half, shape, self.blur, TRACK.steps, TRACK.known_costs)
+                for half in halves
+            )
             other = max(others, key=lambda one: one[2])
-            corners, blur, share = other if other[2] > share + TRACK.worse_share else (corners, blur, share)
+            corners, blur, share = (
+                other
+                if other[2] > share + TRACK.worse_share
+                else (corners, blur, share)
+            )
         place, size, bend = _parts(corners - expected, expected)
         corners = expected + place + TRACK.size_kept * size + TRACK.shape_kept * bend
-        within = bool((abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all())
+        within = bool(
+            (abs(corners.mean(0) * 2 - grey.shape[::-1]) <= grey.shape[::-1]).all()
+        )
         grown = math.sqrt(abs(area(corners)) / shape.leds) / before
         if (
             not within
@@ -196,8 +253,13 @@ class Track:
             return False
         # A lattice looks the same from line to line; what stands out of it does not.
         light = read_cells(grey, corners, shape, 2)
-        levels, energy = cell_levels(light, shape)[..., ::SAMPLES, ::SAMPLES], spot_energy(light)
-        worth = self.likely(levels, (corners - expected).mean(0) / before, 1.0) + _inside(energy, shape)
+        levels, energy = (
+            cell_levels(light, shape)[..., ::SAMPLES, ::SAMPLES],
+            spot_energy(light),
+        )
+        worth = self.likely(
+            levels, (corners - expected).mean(0) / before, 1.0
+        ) + _inside(energy, shape)
         y, x = divmod(int(worth.argmax()), 3)
         corners = _by_cells(corners, x - 1, y - 1, shape)
         self.energy = self.energy + TRACK.energy_learned * (
@@ -205,12 +267,21 @@ class Track:
         )
         if self.energy[1:-1, 1:-1].mean() < TRACK.least_energy:
             return False
-        place, size, bend = (part / self.misses for part in _parts(corners - expected, expected))
-        self.motion = (
-            self.motion + TRACK.place_gain * place + TRACK.size_gain * size + TRACK.shape_gain * bend
+        place, size, bend = (
+            part / self.misses for part in _parts(corners - expected, expected)
         )
-        self.spread += TRACK.spread_learned * (float((place**2).mean()) / before**2 - self.spread)
-        self.spread = min(max(self.spread, TRACK.least_spread_cells2), TRACK.most_spread_cells2)
+        self.motion = (
+            self.motion
+            + TRACK.place_gain * place
+            + TRACK.size_gain * size
+            + TRACK.shape_gain * bend
+        )
+        self.spread += TRACK.spread_learned * (
+            float((place**2).mean()) / before**2 - self.spread
+        )
+        self.spread = min(
+            max(self.spread, TRACK.least_spread_cells2), TRACK.most_spread_cells2
+        )
         self.corners, self.misses = corners, 0
         self.blur += TRACK.size_gain * (blur - self.blur)
         self.share += TRACK.share_learned * (share - self.share)
@@ -232,8 +303,13 @@ def _parts(off: Corners, corners: Corners) -> tuple[Corners, Corners, Corners]:
     return place, size, off - place - size
 
 
-def _by_cells(corners: Corners, across: float, down: float, shape: PanelShape) -> Corners:
+def _by_cells(
+    corners: Corners, across: float, down: float, shape: PanelShape
+) -> Corners:
     """Move corners along the panel's own lines."""
-    along, beside = (corners[1] - corners[0]) / shape.columns, (corners[3] - corners[0]) / shape.rows
+    along, beside = (
+        (corners[1] - corners[0]) / shape.columns,
+        (corners[3] - corners[0]) / shape.rows,
+    )
     moved: Corners = corners + across * along + down * beside
     return moved

@@ -68,7 +68,9 @@ class Tracker:
         demand_kind("shape", self.shape, PanelShape)
         for name in ("every", "patience"):
             if type(value := getattr(self, name)) is not int or value < 1:
-                raise VoccError.of(f"follow.{name}", value, "a whole number of at least 1")
+                raise VoccError.of(
+                    f"follow.{name}", value, "a whole number of at least 1"
+                )
 
     def __call__(self, frame: NDArray[np.uint8] | Tensor) -> list[Track]:
         """Take the recording's next frame (H,W) uint8, and give the panels that are seen in it.
@@ -89,7 +91,12 @@ class Tracker:
         self.tracks = [
             one
             for one in self.tracks
-            if one in seen or (0 < one.misses <= self.patience if one.sure else not (seen or one.misses))
+            if one in seen
+            or (
+                0 < one.misses <= self.patience
+                if one.sure
+                else not (seen or one.misses)
+            )
         ]
         self._since += 1
         # All the time while nothing is followed, and soon where something is missed.
@@ -99,11 +106,17 @@ class Tracker:
             met = [self._anchored(plane, *one) for one in self._found(plane)]
             for track in self.tracks:
                 track.doubts = 0 if not any(met) or track in met else track.doubts + 1
-            self.tracks = [track for track in self.tracks if track.doubts <= _MOST_DOUBTS]
-            seen = [one for one in self.tracks if one.sure and (one in seen or one in met)]
+            self.tracks = [
+                track for track in self.tracks if track.doubts <= _MOST_DOUBTS
+            ]
+            seen = [
+                one for one in self.tracks if one.sure and (one in seen or one in met)
+            ]
         return sorted(seen, key=lambda track: track.number)
 
-    def panels(self, greys: Tensor, most: int = 1) -> tuple[list[int], list[int], StatedPanels]:
+    def panels(
+        self, greys: Tensor, most: int = 1
+    ) -> tuple[list[int], list[int], StatedPanels]:
         """Take the next frames (B,H,W) uint8 in order, and give up to ``most`` panels of each.
 
         Returns:
@@ -114,20 +127,29 @@ class Tracker:
         rows = []
         for i, plane in enumerate(greys):
             seen = self(plane)
-            told = [(one.number, True, one.corners.copy(), one.score, one.false_alarms) for one in seen]
+            told = [
+                (one.number, True, one.corners.copy(), one.score, one.false_alarms)
+                for one in seen
+            ]
             none = (0, False, np.zeros((4, 2)), 0.0, math.nan)
             rows += [(i, len(seen), *one) for one in told[:most] or [none]]
         whose, many, numbers, found, corners, *judged = zip(*rows, strict=True)
         score, alarms = (torch.tensor(one, dtype=torch.float64) for one in judged)
         where = torch.from_numpy(np.stack(corners)), torch.tensor(found)
-        return list(whose), list(numbers), StatedPanels(*where, score, torch.tensor(many), alarms)
+        return (
+            list(whose),
+            list(numbers),
+            StatedPanels(*where, score, torch.tensor(many), alarms),
+        )
 
     def _admit(self, track: Track) -> None:
         """Take for a panel what was watched, or is begun."""
         track.flicker, track.number = math.inf, self.number
         self.number += 1
 
-    def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float, float, bool]]:
+    def _found(
+        self, plane: NDArray[np.uint8]
+    ) -> Iterator[tuple[Corners, float, float, bool]]:
         """Search a whole frame: corners, score, false alarms, and whether it is surely a panel."""
         frames = Frames.whole(torch.from_numpy(plane))
         found = self.locator.locate(frames, self.shape)
@@ -137,12 +159,20 @@ class Tracker:
         given = (part.tolist() for part in (found.score, found.false_alarms, sure))
         rows = zip(found.corners_px.cpu().numpy(), *given, strict=True)
         for corners, score, alarms, good in sorted(rows, key=lambda row: not row[3]):
-            cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
+            cell = min(
+                float(one)
+                for one in cell_size_px(torch.from_numpy(corners)[None], self.shape)
+            )
             if cell >= 1:
                 yield corners, score, alarms, good
 
     def _anchored(
-        self, plane: NDArray[np.uint8], corners: Corners, score: float, alarms: float, good: bool
+        self,
+        plane: NDArray[np.uint8],
+        corners: Corners,
+        score: float,
+        alarms: float,
+        good: bool,
     ) -> Track | None:
         """Correct the track that a search met, or begin one, where a lattice explains what is there.
 
@@ -164,7 +194,10 @@ class Tracker:
             if float(np.linalg.norm(there.mean(0) - middle)) < reach:
                 if good:
                     track.score, track.false_alarms = score, alarms
-                if not good or (not track.misses and np.abs(track.corners - corners).max() < _CLOSE * cell):
+                if not good or (
+                    not track.misses
+                    and np.abs(track.corners - corners).max() < _CLOSE * cell
+                ):
                     return track
                 track.corners, track.misses, track.on = corners, 0, track.on[:0]
                 break
@@ -172,7 +205,9 @@ class Tracker:
             if not good and watched >= _WATCHED:
                 return None
             alarms = alarms if good else math.nan
-            track = Track(-1, corners, score, blur, share, false_alarms=alarms, flicker=0.0)
+            track = Track(
+                -1, corners, score, blur, share, false_alarms=alarms, flicker=0.0
+            )
             self.tracks.append(track)
         if good and track.number < 0:
             self._admit(track)

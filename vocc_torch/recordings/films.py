@@ -30,7 +30,9 @@ def av_library(source: str) -> Any:
     return av
 
 
-def read_film(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[RecordedFrame]:
+def read_film(
+    path: Path, channel: str, *, grey_only: bool = False
+) -> Iterator[RecordedFrame]:
     """Read a film's frames; a warning says how many are damaged or missing.
 
     Args:
@@ -59,7 +61,9 @@ def read_film(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[
                     reason = str(error)
                     continue
                 for picture in pictures:
-                    for frame in frames_of(picture, printable(path.name), fields, channel, grey_only):
+                    for frame in frames_of(
+                        picture, printable(path.name), fields, channel, grey_only
+                    ):
                         yield frame
                         fields += 1
                     done += 1
@@ -70,7 +74,9 @@ def read_film(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[
         counts = f"{done} frames were read, {damaged} of them damaged, and its header speaks of {declared}"
         warnings.warn(f"input {path}: {counts}", stacklevel=2)
     if reason:
-        raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
+        raise VoccError(
+            f"input {path} cannot be read as a video after {done} frames ({reason})"
+        )
     if done == 0:
         raise VoccError(f"input {path} is a video without frames")
 
@@ -83,7 +89,12 @@ def declared_frames(container: Any, stream: Any, ticks_per_s: int) -> int:
 
 
 def frames_of(
-    picture: Any, source: str, index: int, channel: str, grey_only: bool, arrived_s: float | None = None
+    picture: Any,
+    source: str,
+    index: int,
+    channel: str,
+    grey_only: bool,
+    arrived_s: float | None = None,
 ) -> Iterator[RecordedFrame]:
     """Convert a frame of PyAV: one frame, or two fields where the film is interlaced.
 
@@ -104,15 +115,27 @@ def frames_of(
         grey = to_grey(colour, channel)
     if not picture.interlaced_frame:
         shown = rotated(colour, turns), rotated_grey(grey, turns)
-        note = f"turned by {-turns * TURN_DEGREES % 360} degrees as the film's header says" if turns else ""
-        yield RecordedFrame(source, index, picture.time, *shown, note=note, arrived_s=arrived_s)
+        note = (
+            f"turned by {-turns * TURN_DEGREES % 360} degrees as the film's header says"
+            if turns
+            else ""
+        )
+        yield RecordedFrame(
+            source, index, picture.time, *shown, note=note, arrived_s=arrived_s
+        )
         return
     for parity in (0, 1):
         field_grey = rotated(field(np.asarray(grey), parity), turns)
         field_colour = rotated(field(colour, parity), turns)
         time_s = field_time_s(picture, parity)
         yield RecordedFrame(
-            source, index + parity, time_s, field_colour, field_grey, note=INTERLACED, arrived_s=arrived_s
+            source,
+            index + parity,
+            time_s,
+            field_colour,
+            field_grey,
+            note=INTERLACED,
+            arrived_s=arrived_s,
         )
 
 

@@ -16,7 +16,11 @@ STUDIO_BLACK = 16
 """Grey value of black in most films (ITU-R BT.601)."""
 STUDIO_RANGE = 219
 """Grey values from black to white in most films (ITU-R BT.601)."""
-STUDIO_TO_FULL = np.rint((np.arange(256) - STUDIO_BLACK) * 255 / STUDIO_RANGE).clip(0, 255).astype(np.uint8)
+STUDIO_TO_FULL = (
+    np.rint((np.arange(256) - STUDIO_BLACK) * 255 / STUDIO_RANGE)
+    .clip(0, 255)
+    .astype(np.uint8)
+)
 """Full-range grey value of each grey value of a film."""
 QUARTER_TURNS = {0: 0, 90: 3, 180: 2, 270: 1}
 """Turns of ``numpy.rot90`` for each clockwise angle in degrees."""
@@ -118,15 +122,21 @@ def to_bytes(values: NDArray[Any]) -> tuple[Bytes, str]:
     highest = values.max(initial=0)
     if not (lowest >= 0 and highest <= WHITE_LEVELS[-1]):
         limits = f"from 0 to {WHITE_LEVELS[-1]}"
-        raise ValueError(f"it holds {values.dtype} from {lowest} to {highest}: it must hold values {limits}")
+        raise ValueError(
+            f"it holds {values.dtype} from {lowest} to {highest}: it must hold values {limits}"
+        )
     levels = WHITE_LEVELS if values.dtype.kind == "f" else WHITE_LEVELS[2:]
     white = next(level for level in levels if highest <= level)
-    note = "" if white in (1, WHITE_LEVELS[-1]) else f"read as {white.bit_length()} bits"
+    note = (
+        "" if white in (1, WHITE_LEVELS[-1]) else f"read as {white.bit_length()} bits"
+    )
     scaled: Bytes = np.rint(values * (255.0 / white)).astype(np.uint8)
     return scaled, f"grey values up to {highest:g} are {note}" if note else ""
 
 
-def turned(recording: Iterator[RecordedFrame], turn: int, mirror: bool) -> Iterator[RecordedFrame]:
+def turned(
+    recording: Iterator[RecordedFrame], turn: int, mirror: bool
+) -> Iterator[RecordedFrame]:
     """Turn each frame clockwise and then mirror it left to right, so that the panel stands upright.
 
     Args:
@@ -147,6 +157,8 @@ def turned(recording: Iterator[RecordedFrame], turn: int, mirror: bool) -> Itera
         return np.ascontiguousarray(rotated[:, ::-1] if mirror else rotated)
 
     return (
-        replace(frame, colour=upright(frame.colour), grey=upright(np.asarray(frame.grey)))
+        replace(
+            frame, colour=upright(frame.colour), grey=upright(np.asarray(frame.grey))
+        )
         for frame in recording
     )

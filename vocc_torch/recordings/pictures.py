@@ -31,7 +31,9 @@ def natural_key(path: Path) -> list[tuple[int, str]]:
         ['2.png', '10.png']
     """
     parts = re.split(r"([0-9]+)", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part) for part in parts if part
+    ]
 
 
 def read_folder(folder: Path, channel: str) -> Iterator[RecordedFrame]:
@@ -40,17 +42,25 @@ def read_folder(folder: Path, channel: str) -> Iterator[RecordedFrame]:
     Raises:
         VoccError: a folder without pictures, at once; at the end, files that cannot be read.
     """
-    files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
+    files = sorted(
+        (path for path in folder.iterdir() if path.is_file()), key=natural_key
+    )
     pictures = [path for path in files if path.suffix.lower() in PICTURE_SUFFIXES]
     if not pictures:
         endings = " ".join(PICTURE_SUFFIXES)
         raise VoccError(f"input {folder} holds no picture: known endings are {endings}")
     known = (*PICTURE_SUFFIXES, *SIDECAR_SUFFIXES)
-    others = [p.name for p in files if p.suffix.lower() not in known and not p.name.startswith(".")]
+    others = [
+        p.name
+        for p in files
+        if p.suffix.lower() not in known and not p.name.startswith(".")
+    ]
     return read_pictures(pictures, channel, others)
 
 
-def read_pictures(paths: Sequence[Path], channel: str, others: Sequence[str] = ()) -> Iterator[RecordedFrame]:
+def read_pictures(
+    paths: Sequence[Path], channel: str, others: Sequence[str] = ()
+) -> Iterator[RecordedFrame]:
     """Read pictures one after the other.
 
     Args:
@@ -67,9 +77,15 @@ def read_pictures(paths: Sequence[Path], channel: str, others: Sequence[str] = (
             yield from read_picture(path, channel)
         except VoccError as error:
             failures.append(str(error))
-    failures += [f"input {printable(name)} is not a known kind of picture" for name in others]
+    failures += [
+        f"input {printable(name)} is not a known kind of picture" for name in others
+    ]
     if failures:
-        further = f"; and {len(failures) - MOST_FAILURES} more" if len(failures) > MOST_FAILURES else ""
+        further = (
+            f"; and {len(failures) - MOST_FAILURES} more"
+            if len(failures) > MOST_FAILURES
+            else ""
+        )
         raise VoccError("; ".join(failures[:MOST_FAILURES]) + further)
 
 
@@ -87,18 +103,26 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
         for index in count():
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # of files that are odd but readable
+                    warnings.simplefilter(
+                        "ignore"
+                    )  # of files that are odd but readable
                     warnings.simplefilter("error", Image.DecompressionBombWarning)
-                    image = image or stack.enter_context(Image.open(path, formats=formats))
+                    image = image or stack.enter_context(
+                        Image.open(path, formats=formats)
+                    )
                     image.seek(index)
                     colour, note = to_colour(image)
-            except Exception as error:  # Pillow's readers raise many kinds for damaged files
+            except (
+                Exception
+            ) as error:  # Pillow's readers raise many kinds for damaged files
                 if image and index and isinstance(error, EOFError):
                     warn_of_missing_end(path, image, index)
                     return
                 raise refusal(path, error, index) from None
             grey = to_grey(colour, channel)
-            yield RecordedFrame(printable(path.name), index, None, colour, grey, note=note)
+            yield RecordedFrame(
+                printable(path.name), index, None, colour, grey, note=note
+            )
             if image.format == "MPO":
                 return
 
@@ -159,13 +183,19 @@ def read_greys(path: Path) -> Iterator[RecordedFrame]:
     try:
         greys = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, TypeError) as error:
-        raise VoccError(f"input {path} cannot be read as an array ({' '.join(str(error).split())})") from None
+        raise VoccError(
+            f"input {path} cannot be read as an array ({' '.join(str(error).split())})"
+        ) from None
     if greys.dtype != np.uint8 or greys.ndim != 3 or not greys.size:
         found = f"{greys.dtype} of shape {greys.shape}"
-        raise VoccError(f"input {path} holds {found}: it must be uint8 of shape (N,H,W), not empty")
+        raise VoccError(
+            f"input {path} holds {found}: it must be uint8 of shape (N,H,W), not empty"
+        )
     for index, plane in enumerate(greys):
         grey = np.array(plane)
-        yield RecordedFrame(printable(path.name), index, None, grey_as_colour(grey), grey)
+        yield RecordedFrame(
+            printable(path.name), index, None, grey_as_colour(grey), grey
+        )
 
 
 def grey_as_colour(grey: Bytes) -> Bytes:
@@ -199,6 +229,10 @@ def read_array(values: NDArray[Any], channel: str) -> Iterator[RecordedFrame]:
         allowed = "(H,W), (H,W,3), (B,H,W) or (B,H,W,3), not empty"
         raise VoccError.of("the array's shape", values.shape, allowed)
     for index, picture in enumerate(pictures):
-        colour = np.ascontiguousarray(picture[..., :3]) if is_colour else grey_as_colour(picture)
+        colour = (
+            np.ascontiguousarray(picture[..., :3])
+            if is_colour
+            else grey_as_colour(picture)
+        )
         grey = to_grey(colour, channel) if is_colour else picture
         yield RecordedFrame("array", index, None, colour, grey, note=note)

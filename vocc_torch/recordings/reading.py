@@ -11,15 +11,25 @@ from vocc_torch.errors import VoccError, shown
 from vocc_torch.files import VIDEO_SUFFIXES
 from vocc_torch.recordings.films import read_film
 from vocc_torch.recordings.frames import RecordedFrame
-from vocc_torch.recordings.pictures import read_array, read_folder, read_greys, read_picture, to_colour
+from vocc_torch.recordings.pictures import (
+    read_array,
+    read_folder,
+    read_greys,
+    read_picture,
+    to_colour,
+)
 from vocc_torch.recordings.streams import LiveStream, is_stream
 
 ARRAY_SUFFIX = ".npy"
 """A NumPy file of greys (N,H,W) uint8."""
-ALLOWED = "give a picture, a folder of pictures, a video, camera:0, an rtsp:// address or -"
+ALLOWED = (
+    "give a picture, a folder of pictures, a video, camera:0, an rtsp:// address or -"
+)
 
 
-def read_recording(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[RecordedFrame]:
+def read_recording(
+    path: Path, channel: str, *, grey_only: bool = False
+) -> Iterator[RecordedFrame]:
     """Read the frames of a file or folder one by one.
 
     Files that cannot be read are named at the end, after all frames that can be read.
@@ -70,7 +80,9 @@ def read_source(source: object, channel: str) -> Iterator[RecordedFrame]:
     return read_array(np.asarray(array), channel)
 
 
-def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:
+def readable(
+    recording: Iterator[RecordedFrame], failures: list[str]
+) -> Iterator[RecordedFrame]:
     """Pass on the frames that can be read, and append to ``failures`` what cannot."""
     try:
         yield from recording

@@ -61,10 +61,16 @@ def opened(source: str) -> Any:
             driver, device = CAMERA_DRIVERS.get(sys.platform, CAMERA_DRIVERS["linux"])
             name = device.format(source.removeprefix(CAMERA))
             return av.open(name, format=driver, options=dict(LOW_LATENCY))
-        options = {**LOW_LATENCY, "rtsp_transport": "tcp"} if source.startswith("rtsp") else dict(LOW_LATENCY)
+        options = (
+            {**LOW_LATENCY, "rtsp_transport": "tcp"}
+            if source.startswith("rtsp")
+            else dict(LOW_LATENCY)
+        )
         return av.open(source, options=options, timeout=CONNECT_TIMEOUT_S)
     except (av.error.FFmpegError, OSError, ValueError) as error:
-        raise VoccError(f"input {source} cannot be opened ({' '.join(str(error).split())})") from None
+        raise VoccError(
+            f"input {source} cannot be opened ({' '.join(str(error).split())})"
+        ) from None
 
 
 class LiveStream:
@@ -102,7 +108,9 @@ class LiveStream:
                 name = "stdin" if self.waits else self.source
                 if self.is_closed:
                     break
-                for frame in frames_of(picture, name, index, self.channel, False, time.monotonic()):
+                for frame in frames_of(
+                    picture, name, index, self.channel, False, time.monotonic()
+                ):
                     self.put(frame)
                     index += 1
         except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:

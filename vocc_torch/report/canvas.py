@@ -68,8 +68,16 @@ def new_grid(
     height = above + rows * (cell_in[1] + gap_in[1]) - gap_in[1] + below
     figure = new_figure(width, height)
     room = {"left": left / width, "right": 1 - right / width, "top": 1 - above / height}
-    room |= {"bottom": below / height, "wspace": gap_in[0] / cell_in[0], "hspace": gap_in[1] / cell_in[1]}
-    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=room).flatten().tolist()
+    room |= {
+        "bottom": below / height,
+        "wspace": gap_in[0] / cell_in[0],
+        "hspace": gap_in[1] / cell_in[1],
+    }
+    axes = (
+        figure.subplots(rows, columns, squeeze=False, gridspec_kw=room)
+        .flatten()
+        .tolist()
+    )
     for empty in axes[count:]:
         empty.remove()
     return figure, axes[:count]
@@ -92,7 +100,9 @@ def quiet_axes(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     axes.set_axisbelow(True)
 
 
-def label_edges(axes: Axes, lowest: bool, leftmost: bool, across: str = "", up: str = "") -> None:
+def label_edges(
+    axes: Axes, lowest: bool, leftmost: bool, across: str = "", up: str = ""
+) -> None:
     """Name quantities and their values where axes that are alike end: below the lowest, left of the leftmost.
 
     Args:
@@ -117,12 +127,32 @@ def write_title(figure: Figure, title: str, footnote: str = "") -> None:
         footnote: what it rests on.
     """
     height = figure.get_figheight()
-    figure.text(0.018, 1 - 0.16 / height, title, fontsize=15, fontweight="bold", color=INK, va="top")
-    figure.text(0.018, 0.12 / height, footnote, fontsize=9.5, color=QUIET, va="bottom", linespacing=1.45)
+    figure.text(
+        0.018,
+        1 - 0.16 / height,
+        title,
+        fontsize=15,
+        fontweight="bold",
+        color=INK,
+        va="top",
+    )
+    figure.text(
+        0.018,
+        0.12 / height,
+        footnote,
+        fontsize=9.5,
+        color=QUIET,
+        va="bottom",
+        linespacing=1.45,
+    )
 
 
 def write_legend(
-    figure: Figure, handles: Sequence[Artist], at: tuple[float, float], columns: int = 1, **look: Any
+    figure: Figure,
+    handles: Sequence[Artist],
+    at: tuple[float, float],
+    columns: int = 1,
+    **look: Any,
 ) -> None:
     """Explain signs without a frame.
 
@@ -133,9 +163,22 @@ def write_legend(
         columns: most names in a row.
         look: what else Matplotlib's legend takes.
     """
-    look = {"loc": "upper left", "fontsize": 10, "handlelength": 3.0, "columnspacing": 1.8, **look}
+    look = {
+        "loc": "upper left",
+        "fontsize": 10,
+        "handlelength": 3.0,
+        "columnspacing": 1.8,
+        **look,
+    }
     columns = min(columns, len(handles))
-    figure.legend(handles=handles, bbox_to_anchor=at, ncols=columns, frameon=False, labelcolor=INK, **look)
+    figure.legend(
+        handles=handles,
+        bbox_to_anchor=at,
+        ncols=columns,
+        frameon=False,
+        labelcolor=INK,
+        **look,
+    )
 
 
 def ink_on(colour: tuple[float, float, float]) -> str:
@@ -147,7 +190,10 @@ def ink_on(colour: tuple[float, float, float]) -> str:
         >>> ink_on((0.1, 0.1, 0.4)), ink_on((1.0, 0.9, 0.2))
         ('white', '#222222')
     """
-    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in colour]
+    linear = [
+        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
+        for part in colour
+    ]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
     return "white" if luminance < 0.21 else INK
 
@@ -203,7 +249,10 @@ def figure_pixels(figure: Figure) -> Pixels:
 
 
 def annotated(
-    colour: Pixels, corners_px: NDArray[np.float64], bits: NDArray[np.bool_], scale: int = 1
+    colour: Pixels,
+    corners_px: NDArray[np.float64],
+    bits: NDArray[np.bool_],
+    scale: int = 1,
 ) -> Image.Image:
     """Draw the panel's outline and a mark a bit onto a picture: filled for On, hollow for Off.
 
@@ -232,4 +281,6 @@ def annotated(
 def enlarged(colour: Pixels, scale: int) -> Image.Image:
     """Show each pixel as a square of ``scale`` by ``scale``."""
     picture = Image.fromarray(colour)
-    return picture.resize((picture.width * scale, picture.height * scale), Image.Resampling.NEAREST)
+    return picture.resize(
+        (picture.width * scale, picture.height * scale), Image.Resampling.NEAREST
+    )

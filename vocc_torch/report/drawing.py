@@ -14,7 +14,14 @@ from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.report import canvas
 from vocc_torch.report.canvas import Axes, Figure, Line2D
-from vocc_torch.report.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
+from vocc_torch.report.styles import (
+    Style,
+    axis_label,
+    count_text,
+    range_text,
+    receiver_styles,
+    value_text,
+)
 
 Looks = Mapping[str, Style]
 """Styles by receiver."""
@@ -28,7 +35,11 @@ _WIDTH_IN = 8.88
 
 
 def draw_rates(
-    axes: Axes, table: BerTable, styles: Looks, rows: Sequence[Row] = (), size: float = 1.0
+    axes: Axes,
+    table: BerTable,
+    styles: Looks,
+    rows: Sequence[Row] = (),
+    size: float = 1.0,
 ) -> None:
     """Draw every receiver's rates and set both axes up; labels and legend are the caller's.
 
@@ -59,7 +70,9 @@ def draw_rates(
         draw_receiver(axes, x, mine, style, size)
 
 
-def set_values(axes: Axes, table: BerTable, crowding: float) -> tuple[dict[float, float], float]:
+def set_values(
+    axes: Axes, table: BerTable, crowding: float
+) -> tuple[dict[float, float], float]:
     """Set the horizontal axis up: ticks at the measured values, names at as many as have room, ends first.
 
     Args:
@@ -78,13 +91,19 @@ def set_values(axes: Axes, table: BerTable, crowding: float) -> tuple[dict[float
     at = scale.transform(np.array(values)).tolist()
     margin = 0.06 * (at[-1] - at[0]) or 1e-3 * abs(at[0]) or 1.0
     width, places = at[-1] - at[0] + 2 * margin, dict(zip(values, at, strict=True))
-    axes.set_xlim(*scale.inverted().transform(np.array([at[0] - margin, at[-1] + margin])))
+    axes.set_xlim(
+        *scale.inverted().transform(np.array([at[0] - margin, at[-1] + margin]))
+    )
     named: dict[float, float] = {}
     for value in dict.fromkeys([values[0], values[-1], *values]):
         room = crowding * width * (0.005 + 0.004 * len(value_text(value)))
-        if all(abs(places[value] - places[other]) > room + named[other] for other in named):
+        if all(
+            abs(places[value] - places[other]) > room + named[other] for other in named
+        ):
             named[value] = room
-    axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
+    axes.set_xticks(
+        values, [value_text(value) if value in named else "" for value in values]
+    )
     axes.set_xticks([], minor=True)
     return places, width
 
@@ -100,19 +119,28 @@ def set_rates(axes: Axes, rows: Sequence[Row]) -> None:
     """
     # A limit's arrow needs about two thirds of a decade below it.
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
-    bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
+    bottom = min(
+        row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3
+        for row in rows
+    )
     several = [one for row in rows if (one := row.algorithm) is not None and one.value]
     bottom = min([bottom, *(max(one.low, one.value / 10) / 1.3 for one in several)])
     highest = max(*(row.ber_high for row in rows), *(one.high for one in several), 0.0)
     axes.set_yscale("log")
     axes.set_ylim(bottom, max(min(1.0, highest * 1.6), bottom * 20))
     axes.yaxis.set_major_locator(ticker.LogLocator(10, numticks=30))
-    axes.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
+    axes.yaxis.set_minor_locator(
+        ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300)
+    )
     # Where hardly more than a decade is shown, values within it are named too.
-    axes.yaxis.set_minor_formatter(ticker.LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
+    axes.yaxis.set_minor_formatter(
+        ticker.LogFormatterSciNotation(minor_thresholds=(1.5, 0.6))
+    )
 
 
-def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
+def draw_receiver(
+    axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float
+) -> None:
     """Draw one receiver: line, markers and intervals, and an arrow down from each limit without errors.
 
     After several trainings a pale bar behind is the interval of the algorithm, with a stroke at its rate.
@@ -126,28 +154,73 @@ def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: St
     """
     # A rate that is not a number breaks the line and leaves the point out.
     rate = [math.nan if row.error_free else row.ber for row in rows]
-    ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
+    ends = [
+        [row.ber - row.ber_low for row in rows],
+        [row.ber_high - row.ber for row in rows],
+    ]
     bar, colour = 1.3 * size, style.colour
     for at, row in zip(x, rows, strict=True):
         # What learns nothing has one interval.
         if (found := row.algorithm) is not None and row.ber_sd:
             # A low end of 0 is beyond a logarithmic axis.
             reach = [max(found.low, axes.get_ylim()[0]), found.high]
-            pale = Line2D([at, at], reach, color=colour, alpha=0.25, linewidth=7 * size, zorder=1.5)
+            pale = Line2D(
+                [at, at],
+                reach,
+                color=colour,
+                alpha=0.25,
+                linewidth=7 * size,
+                zorder=1.5,
+            )
             pale.set(label="_algorithm", solid_capstyle="butt")
             axes.add_line(pale)
-            mean = Line2D([at], [found.value], marker="_", markersize=9 * size, color=colour, zorder=3.5)
+            mean = Line2D(
+                [at],
+                [found.value],
+                marker="_",
+                markersize=9 * size,
+                color=colour,
+                zorder=3.5,
+            )
             mean.set(label="_mean", linestyle="none", markeredgewidth=2 * size)
             axes.add_line(mean)
-    axes.errorbar(x, rate, ends, fmt="none", ecolor=colour, elinewidth=bar, capsize=2 * bar, capthick=bar)
+    axes.errorbar(
+        x,
+        rate,
+        ends,
+        fmt="none",
+        ecolor=colour,
+        elinewidth=bar,
+        capsize=2 * bar,
+        capthick=bar,
+    )
     axes.add_line(receiver_line(style, x, rate, size))
     # The arrow runs from its text, below it, to the limit: its head is at the start.
-    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.4 * size, "mutation_scale": 9 * size}
+    arrow = {
+        "arrowstyle": "<|-",
+        "color": colour,
+        "linewidth": 1.4 * size,
+        "mutation_scale": 9 * size,
+    }
     arrow |= {"shrinkA": 0, "shrinkB": 3 * size}
-    for at, limit in ((at, row.ber_high) for at, row in zip(x, rows, strict=True) if row.error_free):
-        axes.annotate("", (at, limit), (0, -27 * size), textcoords="offset points", arrowprops=arrow)
+    for at, limit in (
+        (at, row.ber_high) for at, row in zip(x, rows, strict=True) if row.error_free
+    ):
+        axes.annotate(
+            "",
+            (at, limit),
+            (0, -27 * size),
+            textcoords="offset points",
+            arrowprops=arrow,
+        )
         hollow = receiver_line(style, [at], [limit], size)
-        hollow.set(label="_limit", linestyle="none", markersize=6 * size, markerfacecolor="white", zorder=4)
+        hollow.set(
+            label="_limit",
+            linestyle="none",
+            markersize=6 * size,
+            markerfacecolor="white",
+            zorder=4,
+        )
         hollow.set(markeredgecolor=colour, markeredgewidth=1.4 * size)
         axes.add_line(hollow)
 
@@ -156,7 +229,14 @@ def receiver_line(
     style: Style, x: Sequence[float] = (), y: Sequence[float] = (), size: float = 1.0
 ) -> Line2D:
     """Make the receiver's line with its markers; without data it is the receiver's sign in the legend."""
-    line = Line2D(x, y, label=style.label, color=style.colour, linestyle=style.line, linewidth=1.8 * size)
+    line = Line2D(
+        x,
+        y,
+        label=style.label,
+        color=style.colour,
+        linestyle=style.line,
+        linewidth=1.8 * size,
+    )
     line.set(marker=style.marker, markersize=7.5 * size, markeredgecolor="white")
     line.set(markeredgewidth=0.7 * size, zorder=3)
     return line
@@ -208,7 +288,9 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     styles = receiver_styles(table.receivers)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
-    figure, (axes,) = canvas.new_grid(1, 1, cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
+    figure, (axes,) = canvas.new_grid(
+        1, 1, cell_in, (0, 0), (0.92, 0.2, above_in, 1.12)
+    )
     draw_rates(axes, table, styles)
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
@@ -218,7 +300,13 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     canvas.write_title(figure, title, note)
     lines = [receiver_line(style) for style in styles.values()]
     look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4}
-    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), _LEGEND_COLUMNS, **look)
+    canvas.write_legend(
+        figure,
+        lines,
+        (0.01, 1 - 0.46 / figure.get_figheight()),
+        _LEGEND_COLUMNS,
+        **look,
+    )
     return figure
 
 
@@ -239,7 +327,9 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
     columns = min(3, len(names))
     cell_in, margins_in = (4.1 if columns == 1 else 2.6, 2.4), (0.78, 0.15, 0.7, 0.55)
-    figure, grid = canvas.new_grid(len(names), columns, cell_in, (0.62, 0.95), margins_in)
+    figure, grid = canvas.new_grid(
+        len(names), columns, cell_in, (0.62, 0.95), margins_in
+    )
     for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
         status_histogram(axes, values[:, number], on, name)
         if number % columns:
@@ -247,7 +337,9 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
     handles, _ = figure.axes[0].get_legend_handles_labels()
     look = {"handlelength": 2.0, "loc": "upper right", "fontsize": 10.5}
-    canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / figure.get_figheight()), 2, **look)
+    canvas.write_legend(
+        figure, handles, (0.99, 1 - 0.08 / figure.get_figheight()), 2, **look
+    )
     return figure
 
 
@@ -256,7 +348,9 @@ STATUS = ((False, "Off", OFF), (True, "On", ON))
 """Both statuses of an LED, with their names and colours."""
 
 
-def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False) -> None:
+def status_histogram(
+    axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False
+) -> None:
     """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
 
     Args:
@@ -266,12 +360,17 @@ def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: b
         label: of the horizontal axis, with its unit.
         log: whether shares are on a logarithmic axis, so that few LEDs show too.
     """
-    edges, least = np.histogram_bin_edges(values, bins=60), 0.5 / bits.size if log else 0.0
+    edges, least = (
+        np.histogram_bin_edges(values, bins=60),
+        0.5 / bits.size if log else 0.0,
+    )
     for status, name, colour in STATUS:
         chosen = values[bits == status]
         shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
         axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least)
+        axes.stairs(
+            shares, edges, color=colour, linewidth=1.6, label=name, baseline=least
+        )
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)
     if log:
@@ -323,9 +422,16 @@ def facet_figure(
     """
     given = [one for row in rows for one in row.values()]
     if not given or not all(map(len, given)):
-        raise VoccError("rows has no facet, or one without points: each needs at least one point")
-    tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
-    styles = styles or receiver_styles(name for table in tables for name in table.receivers)
+        raise VoccError(
+            "rows has no facet, or one without points: each needs at least one point"
+        )
+    tables = sorted(
+        (one for one in given if isinstance(one, BerTable)),
+        key=lambda one: -len(one.receivers),
+    )
+    styles = styles or receiver_styles(
+        name for table in tables for name in table.receivers
+    )
     shown = [point for table in tables for point in table]
     figure, facets = facet_grid(rows, len(styles), axes_alike)
     for (i, j), axes in facets.items():
@@ -337,14 +443,25 @@ def facet_figure(
         else:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_color(canvas.GRID)
-            reason = textwrap.fill(one, int(axes.bbox.width / canvas.DPI / _LETTER_IN) - 6, max_lines=8)
-            text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
+            reason = textwrap.fill(
+                one, int(axes.bbox.width / canvas.DPI / _LETTER_IN) - 6, max_lines=8
+            )
+            text = axes.text(
+                0.5,
+                0.5,
+                reason,
+                transform=axes.transAxes,
+                fontsize=9,
+                color=canvas.QUIET,
+            )
             text.set(ha="center", va="center")
     canvas.write_title(figure, title, footnote)
     if styles:
         lines = [receiver_line(style, size=0.9) for style in styles.values()]
         width, height = figure.get_size_inches()
-        canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / height), int(width / _NAME_IN))
+        canvas.write_legend(
+            figure, lines, (0.01, 1 - 0.46 / height), int(width / _NAME_IN)
+        )
     return figure
 
 
@@ -365,16 +482,30 @@ def facet_grid(
     rest_in = _LEFT_IN + (columns - 1) * _GAP_IN + _RIGHT_IN
     wide = max(_FACET_WIDTH_IN, (_LEAST_WIDTH_IN - rest_in) / columns)
     cut: dict[str, Any] = {"max_lines": 3, "placeholder": " \N{HORIZONTAL ELLIPSIS}"}
-    heads = [[textwrap.wrap(name, int(wide / _LETTER_IN), **cut) for name in row] for row in rows]
+    heads = [
+        [textwrap.wrap(name, int(wide / _LETTER_IN), **cut) for name in row]
+        for row in rows
+    ]
     most_lines = max(len(head) for row in heads for head in row)
     gap_in = _GAP_IN + _LINE_IN * (most_lines - 1) + (0.0 if axes_alike else 0.28)
-    above_in = 0.62 + 0.24 * math.ceil(names / int((rest_in + columns * wide) / _NAME_IN)) + gap_in
-    cell_in, margins_in = (wide, _FACET_HEIGHT_IN), (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN)
-    figure, grid = canvas.new_grid(len(rows) * columns, columns, cell_in, (_GAP_IN, gap_in), margins_in)
+    above_in = (
+        0.62
+        + 0.24 * math.ceil(names / int((rest_in + columns * wide) / _NAME_IN))
+        + gap_in
+    )
+    cell_in, margins_in = (
+        (wide, _FACET_HEIGHT_IN),
+        (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN),
+    )
+    figure, grid = canvas.new_grid(
+        len(rows) * columns, columns, cell_in, (_GAP_IN, gap_in), margins_in
+    )
     facets = dict(zip(np.ndindex(len(rows), columns), grid, strict=True))
     for (i, j), axes in list(facets.items()):
         if j < len(heads[i]):
-            head = axes.set_title("\n".join(heads[i][j]), loc="left", pad=5, fontsize=10.5)
+            head = axes.set_title(
+                "\n".join(heads[i][j]), loc="left", pad=5, fontsize=10.5
+            )
             head.set(fontweight="bold", color=canvas.INK)
         else:
             facets.pop((i, j)).remove()

@@ -53,19 +53,29 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
     """
     holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     # A run that was killed before its first result leaves no more than these.
-    holds = [name for name in holds if name not in (CONFIG, SAMPLES) and not name.endswith(".tmp")]
+    holds = [
+        name
+        for name in holds
+        if name not in (CONFIG, SAMPLES) and not name.endswith(".tmp")
+    ]
     if holds and ledgers not in holds:
-        raise VoccError(f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder")
+        raise VoccError(
+            f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder"
+        )
 
 
 @contextmanager
-def open_ledger(path: Path, settings: Mapping[str, object], console: Console) -> Iterator[Store]:
+def open_ledger(
+    path: Path, settings: Mapping[str, object], console: Console
+) -> Iterator[Store]:
     """Open a ledger and say what it knows; one in which nothing was counted is not left behind."""
     begun = not path.exists()
     try:
         ledger = Store.open(path, settings)
     except VoccError as error:
-        raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
+        raise VoccError(
+            re.sub("choose another (ledger|file)", "give another name=", str(error))
+        ) from None
     with ledger:
         if known := len(ledger):
             text = f"resuming: {known} blocks of frames are already counted in {path}"
@@ -84,12 +94,20 @@ def open_ledgers(
     held: ExitStack, folder: Path, studies: Iterable[Study], console: Console
 ) -> dict[str, Store]:
     """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
-    every = {one.key: (folder / LEDGERS / f"{one.key}{SUFFIX}", one.identity) for one in studies}
-    return {key: held.enter_context(open_ledger(*one, console)) for key, one in every.items()}
+    every = {
+        one.key: (folder / LEDGERS / f"{one.key}{SUFFIX}", one.identity)
+        for one in studies
+    }
+    return {
+        key: held.enter_context(open_ledger(*one, console))
+        for key, one in every.items()
+    }
 
 
 @contextmanager
-def resumable(settings: config.Settings, folder: Path, console: Console) -> Iterator[None]:
+def resumable(
+    settings: config.Settings, folder: Path, console: Console
+) -> Iterator[None]:
     """Say how to go on when a run is interrupted that has counted something; leave nothing of another."""
     try:
         yield
@@ -109,7 +127,9 @@ def write_config(settings: config.Settings, folder: Path) -> None:
     write_atomically(folder / CONFIG, config.as_yaml(settings).encode())
 
 
-def write_training(settings: config.Settings, plan: Plan, training: train.Training, folder: Path) -> None:
+def write_training(
+    settings: config.Settings, plan: Plan, training: train.Training, folder: Path
+) -> None:
     """Write the receiver and the configuration it came from."""
     train.calibrated_receiver(plan, training).save(folder / "receiver.pt")
     write_config(settings, folder)
@@ -121,7 +141,10 @@ def as_markdown(settings: config.Settings) -> str:
 
 
 def print_places(
-    console: Console, folder: Path, places: Iterable[tuple[str, str]], board: bool = False
+    console: Console,
+    folder: Path,
+    places: Iterable[tuple[str, str]],
+    board: bool = False,
 ) -> None:
     """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
     lines = [f"{what:<9} {printable(str(folder / name))}" for what, name in places]
@@ -165,7 +188,10 @@ def write_rows(path: str | Path, rows: Iterable[Cells], *, short: bool = False) 
         ...     (Path(folder) / "a.csv").read_text()
         'grey,pixels,of\n7,0.1,\n'
     """
-    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with (
+        atomic_file(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         lines = (map(cell_text, row) for row in rows) if short else rows
         csv.writer(file, lineterminator="\n").writerows(lines)
 
@@ -177,7 +203,13 @@ def cell_text(value: str | int | float | None) -> str:
         >>> cell_text(1000.0), cell_text(0.1), cell_text(3), cell_text(None)
         ('1000', '0.1', '3', '')
     """
-    return repr(value).removesuffix(".0") if isinstance(value, float) else "" if value is None else str(value)
+    return (
+        repr(value).removesuffix(".0")
+        if isinstance(value, float)
+        else ""
+        if value is None
+        else str(value)
+    )
 
 
 def cells(row: curve.Row) -> list[str]:
@@ -198,7 +230,10 @@ def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
         >>> len(ber_rows(curve.BerTable()))
         1
     """
-    return [curve.COLUMNS, *(cells(row) for receiver in table.receivers for row in table.of(receiver))]
+    return [
+        curve.COLUMNS,
+        *(cells(row) for receiver in table.receivers for row in table.of(receiver)),
+    ]
 
 
 def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
@@ -226,11 +261,19 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
     kinds, plain = get_type_hints(curve.Row), (str, int, float)
     try:
         with ordinary_file(path, most_bytes=MOST_TABLE_BYTES) as file:
-            reader = csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline=""))
+            reader = csv.DictReader(
+                io.TextIOWrapper(file, encoding="utf-8", newline="")
+            )
             names = list(reader.fieldnames or ())
-            wanted = [one.name for one in fields(curve.Row) if one.default is MISSING or one.name in names]
+            wanted = [
+                one.name
+                for one in fields(curve.Row)
+                if one.default is MISSING or one.name in names
+            ]
             if missing := [name for name in wanted if name not in names]:
-                raise VoccError(f"{path} has no column {missing[0]}: it needs {', '.join(curve.COLUMNS)}")
+                raise VoccError(
+                    f"{path} has no column {missing[0]}: it needs {', '.join(curve.COLUMNS)}"
+                )
             grid = "" if names[0] == curve.COLUMNS[0] else names[0]
             for line in reader:
                 cells, parsed = {"": "", **line}, dict[str, Any]()
@@ -238,11 +281,21 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                     text, kind = printable(cells[name] or ""), kinds[name]
                     try:
                         # What an optional column has is a number.
-                        parsed[name] = kind(text) if kind in plain else float(text) if text else None
+                        parsed[name] = (
+                            kind(text)
+                            if kind in plain
+                            else float(text)
+                            if text
+                            else None
+                        )
                     except ValueError:
                         wrong = f"{name} is {cells[name]!r}: it must be a number"
-                        raise VoccError(f"{path}, line {reader.line_num}: {wrong}") from None
-                groups.setdefault((grid, cells[grid] or ""), []).append(curve.Row(**parsed))
+                        raise VoccError(
+                            f"{path}, line {reader.line_num}: {wrong}"
+                        ) from None
+                groups.setdefault((grid, cells[grid] or ""), []).append(
+                    curve.Row(**parsed)
+                )
     except (csv.Error, UnicodeDecodeError) as error:
         raise VoccError(f"{path} is not a CSV text file: {error}") from error
     return {group: curve.BerTable(rows) for group, rows in groups.items()}
@@ -250,8 +303,22 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
 
 PAIRED_COLUMNS = (
     *("experiment", "axis", "value", "locator", "a", "b", "frames"),
-    *("difference", "difference_low", "difference_high", "real", "a_worse", "b_worse", "sign_test_p"),
-    *("trainings", "algorithm_difference", "algorithm_low", "algorithm_high", "algorithm_real"),
+    *(
+        "difference",
+        "difference_low",
+        "difference_high",
+        "real",
+        "a_worse",
+        "b_worse",
+        "sign_test_p",
+    ),
+    *(
+        "trainings",
+        "algorithm_difference",
+        "algorithm_low",
+        "algorithm_high",
+        "algorithm_real",
+    ),
 )
 """Columns of ``paired.csv``: ``difference`` is the bit error rate of a less that of b; ``real`` says whether
 its 95 % interval leaves out 0; ``a_worse`` and ``b_worse`` count frames. The last four are of all trainings,
@@ -280,9 +347,27 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
         for value in curves.values if curves.paired else ():
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
-                    found, worse = paired_interval(paired), (paired.a_worse, paired.b_worse)
-                    place = (curves.experiment, curves.axis, value, curves.locator, a, b, paired.frames)
-                    given = (found.value, found.low, found.high, int(found.real), *worse, sign_test(paired))
+                    found, worse = (
+                        paired_interval(paired),
+                        (paired.a_worse, paired.b_worse),
+                    )
+                    place = (
+                        curves.experiment,
+                        curves.axis,
+                        value,
+                        curves.locator,
+                        a,
+                        b,
+                        paired.frames,
+                    )
+                    given = (
+                        found.value,
+                        found.low,
+                        found.high,
+                        int(found.real),
+                        *worse,
+                        sign_test(paired),
+                    )
                     told: Cells = (1, None, None, None, None)
                     if (of := curves.trained_pair(a, b, value)) is not None:
                         count = len(curves.trained[a, value].each)
@@ -311,17 +396,35 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
     names = ("best_from_cd_m2", "best_to_cd_m2", "range_from_cd_m2", "range_to_cd_m2")
     beyond = ("may_lie_below_grid", "may_lie_above_grid")
     points: list[Cells] = [(axis, *curve.COLUMNS)]
-    bests: list[Cells] = [("receiver", "locator", axis, *names, "ber", "ber_low", "ber_high", *beyond)]
+    bests: list[Cells] = [
+        ("receiver", "locator", axis, *names, "ber", "ber_low", "ber_high", *beyond)
+    ]
     for grid in grids.values():
         sides = {name: grid.intervals(name) for name in grid.receivers}
         for i, (at, curves) in enumerate(zip(grid.rows, grid.curves, strict=True)):
             for row in curves.table():
-                low, high = (float(side[i, grid.columns.index(row.value)]) for side in sides[row.receiver])
+                low, high = (
+                    float(side[i, grid.columns.index(row.value)])
+                    for side in sides[row.receiver]
+                )
                 points.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))
-        for best in (best for receiver in grid.receivers for best in best_luminance(grid, receiver)):
-            ends = [side[place] for side in (best.least_cd_m2, best.candidates_cd_m2) for place in (0, -1)]
-            edges = ["yes" if edge else "no" for edge in (best.reaches_lowest, best.reaches_highest)]
+        for best in (
+            best
+            for receiver in grid.receivers
+            for best in best_luminance(grid, receiver)
+        ):
+            ends = [
+                side[place]
+                for side in (best.least_cd_m2, best.candidates_cd_m2)
+                for place in (0, -1)
+            ]
+            edges = [
+                "yes" if edge else "no"
+                for edge in (best.reaches_lowest, best.reaches_highest)
+            ]
             rates = (best.ber, best.ber_low, best.ber_high)
-            bests.append((best.receiver, grid.locator, best.ambient_lx, *ends, *rates, *edges))
+            bests.append(
+                (best.receiver, grid.locator, best.ambient_lx, *ends, *rates, *edges)
+            )
     write_rows(path, points)
     write_rows(path.with_stem(f"{path.stem}_best"), bests)

@@ -21,7 +21,9 @@ SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
 _MARKS = re.compile(r"([\\`*\[\]|~$]|(?<![^\W_])_|_(?![^\W_])|!$)")
 """What means something to Markdown in a line; an underscore within a word does not, nor does an exclamation
 mark, unless a link follows it."""
-_LINE_START = re.compile(r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$))))")
+_LINE_START = re.compile(
+    r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$))))"
+)
 """What means something to Markdown at the start of a line: headings, lists and rules."""
 _NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 _ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
@@ -55,12 +57,24 @@ def environment(package: str) -> jinja2.Environment:
         markdown = context.name is not None and context.name.endswith(".md.j2")
         return md(value) if markdown and not hasattr(value, "__html__") else value
 
-    made = jinja2.Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    made = jinja2.Environment(
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
     made.undefined, made.finalize = jinja2.StrictUndefined, escaped
-    made.loader = jinja2.ChoiceLoader([jinja2.PackageLoader(name, "") for name in (package, __package__)])
+    made.loader = jinja2.ChoiceLoader(
+        [jinja2.PackageLoader(name, "") for name in (package, __package__)]
+    )
     # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
-    made.autoescape = lambda name: name is not None and name.endswith((".md.j2", ".html.j2"))
-    made.filters |= {"md": md, "code": code, "fence": fence, "slug": slug, "rate": rate_text}
+    made.autoescape = lambda name: (
+        name is not None and name.endswith((".md.j2", ".html.j2"))
+    )
+    made.filters |= {
+        "md": md,
+        "code": code,
+        "fence": fence,
+        "slug": slug,
+        "rate": rate_text,
+    }
     made.filters["interval"] = lambda of: ends_text(of.low, of.high)
     made.globals["SIGNS"] = SIGNS
     return made
@@ -86,9 +100,14 @@ def code(value: object) -> Markup:
         `` a `b` ``
     """
     text = _one_line(str(value))
-    if not text or "|" in text:  # a table is parted at every pipe, and code keeps its backslashes
+    if (
+        not text or "|" in text
+    ):  # a table is parted at every pipe, and code keeps its backslashes
         return md(text)
-    marks, blank = _backticks(text, 1), " " if text[0] in "` " or text[-1] in "` " else ""
+    marks, blank = (
+        _backticks(text, 1),
+        " " if text[0] in "` " or text[-1] in "` " else "",
+    )
     return Markup(f"{marks}{blank}{text}{blank}{marks}")
 
 
@@ -144,28 +163,55 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = list(dressed(reader.parse(markdown), Path(folder)))
     kinds = [(token.type, token.tag) for token in tokens]
-    first = end = kinds.index(heading) if (heading := ("heading_open", "h2")) in kinds else len(tokens)
+    first = end = (
+        kinds.index(heading)
+        if (heading := ("heading_open", "h2")) in kinds
+        else len(tokens)
+    )
     if first < len(tokens) and _words(tokens[first + 1]) == "Contents":
         # The heading is three tokens; its list ends where the next heading or its anchor begins.
-        ends = (at for at in range(first, len(tokens)) if kinds[at][0] == "bullet_list_close")
+        ends = (
+            at
+            for at in range(first, len(tokens))
+            if kinds[at][0] == "bullet_list_close"
+        )
         end = 1 + next(at for at in ends if not tokens[at].level)
     elif first >= 3 and _ANCHOR.fullmatch(tokens[first - 2].content):
         first = end = first - 3
-    parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
-    texts = {name: Markup(reader.renderer.render(part, reader.options, {})) for name, part in parts.items()}
+    parts = {
+        "header": tokens[:first],
+        "contents": tokens[first + 3 : end],
+        "body": tokens[end:],
+    }
+    texts = {
+        name: Markup(reader.renderer.render(part, reader.options, {}))
+        for name, part in parts.items()
+    }
     style = Markup(Path(__file__).with_name("page.css").read_text("utf-8"))
-    return render(__package__, "page.html.j2", title=_one_line(title), style=style, **texts)
+    return render(
+        __package__, "page.html.j2", title=_one_line(title), style=style, **texts
+    )
 
 
 def _words(line: Token) -> str:
     """Join the words of a line, whatever they are."""
-    return "".join(" " if child.type == "softbreak" else child.content for child in line.children or ())
+    return "".join(
+        " " if child.type == "softbreak" else child.content
+        for child in line.children or ()
+    )
 
 
 def _tone(line: Token) -> dict[str, str]:
     """Give the class of a line's tone by the sign before it."""
     words = _words(line)
-    return next(({"class": tone} for tone, sign in SIGNS.items() if words.startswith(f"{sign} ")), {})
+    return next(
+        (
+            {"class": tone}
+            for tone, sign in SIGNS.items()
+            if words.startswith(f"{sign} ")
+        ),
+        {},
+    )
 
 
 def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
@@ -181,19 +227,33 @@ def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
     slugs: list[str] = []
     for at, token in enumerate(tokens):
         kind, line = token.type, tokens[min(at + 1, len(tokens) - 1)]
-        for picture in (child for child in token.children or () if child.type == "image"):
+        for picture in (
+            child for child in token.children or () if child.type == "image"
+        ):
             embed(picture, folder)
-        if kind == "paragraph_open" and (_ANCHOR.fullmatch(line.content) or _FOLD.fullmatch(line.content)):
+        if kind == "paragraph_open" and (
+            _ANCHOR.fullmatch(line.content) or _FOLD.fullmatch(line.content)
+        ):
             token.hidden = tokens[at + 2].hidden = True
             allowed = line.content.replace("<details>", '<details class="folded">')
             line.children = [Token("html_inline", "", 0, content=f"{allowed}\n")]
-        elif kind == "paragraph_open" and line.children and line.children[0].type == "image":
+        elif (
+            kind == "paragraph_open"
+            and line.children
+            and line.children[0].type == "image"
+        ):
             token.tag = tokens[at + 2].tag = "figure"
-            line.children.insert(1, Token("html_inline", "", 0, content="\n<figcaption>"))
+            line.children.insert(
+                1, Token("html_inline", "", 0, content="\n<figcaption>")
+            )
             line.children.append(Token("html_inline", "", 0, content="</figcaption>"))
-        elif kind == "heading_open" and (at < 3 or not _ANCHOR.fullmatch(tokens[at - 2].content)):
+        elif kind == "heading_open" and (
+            at < 3 or not _ANCHOR.fullmatch(tokens[at - 2].content)
+        ):
             slugs.append(name := slug(_words(line)))
-            token.attrSet("id", f"{name}-{slugs.count(name) - 1}" if name in slugs[:-1] else name)
+            token.attrSet(
+                "id", f"{name}-{slugs.count(name) - 1}" if name in slugs[:-1] else name
+            )
         elif kind == "bullet_list_open" and token.markup == "*":
             token.attrSet("class", "highlights")
         elif kind == "list_item_open" and token.markup == "*":
@@ -204,7 +264,9 @@ def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
             line.tag = tokens[at + 3].tag = "th"
             line.attrSet("scope", "row")
         elif kind == "table_open":
-            yield Token("html_block", "", 0, content='<div class="table" tabindex="0">\n')
+            yield Token(
+                "html_block", "", 0, content='<div class="table" tabindex="0">\n'
+            )
         yield token
         if kind == "table_close":
             yield Token("html_block", "", 0, content="</div>\n")
@@ -218,7 +280,9 @@ def embed(picture: Token, folder: Path) -> None:
     """
     name = unquote(str(picture.attrs["src"]))
     if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise VoccError(f"{name} leads out of the report's folder: give a path inside it, such as fig22.png")
+        raise VoccError(
+            f"{name} leads out of the report's folder: give a path inside it, such as fig22.png"
+        )
     try:
         content = (folder / name).read_bytes()
         with Image.open(folder / name, formats=["PNG"]) as shown:
@@ -227,5 +291,10 @@ def embed(picture: Token, folder: Path) -> None:
         raise VoccError(f"{name} is not a PNG picture: {error}") from error
     except OSError as error:
         reason = error.strerror or error
-        raise VoccError(f"cannot read {folder / name}: {reason}: write it before the report") from error
-    picture.attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}
+        raise VoccError(
+            f"cannot read {folder / name}: {reason}: write it before the report"
+        ) from error
+    picture.attrs |= {
+        "src": f"data:image/png;base64,{base64.b64encode(content).decode()}",
+        **size,
+    }

@@ -23,7 +23,14 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Bools, Floats
-from vocc_torch.report.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
+from vocc_torch.report.styles import (
+    Style,
+    axis_label,
+    count_text,
+    range_text,
+    receiver_styles,
+    value_text,
+)
 
 Pixels = NDArray[np.uint8]
 """A picture, (H,W,3): red, green, blue."""
@@ -43,7 +50,9 @@ class Look:
     panel_in: tuple[float, float] = (3.6, 3.0)  # a panel of several, inches
     row_in: float = 0.3  # height of a row of intervals, inches
     tick_px: float = 60.0  # least distance of named values, pixels
-    spread: float = 0.009  # distance of neighbouring curves at one value, as a share of the axis
+    spread: float = (
+        0.009  # distance of neighbouring curves at one value, as a share of the axis
+    )
 
 
 LOOK = Look()
@@ -103,7 +112,11 @@ class Panel:
 
 
 def curve_figure(
-    panels: Sequence[Panel], title: str, footnote: str = "", columns: int = 3, alike: bool = True
+    panels: Sequence[Panel],
+    title: str,
+    footnote: str = "",
+    columns: int = 3,
+    alike: bool = True,
 ) -> Figure:
     """Draw curves with error bars in one panel or in several.
 
@@ -127,7 +140,9 @@ def curve_figure(
         raise VoccError("panels is empty: a figure needs at least one panel")
     layout = rows_of(list(range(len(panels))), columns)
     size = LOOK.single_in if len(panels) == 1 else panel_size(layout)
-    styles = {curve.style.label: curve.style for panel in panels for curve in panel.curves}
+    styles = {
+        curve.style.label: curve.style for panel in panels for curve in panel.curves
+    }
     signs: list[Artist] = [style_sign(style) for style in styles.values()]
     if any(curve.stars for panel in panels for curve in panel.curves):
         signs.append(Line2D([], [], **_star(LOOK.quiet), label="quoted"))
@@ -182,10 +197,18 @@ def sheet(
         >>> sorted(sheet([[0, 1], [0, 2]], (6, 4), "Three")[1])
         [0, 1, 2]
     """
-    figure = Figure(figsize=size_in, dpi=LOOK.dpi, layout="constrained", facecolor="white")
+    figure = Figure(
+        figsize=size_in, dpi=LOOK.dpi, layout="constrained", facecolor="white"
+    )
     FigureCanvasAgg(figure)
-    axes = figure.subplot_mosaic([list(row) for row in layout], empty_sentinel=-1, **grid)
-    look: dict[str, Any] = {"loc": "outside upper left", "alignment": "left", "frameon": False}
+    axes = figure.subplot_mosaic(
+        [list(row) for row in layout], empty_sentinel=-1, **grid
+    )
+    look: dict[str, Any] = {
+        "loc": "outside upper left",
+        "alignment": "left",
+        "frameon": False,
+    }
     look |= {"title": title, "title_fontproperties": {"size": 14, "weight": "bold"}}
     look |= {"labelcolor": LOOK.ink, "fontsize": 10, "handlelength": 2.6}
     for count in range(min(6, len(signs)), -1, -1):
@@ -194,7 +217,9 @@ def sheet(
             break
         legend.remove()
     if footnote:
-        below = figure.supxlabel(footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet)
+        below = figure.supxlabel(
+            footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet
+        )
         below.set(wrap=True, linespacing=1.4)
     for one in axes.values():
         quiet(one)
@@ -217,7 +242,10 @@ def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
 
 
 def draw_panel(
-    axes: Axes, panel: Panel, limits: tuple[float, float] | None, labels: Sequence[str] = ()
+    axes: Axes,
+    panel: Panel,
+    limits: tuple[float, float] | None,
+    labels: Sequence[str] = (),
 ) -> None:
     """Draw one panel's curves, and set its axes up.
 
@@ -227,32 +255,55 @@ def draw_panel(
         limits: ends of the vertical axis; None leaves them to Matplotlib.
         labels: of all curves of the figure; curves at one value stand apart in this order.
     """
-    axes.set_title(panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink, wrap=True)
+    axes.set_title(
+        panel.title,
+        loc="left",
+        fontsize=10.5,
+        fontweight="bold",
+        color=LOOK.ink,
+        wrap=True,
+    )
     axes.set_xlabel(panel.x_label, color=LOOK.ink)
     axes.set_ylabel(panel.y_label, color=LOOK.ink)
     if not panel.curves:
         axes.set(xticks=[], yticks=[])
-        reason = axes.text(0.5, 0.5, textwrap.fill(panel.reason, 40), transform=axes.transAxes)
+        reason = axes.text(
+            0.5, 0.5, textwrap.fill(panel.reason, 40), transform=axes.transAxes
+        )
         reason.set(ha="center", va="center", color=LOOK.quiet, fontsize=9)
         return
     quiet(axes, "both")
     axes.set(xscale=panel.scale, yscale=panel.y_scale)
     if limits is not None and panel.y_scale == "log":
         axes.set_ylim(*limits)
-    scale, values = axes.xaxis.get_transform(), sorted({x for curve in panel.curves for x in curve.x})
+    scale, values = (
+        axes.xaxis.get_transform(),
+        sorted({x for curve in panel.curves for x in curve.x}),
+    )
     at = scale.transform(np.array(values))
     width = float(at[-1] - at[0]) or 1.0
     names = list(labels) or [curve.style.label for curve in panel.curves]
     step = min([LOOK.spread * width, *(0.5 * np.diff(at) / len(names)).tolist()])
     for curve in panel.curves:
         shift = step * (names.index(curve.style.label) - (len(names) - 1) / 2)
-        draw_curve(axes, curve, scale.inverted().transform(scale.transform(np.array(curve.x)) + shift))
-    axes.set_xlim(*scale.inverted().transform(np.array([at[0] - 0.06 * width, at[-1] + 0.06 * width])))
+        draw_curve(
+            axes,
+            curve,
+            scale.inverted().transform(scale.transform(np.array(curve.x)) + shift),
+        )
+    axes.set_xlim(
+        *scale.inverted().transform(
+            np.array([at[0] - 0.06 * width, at[-1] + 0.06 * width])
+        )
+    )
     named = [0]
     for place, one in enumerate(at):
         if one - at[named[-1]] > LOOK.tick_px / axes.bbox.width * width:
             named.append(place)
-    axes.set_xticks([values[place] for place in named], [value_text(values[place]) for place in named])
+    axes.set_xticks(
+        [values[place] for place in named],
+        [value_text(values[place]) for place in named],
+    )
     axes.xaxis.set_minor_locator(ticker.NullLocator())
 
 
@@ -264,27 +315,47 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
         curve: the rates.
         x: where they stand.
     """
-    rate, low, high = np.array([(one.value, one.low, one.high) for one in curve.rates]).reshape(-1, 3).T
+    rate, low, high = (
+        np.array([(one.value, one.low, one.high) for one in curve.rates])
+        .reshape(-1, 3)
+        .T
+    )
     style, free = curve.style, rate == 0
     value = np.where(free, np.nan, rate)
-    look: dict[str, Any] = {"color": style.colour, "marker": style.marker, "markersize": 7}
+    look: dict[str, Any] = {
+        "color": style.colour,
+        "marker": style.marker,
+        "markersize": 7,
+    }
     bars: dict[str, Any] = {"elinewidth": 1.3, "capsize": 2.5}
     # Rounding may put an end a last digit on the wrong side.
     reach = np.maximum([value - low, high - value], 0)
     drawn = axes.errorbar(x, value, reach, linestyle=style.line, **look, **bars)
-    drawn.lines[0].set(label=style.label, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7)
+    drawn.lines[0].set(
+        label=style.label, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7
+    )
     if free.any() and axes.get_yscale() == "log":
-        down: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white", "uplims": True}
-        arrows = axes.errorbar(x[free], high[free], 0.45 * high[free], **look, **down, elinewidth=1.3)
+        down: dict[str, Any] = {
+            "linestyle": "none",
+            "markerfacecolor": "white",
+            "uplims": True,
+        }
+        arrows = axes.errorbar(
+            x[free], high[free], 0.45 * high[free], **look, **down, elinewidth=1.3
+        )
         arrows.lines[0].set_label("_limit")
     for at, over in zip(x, curve.spread, strict=False):
         if over is not None:
             ends = [[over.value - over.low], [over.high - over.value]]
-            pale = axes.errorbar([at], [over.value], ends, fmt="_", color=style.colour, elinewidth=7)
+            pale = axes.errorbar(
+                [at], [over.value], ends, fmt="_", color=style.colour, elinewidth=7
+            )
             pale.lines[2][0].set_alpha(0.25)
             pale.lines[0].set(label="_mean", markersize=9)
     if curve.stars:
-        axes.plot(*zip(*curve.stars, strict=True), **_star(style.colour), label="_quoted")
+        axes.plot(
+            *zip(*curve.stars, strict=True), **_star(style.colour), label="_quoted"
+        )
 
 
 def _star(colour: str) -> dict[str, Any]:
@@ -295,7 +366,14 @@ def _star(colour: str) -> dict[str, Any]:
 
 def style_sign(style: Style) -> Line2D:
     """Make a style's sign for a legend."""
-    sign = Line2D([], [], color=style.colour, linestyle=style.line, marker=style.marker, label=style.label)
+    sign = Line2D(
+        [],
+        [],
+        color=style.colour,
+        linestyle=style.line,
+        marker=style.marker,
+        label=style.label,
+    )
     sign.set(markersize=7, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7)
     return sign
 
@@ -311,7 +389,9 @@ def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
     lows, highs = [], []
     for curve in curves:
         for one in [*curve.rates, *(one for one in curve.spread if one is not None)]:
-            lows.append(max(one.low, one.value / 10) / 1.3 if one.value else one.high / 5)
+            lows.append(
+                max(one.low, one.value / 10) / 1.3 if one.value else one.high / 5
+            )
             highs.append(one.high)
         lows += [y / 1.3 for _, y in curve.stars]
         highs += [y for _, y in curve.stars]
@@ -320,7 +400,9 @@ def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
     return min(lows), max(min(1.0, 1.6 * max(highs)), 20 * min(lows))
 
 
-def label_outer(layout: Sequence[Sequence[int]], axes: Mapping[int, Axes], below: bool) -> None:
+def label_outer(
+    layout: Sequence[Sequence[int]], axes: Mapping[int, Axes], below: bool
+) -> None:
     """Name rates at the left only and, where ``below``, values in the lowest panels only."""
     for i, row in enumerate(layout):
         for j, place in enumerate(row):
@@ -360,7 +442,9 @@ def table_panel(
             rates = [Estimate(row.ber, row.ber_low, row.ber_high) for row in rows]
             spread = [row.algorithm if row.ber_sd else None for row in rows]
             quoted = (stars or {}).get(receiver, ())
-            curves.append(Curve(style, [row.value for row in rows], rates, spread, quoted))
+            curves.append(
+                Curve(style, [row.value for row in rows], rates, spread, quoted)
+            )
     # A contrast is a share of a whole.
     scale = "linear" if table.axis == "contrast" else ""
     return Panel(curves, title, axis_label(table.axis), y_label, scale)
@@ -420,7 +504,9 @@ def facet_figure(
     """
     tables = [one for row in rows for one in row.values() if isinstance(one, BerTable)]
     tables.sort(key=lambda one: -len(one.receivers))
-    styles = styles or receiver_styles(name for table in tables for name in table.receivers)
+    styles = styles or receiver_styles(
+        name for table in tables for name in table.receivers
+    )
     panels = [
         Panel(title=name, y_label=rate, reason=one)
         if isinstance(one, str)
@@ -428,7 +514,9 @@ def facet_figure(
         for row in rows
         for name, one in row.items()
     ]
-    return curve_figure(panels, title, footnote, max(map(len, rows), default=1), axes_alike)
+    return curve_figure(
+        panels, title, footnote, max(map(len, rows), default=1), axes_alike
+    )
 
 
 def interval_note(rows: Iterable[Row]) -> str:
@@ -495,10 +583,17 @@ def rows_figure(
         ['paper']
     """
     layout = rows_of(list(range(len(panels))), columns)
-    size = 5.4 * len(layout[0]) + 0.6, len(layout) * (0.9 + LOOK.row_in * len(names)) + 1.1
-    styles = {name: style for panel in panels for name, (style, _) in panel.series.items()}
+    size = (
+        5.4 * len(layout[0]) + 0.6,
+        len(layout) * (0.9 + LOOK.row_in * len(names)) + 1.1,
+    )
+    styles = {
+        name: style for panel in panels for name, (style, _) in panel.series.items()
+    }
     signs: list[Artist] = [
-        Line2D([], [], color=style.colour, marker=style.marker, label=name, linewidth=1.5)
+        Line2D(
+            [], [], color=style.colour, marker=style.marker, label=name, linewidth=1.5
+        )
         for name, style in styles.items()
     ]
     if any(panel.stars for panel in panels):
@@ -508,7 +603,9 @@ def rows_figure(
         draw_rows(axes[place], panel, len(names))
         for row, group in enumerate(groups):
             if list(dict.fromkeys(groups)).index(group) % 2 == 0:
-                axes[place].axhspan(row - 0.5, row + 0.5, color="#F6F7F9", zorder=0, linewidth=0)
+                axes[place].axhspan(
+                    row - 0.5, row + 0.5, color="#F6F7F9", zorder=0, linewidth=0
+                )
         first = place % len(layout[0]) == 0
         axes[place].set_yticks(range(len(names)), names if first else [""] * len(names))
     return figure
@@ -525,7 +622,9 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
     quiet(axes, "x")
     linear = {"linthresh": panel.linear} if panel.scale == "symlog" else {}
     axes.set_xscale(panel.scale, **linear)
-    axes.set_title(panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink)
+    axes.set_title(
+        panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink
+    )
     axes.set(xlabel=panel.x_label, ylim=(count - 0.5, -0.5))
     axes.tick_params(axis="y", length=0)
     if panel.scale == "symlog":
@@ -538,14 +637,27 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
                 continue
             reach = [[one.value - one.low], [one.high - one.value]]
             face = style.colour if one.real else "white"
-            look: dict[str, Any] = {"color": style.colour, "marker": style.marker, "capsize": 2}
-            axes.errorbar([one.value], [row + shift], xerr=reach, markerfacecolor=face, markersize=5, **look)
+            look: dict[str, Any] = {
+                "color": style.colour,
+                "marker": style.marker,
+                "capsize": 2,
+            }
+            axes.errorbar(
+                [one.value],
+                [row + shift],
+                xerr=reach,
+                markerfacecolor=face,
+                markersize=5,
+                **look,
+            )
             ends[row] = max(ends[row], one.high)
     if panel.stars:
         axes.plot(list(panel.stars.values()), list(panel.stars), **_star("white"))
     for row, text in enumerate(panel.texts):
         at = max(ends[row], panel.stars.get(row, 0.0))
-        axes.annotate(text, (at, row), (9, 0), textcoords="offset points", va="center", fontsize=9)
+        axes.annotate(
+            text, (at, row), (9, 0), textcoords="offset points", va="center", fontsize=9
+        )
 
 
 def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> Figure:
@@ -564,7 +676,9 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     """
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
     layout = rows_of(list(range(len(names))), 3)
-    signs = [Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS]
+    signs = [
+        Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS
+    ]
     title = f"Features of {count_text(len(values))} LEDs"
     figure, axes = sheet(layout, panel_size(layout), title, signs=signs)
     for place, name in enumerate(names):
@@ -574,7 +688,9 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     return figure
 
 
-def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False) -> None:
+def status_histogram(
+    axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False
+) -> None:
     """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
 
     Args:
@@ -584,12 +700,17 @@ def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, log: b
         label: of the horizontal axis, with its unit.
         log: whether shares are on a logarithmic axis, so that few LEDs show too.
     """
-    edges, least = np.histogram_bin_edges(values, bins=60), 0.5 / bits.size if log else 0.0
+    edges, least = (
+        np.histogram_bin_edges(values, bins=60),
+        0.5 / bits.size if log else 0.0,
+    )
     for status, name, colour in STATUS:
         chosen = values[bits == status]
         shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
         axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least)
+        axes.stairs(
+            shares, edges, color=colour, linewidth=1.6, label=name, baseline=least
+        )
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)
     if log:

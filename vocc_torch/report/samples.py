@@ -41,7 +41,11 @@ class Crop:
 
 
 def crops(
-    simulator: Simulator, key: BlockKey, model: SceneModel, frames: int, nearest_m: float | None = None
+    simulator: Simulator,
+    key: BlockKey,
+    model: SceneModel,
+    frames: int,
+    nearest_m: float | None = None,
 ) -> Iterator[Crop]:
     """Render the panel's surroundings in the first frames of a block, one by one.
 
@@ -56,12 +60,20 @@ def crops(
     for frame in range(frames):
         row, keys = slice(frame, frame + 1), [FrameKey(key, frame)]
         with torch.autocast(simulator.device.type, enabled=False):
-            seen = simulator.render(scenes[row], bits[row], nearest_m=nearest_m, keys=keys, panel_only=True)
-        shown = seen.pixels[0] if seen.colour is not None else np.repeat(seen.pixels[0][..., None], 3, axis=2)
+            seen = simulator.render(
+                scenes[row], bits[row], nearest_m=nearest_m, keys=keys, panel_only=True
+            )
+        shown = (
+            seen.pixels[0]
+            if seen.colour is not None
+            else np.repeat(seen.pixels[0][..., None], 3, axis=2)
+        )
         yield Crop(scenes[row], shown, seen.origin_px[0].cpu())
 
 
-def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "test")) -> None:
+def write_samples(
+    folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "test")
+) -> None:
     """Draw a dozen scenes, each panel enlarged to one size, with its values below.
 
     Args:
@@ -72,16 +84,26 @@ def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "t
     Raises:
         VoccError: the file cannot be written.
     """
-    heads = {"train": "What a receiver trains on", "test": f"What is tested: {plan.experiment.name}"}
-    simulator, most = replace(plan.world, framing="crop").simulator(), MOST // len(kinds)
+    heads = {
+        "train": "What a receiver trains on",
+        "test": f"What is tested: {plan.experiment.name}",
+    }
+    simulator, most = (
+        replace(plan.world, framing="crop").simulator(),
+        MOST // len(kinds),
+    )
     drawn: dict[str, list[tuple[str, Crop]]] = {heads[kind]: [] for kind in kinds}
     for kind in kinds:
         points = list(scenes_of(plan, kind).items())
-        places = np.unique(np.linspace(0, len(points) - 1, most).round().astype(int)).tolist()
+        places = np.unique(
+            np.linspace(0, len(points) - 1, most).round().astype(int)
+        ).tolist()
         for name, model in (points[place] for place in places):
             axis, _, value = name.rpartition("/")[2].partition("=")
             label = f"{axis_label(axis)}: {value}" if value else ""
-            shown = crops(simulator, BlockKey(plan.seed, name, 0), model, most // len(places))
+            shown = crops(
+                simulator, BlockKey(plan.seed, name, 0), model, most // len(places)
+            )
             drawn[heads[kind]] += [(label, crop) for crop in shown]
     with atomic_file(folder / SAMPLES) as temporary:
         picture_of(drawn).save(temporary, format="PNG")
@@ -90,13 +112,26 @@ def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "t
 def picture_of(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Image.Image:
     """Lay crops out in rows below the name of their group, each with its label and its scene's values."""
     shown = {
-        head: [(label, thumbnail(crop), crop.scene) for label, crop in some] for head, some in groups.items()
+        head: [(label, thumbnail(crop), crop.scene) for label, crop in some]
+        for head, some in groups.items()
     }
     # A wide panel's pictures are as low as they are.
-    tall = {head: max(picture.height for _, picture, _ in some) for head, some in shown.items()}
-    step, rows = CELL_PX + GAP_PX, {head: -(-len(some) // COLUMNS) for head, some in shown.items()}
-    heights = [HEAD_PX + count * (tall[head] + CAPTION_PX) for head, count in rows.items()]
-    page = Image.new("RGB", (COLUMNS * step - GAP_PX + 2 * MARGIN_PX, sum(heights) + 2 * MARGIN_PX), "white")
+    tall = {
+        head: max(picture.height for _, picture, _ in some)
+        for head, some in shown.items()
+    }
+    step, rows = (
+        CELL_PX + GAP_PX,
+        {head: -(-len(some) // COLUMNS) for head, some in shown.items()},
+    )
+    heights = [
+        HEAD_PX + count * (tall[head] + CAPTION_PX) for head, count in rows.items()
+    ]
+    page = Image.new(
+        "RGB",
+        (COLUMNS * step - GAP_PX + 2 * MARGIN_PX, sum(heights) + 2 * MARGIN_PX),
+        "white",
+    )
     draw, top = ImageDraw.Draw(page), MARGIN_PX
     for head, some in shown.items():
         draw.text((MARGIN_PX, top), head, LOOK.ink, font(20, bold=True))
@@ -106,7 +141,11 @@ def picture_of(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Image.Image:
             y = top + at // COLUMNS * (tall[head] + CAPTION_PX)
             page.paste(picture, (x, y + tall[head] - picture.height))
             for line, text in enumerate(filter(None, (label, *captions(scene)))):
-                look = (LOOK.ink, font(12, bold=True)) if text == label else (LOOK.quiet, font(12))
+                look = (
+                    (LOOK.ink, font(12, bold=True))
+                    if text == label
+                    else (LOOK.quiet, font(12))
+                )
                 draw.text((x, y + tall[head] + 6 + 17 * line), text, *look)
         top += rows[head] * (tall[head] + CAPTION_PX)
     return page
@@ -128,7 +167,9 @@ def captions(scene: Scene) -> tuple[str, str]:
         '50 m, ambient 8\u2009000 lx'
     """
     lights = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
-    ambient, led = (count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights)
+    ambient, led = (
+        count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights
+    )
     own = f"LED {led} cd/m\N{SUPERSCRIPT TWO}, background {float(scene.background_grey[0]):.0f}"
     return f"{float(scene.distance_m[0]):.3g} m, ambient {ambient} lx", own
 
@@ -136,4 +177,6 @@ def captions(scene: Scene) -> tuple[str, str]:
 @cache
 def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     """The typeface of all pictures, which Matplotlib brings."""
-    return ImageFont.truetype(Path(get_data_path(), f"fonts/ttf/DejaVuSans{'-Bold' * bold}.ttf"), size_px)
+    return ImageFont.truetype(
+        Path(get_data_path(), f"fonts/ttf/DejaVuSans{'-Bold' * bold}.ttf"), size_px
+    )

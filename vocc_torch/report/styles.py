@@ -29,7 +29,9 @@ class Style:
     line: Literal["-", "--", "-.", ":"]
 
 
-LOOKS: Any = yaml.safe_load(files(__package__).joinpath("styles.yaml").read_text("utf-8"))
+LOOKS: Any = yaml.safe_load(
+    files(__package__).joinpath("styles.yaml").read_text("utf-8")
+)
 """The tables of ``styles.yaml``."""
 _KNOWN = {name: Style(*look) for name, look in LOOKS["receivers"].items()}
 
@@ -61,9 +63,13 @@ def receiver_styles(receivers: Iterable[str]) -> dict[str, Style]:
         ('FLDA: AGR + GRI + NGR', 'small cnn', '#009E73')
     """
     names = list(dict.fromkeys(receivers))
-    looks = zip(*(cycle(LOOKS[part]) for part in ("colours", "markers", "lines")), strict=True)
+    looks = zip(
+        *(cycle(LOOKS[part]) for part in ("colours", "markers", "lines")), strict=True
+    )
     others = zip(sorted(set(names) - set(_KNOWN)), looks, strict=False)
-    known = _KNOWN | {name: Style(name.replace("_", " "), *look) for name, look in others}
+    known = _KNOWN | {
+        name: Style(name.replace("_", " "), *look) for name, look in others
+    }
     return {name: known[name] for name in names}
 
 

@@ -33,7 +33,14 @@ LOG_FACTOR = 1000
 OUTLIERS = 0.05
 """Share of a chart's values at either end that TensorBoard takes for outliers, and cuts off."""
 
-NOT_HYPERPARAMETERS = ("name", "workers", "executor", "tensorboard", "task", "batch_frames")
+NOT_HYPERPARAMETERS = (
+    "name",
+    "workers",
+    "executor",
+    "tensorboard",
+    "task",
+    "batch_frames",
+)
 """Keys of a sweep that change no result."""
 
 
@@ -78,7 +85,9 @@ def swept_keys() -> dict[str, str]:
         return {}
     pairs = (text.partition("=") for text in HydraConfig.get().overrides.task)
     found = {key.lstrip("+~"): value for key, _, value in pairs}
-    return {key: value for key, value in found.items() if key not in NOT_HYPERPARAMETERS}
+    return {
+        key: value for key, value in found.items() if key not in NOT_HYPERPARAMETERS
+    }
 
 
 def write_figures(
@@ -100,7 +109,10 @@ def write_figures(
     for name, figure in figures.items():
         canvas.save_figure(figure, folder / f"{name}.png")
     if settings.tensorboard:
-        more["texts"] = {"configuration": as_markdown(settings), **more.get("texts", {})}
+        more["texts"] = {
+            "configuration": as_markdown(settings),
+            **more.get("texts", {}),
+        }
         write_boards(folder / "tensorboard", tables, figures, **more)
 
 
@@ -145,10 +157,17 @@ def write_boards(
         ...     sorted(run.name for run in Path(folder).iterdir())
         ['_summary', 'flda_3']
     """
-    given = [(group, table) for group, some in tables.items() for table in some if len(table)]
-    parts = [BoardPart(group, table, axis_steps(table.axis, table.values)) for group, table in given]
+    given = [
+        (group, table) for group, some in tables.items() for table in some if len(table)
+    ]
+    parts = [
+        BoardPart(group, table, axis_steps(table.axis, table.values))
+        for group, table in given
+    ]
     # The sort is stable: those without a place keep their order.
-    receivers = list(dict.fromkeys(name for _, table in given for name in table.receivers))
+    receivers = list(
+        dict.fromkeys(name for _, table in given for name in table.receivers)
+    )
     receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
     try:
         with quiet_threads():
@@ -165,7 +184,11 @@ def write_boards(
                     writer.add_text(name, text)
                 for kind, pictures in {"figures": figures, "images": images}.items():
                     for name, shown in pictures.items():
-                        pixels = canvas.figure_pixels(shown) if isinstance(shown, canvas.Figure) else shown
+                        pixels = (
+                            canvas.figure_pixels(shown)
+                            if isinstance(shown, canvas.Figure)
+                            else shown
+                        )
                         writer.add_image(f"{kind}/{name}", pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
@@ -213,7 +236,10 @@ class BoardPart:
         if row.ber not in (min(rates, default=None), max(rates, default=None)):
             return 1
         step = self.steps[row.value]
-        room = min((other - step for other in self.steps.values() if other > step), default=len(rates))
+        room = min(
+            (other - step for other in self.steps.values() if other > step),
+            default=len(rates),
+        )
         return min(room, 2 + math.ceil(1.2 * OUTLIERS * len(rates)))
 
     def charts(self) -> tuple[str, dict[str, list[str | list[str]]]]:
@@ -221,7 +247,9 @@ class BoardPart:
 
         Tags of lines are regular expressions, those of bands are literal.
         """
-        band = [self.tag(name) for name in ("log10_BER", "log10_BER_lo", "log10_BER_hi")]
+        band = [
+            self.tag(name) for name in ("log10_BER", "log10_BER_lo", "log10_BER_hi")
+        ]
         charts: dict[str, list[str | list[str]]] = {
             "log10 BER": ["Multiline", [f"^{re.escape(band[0])}$"]],
             "log10 BER with 95 % intervals": ["Margin", band],
@@ -237,7 +265,10 @@ class BoardPart:
         for row in self.table.of(receiver):
             ends = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
             rates = {"_upper95": row.ber_high} if row.error_free else ends
-            shown = {f"log10_BER{end}": math.log10(rate or row.ber / 10) for end, rate in rates.items()}
+            shown = {
+                f"log10_BER{end}": math.log10(rate or row.ber / 10)
+                for end, rate in rates.items()
+            }
             for quantity, value in {"BER": row.ber, **shown}.items():
                 for beside in range(self.repeats(row) if quantity in SHOWN else 1):
                     yield self.tag(quantity), value, self.steps[row.value] + beside
@@ -248,7 +279,10 @@ SHOWN = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
 
 
 def write_receiver(
-    writer: SummaryWriter, parts: Sequence[BoardPart], receiver: str, numbers: Mapping[str, float]
+    writer: SummaryWriter,
+    parts: Sequence[BoardPart],
+    receiver: str,
+    numbers: Mapping[str, float],
 ) -> None:
     """Write a receiver's curves, and its row of the HPARAMS tab with its rates over all points of a table."""
     rates, rows = {}, []
@@ -257,14 +291,21 @@ def write_receiver(
             writer.add_scalar(*rate)
         if mine := part.table.of(receiver):
             name = "BER" if len(parts) == 1 else part.tag("BER")
-            rates[f"all_points/{name}"] = sum(row.wrong_bits for row in mine) / sum(row.bits for row in mine)
+            rates[f"all_points/{name}"] = sum(row.wrong_bits for row in mine) / sum(
+                row.bits for row in mine
+            )
             rows += [(part.group, row) for row in mine]
     if len(parts) == 1:
         rates["all_points/lowest_BER"] = min(row.ber for _, row in rows)
         rates["all_points/highest_BER"] = max(row.ber for _, row in rows)
     settings = {"receiver": receiver}
-    settings |= {name: listed(getattr(row, name) for _, row in rows) for name in ("locator", "experiment")}
-    settings |= {"group": groups} if (groups := listed(group for group, _ in rows)) else {}
+    settings |= {
+        name: listed(getattr(row, name) for _, row in rows)
+        for name in ("locator", "experiment")
+    }
+    settings |= (
+        {"group": groups} if (groups := listed(group for group, _ in rows)) else {}
+    )
     settings |= swept_keys()
     # The run's own folder: any other would make a run more.
     writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
@@ -276,7 +317,12 @@ def write_guide(writer: SummaryWriter, parts: Sequence[BoardPart]) -> None:
         writer.add_custom_scalars(dict(part.charts() for part in parts))
         corners: dict[str, list[str]] = {}
         for group in dict.fromkeys(part.group for part in parts):
-            located = (row.locator for part in parts if part.group == group for row in part.table)
+            located = (
+                row.locator
+                for part in parts
+                if part.group == group
+                for row in part.table
+            )
             corners.setdefault(listed(located), []).append(group)
         units = list(dict.fromkeys(part.unit for part in parts))
         said = page.render(__package__, "board.md.j2", groups=corners, units=units)
@@ -297,7 +343,9 @@ def listed(names: Iterable[str]) -> str:
 def quiet_threads() -> Iterator[None]:
     """Keep TensorBoard's writing thread from printing the OSError that ``write_board`` then raises."""
     shown = threading.excepthook
-    threading.excepthook = lambda failure: None if issubclass(failure.exc_type, OSError) else shown(failure)
+    threading.excepthook = lambda failure: (
+        None if issubclass(failure.exc_type, OSError) else shown(failure)
+    )
     try:
         yield
     finally:

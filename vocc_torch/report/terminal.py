@@ -13,7 +13,13 @@ from rich.text import Text as Text
 from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.report import page
-from vocc_torch.report.styles import LOOKS, axis_label, point_text, rate_text, value_text
+from vocc_torch.report.styles import (
+    LOOKS,
+    axis_label,
+    point_text,
+    rate_text,
+    value_text,
+)
 
 Values = Sequence[float]
 
@@ -28,7 +34,9 @@ def plain_table(*heads: str, **look: Any) -> Table:
         heads: of columns with numbers, which stand at the right and are not broken.
         look: what else rich takes for these columns.
     """
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    table = Table(
+        box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False
+    )
     for head in heads:
         table.add_column(Text(head), **{"justify": "right", "no_wrap": True, **look})
     return table
@@ -73,7 +81,10 @@ def ber_table(
         2
     """
     values, receivers = values or table.values, receivers or table.receivers
-    rows, ascii_only = {(row.value, row.receiver): row for row in table}, console.options.ascii_only
+    rows, ascii_only = (
+        {(row.value, row.receiver): row for row in table},
+        console.options.ascii_only,
+    )
     # The axis's name in a narrow column; a long unit is left to the figure.
     name, _, unit = axis_label(axis or table.axis).partition(" (")
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
@@ -87,18 +98,31 @@ def ber_table(
             return Text("..." if ascii_only else "\N{HORIZONTAL ELLIPSIS}", style="dim")
         text = Text(point_text(row), style="dim" if value in interim else "")
         if joint is not None and not row.error_free:
-            text.append(f"\n{rate_text(row.ber_low)}{joint}{rate_text(row.ber_high)}", style="dim")
+            text.append(
+                f"\n{rate_text(row.ber_low)}{joint}{rate_text(row.ber_high)}",
+                style="dim",
+            )
         return text
 
     joints = ((" to ", 2), (" to\n", 3), (None, 1))
-    fitting = [joint for joint, each in joints if lines is None or each * len(values) <= lines]
+    fitting = [
+        joint for joint, each in joints if lines is None or each * len(values) <= lines
+    ]
     for joint in fitting or [None]:
         made = plain_table(heading, *map(receiver_heading, receivers))
         for value in values:
-            made.add_row(value_text(value), *(cell(value, receiver, joint) for receiver in receivers))
-        if console.measure(made, options=console.options.update(width=10_000)).maximum <= console.width:
+            made.add_row(
+                value_text(value),
+                *(cell(value, receiver, joint) for receiver in receivers),
+            )
+        if (
+            console.measure(made, options=console.options.update(width=10_000)).maximum
+            <= console.width
+        ):
             return made
-    made = plain_table(heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold")
+    made = plain_table(
+        heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold"
+    )
     made.columns[1].justify = "left"
     for value in values:
         for receiver in receivers:
@@ -123,7 +147,10 @@ class _Speed(progress.ProgressColumn):
 
     def render(self, task: progress.Task) -> Text:
         speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:,.0f} frames/s", style="progress.data.speed")
+        return Text(
+            "" if speed is None else f"{speed:,.0f} frames/s",
+            style="progress.data.speed",
+        )
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -141,12 +168,22 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if not len(table):
         return console.print("No points were measured.")
     console.print(ber_table(table, console))
-    given: dict[str, object] = {"free": any(row.error_free for row in table), "value_text": value_text}
-    given["unseen"] = [row.unseen_below for row in table if row.unseen_below is not None]
+    given: dict[str, object] = {
+        "free": any(row.error_free for row in table),
+        "value_text": value_text,
+    }
+    given["unseen"] = [
+        row.unseen_below for row in table if row.unseen_below is not None
+    ]
     # How each receiver's rate scatters over the trainings; nothing after a single one.
-    rows = {receiver: [row for row in table.of(receiver) if row.ber_sd] for receiver in table.receivers}
+    rows = {
+        receiver: [row for row in table.of(receiver) if row.ber_sd]
+        for receiver in table.receivers
+    }
     given["scattered"] = {receiver: some for receiver, some in rows.items() if some}
-    about, *lines = page.render(__package__, "below.txt.j2", table=table, **given).splitlines()
+    about, *lines = page.render(
+        __package__, "below.txt.j2", table=table, **given
+    ).splitlines()
     console.print(Text(about, style="dim"))
     for line in lines:
         console.print(line, soft_wrap=True, highlight=False, markup=False)
@@ -169,15 +206,30 @@ class ProgressView:
     """
 
     def __init__(
-        self, frames: int, console: Console | None = None, doing: str = "training", below: Below | None = None
+        self,
+        frames: int,
+        console: Console | None = None,
+        doing: str = "training",
+        below: Below | None = None,
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
         drawn = self.console.is_terminal and not self.console.is_dumb_terminal
-        columns = ("{task.description}", progress.BarColumn(None), "{task.percentage:>3.0f} %", _Speed())
-        look: dict[str, Any] = {"refresh_per_second": 4, "transient": True, "expand": True}
+        columns = (
+            "{task.description}",
+            progress.BarColumn(None),
+            "{task.percentage:>3.0f} %",
+            _Speed(),
+        )
+        look: dict[str, Any] = {
+            "refresh_per_second": 4,
+            "transient": True,
+            "expand": True,
+        }
         left = (progress.TimeRemainingColumn(), "left")
-        self._bar = _Bar(*columns, *left, console=self.console, disable=not drawn, **look)
+        self._bar = _Bar(
+            *columns, *left, console=self.console, disable=not drawn, **look
+        )
         self._bar.below = below
         self._bar.add_task(doing, total=frames)
         (self._task,) = self._bar.tasks
@@ -227,7 +279,13 @@ class StudyView(ProgressView):
     """
 
     def __init__(
-        self, axis: str, values: Values, names: Sequence[str], frames: int, console: Console, runs: int = 0
+        self,
+        axis: str,
+        values: Values,
+        names: Sequence[str],
+        frames: int,
+        console: Console,
+        runs: int = 0,
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self._axis, self._values, self._receivers = axis, tuple(values), tuple(names)
@@ -236,7 +294,9 @@ class StudyView(ProgressView):
         self._interim: list[Point] = []
         self._rows = BerTable().rows
         self._frames_a_point, self._frames_here = frames, 0
-        super().__init__(frames * (runs or len(self._values)), console, self._doing(), self._table)
+        super().__init__(
+            frames * (runs or len(self._values)), console, self._doing(), self._table
+        )
 
     def count(self, frames: int) -> None:
         """Count frames of the current value that were run now."""
@@ -260,21 +320,32 @@ class StudyView(ProgressView):
         self._bar.update(self._task.id, total=(self._task.total or 0) - not_run)
         self._frames_here = 0
         self.advance(self._doing(), 0)
-        for point in {one.value: one for one in points}.values() if self._bar.disable else ():
+        for point in (
+            {one.value: one for one in points}.values() if self._bar.disable else ()
+        ):
             why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
-            self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
+            self.say(
+                f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}"
+            )
 
     def _doing(self) -> str:
         """Name the value that is being run, or the axis where all are run together."""
         done = {point.value for point in self._finished}
         left = [value for value in self._values if value not in done]
-        return f"{self._axis} {value_text(left[0])}" if left and self._one_by_one else self._axis
+        return (
+            f"{self._axis} {value_text(left[0])}"
+            if left and self._one_by_one
+            else self._axis
+        )
 
     def _table(self) -> Table:
         """Draw the table so far."""
         table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
         # Around the rows stand 8 lines: header, rules and progress.
-        interim, lines = {point.value for point in self._interim}, self.console.height - 8
+        interim, lines = (
+            {point.value for point in self._interim},
+            self.console.height - 8,
+        )
         look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
         return ber_table(table, self.console, values, self._receivers, **look)
 
@@ -287,10 +358,16 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
         def learnt(more: int) -> None:
             # The classifiers learn once FLDA has seen its frames.
             last = (view.done + more) % frames == 0 and study.receiver.classifiers
-            view.advance("training classifiers" if last else f"training on {frames} frames", more)
+            view.advance(
+                "training classifiers" if last else f"training on {frames} frames", more
+            )
 
         training = train.train(study, learnt)
-    missed = f", {training.missed} without a located panel left out" if training.missed else ""
+    missed = (
+        f", {training.missed} without a located panel left out"
+        if training.missed
+        else ""
+    )
     more = f", and {often - 1} more times on as many of their own" if often > 1 else ""
     view.say(f"trained on {training.frames} frames{missed}{more}")
     for name, one in training.made.items():
@@ -330,7 +407,9 @@ class Stopwatch:
         finally:
             self.lap(name, begun)
         if self._console is not None:
-            self._console.print(f"{name:<20} {self.seconds[name]:6.1f} s", highlight=False)
+            self._console.print(
+                f"{name:<20} {self.seconds[name]:6.1f} s", highlight=False
+            )
 
     def lap(self, name: str, begun: float) -> float:
         """Count the time since ``begun`` (of ``time.perf_counter``) and give the time now."""

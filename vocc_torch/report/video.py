@@ -14,7 +14,9 @@ SLOWEST_PARTS = 1001
 """Frame rates are written as fractions with at most this below."""
 
 
-def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, quality: int = 12) -> int:
+def write_video(
+    path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, quality: int = 12
+) -> int:
     """Write frames as H.264 in MP4; an odd last row or column is left out, as players ask for.
 
     Args:
@@ -37,15 +39,24 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, qua
     count = 0
     # What says how to read it goes first, so that a film which is cut can be read up to there.
     first = {"movflags": "faststart"}
-    with atomic_file(path) as temporary, av.open(str(temporary), "w", options=first) as container:
+    with (
+        atomic_file(path) as temporary,
+        av.open(str(temporary), "w", options=first) as container,
+    ):
         rate = Fraction(fps).limit_denominator(SLOWEST_PARTS)
-        stream = container.add_stream("libx264", rate=rate, options={"crf": str(quality), "preset": "fast"})
+        stream = container.add_stream(
+            "libx264", rate=rate, options={"crf": str(quality), "preset": "fast"}
+        )
         stream.pix_fmt = "yuv420p"
         for shown in frames:
-            even = np.ascontiguousarray(shown[: len(shown) // 2 * 2, : shown.shape[1] // 2 * 2])
+            even = np.ascontiguousarray(
+                shown[: len(shown) // 2 * 2, : shown.shape[1] // 2 * 2]
+            )
             if not count:
                 stream.height, stream.width = even.shape[:2]
-            picture = av.VideoFrame.from_ndarray(even, format="gray" if even.ndim == 2 else "rgb24")
+            picture = av.VideoFrame.from_ndarray(
+                even, format="gray" if even.ndim == 2 else "rgb24"
+            )
             picture.pts = count
             container.mux(stream.encode(picture))
             count += 1

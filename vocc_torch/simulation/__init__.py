@@ -5,4 +5,11 @@ from vocc_torch.simulation.framing import panel_corners_px
 from vocc_torch.simulation.scene import Distribution, SceneModel
 from vocc_torch.simulation.simulator import Simulator
 
-__all__ = ["Camera", "Distribution", "LedPanel", "SceneModel", "Simulator", "panel_corners_px"]
+__all__ = [
+    "Camera",
+    "Distribution",
+    "LedPanel",
+    "SceneModel",
+    "Simulator",
+    "panel_corners_px",
+]

@@ -41,13 +41,17 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
-    farthest = (torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m) * scale
+    farthest = (
+        torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m
+    ) * scale
     if not bool(((widest <= LARGEST_LED_PX) & (farthest <= FARTHEST_PX)).all()):
         near = int(widest.argmax())
         demand_led_px(float(widest[near]), float(scene.distance_m[near]))
         far = int(farthest.argmax())
         names = ("offset_x_m", "offset_y_m", "distance_m")
-        given = ", ".join(f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names)
+        given = ", ".join(
+            f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names
+        )
         rule = f"the panel's image must lie within {FARTHEST_PX:g} px"
         raise VoccError(f"{given}: {rule}, and this reaches {float(farthest[far]):g}")
 
@@ -64,7 +68,9 @@ def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
     return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
 
 
-def led_centres_px(scene: Scene, camera: Camera, panel: LedPanel) -> tuple[Tensor, Tensor]:
+def led_centres_px(
+    scene: Scene, camera: Camera, panel: LedPanel
+) -> tuple[Tensor, Tensor]:
     """Images of the LEDs' centres: x of each column (B,C) and y of each row (B,R), sensor px.
 
     Example:
@@ -88,7 +94,9 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
         34.909
     """
     centre = panel_centre_px(scene, camera)
-    half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
+    half_px = (
+        panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
+    )
     cells = centre.new_tensor([panel.shape.columns, panel.shape.rows])
     return centre.unsqueeze(1) + centre.new_tensor(view.CLOCKWISE) * cells * half_px
 
@@ -115,7 +123,12 @@ GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 40_000, 10_000_000
 
 
 def crop_size_px(
-    effects: Sequence[Effect], camera: Camera, panel: LedPanel, nearest_m: float, *, margin_cells: int = 1
+    effects: Sequence[Effect],
+    camera: Camera,
+    panel: LedPanel,
+    nearest_m: float,
+    *,
+    margin_cells: int = 1,
 ) -> Size:
     """Height and width of the crop that holds a panel at ``nearest_m``, a cell of margin and its light.
 
@@ -143,16 +156,22 @@ def crop_size_px(
         raise VoccError(f"nearest_m is {nearest_m:g}: it must be above 0")
     demand_led_px(panel.led_diameter_m / nearest_m * camera.focal_length_px, nearest_m)
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
-    rows, columns = (leds + 2 * margin_cells for leds in (panel.shape.rows, panel.shape.columns))
+    rows, columns = (
+        leds + 2 * margin_cells for leds in (panel.shape.rows, panel.shape.columns)
+    )
     size = rows * pitch_px, columns * pitch_px
     reach = 2
     for effect in effects:
         with effect.blamed():
             size = effect.size_in_px(size, camera, nearest_m)
             own = effect.reach_in_px(camera, nearest_m)
-        reach += whole_number(f"scene.effects.{effect.name}.reach_in_px", own, 0, MOST_PIXELS)
+        reach += whole_number(
+            f"scene.effects.{effect.name}.reach_in_px", own, 0, MOST_PIXELS
+        )
     margin, sides = 2 * reach, zip(size, camera.sensor_px, strict=True)
-    height, width = (min(math.ceil(min(side, full)) + margin, full) for side, full in sides)
+    height, width = (
+        min(math.ceil(min(side, full)) + margin, full) for side, full in sides
+    )
     return height, width
 
 
@@ -169,7 +188,9 @@ def demand_pixels(size: tuple[int, int]) -> None:
     if height * width > MOST_PIXELS:
         shown = f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
         hint = "give a smaller camera, or framing=crop, which draws the panel's surroundings only"
-        raise VoccError(f"{shown}: they must hold at most {MOST_PIXELS} pixels ({hint})")
+        raise VoccError(
+            f"{shown}: they must hold at most {MOST_PIXELS} pixels ({hint})"
+        )
 
 
 def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
@@ -181,13 +202,18 @@ def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
     """
     grid, sides = WINDOW_GRID_PX, zip(crop_px, sensor_px, strict=True)
     height, width = (
-        full if full % grid else min(full, grid * (-(-side // grid) + 1)) for side, full in sides
+        full if full % grid else min(full, grid * (-(-side // grid) + 1))
+        for side, full in sides
     )
     return height, width
 
 
 def crop_origins_px(
-    centre_px: Tensor, size_px: tuple[int, int], sensor_px: tuple[int, int], *, grid_px: int = 1
+    centre_px: Tensor,
+    size_px: tuple[int, int],
+    sensor_px: tuple[int, int],
+    *,
+    grid_px: int = 1,
 ) -> Tensor:
     """Top left pixel of each crop: around the panel, moved inside the sensor however far outside that lies.
 
@@ -227,14 +253,27 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
     Raises:
         VoccError: a side within the sensor that is not one value, but for a hundred-thousandth of the most.
     """
-    if not (names := [f"scene.effects.{one.name}" for one in batch.context.effects if one.target]):
+    if not (
+        names := [
+            f"scene.effects.{one.name}" for one in batch.context.effects if one.target
+        ]
+    ):
         return
-    (x, y), (height, width), plane = batch.context.first_px.unbind(-1), batch.size, value[:, 0].double()
-    camera, corner = batch.context.camera, read_surround(value, batch.centre_px, batch.context.first_px)
+    (x, y), (height, width), plane = (
+        batch.context.first_px.unbind(-1),
+        batch.size,
+        value[:, 0].double(),
+    )
+    camera, corner = (
+        batch.context.camera,
+        read_surround(value, batch.centre_px, batch.context.first_px),
+    )
     rows = (plane[:, 0], y > 0), (plane[:, -1], y + height < camera.height_px)
     columns = (plane[..., 0], x > 0), (plane[..., -1], x + width < camera.width_px)
     for side, inside in (*rows, *columns):
-        uneven = (side - corner.unsqueeze(-1)).abs().amax(-1) > 1e-5 * plane.amax((1, 2))
+        uneven = (side - corner.unsqueeze(-1)).abs().amax(-1) > 1e-5 * plane.amax(
+            (1, 2)
+        )
         if bool((uneven & inside).any()):
             said = f"{' or '.join(names)} changes the border of a crop of {width} x {height} px"
             raise VoccError(
@@ -242,7 +281,9 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
             )
 
 
-def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]) -> Tensor:
+def lay_on_sensor(
+    value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]
+) -> Tensor:
     """Lay each crop into a full frame of its surround, (B,C,h,w) to (B,C,H,W).
 
     Example:
@@ -251,7 +292,9 @@ def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px:
         [[[[3.0, 5.0, 5.0, 3.0], [3.0, 3.0, 3.0, 3.0]]]]
     """
     height, width = value.shape[-2:]
-    full = surround.view(-1, 1, 1, 1).expand(-1, value.shape[1], *sensor_px).contiguous()
+    full = (
+        surround.view(-1, 1, 1, 1).expand(-1, value.shape[1], *sensor_px).contiguous()
+    )
     for index, (x, y) in enumerate(origin_px.tolist()):
         full[index, :, y : y + height, x : x + width] = value[index]
     return full
@@ -274,17 +317,23 @@ class Batch:
     size: Size
 
     @classmethod
-    def around(cls, context: Context, bits: Tensor, size: Size, *, grid_px: int = 1) -> Self:
+    def around(
+        cls, context: Context, bits: Tensor, size: Size, *, grid_px: int = 1
+    ) -> Self:
         """Place pictures of one size around their panels, and meter them; see :func:`crop_origins_px`.
 
         Raises:
             VoccError: scenes whose light has no ISO speed.
         """
         if view.in_perspective(context.effects):
-            centre = view.view_of(context).points_px(context.scene.distance_m.new_zeros(1, 2))[:, 0]
+            centre = view.view_of(context).points_px(
+                context.scene.distance_m.new_zeros(1, 2)
+            )[:, 0]
         else:
             centre = panel_centre_px(context.scene, context.camera)
-        origin = crop_origins_px(centre, size, context.camera.sensor_px, grid_px=grid_px)
+        origin = crop_origins_px(
+            centre, size, context.camera.sensor_px, grid_px=grid_px
+        )
         placed = replace(context, origin_px=origin, iso=photometry.auto_iso(context))
         return cls(placed, bits, centre, size)
 
@@ -295,14 +344,36 @@ class Batch:
     def taken(self, frames: slice | list[int], size: Size) -> Self:
         """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
         context, keys = self.context, self.context.keys
-        keys = keys[frames] if isinstance(frames, slice) else [keys[frame] for frame in frames if keys]
-        rows = frames if isinstance(frames, slice) else torch.tensor(frames, device=self.bits.device)
-        origin, iso = context.first_px[rows], None if context.iso is None else context.iso[rows]
+        keys = (
+            keys[frames]
+            if isinstance(frames, slice)
+            else [keys[frame] for frame in frames if keys]
+        )
+        rows = (
+            frames
+            if isinstance(frames, slice)
+            else torch.tensor(frames, device=self.bits.device)
+        )
+        origin, iso = (
+            context.first_px[rows],
+            None if context.iso is None else context.iso[rows],
+        )
         if size != self.size:
-            inset = [whole // 2 - small // 2 for whole, small in zip(self.size, size, strict=True)]
+            inset = [
+                whole // 2 - small // 2
+                for whole, small in zip(self.size, size, strict=True)
+            ]
             origin = origin + torch.tensor(inset[::-1], device=origin.device)
-        part = replace(context, scene=context.scene[rows], keys=keys, origin_px=origin, iso=iso)
-        return replace(self, context=part, bits=self.bits[rows], centre_px=self.centre_px[rows], size=size)
+        part = replace(
+            context, scene=context.scene[rows], keys=keys, origin_px=origin, iso=iso
+        )
+        return replace(
+            self,
+            context=part,
+            bits=self.bits[rows],
+            centre_px=self.centre_px[rows],
+            size=size,
+        )
 
 
 def like_sized(
@@ -332,25 +403,40 @@ def like_sized(
     members: dict[float, list[int]] = {}
     distances = torch.where(apart, 0.0, scene.distance_m).tolist()
     for frame, distance in enumerate(distances):
-        step = math.floor(math.log(distance) / math.log(SIZE_STEP)) if distance else -math.inf
+        step = (
+            math.floor(math.log(distance) / math.log(SIZE_STEP))
+            if distance
+            else -math.inf
+        )
         members.setdefault(step, []).append(frame)
     ordered = [members[step] for step in sorted(members, reverse=True)]
     nearest = [min(distances[frame] for frame in group) for group in ordered]
     tight = [tight_px(each) if each else size_px for each in nearest]
-    sizes = [(min(height, size_px[0]), min(width, size_px[1])) for height, width in tight]
+    sizes = [
+        (min(height, size_px[0]), min(width, size_px[1])) for height, width in tight
+    ]
     worth = GROUP_PIXELS if apart.device.type == "cpu" else GROUP_PIXELS_ELSEWHERE
     groups: list[tuple[list[int], Size]] = []
     waiting: list[int] = []
     for index, group in enumerate(ordered):
-        waiting, own, larger = waiting + group, sizes[index], (*sizes[index + 1 :], None)[0]
-        if larger is None or len(waiting) * (math.prod(larger) - math.prod(own)) > worth:
+        waiting, own, larger = (
+            waiting + group,
+            sizes[index],
+            (*sizes[index + 1 :], None)[0],
+        )
+        if (
+            larger is None
+            or len(waiting) * (math.prod(larger) - math.prod(own)) > worth
+        ):
             groups.append((waiting, own))
             waiting = []
     return groups
 
 
 def in_groups(
-    batch: Batch, groups: Sequence[tuple[Sequence[int], Size]], draw: Callable[[Batch], Tensor]
+    batch: Batch,
+    groups: Sequence[tuple[Sequence[int], Size]],
+    draw: Callable[[Batch], Tensor],
 ) -> Tensor:
     """Draw frames in groups, each in pictures of its own size, laid into pictures of the batch's size.
 
@@ -373,10 +459,17 @@ def in_groups(
             if size != batch.size:
                 # The panel lies in the middle, so that every corner is beyond its light.
                 larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
-                top, left = (whole // 2 - small // 2 for whole, small in zip(batch.size, size, strict=True))
+                top, left = (
+                    whole // 2 - small // 2
+                    for whole, small in zip(batch.size, size, strict=True)
+                )
                 larger[:, :, top : top + size[0], left : left + size[1]] = pictures
                 pictures = larger
             drawn.append(pictures)
         begin = end
     together = drawn[0] if len(drawn) == 1 else torch.cat(drawn)
-    return together if in_order else together[torch.tensor(order, device=together.device).argsort()]
+    return (
+        together
+        if in_order
+        else together[torch.tensor(order, device=together.device).argsort()]
+    )

@@ -11,7 +11,14 @@ import torch
 from torch import Tensor
 
 from vocc_torch.simulation import framing, photometry, raster
-from vocc_torch.simulation.effects import Context, Effect, Quantity, background, housing, view
+from vocc_torch.simulation.effects import (
+    Context,
+    Effect,
+    Quantity,
+    background,
+    housing,
+    view,
+)
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
@@ -27,7 +34,11 @@ def taking(effects: Sequence[Effect], quantity: Quantity) -> tuple[Effect, ...]:
 
 
 def paint(
-    lights: Tensor, shares: Tensor | None, context: Context, size: framing.Size, dtype: torch.dtype
+    lights: Tensor,
+    shares: Tensor | None,
+    context: Context,
+    size: framing.Size,
+    dtype: torch.dtype,
 ) -> Tensor:
     """Draw background, board and LEDs onto the pixels; what lies outside the picture is cut off.
 
@@ -45,14 +56,28 @@ def paint(
         VoccError: an LED whose image is wider than 100000 px.
     """
     scene, panel, leds = context.scene, context.panel, context.panel.shape.leds
-    behind, before = (taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT))
-    reflectances = (panel.background_reflectance, panel.led_reflectance, panel.board_reflectance or 0.0)
-    lit = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, share) for share in reflectances)
+    behind, before = (
+        taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT)
+    )
+    reflectances = (
+        panel.background_reflectance,
+        panel.led_reflectance,
+        panel.board_reflectance or 0.0,
+    )
+    lit = (
+        photometry.reflected_luminance_cd_m2(scene.ambient_lx, share)
+        for share in reflectances
+    )
     background, surface, board = lit
     there, look = housing.present(context), housing.look(context)
-    has_board = panel.board_reflectance is not None and not housing.replaces_board(context)
+    has_board = panel.board_reflectance is not None and not housing.replaces_board(
+        context
+    )
     if look is not None:
-        surface = photometry.reflected_luminance_cd_m2(scene.ambient_lx, 1.0) * look.reflectance
+        surface = (
+            photometry.reflected_luminance_cd_m2(scene.ambient_lx, 1.0)
+            * look.reflectance
+        )
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
         canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
@@ -66,13 +91,18 @@ def paint(
     stamps = list(led_stamps(context, size, look))
     if there is not None:
         kept = [there[stamp[-1] // leds] for stamp in stamps]
-        stamps = [(a[k], b[k], c[k], d[k]) for (a, b, c, d), k in zip(stamps, kept, strict=True)]
+        stamps = [
+            (a[k], b[k], c[k], d[k])
+            for (a, b, c, d), k in zip(stamps, kept, strict=True)
+        ]
     added = surface - board if look is None else (surface - board) * look.visible
     if behind or before:
         hidden = board.view(-1, 1, 1) if has_board else None
         canvas = _with_surfaces(canvas, stamps, leds, surface, hidden, look)
         for effect in before:
-            canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
+            canvas = (
+                effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
+            )
         added = torch.zeros_like(surface)
     for cover, left, top, led in stamps:
         frame = led // leds
@@ -80,11 +110,15 @@ def paint(
             light = lights[:, 0].reshape(-1)[led].view(-1, 1, 1)
         else:
             # Each row of a patch has its own share of each symbol's light.
-            rows = top.unsqueeze(-1) + torch.arange(cover.shape[-2], device=frame.device)
+            rows = top.unsqueeze(-1) + torch.arange(
+                cover.shape[-2], device=frame.device
+            )
             held = shares[frame.unsqueeze(-1), :, rows].transpose(1, 2)
             shown = lights.transpose(0, 1).reshape(lights.shape[1], -1)[:, led].T
             light = (shown.unsqueeze(-1) * held).sum(1).unsqueeze(-1)
-        raster.add_patches(canvas, cover * (light + added[frame].view(-1, 1, 1)), frame, left, top)
+        raster.add_patches(
+            canvas, cover * (light + added[frame].view(-1, 1, 1)), frame, left, top
+        )
     # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
     return canvas.clamp_(min=0).unsqueeze(1).to(dtype)
 
@@ -105,14 +139,19 @@ def _with_surfaces(
     if not stamps:
         return canvas
     x, y = (min(int(stamp[axis].min()) for stamp in stamps) for axis in (1, 2))
-    right, bottom = (max(int(one[axis].max()) + one[0].shape[-axis] for one in stamps) for axis in (1, 2))
+    right, bottom = (
+        max(int(one[axis].max()) + one[0].shape[-axis] for one in stamps)
+        for axis in (1, 2)
+    )
     covered = canvas.new_zeros(len(canvas), bottom - y, right - x)
     for cover, left, top, led in stamps:
         raster.add_patches(covered, cover, led // leds, left - x, top - y)
     drawn, part = canvas.clone(), (slice(None), slice(y, bottom), slice(x, right))
     behind = canvas[part]
     seen = covered if look is None else covered * look.visible.view(-1, 1, 1)
-    drawn[part] = behind + seen * (surface.view(-1, 1, 1) - (behind if hidden is None else hidden))
+    drawn[part] = behind + seen * (
+        surface.view(-1, 1, 1) - (behind if hidden is None else hidden)
+    )
     return drawn
 
 
@@ -120,17 +159,35 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
     if not view.in_perspective(context.effects):
-        corners = framing.panel_corners_px(context.scene, context.camera, context.panel) - origin
-        across = raster.interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
-        return raster.interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
+        corners = (
+            framing.panel_corners_px(context.scene, context.camera, context.panel)
+            - origin
+        )
+        across = raster.interval_cover(
+            corners[:, 0, 0], corners[:, 2, 0], size[1]
+        ).unsqueeze(-2)
+        return (
+            raster.interval_cover(
+                corners[:, 0, 1], corners[:, 2, 1], size[0]
+            ).unsqueeze(-1)
+            * across
+        )
     # The sides in short pieces, which a lens may bend.
     corners = view.panel_corners_m(context.panel).to(context.scene.distance_m)
-    steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(1, -1, 1)
-    outline = corners.unsqueeze(1) + steps * (corners.roll(-1, 0) - corners).unsqueeze(1)
-    return raster.polygon_cover(view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
+    steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(
+        1, -1, 1
+    )
+    outline = corners.unsqueeze(1) + steps * (corners.roll(-1, 0) - corners).unsqueeze(
+        1
+    )
+    return raster.polygon_cover(
+        view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size
+    )
 
 
-def led_stamps(context: Context, size: framing.Size, look: housing.Look | None = None) -> Iterator[Stamp]:
+def led_stamps(
+    context: Context, size: framing.Size, look: housing.Look | None = None
+) -> Iterator[Stamp]:
     """Cover the LEDs of each frame, those of a frame in an order that its batch does not change.
 
     Args:
@@ -141,7 +198,12 @@ def led_stamps(context: Context, size: framing.Size, look: housing.Look | None =
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    scene, panel, leds, origin = context.scene, context.panel, context.panel.shape.leds, context.first_px
+    scene, panel, leds, origin = (
+        context.scene,
+        context.panel,
+        context.panel.shape.leds,
+        context.first_px,
+    )
     upright = not view.in_perspective(context.effects)
     if upright:
         columns, rows = framing.led_centres_px(scene, context.camera, panel)
@@ -153,21 +215,31 @@ def led_stamps(context: Context, size: framing.Size, look: housing.Look | None =
         at = view.led_centres_m(panel).to(scene.distance_m)
         own = panel.led_diameter_m / 2 if look is None else look.radius_m.view(-1, 1, 1)
         centre, spread = view.view_of(context).discs_px(at, own)
-        centre, half = centre - origin.unsqueeze(1), spread.diagonal(dim1=-2, dim2=-1).sqrt()
+        centre, half = (
+            centre - origin.unsqueeze(1),
+            spread.diagonal(dim1=-2, dim2=-1).sqrt(),
+        )
         widest = 2 * half.amax(dim=(1, 2))
     sides = widest.ceil().tolist()
     framing.demand_led_px(max(sides), float(scene.distance_m[sides.index(max(sides))]))
     single = list(range(len(sides)))
     if look is not None and bool(look.square.any()):
         single = (~look.square).nonzero().flatten().tolist()
-        at, half_m = view.led_centres_m(panel).to(scene.distance_m), look.radius_m.view(-1, 1, 1, 1)
-        for led, cover, left, top in background.cell_patches(at, half_m, size, context, look.square):
+        at, half_m = (
+            view.led_centres_m(panel).to(scene.distance_m),
+            look.radius_m.view(-1, 1, 1, 1),
+        )
+        for led, cover, left, top in background.cell_patches(
+            at, half_m, size, context, look.square
+        ):
             yield cover, left, top, led
     if upright:
         # By powers of two, so that a near panel does not make all patches large.
         patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
         groups = {patches[frame] for frame in single}
-        for patch in sorted(patch for patch in groups if leds * patch**2 <= raster.GROUP_VALUES):
+        for patch in sorted(
+            patch for patch in groups if leds * patch**2 <= raster.GROUP_VALUES
+        ):
             like = [frame for frame in single if patches[frame] == patch]
             side = int(max(sides[frame] for frame in like)) + 1
             most = max(1, raster.GROUP_VALUES // (leds * side**2))
@@ -176,9 +248,15 @@ def led_stamps(context: Context, size: framing.Size, look: housing.Look | None =
                 whole = slice(None) if len(chosen) == len(sides) else chosen
                 grid = columns[whole], rows[whole], radius[whole]
                 cover, left, top = raster.disc_grid_cover(*grid, side, canvas_px=size)
-                led = chosen.unsqueeze(1) * leds + torch.arange(leds, device=origin.device)
+                led = chosen.unsqueeze(1) * leds + torch.arange(
+                    leds, device=origin.device
+                )
                 yield cover.flatten(0, 2), *_each(left, top), led.view(-1)
-        single = [frame for frame in single if leds * patches[frame] ** 2 > raster.GROUP_VALUES]
+        single = [
+            frame
+            for frame in single
+            if leds * patches[frame] ** 2 > raster.GROUP_VALUES
+        ]
         if not single:
             return
         centre = torch.stack(_each(columns, rows), dim=-1).view(len(scene), -1, 2)
@@ -187,13 +265,20 @@ def led_stamps(context: Context, size: framing.Size, look: housing.Look | None =
     drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
     drawn[single] = True
     centre, half, spread = (each.flatten(0, 1) for each in (centre, half, spread))
-    for which, side in raster.by_size(centre - half, centre + half, size, drawn.repeat_interleave(leds)):
+    for which, side in raster.by_size(
+        centre - half, centre + half, size, drawn.repeat_interleave(leds)
+    ):
         # A view, where a batch's LEDs are all in sight and alike, spares their copies.
         whole = slice(None) if len(which) == len(centre) else which
-        yield *raster.ellipse_cover(centre[whole], spread[whole], side, canvas_px=size), which
+        yield (
+            *raster.ellipse_cover(centre[whole], spread[whole], side, canvas_px=size),
+            which,
+        )
 
 
 def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:
     """Repeat what columns (B,C) and rows (B,R) of LEDs have for each LED, (B*R*C,)."""
     shape = len(of_rows), of_rows.shape[1], of_columns.shape[1]
-    return of_columns.unsqueeze(1).expand(shape).reshape(-1), of_rows.unsqueeze(2).expand(shape).reshape(-1)
+    return of_columns.unsqueeze(1).expand(shape).reshape(-1), of_rows.unsqueeze(
+        2
+    ).expand(shape).reshape(-1)

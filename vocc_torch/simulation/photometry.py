@@ -40,7 +40,9 @@ def reflected_luminance_cd_m2(illuminance_lx: Tensor, reflectance: float) -> Ten
     return illuminance_lx * (reflectance / math.pi)
 
 
-def auto_iso_speed(background_exposure_lx_s: Tensor, target_grey: Tensor, *, gamma: float) -> Tensor:
+def auto_iso_speed(
+    background_exposure_lx_s: Tensor, target_grey: Tensor, *, gamma: float
+) -> Tensor:
     """ISO speed S at which the background gets the grey value asked for: Eq. 1 solved for ``S = 10 / H_SOS``.
 
     A background without light has no such speed: 0 lx s gives infinity, which a camera's limits bring back.
@@ -93,10 +95,15 @@ def _power(base: Tensor, exponent: float) -> Tensor:
     if not base.requires_grad and _dual(base)[1] is None:
         flat = base.reshape(-1)
         parts = torch.split(flat, BLOCK_VALUES) if base.is_cpu else [flat]
-        powers = [part.to(torch.float64).log().mul_(exponent).exp_().to(base.dtype) for part in parts]
+        powers = [
+            part.to(torch.float64).log().mul_(exponent).exp_().to(base.dtype)
+            for part in parts
+        ]
         return torch.cat(powers).view(base.shape)
     lit = base >= torch.finfo(base.dtype).tiny
-    smooth = torch.exp(torch.log(torch.where(lit, base, 1.0).to(torch.float64)) * exponent).to(base.dtype)
+    smooth = torch.exp(
+        torch.log(torch.where(lit, base, 1.0).to(torch.float64)) * exponent
+    ).to(base.dtype)
     # A detached tensor has its tangent still.
     return torch.where(lit, smooth, _power(_dual(base.detach())[0], exponent))
 
@@ -141,11 +148,17 @@ def through_lens(luminance_cd_m2: Tensor, camera: Camera) -> Tensor:
         >>> round(float(through_lens(torch.tensor(60.0), Camera())), 6)
         0.002
     """
-    per_cd_m2 = 10.0 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
+    per_cd_m2 = (
+        10.0
+        * camera.exposure_time_s
+        / (camera.calibration_constant * camera.f_number**2)
+    )
     return luminance_cd_m2 * per_cd_m2
 
 
-def as_seen(surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = None) -> Tensor:
+def as_seen(
+    surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = None
+) -> Tensor:
     """Luminance of a surface, and of its own light, through the scene's air and veil.
 
     Args:
@@ -191,16 +204,22 @@ def auto_iso(context: Context) -> Tensor:
     if context.iso is not None:
         return context.iso
     scene, camera = context.scene, context.camera
-    background = reflected_luminance_cd_m2(scene.ambient_lx, context.panel.background_reflectance)
+    background = reflected_luminance_cd_m2(
+        scene.ambient_lx, context.panel.background_reflectance
+    )
     exposure = through_lens(as_seen(background, context), camera)
     iso = auto_iso_speed(exposure, scene.background_grey, gamma=camera.gamma)
     if camera.iso_limits is not None:
         iso = iso.clamp(*camera.iso_limits)
-    brightest = through_lens(scene.ambient_lx / math.pi + scene.led_luminance_cd_m2, camera)
+    brightest = through_lens(
+        scene.ambient_lx / math.pi + scene.led_luminance_cd_m2, camera
+    )
     most = BRIGHTEST ** min(camera.gamma, 1.0)
     if not any(effect.gives == Quantity.BOUNDED_GREY for effect in context.effects):
         most = min(most, (MOST_GREY / MIDDLE_GREY) ** camera.gamma)
-    held = (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1]) & (brightest * iso / 10 <= most)
+    held = (
+        (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1]) & (brightest * iso / 10 <= most)
+    )
     if not bool(held.all()):
         raise light_refusal(context, int(held.int().argmin()), iso)
     return iso
@@ -219,7 +238,9 @@ def demand_greys(grey: Tensor) -> None:
     most = float(grey.detach().max())
     if not most <= MOST_GREY:
         rule = f"it must have scene.effects.saturation, or less light: at most {MOST_GREY:g}"
-        raise VoccError(f"scene.effects is without saturation, and grey values reach {most:g}: {rule}")
+        raise VoccError(
+            f"scene.effects is without saturation, and grey values reach {most:g}: {rule}"
+        )
 
 
 def light_refusal(context: Context, frame: int, iso: Tensor) -> VoccError:
@@ -233,7 +254,9 @@ def light_refusal(context: Context, frame: int, iso: Tensor) -> VoccError:
     if not ISO_RANGE[0] <= speed <= ISO_RANGE[1]:
         target = f"scene.background_grey is {float(scene.background_grey[frame]):g}"
         rule = f"it must lead to an ISO speed from {ISO_RANGE[0]:g} to {ISO_RANGE[1]:g}"
-        return VoccError(f"{ambient} and {target}: {rule}, and this is {speed:g} (or give camera.iso_limits)")
+        return VoccError(
+            f"{ambient} and {target}: {rule}, and this is {speed:g} (or give camera.iso_limits)"
+        )
     led = f"scene.led_luminance_cd_m2 is {float(scene.led_luminance_cd_m2[frame]):g}"
     rule = f"it must lead to grey values of at most {MOST_GREY:g}, or {BRIGHTEST:g} where saturation is named"
     return VoccError(f"{led}, with {ambient} and ISO {speed:g}: {rule}")

@@ -40,7 +40,12 @@ def per_pixel(area: Tensor) -> Tensor:
 
 
 def disc_grid_cover(
-    columns_x: Tensor, rows_y: Tensor, radius: Tensor, size: int, *, canvas_px: tuple[int, int]
+    columns_x: Tensor,
+    rows_y: Tensor,
+    radius: Tensor,
+    size: int,
+    *,
+    canvas_px: tuple[int, int],
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Share of each pixel that the discs of upright grids cover: :func:`ellipse_cover`, many times faster.
 
@@ -66,13 +71,23 @@ def disc_grid_cover(
     frames, columns, rows = *columns_x.shape, rows_y.shape[1]
     left, width = _patch(columns_x - radius.view(-1, 1), size, canvas_px[1])
     top, height = _patch(rows_y - radius.view(-1, 1), size, canvas_px[0])
-    edges = torch.arange(max(width, height) + 1, dtype=radius.dtype, device=radius.device)
+    edges = torch.arange(
+        max(width, height) + 1, dtype=radius.dtype, device=radius.device
+    )
     first, middle = torch.cat([left, top], dim=1), torch.cat([columns_x, rows_y], dim=1)
-    u = ((first.unsqueeze(-1) + edges - middle.unsqueeze(-1)) / radius.view(-1, 1, 1)).clamp_(-1, 1)
+    u = (
+        (first.unsqueeze(-1) + edges - middle.unsqueeze(-1)) / radius.view(-1, 1, 1)
+    ).clamp_(-1, 1)
     half, past = _half_segment(u).add_(math.pi / 8), (u >= 0).to(u.dtype)
-    terms = torch.stack([u, half, u * u, past, 2 * half + (math.pi / 4 - math.pi / 2 * past)])
-    v, half_v, v_squared, past_v, before_v = terms[:, :, columns:, : height + 1].flatten(2).unsqueeze(-1)
-    u, half, u_squared, past, before = terms[:, :, :columns, : width + 1].flatten(2).unsqueeze(-2)
+    terms = torch.stack(
+        [u, half, u * u, past, 2 * half + (math.pi / 4 - math.pi / 2 * past)]
+    )
+    v, half_v, v_squared, past_v, before_v = (
+        terms[:, :, columns:, : height + 1].flatten(2).unsqueeze(-1)
+    )
+    u, half, u_squared, past, before = (
+        terms[:, :, :columns, : width + 1].flatten(2).unsqueeze(-2)
+    )
     # Beyond the disc the area left of one edge and above another is made of those before each edge alone.
     beyond = (before * past_v).add_(past * before_v)
     inside = (u * v).add_(half).add_(half_v)
@@ -110,14 +125,18 @@ def by_size(
         [([0], 4), ([1], 31)]
     """
     canvas = low_px.new_tensor(canvas_px[::-1])
-    which = (((high_px > 0) & (low_px < canvas)).all(dim=-1) & chosen).nonzero().squeeze(1)
+    which = (
+        (((high_px > 0) & (low_px < canvas)).all(dim=-1) & chosen).nonzero().squeeze(1)
+    )
     seen = torch.minimum(high_px[which], canvas) - low_px[which].clamp(min=0)
     sides = torch.minimum(torch.ceil(seen.amax(dim=-1)) + 1, canvas.max()).long()
     sizes = torch.ceil(torch.log2(sides.clamp(min=8).double()))
     for size in torch.unique(sizes).tolist():
         group = (sizes == size).nonzero().squeeze(1)
         side = int(sides[group].max())
-        for rows in group.split(max(1, GROUP_VALUES // (min(side, canvas_px[0]) * min(side, canvas_px[1])))):
+        for rows in group.split(
+            max(1, GROUP_VALUES // (min(side, canvas_px[0]) * min(side, canvas_px[1])))
+        ):
             yield which[rows], side
 
 
@@ -251,12 +270,18 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
     stop = start.roll(-1, dims=1)
     cover = start.new_zeros(len(start), height, width)
     top, bottom = _range(start[..., 1], height)
-    lines = torch.arange(top, bottom + 1, dtype=start.dtype, device=start.device).view(-1, 1)
+    lines = torch.arange(top, bottom + 1, dtype=start.dtype, device=start.device).view(
+        -1, 1
+    )
     for edge in range(start.shape[1]):
-        (x0, y0), (x1, y1) = (end[:, edge].unsqueeze(-1).unbind(dim=1) for end in (start, stop))
+        (x0, y0), (x1, y1) = (
+            end[:, edge].unsqueeze(-1).unbind(dim=1) for end in (start, stop)
+        )
         left, right = _range(torch.stack([x0, x1]), width)
         edges = torch.arange(left, right + 1, dtype=x0.dtype, device=x0.device)
-        x = torch.minimum(torch.maximum(edges, torch.minimum(x0, x1)), torch.maximum(x0, x1))
+        x = torch.minimum(
+            torch.maximum(edges, torch.minimum(x0, x1)), torch.maximum(x0, x1)
+        )
         run = torch.where(x1 == x0, torch.ones_like(x0), x1 - x0)
         y = y0 + (x - x0) / run * (y1 - y0)
         low = torch.minimum(y[:, :-1], y[:, 1:]).unsqueeze(1)
@@ -264,13 +289,19 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
         # Mean over the column of min(y, line) - low, for y that runs evenly from low to low + span.
         above = lines - low
         within = torch.minimum(above.clamp(min=0), span)
-        mean = above.clamp_(max=0) + within - within.square() / (2 * span.clamp(min=1e-300))
+        mean = (
+            above.clamp_(max=0)
+            + within
+            - within.square() / (2 * span.clamp(min=1e-300))
+        )
         # The signed area of each pixel above the edge, positive for one that runs to the left.
         step = torch.where(x1 > x0, -1.0, 1.0) * x.diff(dim=1)
         cover[:, top:bottom, left:right] += mean.diff(dim=1) * step.unsqueeze(1)
     # Positive for corners that run clockwise, as the sum above is: y points down.
     arm = start - start[:, :1]
-    twice_area = (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(dim=-1)
+    twice_area = (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(
+        dim=-1
+    )
     rows = torch.arange(height, device=start.device)
     # Rounding leaves 1e-16 beyond a polygon's rows, and how far that is computed depends on the batch.
     low, high = start[..., 1].aminmax(dim=1, keepdim=True)
@@ -286,7 +317,9 @@ def _range(along: Tensor, size: int) -> tuple[int, int]:
     return first, max(first, math.ceil(min(max(high, 0), size)))
 
 
-def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, top: Tensor) -> None:
+def add_patches(
+    canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, top: Tensor
+) -> None:
     """Add patches onto a batch of canvases in place.
 
     Args:
@@ -303,7 +336,9 @@ def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, to
         [[[0.0, 1.0, 1.0], [0.0, 1.0, 1.0]]]
     """
     height, width = canvas.shape[-2:]
-    across, down = (torch.arange(patches.shape[axis], device=canvas.device) for axis in (-1, -2))
+    across, down = (
+        torch.arange(patches.shape[axis], device=canvas.device) for axis in (-1, -2)
+    )
     first = (frame * height + top) * width + left
     index = first.view(-1, 1, 1) + (down.unsqueeze(-1) * width + across)
     canvas.view(-1).index_add_(0, index.view(-1), patches.to(canvas.dtype).reshape(-1))

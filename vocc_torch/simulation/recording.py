@@ -42,7 +42,9 @@ class Shutter:
     black: float = 0.0
     burst_frames: int = 1
 
-    def taken_s(self, length_s: float, draws: np.random.Generator) -> NDArray[np.float64]:
+    def taken_s(
+        self, length_s: float, draws: np.random.Generator
+    ) -> NDArray[np.float64]:
         """Give the moments of the frames of a film of ``length_s``: those that were lost are left out.
 
         A moment that comes twice is a repeated frame; a black one is no number.
@@ -54,13 +56,21 @@ class Shutter:
             >>> Shutter(fps=200.0).taken_s(0.02, np.random.default_rng(0)).tolist()
             [0.0, 0.005, 0.01, 0.015]
         """
-        times = self.start_s + np.arange(max(1, math.ceil((length_s - self.start_s) * self.fps))) / self.fps
+        times = (
+            self.start_s
+            + np.arange(max(1, math.ceil((length_s - self.start_s) * self.fps)))
+            / self.fps
+        )
         fate = draws.random((3, len(times)))
         for i in np.flatnonzero(fate[1] < self.repeated).tolist():
             times[i] = times[max(0, i - 1)]
         times[fate[2] < self.black] = np.nan
-        begun = np.concatenate([draws.random(self.burst_frames - 1), fate[0]])  # some before the recording
-        begun = begun < 1 - (1 - self.dropped) ** (1 / self.burst_frames)  # so the share lost is ``dropped``
+        begun = np.concatenate(
+            [draws.random(self.burst_frames - 1), fate[0]]
+        )  # some before the recording
+        begun = begun < 1 - (1 - self.dropped) ** (
+            1 / self.burst_frames
+        )  # so the share lost is ``dropped``
         lost = np.convolve(begun, np.ones(self.burst_frames), "valid") > 0
         if lost.all():
             raise NoFrameLeftError(
@@ -70,7 +80,9 @@ class Shutter:
         return kept
 
 
-def further_films(simulator: Simulator, film: torch.Tensor, key: BlockKey) -> dict[str, torch.Tensor]:
+def further_films(
+    simulator: Simulator, film: torch.Tensor, key: BlockKey
+) -> dict[str, torch.Tensor]:
     """Draw the films (N,R,C) bool that a recording's LEDs of further colours play beside the first's.
 
     Args:
@@ -82,8 +94,16 @@ def further_films(simulator: Simulator, film: torch.Tensor, key: BlockKey) -> di
         >>> further_films(Simulator(), torch.ones(2, 8, 8, dtype=torch.bool), BlockKey(0, "doc", 0))
         {}
     """
-    names = [f".{name}" for one in simulator.effects if isinstance(one, Colour) for name in one.further]
-    drawn = {name: key.generator(f"film{name}").integers(2, size=tuple(film.shape)) for name in names}
+    names = [
+        f".{name}"
+        for one in simulator.effects
+        if isinstance(one, Colour)
+        for name in one.further
+    ]
+    drawn = {
+        name: key.generator(f"film{name}").integers(2, size=tuple(film.shape))
+        for name in names
+    }
     return {name: torch.from_numpy(bits).bool() for name, bits in drawn.items()}
 
 
@@ -146,25 +166,41 @@ def record(
     takes = [repr(time) for time in taken.tolist()]
     middles = dict(zip(takes, np.nan_to_num(taken).tolist(), strict=True))
     further = further_films(simulator, film, key)
-    playback = Playback(shutter.readout_s, symbol_s, film=film, middles_s=middles, further=further)
+    playback = Playback(
+        shutter.readout_s, symbol_s, film=film, middles_s=middles, further=further
+    )
     effects = [one for one in simulator.effects if not isinstance(one, RollingShutter)]
-    own = {"framing": simulator.framing, "device": simulator.device, "dtype": simulator.dtype}
+    own = {
+        "framing": simulator.framing,
+        "device": simulator.device,
+        "dtype": simulator.dtype,
+    }
     camera = Simulator(simulator.camera, simulator.panel, [*effects, playback], **own)  # type: ignore[arg-type]
-    ends = scene.distance_m + speed_m_s * torch.tensor([0.0, len(film) * symbol_s]).double()
+    ends = (
+        scene.distance_m
+        + speed_m_s * torch.tensor([0.0, len(film) * symbol_s]).double()
+    )
     nearest = float(ends.min()) / (window or 1.0)
     for begin in range(0, len(taken), batch):
         times, names = taken[begin : begin + batch], takes[begin : begin + batch]
-        shown = np.nan_to_num(times)  # a black frame is rendered too, so that all frames have one size
+        shown = np.nan_to_num(
+            times
+        )  # a black frame is rendered too, so that all frames have one size
         rows = torch.zeros(len(times), dtype=torch.int64)
         moved = scene[rows].distance_m + speed_m_s * torch.from_numpy(shown)
         scenes = replace(scene[rows], distance_m=moved)
         keys = [FrameKey(key, 0, name) for name in names]
         symbols = [playback.symbol_at(one.take) for one in keys]
         bits = playback.symbols(torch.tensor(symbols))
-        frames = camera.render(scenes, bits, nearest_m=nearest, keys=keys, panel_only=window is not None)
+        frames = camera.render(
+            scenes, bits, nearest_m=nearest, keys=keys, panel_only=window is not None
+        )
         dark = torch.from_numpy(np.isnan(times)).to(frames.grey.device)
         for pixels in (frames.grey, frames.colour):
             if pixels is not None:
                 pixels[dark] = 0
-        told = [None if black else number for black, number in zip(dark.tolist(), symbols, strict=True)]
+        told = [
+            None if black else number
+            for black, number in zip(dark.tolist(), symbols, strict=True)
+        ]
         yield Recorded(frames, camera.true_panels(scenes, keys), times, told)

@@ -33,9 +33,15 @@ class Light:
         """Luminance of a matt surface; black is not quite black."""
         return max(self.daylight_cd_m2 * reflectance, 1e-6)
 
-    def lamp(self, generator: Generator, low: float, high: float, *, lit: bool = True) -> float:
+    def lamp(
+        self, generator: Generator, low: float, high: float, *, lit: bool = True
+    ) -> float:
         """Luminance of a lamp, log-uniform cd/m2, or of its glass where it is off."""
-        return spread(generator, low, high) if lit else self.of(generator.uniform(0.08, 0.3))
+        return (
+            spread(generator, low, high)
+            if lit
+            else self.of(generator.uniform(0.08, 0.3))
+        )
 
 
 def spread(generator: Generator, low: float, high: float) -> float:
@@ -60,34 +66,76 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
         sketch.box(left, -0.35, right, 0, light.of(0.03))
     inset = half * g.uniform(0.75, 0.92)
     if not boxy:
-        sketch.polygon([(-inset, -high), (inset, -high), (half, belt), (-half, belt)], light.of(paint))
+        sketch.polygon(
+            [(-inset, -high), (inset, -high), (half, belt), (-half, belt)],
+            light.of(paint),
+        )
     strips = int(g.integers(3, 9))
     edges = np.linspace(belt, floor, strips + 1)
-    for top, bottom, gloss in zip(edges[:-1], edges[1:], g.uniform(0.7, 1.3, strips), strict=True):
+    for top, bottom, gloss in zip(
+        edges[:-1], edges[1:], g.uniform(0.7, 1.3, strips), strict=True
+    ):
         sketch.box(-half, top, half, bottom, light.of(paint * gloss))
     if not boxy or g.random() < 0.4:
-        top, bottom = (-high * 0.95, belt * 1.04) if not boxy else (-high * 0.92, -high * 0.6)
+        top, bottom = (
+            (-high * 0.95, belt * 1.04) if not boxy else (-high * 0.92, -high * 0.6)
+        )
         slope = inset * 0.92 if not boxy else half * 0.85
         sketch.polygon(
-            [(-slope, top), (slope, top), (half * 0.88, bottom), (-half * 0.88, bottom)], light.of(0.03)
+            [
+                (-slope, top),
+                (slope, top),
+                (half * 0.88, bottom),
+                (-half * 0.88, bottom),
+            ],
+            light.of(0.03),
         )
         sky, cut = light.of(g.uniform(0.1, 1.2)), g.uniform(-0.6, 0.4, 2) * slope
-        sketch.polygon([(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky)
+        sketch.polygon(
+            [(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky
+        )
     if boxy and g.random() < 0.5:  # ribs, or a livery
-        count, fill, shade = int(g.integers(6, 30)), g.uniform(0.2, 0.6), g.uniform(0.4, 1.6)
-        sketch.grid(-half, -high * 0.95, half, -high * 0.25, 1, count, fill, light.of(paint * shade))
+        count, fill, shade = (
+            int(g.integers(6, 30)),
+            g.uniform(0.2, 0.6),
+            g.uniform(0.4, 1.6),
+        )
+        sketch.grid(
+            -half,
+            -high * 0.95,
+            half,
+            -high * 0.25,
+            1,
+            count,
+            fill,
+            light.of(paint * shade),
+        )
     if boxy and g.random() < 0.6:
         size, words = g.uniform(0.12, 0.4), words_of(g, int(g.integers(4, 9)))
-        sketch.text(words, -half * 0.8, -high * g.uniform(0.5, 0.9), size, light.of(g.uniform(0, 0.9)))
+        sketch.text(
+            words,
+            -half * 0.8,
+            -high * g.uniform(0.5, 0.9),
+            size,
+            light.of(g.uniform(0, 0.9)),
+        )
     if g.random() < 0.5:  # a grille
         rows, columns = int(g.integers(3, 10)), int(g.choice([1, 1, 8, 16]))
         top = belt * g.uniform(0.55, 0.8)
         place = (-half * 0.55, top, half * 0.55, top + 0.25)
         sketch.box(*place, light.of(0.02))
-        sketch.grid(*place, rows, columns, g.uniform(0.3, 0.7), light.of(g.uniform(0.05, 0.8)))
+        sketch.grid(
+            *place, rows, columns, g.uniform(0.3, 0.7), light.of(g.uniform(0.05, 0.8))
+        )
     _vehicle_lamps(g, light, sketch, half, max(belt, -1.1), rear)
     plate = -g.uniform(0.42, 0.8)
-    sketch.box(-0.27, plate, 0.27, plate + 0.12, light.of(g.uniform(0.5, 0.8)) + g.uniform(0, 30) * light.lit)
+    sketch.box(
+        -0.27,
+        plate,
+        0.27,
+        plate + 0.12,
+        light.of(g.uniform(0.5, 0.8)) + g.uniform(0, 30) * light.lit,
+    )
     sketch.text(words_of(g, 8), -0.24, plate + 0.02, 0.08, light.of(0.03))
     sketch.box(-half, -0.34, half, floor, light.of(g.uniform(0.03, 0.3)))
     if g.random() < 0.4 and light.daylight_cd_m2 > 0:  # the sun in the chrome
@@ -96,12 +144,18 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     return sketch
 
 
-def _vehicle_lamps(g: Generator, light: Light, sketch: Sketch, half: float, belt: float, rear: bool) -> None:
+def _vehicle_lamps(
+    g: Generator, light: Light, sketch: Sketch, half: float, belt: float, rear: bool
+) -> None:
     """Draw lamps on both sides: glasses, discs or lattices of LEDs, and a third lamp of brakes."""
     lit, tall = bool(g.random() < light.lit), g.uniform(0.1, 0.35)
     range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
     own, glass = light.lamp(g, *range_cd, lit=lit), light.lamp(g, 1, 2, lit=False)
-    wide, top, kind = g.uniform(0.12, 0.4), belt * g.uniform(0.75, 0.95), int(g.integers(3))
+    wide, top, kind = (
+        g.uniform(0.12, 0.4),
+        belt * g.uniform(0.75, 0.95),
+        int(g.integers(3)),
+    )
     rows, columns = (int(n) for n in g.integers((1, 3), (5, 9)))
     for side in (-1, 1):
         left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
@@ -112,10 +166,33 @@ def _vehicle_lamps(g: Generator, light: Light, sketch: Sketch, half: float, belt
             centre = np.array([[(left + right) / 2, top + tall / 2]])
             sketch.dots(centre, min(wide, tall) * 0.4, own, round=True)
         else:
-            sketch.grid(left, top, right, top + tall, rows, columns, g.uniform(0.4, 0.8), own, round=True)
+            sketch.grid(
+                left,
+                top,
+                right,
+                top + tall,
+                rows,
+                columns,
+                g.uniform(0.4, 0.8),
+                own,
+                round=True,
+            )
     if rear and g.random() < 0.4:
-        braking, top = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5)), belt * 1.15
-        sketch.grid(-0.25, top, 0.25, top + 0.03, 1, int(g.integers(6, 20)), 0.7, braking, round=True)
+        braking, top = (
+            light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5)),
+            belt * 1.15,
+        )
+        sketch.grid(
+            -0.25,
+            top,
+            0.25,
+            top + 0.03,
+            1,
+            int(g.integers(6, 20)),
+            0.7,
+            braking,
+            round=True,
+        )
 
 
 def house(generator: Generator, light: Light) -> Sketch:
@@ -123,12 +200,20 @@ def house(generator: Generator, light: Light) -> Sketch:
     g, sketch = generator, Sketch()
     wide, high = g.uniform(6, 30), g.uniform(5, 22)
     sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.08, 0.6)))
-    rows, columns = max(1, round(high / g.uniform(2.6, 3.5))), max(2, round(wide / g.uniform(1.2, 4)))
+    rows, columns = (
+        max(1, round(high / g.uniform(2.6, 3.5))),
+        max(2, round(wide / g.uniform(1.2, 4))),
+    )
     state = g.random(rows * columns)
-    glass = light.daylight_cd_m2 * np.where(state < 0.5, 0.04, g.uniform(0.05, 1.0, len(state)))
+    glass = light.daylight_cd_m2 * np.where(
+        state < 0.5, 0.04, g.uniform(0.05, 1.0, len(state))
+    )
     lived_in = g.random(len(state)) < light.lit * g.uniform(0.1, 0.7)
     inside = np.where(lived_in, np.exp(g.uniform(2.5, 6.5, len(state))), 0)
-    windows, inner = (-wide / 2, -high, wide / 2, -1.2, rows, columns), g.uniform(0.35, 0.8)
+    windows, inner = (
+        (-wide / 2, -high, wide / 2, -1.2, rows, columns),
+        g.uniform(0.35, 0.8),
+    )
     if g.random() < 0.6:
         sketch.grid(*windows, min(inner * 1.15, 0.95), light.of(g.uniform(0.2, 0.8)))
     sketch.grid(*windows, inner, np.maximum(glass + inside, 1e-6))
@@ -159,24 +244,49 @@ def sign(generator: Generator, light: Light) -> Sketch:
     lines = int(g.integers(1, 5))
     for line in range(lines):
         step = high / lines
-        words = words_of(g, min(max(1, int(g.uniform(0.4, 0.9) * wide / (step * 0.5))), 16))
-        sketch.text(words, -wide * 0.45, -up - high + step * (line + 0.15), step * 0.7, light.of(ink))
+        words = words_of(
+            g, min(max(1, int(g.uniform(0.4, 0.9) * wide / (step * 0.5))), 16)
+        )
+        sketch.text(
+            words,
+            -wide * 0.45,
+            -up - high + step * (line + 0.15),
+            step * 0.7,
+            light.of(ink),
+        )
     return sketch
 
 
 def display(generator: Generator, light: Light) -> Sketch:
     """Draw a dot matrix that shows words or an arrow: over a road, on a bus, in a shop."""
     g, sketch = generator, Sketch()
-    lines, length, dot = int(g.integers(1, 4)), int(g.integers(2, 11)), spread(g, 0.01, 0.06)
+    lines, length, dot = (
+        int(g.integers(1, 4)),
+        int(g.integers(2, 11)),
+        spread(g, 0.01, 0.06),
+    )
     up, rim, fill = g.uniform(1.5, 5.5), g.uniform(1, 4) * dot, g.uniform(0.4, 0.95)
     wide, high = (6 * length + 1) * dot, 12 * lines * dot
-    sketch.box(-wide / 2 - rim, -up - rim, wide / 2 + rim, -up + high + rim, light.of(g.uniform(0.02, 0.2)))
+    sketch.box(
+        -wide / 2 - rim,
+        -up - rim,
+        wide / 2 + rim,
+        -up + high + rim,
+        light.of(g.uniform(0.02, 0.2)),
+    )
     lamp = light.led_cd_m2 * spread(g, 0.2, 3) + light.of(0.2)
     if g.random() < 0.3 and lines * length < 9:
         dots, off = (12 * lines, 6 * length + 1), light.of(g.uniform(0.02, 0.3))
         sketch.grid(-wide / 2, -up, wide / 2, -up + high, *dots, fill, off, round=True)
     for line in range(lines):
-        sketch.text(words_of(g, length), -wide / 2 + dot, -up + dot * (12 * line + 1.5), 8 * dot, lamp, fill)
+        sketch.text(
+            words_of(g, length),
+            -wide / 2 + dot,
+            -up + dot * (12 * line + 1.5),
+            8 * dot,
+            lamp,
+            fill,
+        )
     return sketch
 
 
@@ -189,9 +299,24 @@ def fence(generator: Generator, light: Light) -> Sketch:
     rows, columns = ((1, columns), (rows, 1), (rows, columns))[int(g.integers(3))]
     if g.random() < 0.7:
         sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.03, 0.7)))
-    shade = g.uniform(0.03, 0.8) * np.exp(g.normal(0, g.uniform(0, 0.25), rows * columns))
-    luminance, fill = np.maximum(light.daylight_cd_m2 * shade, 1e-6), g.uniform(0.25, 0.9)
-    sketch.grid(-wide / 2, -high, wide / 2, 0, rows, columns, fill, luminance, round=bool(g.random() < 0.2))
+    shade = g.uniform(0.03, 0.8) * np.exp(
+        g.normal(0, g.uniform(0, 0.25), rows * columns)
+    )
+    luminance, fill = (
+        np.maximum(light.daylight_cd_m2 * shade, 1e-6),
+        g.uniform(0.25, 0.9),
+    )
+    sketch.grid(
+        -wide / 2,
+        -high,
+        wide / 2,
+        0,
+        rows,
+        columns,
+        fill,
+        luminance,
+        round=bool(g.random() < 0.2),
+    )
     return sketch
 
 
@@ -202,7 +327,10 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     own = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(-0.07, -up, 0.07, 0, light.of(g.uniform(0.03, 0.3)))
     if kind == 0:
-        centre, half = [[g.uniform(-1, 1), -up]], [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]
+        centre, half = (
+            [[g.uniform(-1, 1), -up]],
+            [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)],
+        )
         sketch.dots(np.array(centre), np.array(half), own, round=True)
     elif kind == 1:
         sketch.box(-0.18, -up, 0.18, -up + 1.0, light.of(0.03))
@@ -215,7 +343,9 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
         wide = columns * g.uniform(0.15, 0.6)
         bright = own * np.exp(g.normal(0, 0.15, rows * columns))
         foot, fill = -up + rows * wide / columns, g.uniform(0.3, 0.8)
-        sketch.grid(-wide / 2, -up, wide / 2, foot, rows, columns, fill, bright, round=True)
+        sketch.grid(
+            -wide / 2, -up, wide / 2, foot, rows, columns, fill, bright, round=True
+        )
     return sketch
 
 
@@ -226,30 +356,70 @@ def tree(generator: Generator, light: Light) -> Sketch:
     sketch.box(-0.15, -up, 0.15, 0, light.of(0.07))
     leaves = int(g.integers(40, 120))
     at = g.normal((0, -up), (wide / 2, wide / 2.2), (leaves, 2))
-    shade = light.daylight_cd_m2 * np.exp(g.uniform(math.log(0.02), math.log(0.3), leaves))
-    sketch.dots(at, g.uniform(0.1, 0.6, (leaves, 1)), np.maximum(shade, 1e-6), round=bool(g.random() < 0.5))
+    shade = light.daylight_cd_m2 * np.exp(
+        g.uniform(math.log(0.02), math.log(0.3), leaves)
+    )
+    sketch.dots(
+        at,
+        g.uniform(0.1, 0.6, (leaves, 1)),
+        np.maximum(shade, 1e-6),
+        round=bool(g.random() < 0.5),
+    )
     return sketch
 
 
 def marks(generator: Generator, light: Light) -> Sketch:
     """Draw lane marks and a crossing on the ground: x right and y ahead of the camera."""
     g, sketch = generator, Sketch()
-    paint, dash, lane = light.of(g.uniform(0.3, 0.7)), g.uniform(2, 6), g.uniform(2.8, 3.8)
+    paint, dash, lane = (
+        light.of(g.uniform(0.3, 0.7)),
+        g.uniform(2, 6),
+        g.uniform(2.8, 3.8),
+    )
     start, first = g.uniform(3, 9), g.uniform(-2.5, -1)
     for line in range(-1, 3):
-        x, (dashes, fill) = first + line * lane, (20, 0.5) if line in (0, 1) else (1, 1.0)
-        sketch.grid(x - 0.08, start, x + 0.08, start + 20 * dash, dashes, 1, fill, paint)
+        x, (dashes, fill) = (
+            first + line * lane,
+            (20, 0.5) if line in (0, 1) else (1, 1.0),
+        )
+        sketch.grid(
+            x - 0.08, start, x + 0.08, start + 20 * dash, dashes, 1, fill, paint
+        )
     if g.random() < 0.3:
         ahead = g.uniform(8, 40)
-        sketch.grid(first - lane, ahead, first + 2 * lane, ahead + 4, 1, int(g.integers(8, 16)), 0.5, paint)
+        sketch.grid(
+            first - lane,
+            ahead,
+            first + 2 * lane,
+            ahead + 4,
+            1,
+            int(g.integers(8, 16)),
+            0.5,
+            paint,
+        )
     return sketch
 
 
 Thing = Callable[[Generator, Light], Sketch]
 
-BESIDE: tuple[Thing, ...] = (vehicle, vehicle, house, sign, display, fence, lamp_post, tree)
+BESIDE: tuple[Thing, ...] = (
+    vehicle,
+    vehicle,
+    house,
+    sign,
+    display,
+    fence,
+    lamp_post,
+    tree,
+)
 """What a street is drawn from, each entry with the same chance."""
 
-REACH_M: dict[Thing, float] = {vehicle: 4.0, house: 27.0, sign: 7.0, display: 8.0, fence: 6.0}
+REACH_M: dict[Thing, float] = {
+    vehicle: 4.0,
+    house: 27.0,
+    sign: 7.0,
+    display: 8.0,
+    fence: 6.0,
+}
 REACH_M |= {lamp_post: 17.0, tree: 18.0}
 """How far each thing reaches from the middle of its foot at most, m."""

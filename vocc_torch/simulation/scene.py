@@ -20,7 +20,11 @@ LARGEST = float(np.finfo(np.float64).max)
 
 def _is_finite(value: object) -> bool:
     """Whether a value is a number, and one that float64 holds."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) <= LARGEST
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +53,12 @@ class Distribution:
         """Refuse what cannot be drawn from."""
         shown = f"distribution {self.kind} of {list(self.values)}"
         if self.kind not in KINDS:
-            raise VoccError(f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}")
-        wanted = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(self.kind, max(1, len(self.values)))
+            raise VoccError(
+                f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}"
+            )
+        wanted = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(
+            self.kind, max(1, len(self.values))
+        )
         if len(self.values) != wanted or not all(map(_is_finite, self.values)):
             raise VoccError(f"{shown} must have {wanted} finite values")
         if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
@@ -58,19 +66,33 @@ class Distribution:
         if self.kind == "log_uniform" and self.values[0] <= 0:
             raise VoccError(f"{shown}: a log_uniform low must be above 0")
         if self.kind == "uniform" and self.values[1] - self.values[0] > LARGEST:
-            raise VoccError(f"{shown}: high must not exceed low by more than {LARGEST:g}")
+            raise VoccError(
+                f"{shown}: high must not exceed low by more than {LARGEST:g}"
+            )
 
     @classmethod
     def parse(cls, spec: float | Sequence[object], name: str) -> Self:
         """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
         allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
         refused = f"scene.{name} is {spec!r}: it must be {allowed}"
-        words = [spec] if isinstance(spec, str) or not isinstance(spec, Sequence) else list(spec)
-        kind = words.pop(0) if words and words[0] in KINDS and len(words) > 1 else "constant"
+        words = (
+            [spec]
+            if isinstance(spec, str) or not isinstance(spec, Sequence)
+            else list(spec)
+        )
+        kind = (
+            words.pop(0)
+            if words and words[0] in KINDS and len(words) > 1
+            else "constant"
+        )
         if not all(map(_is_finite, words)):
             raise VoccError(refused)
         values = tuple(float(word) for word in words if isinstance(word, int | float))
-        if isinstance(spec, Sequence) and kind == "constant" and spec[:1] != ["constant"]:
+        if (
+            isinstance(spec, Sequence)
+            and kind == "constant"
+            and spec[:1] != ["constant"]
+        ):
             raise VoccError(refused)
         try:
             return cls(kind, values)  # type: ignore[arg-type]  # one of KINDS
@@ -131,17 +153,27 @@ class SceneModel:
 
     def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool, equally likely On and Off."""
-        draws = ((getattr(self, f.name), key.generator(f"scene.{f.name}")) for f in fields(self))
-        values = (torch.from_numpy(one.draw(generator, BLOCK_FRAMES)) for one, generator in draws)
+        draws = (
+            (getattr(self, f.name), key.generator(f"scene.{f.name}"))
+            for f in fields(self)
+        )
+        values = (
+            torch.from_numpy(one.draw(generator, BLOCK_FRAMES))
+            for one, generator in draws
+        )
         size = (BLOCK_FRAMES, shape.rows, shape.columns)
-        bits = torch.from_numpy(key.generator("bits").integers(2, size=size, dtype=np.uint8))
+        bits = torch.from_numpy(
+            key.generator("bits").integers(2, size=size, dtype=np.uint8)
+        )
         return Scene(*values), bits.bool()
 
 
 SCENE_FIELDS = tuple(one.name for one in fields(SceneModel))
 
 
-def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene") -> SceneModel:
+def narrowed(
+    model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene"
+) -> SceneModel:
     """Give the scene model with some of its distributions replaced.
 
     Args:
@@ -161,7 +193,9 @@ def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experime
         return replace(model, **read)
 
 
-def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Distribution]:
+def parsed_scene(
+    specs: Mapping[str, Any], key: str = "scene"
+) -> dict[str, Distribution]:
     """Read distributions by name, as a configuration writes them; ``key`` is theirs in a refusal.
 
     Raises:
@@ -173,9 +207,13 @@ def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Dist
     """
     for name in specs:
         if name not in SCENE_FIELDS:
-            raise VoccError(f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
+            raise VoccError(
+                f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
+            )
     with section(key, before="scene"):
         return {
-            name: spec if isinstance(spec, Distribution) else Distribution.parse(spec, name)
+            name: spec
+            if isinstance(spec, Distribution)
+            else Distribution.parse(spec, name)
             for name, spec in specs.items()
         }

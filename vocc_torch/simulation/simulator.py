@@ -12,14 +12,28 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
 from vocc_torch.simulation import framing, painter, photometry
-from vocc_torch.simulation.effects import Context, Effect, Effects, Quantity, housing, light, view
+from vocc_torch.simulation.effects import (
+    Context,
+    Effect,
+    Effects,
+    Quantity,
+    housing,
+    light,
+    view,
+)
 from vocc_torch.simulation.effects.coding import Jpeg
 from vocc_torch.simulation.effects.colour import CHANNELS, Colour
 from vocc_torch.simulation.effects.sensor import Bayer
 from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
-PAPER_EFFECTS: dict[str, Mapping[str, float]] = {"attenuation": {"visibility_m": 40_000.0}}
-PAPER_EFFECTS |= {"blooming": {"sigma_px": 1.5}, "saturation": {}, "quantization": {"bits": 8}}
+PAPER_EFFECTS: dict[str, Mapping[str, float]] = {
+    "attenuation": {"visibility_m": 40_000.0}
+}
+PAPER_EFFECTS |= {
+    "blooming": {"sigma_px": 1.5},
+    "saturation": {},
+    "quantization": {"bits": 8},
+}
 """The effects of the paper's scenes."""
 
 Framing = Literal["crop", "filled", "full"]
@@ -72,40 +86,65 @@ class Simulator:
     ) -> None:
         """Build the named effects and no others."""
         if framing not in get_args(Framing):
-            raise VoccError(f"framing is {framing!r}: it must be one of {', '.join(get_args(Framing))}")
+            raise VoccError(
+                f"framing is {framing!r}: it must be one of {', '.join(get_args(Framing))}"
+            )
         if dtype not in (torch.float32, torch.float64):
-            raise VoccError(f"dtype is {dtype}: it must be torch.float32 or torch.float64")
+            raise VoccError(
+                f"dtype is {dtype}: it must be torch.float32 or torch.float64"
+            )
         self.camera = camera or Camera()
         self.panel = panel or LedPanel()
         demand_kind("camera", self.camera, Camera)
         demand_kind("panel", self.panel, LedPanel)
-        self.effects: tuple[Effect, ...] = chain.build_effects(PAPER_EFFECTS if effects is None else effects)
+        self.effects: tuple[Effect, ...] = chain.build_effects(
+            PAPER_EFFECTS if effects is None else effects
+        )
         self.output = chain.check_chain(self.effects)
         self.framing: Framing = framing
         self.device = resolve_device(str(device))
         self.dtype = dtype
-        self._filling = next((effect for effect in self.effects if effect.fills_sensor), None)
-        self._colour = next((effect for effect in self.effects if isinstance(effect, Colour)), None)
+        self._filling = next(
+            (effect for effect in self.effects if effect.fills_sensor), None
+        )
+        self._colour = next(
+            (effect for effect in self.effects if isinstance(effect, Colour)), None
+        )
         names = {effect.name for effect in self.effects}
-        if self._colour and self._colour.grey != "luma" and "bayer" in names and "demosaicing" not in names:
+        if (
+            self._colour
+            and self._colour.grey != "luma"
+            and "bayer" in names
+            and "demosaicing" not in names
+        ):
             rule = "luma, or with scene.effects.demosaicing: a raw mosaic is one plane"
-            raise VoccError.of("scene.effects.colour.grey", repr(self._colour.grey), rule)
+            raise VoccError.of(
+                "scene.effects.colour.grey", repr(self._colour.grey), rule
+            )
 
-    def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
+    def true_panels(
+        self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False
+    ) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         context = self._context(scene, keys)
         if view.in_perspective(self.effects):
-            panels = Panels.known(view.view_of(context).points_px(view.panel_corners_m(self.panel)))
+            panels = Panels.known(
+                view.view_of(context).points_px(view.panel_corners_m(self.panel))
+            )
         else:
-            panels = Panels.known(framing.panel_corners_px(scene, self.camera, self.panel))
+            panels = Panels.known(
+                framing.panel_corners_px(scene, self.camera, self.panel)
+            )
         there = housing.present(context)
         if there is None:
             return panels
         corners, each = panels.corners_px * there.view(-1, 1, 1), there.double()
         return Panels(corners, there, panels.score * each, panels.candidates * there)
 
-    def led_centres_px(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> torch.Tensor:
+    def led_centres_px(
+        self, scene: Scene, keys: Sequence[FrameKey] = ()
+    ) -> torch.Tensor:
         """Where the centres of the LEDs are on the sensor, (B,R*C,2) px in raster order.
 
         Example:
@@ -113,7 +152,9 @@ class Simulator:
             [945.0, 525.0]
         """
         context = self._context(self._checked(scene), keys)
-        return view.view_of(context).points_px(view.led_centres_m(self.panel).to(self.device))
+        return view.view_of(context).points_px(
+            view.led_centres_m(self.panel).to(self.device)
+        )
 
     def render_window(
         self,
@@ -138,12 +179,20 @@ class Simulator:
             (1, 1, 30, 40)
         """
         context = self._context(self._checked(scene), keys)
-        placed = replace(context, origin_px=origin_px.to(self.device), iso=photometry.auto_iso(context))
+        placed = replace(
+            context,
+            origin_px=origin_px.to(self.device),
+            iso=photometry.auto_iso(context),
+        )
         centre_px = framing.panel_centre_px(placed.scene, self.camera)
         batch = framing.Batch(placed, bits.to(self.device), centre_px, size_px)
-        return Frames(self.expose(batch, window=True), placed.first_px, self.camera.sensor_px)
+        return Frames(
+            self.expose(batch, window=True), placed.first_px, self.camera.sensor_px
+        )
 
-    def further_bits(self, scene: Scene, keys: Sequence[FrameKey]) -> dict[str, torch.Tensor]:
+    def further_bits(
+        self, scene: Scene, keys: Sequence[FrameKey]
+    ) -> dict[str, torch.Tensor]:
         """Bits (B,R,C) bool of LEDs of further colours, ``second`` and ``third``, by keys as for render.
 
         Example:
@@ -153,7 +202,10 @@ class Simulator:
             >>> {name: tuple(one.shape) for name, one in bits.items()}
             {'second': (1, 8, 8)}
         """
-        return {own.leds[1:]: bits for own, bits in self._further(self._context(scene, keys))}
+        return {
+            own.leds[1:]: bits
+            for own, bits in self._further(self._context(scene, keys))
+        }
 
     def contrast(self, scene: Scene) -> torch.Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -165,11 +217,21 @@ class Simulator:
         context, own = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
             own = own if effect.sampled else effect.applied(own, context)
-        off = photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance)
+        off = photometry.reflected_luminance_cd_m2(
+            scene.ambient_lx, self.panel.led_reflectance
+        )
         iso, dark = photometry.auto_iso(context), torch.zeros_like(off)
-        seen = (photometry.as_seen(off, context, shining) for shining in (own.view(-1), dark))
-        exposures = (photometry.through_lens(luminance, self.camera) for luminance in seen)
-        greys = [photometry.grey_value(exposure, iso, gamma=self.camera.gamma) for exposure in exposures]
+        seen = (
+            photometry.as_seen(off, context, shining)
+            for shining in (own.view(-1), dark)
+        )
+        exposures = (
+            photometry.through_lens(luminance, self.camera) for luminance in seen
+        )
+        greys = [
+            photometry.grey_value(exposure, iso, gamma=self.camera.gamma)
+            for exposure in exposures
+        ]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
             greys = [grey.clamp(max=255.0) for grey in greys]
         return (greys[0] - greys[1]) / 255.0
@@ -213,17 +275,31 @@ class Simulator:
         if tuple(bits.shape) != wanted:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
         if bits.dtype != torch.bool:
-            raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
+            raise VoccError(
+                f"bits has the type {bits.dtype}: it must be torch.bool, True = On"
+            )
         if not len(scene):
             raise VoccError("scene holds no frames: it must hold at least 1")
-        bits, nearest, sensor = bits.to(self.device), float(scene.distance_m.min()), self.camera.sensor_px
-        if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (1 + 1e-9):
-            raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
+        bits, nearest, sensor = (
+            bits.to(self.device),
+            float(scene.distance_m.min()),
+            self.camera.sensor_px,
+        )
+        if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (
+            1 + 1e-9
+        ):
+            raise VoccError(
+                f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}"
+            )
         unbounded = any(effect.unbounded for effect in self.effects)
         window = panel_only and self._filling is not None and not unbounded
-        if self._colour is not None and any(isinstance(effect, Jpeg) for effect in self.effects):
+        if self._colour is not None and any(
+            isinstance(effect, Jpeg) for effect in self.effects
+        ):
             window = False  # the chroma's blocks are wider than a window's grid
-        drawn_full = self._filling is not None and (self._colour is not None or self._filling.takes in DRAWN)
+        drawn_full = self._filling is not None and (
+            self._colour is not None or self._filling.takes in DRAWN
+        )
         whole = self.framing != "crop" or (self._filling is not None and not window)
         size = sensor
         if window or not (self.framing == "full" or drawn_full):
@@ -231,26 +307,43 @@ class Simulator:
             size = framing.window_size_px(size, sensor) if window else size
         framing.demand_pixels(sensor if whole else size)
         grid_px = framing.WINDOW_GRID_PX if window else 1
-        batch = framing.Batch.around(self._context(scene, keys), bits, size, grid_px=grid_px)
+        batch = framing.Batch.around(
+            self._context(scene, keys), bits, size, grid_px=grid_px
+        )
         origin, groups = batch.context.first_px, [(list(range(len(batch))), size)]
         if self._filling is None and size != sensor:
             # A crop at the sensor's border need not lie about its panel's middle.
             last = origin.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
             moved = ((origin == 0) | (origin == last)).any(dim=1)
-            tight = partial(framing.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
+            tight = partial(
+                framing.crop_size_px,
+                self.effects,
+                self.camera,
+                self.panel,
+                margin_cells=0,
+            )
             groups = framing.like_sized(scene, moved, size, tight)
-        pictures = framing.in_groups(batch, groups, lambda part: self.expose(part, window))
+        pictures = framing.in_groups(
+            batch, groups, lambda part: self.expose(part, window)
+        )
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
         surround = None
         if not window and tuple(pictures.shape[-2:]) != sensor:
             surround = framing.read_surround(pictures, batch.centre_px, origin)
             if self.framing != "crop":
-                pictures, surround = framing.lay_on_sensor(pictures, surround, origin, sensor), None
-        origin = torch.zeros_like(origin) if tuple(pictures.shape[-2:]) == sensor else origin
+                pictures, surround = (
+                    framing.lay_on_sensor(pictures, surround, origin, sensor),
+                    None,
+                )
+        origin = (
+            torch.zeros_like(origin) if tuple(pictures.shape[-2:]) == sensor else origin
+        )
         if self._colour is None or pictures.shape[1] == 1:  # a raw mosaic has one plane
             return Frames(pictures, origin, sensor, surround)
-        return Frames(self._colour.grey_of(pictures), origin, sensor, surround, pictures)
+        return Frames(
+            self._colour.grey_of(pictures), origin, sensor, surround, pictures
+        )
 
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
@@ -280,25 +373,38 @@ class Simulator:
         framing.demand_even_border(value, batch)
         surround = framing.read_surround(value, batch.centre_px, context.first_px)
         frames = []
-        for i, (crop, rest) in enumerate(zip(value.unsqueeze(1), surround, strict=True)):
+        for i, (crop, rest) in enumerate(
+            zip(value.unsqueeze(1), surround, strict=True)
+        ):
             part = batch.taken([i], batch.size).context
             frame = framing.lay_on_sensor(crop, rest, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
-            frames.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
+            frames.append(
+                self._run((frame, current), after[filling:], part, to_end=True)[0]
+            )
         return torch.cat(frames)
 
     def _in_colour(self, batch: framing.Batch, after: Sequence[Effect]) -> torch.Tensor:
         """Carry each channel's light through the camera, up to what takes all three together."""
-        places = (i for i, effect in enumerate(after) if isinstance(effect, OF_ALL_CHANNELS))
+        places = (
+            i for i, effect in enumerate(after) if isinstance(effect, OF_ALL_CHANNELS)
+        )
         apart, planes = next(places, len(after)), []
         for channel in range(len(CHANNELS)):
             own = replace(batch, context=replace(batch.context, channel=channel))
             seen = self.paint(own), Quantity.LUMINANCE
-            value, current = self._run(seen, after[:apart], own.context, to_end=apart == len(after))
+            value, current = self._run(
+                seen, after[:apart], own.context, to_end=apart == len(after)
+            )
             if self._filling is None and batch.size != self.camera.sensor_px:
                 framing.demand_even_border(value, batch)
             planes.append(value)
-        return self._run((torch.cat(planes, dim=1), current), after[apart:], batch.context, to_end=True)[0]
+        return self._run(
+            (torch.cat(planes, dim=1), current),
+            after[apart:],
+            batch.context,
+            to_end=True,
+        )[0]
 
     def paint(self, batch: framing.Batch) -> torch.Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
@@ -319,7 +425,9 @@ class Simulator:
                 symbols = effect(bits, context)
         leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
-            leds = torch.stack([effect.applied(one, context) for one in leds.unbind(1)], dim=1)
+            leds = torch.stack(
+                [effect.applied(one, context) for one in leds.unbind(1)], dim=1
+            )
         return leds
 
     def _further(self, context: Context) -> Iterator[tuple[Context, torch.Tensor]]:
@@ -329,16 +437,31 @@ class Simulator:
                 own = replace(context, leds=f".{name}")
                 yield own, self._colour.sent(own)
 
-    def _run(self, seen: Seen, effects: Sequence[Effect], context: Context, *, to_end: bool = False) -> Seen:
+    def _run(
+        self,
+        seen: Seen,
+        effects: Sequence[Effect],
+        context: Context,
+        *,
+        to_end: bool = False,
+    ) -> Seen:
         """Apply effects in order, with the camera's own steps before each, or on to the grey values."""
         value, current = seen
         for effect in [*effects, None] if to_end else effects:
-            while current in chain.CAMERA_STEPS[:-1] and (effect is None or current != effect.takes):
+            while current in chain.CAMERA_STEPS[:-1] and (
+                effect is None or current != effect.takes
+            ):
                 if current == Quantity.LUMINANCE:
-                    value, current = photometry.through_lens(value, self.camera), Quantity.EXPOSURE
+                    value, current = (
+                        photometry.through_lens(value, self.camera),
+                        Quantity.EXPOSURE,
+                    )
                 else:
                     iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
-                    value, current = photometry.grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
+                    value, current = (
+                        photometry.grey_value(value, iso, gamma=self.camera.gamma),
+                        Quantity.GREY,
+                    )
             if effect is not None:
                 value, current = effect.applied(value, context), effect.gives
         return value, current

@@ -25,7 +25,10 @@ TILE_PX = 128
 FINENESS = ((15_000, 4), (60_000, 3))
 """Up to so many pixels of a thing, how many times finer each side is drawn; 2 beyond."""
 
-COVERED = {n: (np.rint(np.arange(256) * (n * n / 255)) / (n * n)).astype(np.float32) for n in (2, 3, 4)}
+COVERED = {
+    n: (np.rint(np.arange(256) * (n * n / 255)) / (n * n)).astype(np.float32)
+    for n in (2, 3, 4)
+}
 """The share of n x n steps that is white, by their rounded mean in 8 bits."""
 
 CLEAR = 2.0
@@ -56,18 +59,39 @@ class Sketch:
 
     def polygon(self, points: object, luminance: float) -> None:
         """Add a polygon of V points."""
-        self.parts.append((np.array([points], dtype=np.float64), np.array([luminance], dtype=np.float64)))
+        self.parts.append(
+            (
+                np.array([points], dtype=np.float64),
+                np.array([luminance], dtype=np.float64),
+            )
+        )
 
-    def box(self, left: float, top: float, right: float, bottom: float, luminance: float) -> None:
+    def box(
+        self, left: float, top: float, right: float, bottom: float, luminance: float
+    ) -> None:
         """Add an upright rectangle."""
-        self.polygon([(left, top), (right, top), (right, bottom), (left, bottom)], luminance)
+        self.polygon(
+            [(left, top), (right, top), (right, bottom), (left, bottom)], luminance
+        )
 
-    def dots(self, centres: Array, half: float | Array, luminance: float | Array, *, round: bool) -> None:
+    def dots(
+        self,
+        centres: Array,
+        half: float | Array,
+        luminance: float | Array,
+        *,
+        round: bool,
+    ) -> None:
         """Add squares or discs (N,2) of half a side, one number or (N,2)."""
         shape = _CIRCLE if round else _SQUARE
         halves = np.broadcast_to(np.asarray(half, dtype=np.float64), centres.shape)
         points = centres[:, None] + shape * halves[:, None]
-        self.parts.append((points, np.broadcast_to(np.asarray(luminance, dtype=np.float64), len(points))))
+        self.parts.append(
+            (
+                points,
+                np.broadcast_to(np.asarray(luminance, dtype=np.float64), len(points)),
+            )
+        )
 
     def grid(
         self,
@@ -84,18 +108,29 @@ class Sketch:
     ) -> None:
         """Add a lattice of rectangles or ellipses, each ``fill`` of its cell's width and height."""
         wide, high = (right - left) / columns, (bottom - top) / rows
-        x, y = left + wide * (np.arange(columns) + 0.5), top + high * (np.arange(rows) + 0.5)
+        x, y = (
+            left + wide * (np.arange(columns) + 0.5),
+            top + high * (np.arange(rows) + 0.5),
+        )
         centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         self.dots(centres, np.array([wide, high]) * (fill / 2), luminance, round=round)
 
     def text(
-        self, words: str, left: float, top: float, height: float, luminance: float, fill: float = 0.0
+        self,
+        words: str,
+        left: float,
+        top: float,
+        height: float,
+        luminance: float,
+        fill: float = 0.0,
     ) -> float:
         """Write words, of strokes, or with a ``fill`` of a matrix's dots; give their width."""
         mask = letters_mask(words)
         cell = height / len(mask)
         row, column = np.nonzero(mask)
-        centres = np.stack([left + cell * (column + 0.5), top + cell * (row + 0.5)], axis=-1)
+        centres = np.stack(
+            [left + cell * (column + 0.5), top + cell * (row + 0.5)], axis=-1
+        )
         self.dots(centres, cell * (fill or 1.0) / 2, luminance, round=fill > 0)
         return float(cell * mask.shape[1])
 
@@ -164,17 +199,34 @@ class Drawing:
             share: what a mirror shows.
         """
         parts = list(parts)
-        flat = place(np.concatenate([points.reshape(-1, 2) for points, _ in parts])).clip(-1e6, 1e6)
+        flat = place(
+            np.concatenate([points.reshape(-1, 2) for points, _ in parts])
+        ).clip(-1e6, 1e6)
         if not np.isfinite(flat).all():
             return None
-        fine = next((n for pixels, n in FINENESS if np.prod(np.subtract(*_extent(flat))) <= pixels), 2)
-        sides = np.concatenate([np.full(len(points), points.shape[1]) for points, _ in parts])
+        fine = next(
+            (
+                n
+                for pixels, n in FINENESS
+                if np.prod(np.subtract(*_extent(flat))) <= pixels
+            ),
+            2,
+        )
+        sides = np.concatenate(
+            [np.full(len(points), points.shape[1]) for points, _ in parts]
+        )
         ends = np.cumsum(sides)
         starts = ends - sides
         # Pillow fills to both ends: half a step inwards, so that as many steps are filled as there are.
-        inwards = np.sign((np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0) - flat)
+        inwards = np.sign(
+            (np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0)
+            - flat
+        )
         corners = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
-        least, most = np.minimum.reduceat(flat, starts), np.maximum.reduceat(flat, starts)
+        least, most = (
+            np.minimum.reduceat(flat, starts),
+            np.maximum.reduceat(flat, starts),
+        )
         luminance = np.concatenate([each for _, each in parts])
         # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
         scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
@@ -185,28 +237,42 @@ class Drawing:
         """The last and the first pixel that it touches, each (2,)."""
         return _extent(np.concatenate([self.least, self.most]))
 
-    def shown(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
+    def shown(
+        self, begin: NDArray[np.int64], end: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], bool]:
         """Which polygons are seen from one pixel to another, and whether the first of these covers all."""
         seen = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
-        whole = np.flatnonzero(((self.least[seen] <= begin) & (self.most[seen] >= end)).all(axis=1))
+        whole = np.flatnonzero(
+            ((self.least[seen] <= begin) & (self.most[seen] >= end)).all(axis=1)
+        )
         wide, high = ((end - begin) * self.fine).tolist()
         at = np.array([(0, 0), (wide, 0), (wide, high), (0, high)])
         for number in whole[::-1].tolist():
             corners = self._corners(seen[number], seen[number], begin)
             along = np.roll(corners, -1, axis=0) - corners
             lengths = np.hypot(*along.T)
-            away = along[:, :1] * (at[:, 1] - corners[:, 1:]) - along[:, 1:] * (at[:, 0] - corners[:, :1])
+            away = along[:, :1] * (at[:, 1] - corners[:, 1:]) - along[:, 1:] * (
+                at[:, 0] - corners[:, :1]
+            )
             away = away[lengths > 0] / lengths[lengths > 0, None]
             if len(away) and (away.min() > CLEAR or away.max() < -CLEAR):
                 return seen[number:], True
         return seen, False
 
-    def _corners(self, first: int, last: int, begin: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _corners(
+        self, first: int, last: int, begin: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
         """The corners of the polygons from one to another, as seen from a pixel."""
-        return (self.corners[self.starts[first] : self.ends[last]] - begin * self.fine).clip(-30_000, 30_000)
+        return (
+            self.corners[self.starts[first] : self.ends[last]] - begin * self.fine
+        ).clip(-30_000, 30_000)
 
     def patch(
-        self, begin: NDArray[np.int64], end: NDArray[np.int64], seen: NDArray[np.int64], full: bool
+        self,
+        begin: NDArray[np.int64],
+        end: NDArray[np.int64],
+        seen: NDArray[np.int64],
+        full: bool,
     ) -> Picture:
         """Draw the polygons ``seen`` from one pixel to another: the share covered, and the light there."""
         light, ground = (self.luminance[seen] * self.scale).tolist(), 0.0
@@ -218,13 +284,23 @@ class Drawing:
         else:
             image = Image.new("F", (wide * self.fine, high * self.fine), ground)
             drawn = seen[first:]
-            pen, at = ImageDraw.Draw(image), self._corners(drawn[0], drawn[-1], begin).ravel().tolist()
-            cuts = (2 * (each[drawn] - self.starts[drawn[0]]) for each in (self.starts, self.ends))
-            for start, stop, shade in zip(*(each.tolist() for each in cuts), light[first:], strict=True):
+            pen, at = (
+                ImageDraw.Draw(image),
+                self._corners(drawn[0], drawn[-1], begin).ravel().tolist(),
+            )
+            cuts = (
+                2 * (each[drawn] - self.starts[drawn[0]])
+                for each in (self.starts, self.ends)
+            )
+            for start, stop, shade in zip(
+                *(each.tolist() for each in cuts), light[first:], strict=True
+            ):
                 pen.polygon(at[start:stop], fill=shade)
             lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
             if not full:
-                cover = COVERED[self.fine][np.asarray(image.convert("L").reduce(self.fine))]
+                cover = COVERED[self.fine][
+                    np.asarray(image.convert("L").reduce(self.fine))
+                ]
         shown: Plane = np.divide(lit, np.float32(self.scale), dtype=np.float32)
         share = np.float32(self.share)
         return (cover, shown) if share == 1 else (cover * share, shown * share)
@@ -232,10 +308,14 @@ class Drawing:
 
 def _extent(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The last and the first pixel that points (M,2) touch, each (2,)."""
-    return np.ceil(points.max(axis=0)).astype(int), np.floor(points.min(axis=0)).astype(int)
+    return np.ceil(points.max(axis=0)).astype(int), np.floor(points.min(axis=0)).astype(
+        int
+    )
 
 
-def composed(things: Sequence[Drawing], window: Window) -> Iterator[tuple[int, Plane, Plane]]:
+def composed(
+    things: Sequence[Drawing], window: Window
+) -> Iterator[tuple[int, Plane, Plane]]:
     """Lay things before a picture, later ones over earlier ones, tile by tile; what is hidden is not drawn.
 
     Args:
@@ -256,28 +336,47 @@ def composed(things: Sequence[Drawing], window: Window) -> Iterator[tuple[int, P
     """
     if not things:
         return
-    lasts, firsts = (np.stack(each) for each in zip(*(one.extent for one in things), strict=True))
+    lasts, firsts = (
+        np.stack(each) for each in zip(*(one.extent for one in things), strict=True)
+    )
     left, top, right, bottom = window
     # A patch begins at a corner of its tile or of its thing, whatever the window, and so is the same in all.
     start = left - left % TILE_PX
     for row in range(top - top % TILE_PX, bottom, TILE_PX):
         size = min(row + TILE_PX, bottom) - row, right - start
-        keep, added, drawn = np.ones(size, np.float32), np.zeros(size, np.float32), False
+        keep, added, drawn = (
+            np.ones(size, np.float32),
+            np.zeros(size, np.float32),
+            False,
+        )
         for column in range(start, right, TILE_PX):
-            first, last = np.array((column, row)), np.array((min(column + TILE_PX, right), row + size[0]))
+            first, last = (
+                np.array((column, row)),
+                np.array((min(column + TILE_PX, right), row + size[0])),
+            )
             within = (firsts < last) & (lasts > np.maximum(first, (left, top)))
             shown = []
             for number in np.flatnonzero(within.all(axis=1))[::-1].tolist():
-                begin, end = np.maximum(first, firsts[number]), np.minimum(last, lasts[number])
+                begin, end = (
+                    np.maximum(first, firsts[number]),
+                    np.minimum(last, lasts[number]),
+                )
                 seen, full = things[number].shown(begin, end)
                 if len(seen):
                     shown.append((things[number], begin, end, seen, full))
-                if full and things[number].share == 1 and (end - begin == last - first).all():
+                if (
+                    full
+                    and things[number].share == 1
+                    and (end - begin == last - first).all()
+                ):
                     break
             for thing, begin, end, seen, full in reversed(shown):
                 cover, light = thing.patch(begin, end, seen, full)
                 x, y = (begin - (start, row)).tolist()
-                place, free = (slice(y, y + len(cover)), slice(x, x + cover.shape[1])), 1 - cover
+                place, free = (
+                    (slice(y, y + len(cover)), slice(x, x + cover.shape[1])),
+                    1 - cover,
+                )
                 keep[place] *= free
                 added[place] *= free
                 added[place] += light

@@ -31,7 +31,16 @@ _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""
 
 _NO_RESULT = (
-    *("task", "name", "input", "model", "device", "workers", "executor.kind", "executor.address"),
+    *(
+        "task",
+        "name",
+        "input",
+        "model",
+        "device",
+        "workers",
+        "executor.kind",
+        "executor.address",
+    ),
     *("batch_frames", "tensorboard"),
 )
 """Keys that change no number of a result."""
@@ -67,14 +76,21 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
         VoccError: no input, or an input without a job.
     """
     if settings.input is None:
-        raise VoccError("input is null: task=collect needs input=runs/NAME, a folder that a multirun wrote")
+        raise VoccError(
+            "input is null: task=collect needs input=runs/NAME, a folder that a multirun wrote"
+        )
     source, console = Path(settings.input), Console()
     into = source if settings.name == INTO_INPUT else folder
     jobs = find_jobs(source)
     keys = differing_keys(jobs)
     run_folder.write_rows(into / "collected.csv", collected_rows(jobs, keys))
-    pages = [jobs[first : first + MOST_FACETS] for first in range(0, len(jobs), MOST_FACETS)]
-    paths = [into / f"collected{'' if page == 0 else f'-{page + 1}'}.png" for page in range(len(pages))]
+    pages = [
+        jobs[first : first + MOST_FACETS] for first in range(0, len(jobs), MOST_FACETS)
+    ]
+    paths = [
+        into / f"collected{'' if page == 0 else f'-{page + 1}'}.png"
+        for page in range(len(pages))
+    ]
     for number, (page, path) in enumerate(zip(pages, paths, strict=True)):
         of = f", page {number + 1} of {len(pages)}" if len(pages) > 1 else ""
         title = f"Bit error rates of the jobs in {source.resolve().name}{of}"
@@ -116,7 +132,9 @@ def find_jobs(folder: Path) -> list[Job]:
     def order(place: Path) -> list[tuple[int, str]]:
         """Sort numbers by value, and before words."""
         parts = place.relative_to(folder).parts
-        return [(int(part), "") if part.isdecimal() else (2**63, part) for part in parts]
+        return [
+            (int(part), "") if part.isdecimal() else (2**63, part) for part in parts
+        ]
 
     found = []
     for name, folders, files in os.walk(folder, onerror=refused):
@@ -130,8 +148,15 @@ def find_jobs(folder: Path) -> list[Job]:
         raise VoccError(f"input {folder} holds no job: {rule}")
     found.sort(key=order)
     whole = folder.resolve().name
-    names = [printable(whole if at == folder else at.relative_to(folder).as_posix()) for at in found]
-    return [job for place, name in zip(found, names, strict=True) for job in read_jobs(place, name)]
+    names = [
+        printable(whole if at == folder else at.relative_to(folder).as_posix())
+        for at in found
+    ]
+    return [
+        job
+        for place, name in zip(found, names, strict=True)
+        for job in read_jobs(place, name)
+    ]
 
 
 def read_jobs(place: Path, name: str) -> list[Job]:
@@ -155,7 +180,15 @@ def read_jobs(place: Path, name: str) -> list[Job]:
         except VoccError as error:
             return [Job(name, "unreadable", printable(str(error)), None, settings)]
         if not tables:
-            return [Job(name, "unreadable", f"{place / TABLE} has no point in it", None, settings)]
+            return [
+                Job(
+                    name,
+                    "unreadable",
+                    f"{place / TABLE} has no point in it",
+                    None,
+                    settings,
+                )
+            ]
     else:
         status = "unfinished"
         complaint = f"no {TABLE} yet: the same command, run again, finishes this job"
@@ -165,7 +198,13 @@ def read_jobs(place: Path, name: str) -> list[Job]:
             lines = read_file(place / FAILED).decode("utf-8", "replace").splitlines()
             complaint = printable(lines[0]) if lines else f"{FAILED} is empty"
     return [
-        Job(name, status, complaint, table, {**settings, axis: value} if axis and settings else settings)
+        Job(
+            name,
+            status,
+            complaint,
+            table,
+            {**settings, axis: value} if axis and settings else settings,
+        )
         for (axis, value), table in tables.items()
     ]
 
@@ -185,16 +224,26 @@ def differing_keys(jobs: Sequence[Job]) -> list[str]:
         ['seed']
     """
     known = [job.settings for job in jobs if job.settings]
-    keys = dict.fromkeys(key for settings in known for key in settings if changes_results(key))
-    texts = {key: [setting_text(settings.get(key)) for settings in known] for key in keys}
+    keys = dict.fromkeys(
+        key for settings in known for key in settings if changes_results(key)
+    )
+    texts = {
+        key: [setting_text(settings.get(key)) for settings in known] for key in keys
+    }
     differing = [key for key, values in texts.items() if len(set(values)) > 1]
     told = [name for name in _NAMES if name in differing]
     rest = [key for key in differing if key not in told]
     for name in told:
         # A key of the group is settled by the name where each name has one value of it.
         group, names = name.removesuffix("name"), texts[name]
-        pairs = {key: set(zip(names, texts[key], strict=True)) for key in rest if key.startswith(group)}
-        rest = [key for key in rest if key not in pairs or len(pairs[key]) > len(set(names))]
+        pairs = {
+            key: set(zip(names, texts[key], strict=True))
+            for key in rest
+            if key.startswith(group)
+        }
+        rest = [
+            key for key in rest if key not in pairs or len(pairs[key]) > len(set(names))
+        ]
     return told + rest
 
 
@@ -209,7 +258,9 @@ def setting_text(value: object) -> str:
         return json.dumps(value)
     if isinstance(value, list):
         return f"[{','.join(map(setting_text, value))}]"
-    return styles.value_text(value) if isinstance(value, float) else printable(str(value))
+    return (
+        styles.value_text(value) if isinstance(value, float) else printable(str(value))
+    )
 
 
 def label(job: Job, keys: Sequence[str]) -> str:
@@ -224,12 +275,19 @@ def label(job: Job, keys: Sequence[str]) -> str:
     if not job.settings:
         return "settings not known"
     last = [key.rpartition(".")[2] for key in keys]
-    short = {key: word if last.count(word) == 1 else key for key, word in zip(keys, last, strict=True)}
+    short = {
+        key: word if last.count(word) == 1 else key
+        for key, word in zip(keys, last, strict=True)
+    }
     short |= {name: name.removesuffix(".name") for name in _NAMES}
-    return ", ".join(f"{short[key]}={setting_text(job.settings.get(key))}" for key in keys)
+    return ", ".join(
+        f"{short[key]}={setting_text(job.settings.get(key))}" for key in keys
+    )
 
 
-def collected_rows(jobs: Sequence[Job], keys: Sequence[str]) -> Iterator[run_folder.Cells]:
+def collected_rows(
+    jobs: Sequence[Job], keys: Sequence[str]
+) -> Iterator[run_folder.Cells]:
     """Return the lines of ``collected.csv`` with their head: a job's points, or one line for a job without.
 
     Args:
@@ -242,8 +300,14 @@ def collected_rows(jobs: Sequence[Job], keys: Sequence[str]) -> Iterator[run_fol
     """
     yield ["job", "status", *keys, *curve.COLUMNS, "complaint"]
     for job in jobs:
-        values = [setting_text(job.settings.get(key)) if job.settings else "" for key in keys]
-        for written in run_folder.ber_rows(job.table)[1:] if job.table else [[""] * len(curve.COLUMNS)]:
+        values = [
+            setting_text(job.settings.get(key)) if job.settings else "" for key in keys
+        ]
+        for written in (
+            run_folder.ber_rows(job.table)[1:]
+            if job.table
+            else [[""] * len(curve.COLUMNS)]
+        ):
             yield [job.name, job.status, *values, *written, job.complaint]
 
 
@@ -257,14 +321,24 @@ def duplicates(jobs: Sequence[Job]) -> list[str]:
     groups: dict[str, list[Job]] = {}
     for job in jobs:
         if job.table is not None and job.settings:
-            asked = {key: setting_text(one) for key, one in job.settings.items() if changes_results(key)}
+            asked = {
+                key: setting_text(one)
+                for key, one in job.settings.items()
+                if changes_results(key)
+            }
             groups.setdefault(repr(asked), []).append(job)
     lines = []
     for group in groups.values():
         if len(group) > 1:
             same = len({job.table.rows for job in group if job.table}) == 1
-            found = "the same results" if same else "other results, as from another version or machine"
-            lines.append(f"the same settings and {found}: jobs {', '.join(job.name for job in group)}")
+            found = (
+                "the same results"
+                if same
+                else "other results, as from another version or machine"
+            )
+            lines.append(
+                f"the same settings and {found}: jobs {', '.join(job.name for job in group)}"
+            )
     return lines
 
 
@@ -304,14 +378,22 @@ def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
         facets[name] = job.table or job.complaint or job.status
     columns = len(jobs) if len(jobs) <= 3 else min(5, math.ceil(math.sqrt(len(jobs))))
     places = list(facets.items())
-    rows = [dict(places[first : first + columns]) for first in range(0, len(places), columns)]
+    rows = [
+        dict(places[first : first + columns])
+        for first in range(0, len(places), columns)
+    ]
     shown = [row for job in jobs for row in job.table or ()]
     locators = ", ".join(dict.fromkeys(row.locator for row in shown))
     without = sum(not job.table for job in jobs)
     parts = [f"locator: {locators}"] if locators else []
     if without:
         parts.append(f"{without} job{'s have' if without > 1 else ' has'} no points")
-    note = "\n".join(filter(None, [" \N{MIDDLE DOT} ".join(parts), interval_note(shown) if shown else ""]))
+    note = "\n".join(
+        filter(
+            None,
+            [" \N{MIDDLE DOT} ".join(parts), interval_note(shown) if shown else ""],
+        )
+    )
     return facet_figure(rows, title, note, axes_alike=False)
 
 
@@ -331,11 +413,22 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
         job 0 failed: seed is -1
     """
     # Receivers of all jobs, in the order of the job that has the most of them.
-    tables = sorted((job.table for job in jobs if job.table), key=lambda table: -len(table.receivers))
-    receivers = list(dict.fromkeys(name for table in tables for name in table.receivers))
-    named = ["job", *(job.name for job in jobs)], ["status", *(job.status for job in jobs)]
+    tables = sorted(
+        (job.table for job in jobs if job.table),
+        key=lambda table: -len(table.receivers),
+    )
+    receivers = list(
+        dict.fromkeys(name for table in tables for name in table.receivers)
+    )
+    named = (
+        ["job", *(job.name for job in jobs)],
+        ["status", *(job.status for job in jobs)],
+    )
     taken = sum(max(map(len, column)) + _GAP for column in named)
-    taken += sum(max(_RATE, *map(len, receiver_heading(name).split("\n"))) + _GAP for name in receivers)
+    taken += sum(
+        max(_RATE, *map(len, receiver_heading(name).split("\n"))) + _GAP
+        for name in receivers
+    )
     # Terminals too narrow for a column a receiver get a line for each job and receiver.
     wide = taken + _LEAST_LABEL <= console.width
     shown = plain_table()
@@ -348,11 +441,22 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     for job in jobs:
         ranges = {}
         for name in job.table.receivers if job.table else ():
-            rows = sorted(job.table.of(name) if job.table else (), key=lambda row: (row.ber, row.ber_high))
+            rows = sorted(
+                job.table.of(name) if job.table else (),
+                key=lambda row: (row.ber, row.ber_high),
+            )
             ranges[name] = styles.point_text(rows[0]), styles.point_text(rows[-1])
-        lowest, highest = ([ends[place] for ends in ranges.values()] for place in (0, 1))
-        cells = [ranges.get(name, ()) for name in receivers] if wide else [ranges, lowest, highest]
-        shown.add_row(Text(job.name), Text(label(job, keys)), *map("\n".join, cells), job.status)
+        lowest, highest = (
+            [ends[place] for ends in ranges.values()] for place in (0, 1)
+        )
+        cells = (
+            [ranges.get(name, ()) for name in receivers]
+            if wide
+            else [ranges, lowest, highest]
+        )
+        shown.add_row(
+            Text(job.name), Text(label(job, keys)), *map("\n".join, cells), job.status
+        )
     console.print(shown)
     for job in jobs:
         if job.complaint:
@@ -361,4 +465,6 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     if receivers:
         key = "BER: each job's lowest and highest point"
         free = any(row.error_free for table in tables for row in table)
-        console.print(Text(key + "; <: no error seen, rate below this (95 %)" * free, style="dim"))
+        console.print(
+            Text(key + "; <: no error seen, rate below this (95 %)" * free, style="dim")
+        )

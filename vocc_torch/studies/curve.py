@@ -26,13 +26,23 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.report import canvas, heatmap, plots, samples, styles, tensorboard, terminal
+from vocc_torch.report import (
+    canvas,
+    heatmap,
+    plots,
+    samples,
+    styles,
+    tensorboard,
+    terminal,
+)
 from vocc_torch.report import folder as run_folder
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import SCENE_FIELDS
 
 
-def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> tuple[Plan, terminal.Console]:
+def begun(
+    settings: config.Settings, folder: Path, kept: str | None = None
+) -> tuple[Plan, terminal.Console]:
     """Give a run's plan and console, or refuse it before any work is done; ``kept`` may be in the folder."""
     run_folder.refuse_results(folder, kept)
     return build.build_plan(settings, folder), terminal.Console()
@@ -43,7 +53,9 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     plan, console = begun(settings, folder)
     with run_folder.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
-        run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
+        run_folder.write_training(
+            settings, plan, terminal.train_shown(plan, console), folder
+        )
     console.print(kept(plan), highlight=False, soft_wrap=True)
     run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
@@ -59,7 +71,11 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     pool = executors.Workers.of(settings)
     for line in strangers(plan):
         console.print(line, highlight=False, soft_wrap=True)
-    experiment, locator, names = plan.experiment, plan.receiver.locator, plan.receiver.names
+    experiment, locator, names = (
+        plan.experiment,
+        plan.receiver.locator,
+        plan.receiver.names,
+    )
     values, runs = sweep.axis_values(experiment), len(sweep.monte_carlo_values(plan))
     if settings.tensorboard:
         try:
@@ -71,7 +87,9 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     with (
         run_folder.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as opened,
+        run_folder.open_ledger(
+            folder / run_folder.LEDGER, study.identity, console
+        ) as opened,
         pool,
         timing.threads(1),
     ):
@@ -82,22 +100,32 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         )
         training = trained[locator]
         if known:
-            console.print("resuming: the receivers are trained already", highlight=False)
+            console.print(
+                "resuming: the receivers are trained already", highlight=False
+            )
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
-        view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
+        view = terminal.StudyView(
+            experiment.axis, values, names, plan.frames_in_point, console, runs
+        )
         finished: list[curve.Point] = []
         interim: list[curve.Point] = []
         with view, interrupted_keeps(folder, finished, interim, console):
 
-            def show(_: sweep.Study, at: float, frames: int, told: runner.Tallies) -> None:
+            def show(
+                _: sweep.Study, at: float, frames: int, told: runner.Tallies
+            ) -> None:
                 view.count(frames)
                 interim[:] = sweep.points_of(plan, locator, at, told, "interrupted")
                 view.show(interim)
 
             prepare = rare.weighed_job if plan.budget.rare else sweep.plain_job
-            for _, at, done in sweep.run_studies([study], banks, {study.key: opened}, pool, show, prepare):
+            for _, at, done in sweep.run_studies(
+                [study], banks, {study.key: opened}, pool, show, prepare
+            ):
                 outcomes[at] = done
-                points = sweep.points_of(plan, locator, at, done.counts, done.stopped_by)
+                points = sweep.points_of(
+                    plan, locator, at, done.counts, done.stopped_by
+                )
                 finished += points
                 interim.clear()
                 view.finish(points)
@@ -109,17 +137,29 @@ def run_test(settings: config.Settings, folder: Path) -> None:
             console.print(line, soft_wrap=True, highlight=False)
         write_results(settings, plan, training, curves, folder)
     terminal.print_table(curves.table(), console)
-    notes = *left_out(plan, curves), *location_note(curves), *compared(curves, plan.receiver.reference)
+    notes = (
+        *left_out(plan, curves),
+        *location_note(curves),
+        *compared(curves, plan.receiver.reference),
+    )
     for line in notes:
         console.print(line, soft_wrap=True, highlight=False)
     console.print(kept(plan), highlight=False, soft_wrap=True)
-    places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
+    places = {
+        "table": "ber.csv",
+        "pairs": "paired.csv",
+        "figure": "ber.png",
+        "receiver": "receiver.pt",
+    }
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
 
 
 @contextmanager
 def interrupted_keeps(
-    folder: Path, finished: Sequence[curve.Point], interim: Sequence[curve.Point], console: terminal.Console
+    folder: Path,
+    finished: Sequence[curve.Point],
+    interim: Sequence[curve.Point],
+    console: terminal.Console,
 ) -> Iterator[None]:
     """Print and write the table of what was counted when Ctrl-C ends the run.
 
@@ -132,7 +172,9 @@ def interrupted_keeps(
     try:
         yield
     except KeyboardInterrupt:
-        table = curve.BerTable(point for point in (*finished, *interim) if point.counts.frames)
+        table = curve.BerTable(
+            point for point in (*finished, *interim) if point.counts.frames
+        )
         if len(table):
             run_folder.write_rows(folder / "ber.csv", run_folder.ber_rows(table))
             terminal.print_table(table, console)
@@ -152,12 +194,20 @@ def replaced(path: Path, table: curve.BerTable) -> list[str]:
     if path.exists():
         with suppress(VoccError):
             for before in run_folder.read_tables(path).values():
-                lost += [row for row in before if row.frames > frames.get((row.receiver, row.value), 0)]
+                lost += [
+                    row
+                    for row in before
+                    if row.frames > frames.get((row.receiver, row.value), 0)
+                ]
     if not lost:
         return []
-    values = ", ".join(styles.value_text(value) for value in sorted({row.value for row in lost}))
+    values = ", ".join(
+        styles.value_text(value) for value in sorted({row.value for row in lost})
+    )
     what = f"{path.name} had {max(row.frames for row in lost)} frames at {lost[0].axis} {values}"
-    return [f"replaced: {what}; {run_folder.LEDGER} has them, and the former command gives them back"]
+    return [
+        f"replaced: {what}; {run_folder.LEDGER} has them, and the former command gives them back"
+    ]
 
 
 def kept(plan: Plan) -> str:
@@ -171,18 +221,29 @@ def kept(plan: Plan) -> str:
 def strangers(plan: Plan) -> list[str]:
     """Say where the test goes beyond the scenes that the receiver trains on, a line for each quantity."""
     trained, lines = plan.experiment.training_model(plan.world), []
-    tested = [plan.experiment.model_at(plan.world, value) for value in sweep.monte_carlo_values(plan)]
+    tested = [
+        plan.experiment.model_at(plan.world, value)
+        for value in sweep.monte_carlo_values(plan)
+    ]
     for name in SCENE_FIELDS:
-        lows, highs = zip(*(getattr(model, name).bounds for model in tested), strict=True)
+        lows, highs = zip(
+            *(getattr(model, name).bounds for model in tested), strict=True
+        )
         low, high, (least, most) = min(lows), max(highs), getattr(trained, name).bounds
         if low < least or high > most:
             beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
-            lines.append(f"note: this tests {beyond}; experiment=scenes keeps the scene's own")
+            lines.append(
+                f"note: this tests {beyond}; experiment=scenes keeps the scene's own"
+            )
     return lines
 
 
 def write_results(
-    settings: config.Settings, plan: Plan, training: train.Training, curves: curve.Curves, folder: Path
+    settings: config.Settings,
+    plan: Plan,
+    training: train.Training,
+    curves: curve.Curves,
+    folder: Path,
 ) -> None:
     """Write tables, pictures, receiver and board of one curve.
 
@@ -210,19 +271,30 @@ def write_results(
     if settings.tensorboard:
         pictures = sample_frames(plan, train.trained_receiver(plan, training))
         texts = {"configuration": run_folder.as_markdown(settings)}
-        tensorboard.write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
+        tensorboard.write_boards(
+            folder / "tensorboard", {"": [table]}, figures, pictures, texts
+        )
 
 
 def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     """Say which frames and contrast bins are not in the results."""
     table, lines = curves.table(), []
     rows, drawn = table.of(table.receivers[0]), plan.frames_in_point
-    counted, whole = sum(row.frames for row in rows), all(row.stopped_by == "frames" for row in rows)
+    counted, whole = (
+        sum(row.frames for row in rows),
+        all(row.stopped_by == "frames" for row in rows),
+    )
     if plan.experiment.axis == "contrast" and whole and counted < drawn:
         outside = f"{drawn - counted} of {drawn} frames"
         lines.append(f"{outside} have a contrast outside the bins and are not counted")
-    if empty := [f"{value:g}" for value in sweep.axis_values(plan.experiment) if value not in table.values]:
-        lines.append(f"no frame fell into the bins about {', '.join(empty)}: they are not in the results")
+    if empty := [
+        f"{value:g}"
+        for value in sweep.axis_values(plan.experiment)
+        if value not in table.values
+    ]:
+        lines.append(
+            f"no frame fell into the bins about {', '.join(empty)}: they are not in the results"
+        )
     return lines
 
 
@@ -244,11 +316,15 @@ def location_note(curves: curve.Curves) -> list[str]:
     if counts.frame_errors < LEAST_WRONG_FRAMES or share is None or share < 0.5:
         return []
     frames = counts.misplaced / counts.frames
-    if share * (1 - frames) < 2 * frames * (1 - share):  # then they are hardly worse than the other frames
+    if share * (1 - frames) < 2 * frames * (
+        1 - share
+    ):  # then they are hardly worse than the other frames
         return []
     remedy = "refined" if curves.locator == "paper" else "truth, to see the rest"
     where = f"{100 * frames:.1f} % of the frames, located over a quarter of a cell off"
-    return [f"{100 * share:.0f} % of {best}'s wrong bits are in {where}: try receiver.locator={remedy}"]
+    return [
+        f"{100 * share:.0f} % of {best}'s wrong bits are in {where}: try receiver.locator={remedy}"
+    ]
 
 
 def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
@@ -267,16 +343,31 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     link, pictures = Link.of(plan), {}
     receiver = receiver.to(link.simulator.device)
     for value in sweep.monte_carlo_values(plan):
-        name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
-        seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
-        read, columns, key = receiver(seen.frames, seen.panels), [], BlockKey(plan.seed, name, 0)
-        for i, crop in enumerate(samples.crops(link.simulator, key, model, most, model.nearest_m)):
+        name, model = (
+            sweep.point_name(plan.experiment, value),
+            plan.experiment.model_at(plan.world, value),
+        )
+        seen = next(
+            link.observe(model, block_keys(plan.seed, name, most), preambles=False)
+        )
+        read, columns, key = (
+            receiver(seen.frames, seen.panels),
+            [],
+            BlockKey(plan.seed, name, 0),
+        )
+        for i, crop in enumerate(
+            samples.crops(link.simulator, key, model, most, model.nearest_m)
+        ):
             # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
             scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
             plain = drawn = np.asarray(canvas.enlarged(crop.pixels, scale))
             if read.found[i]:
                 corners = (read.corners_px[i].cpu() - crop.origin_px).numpy()
-                drawn = np.asarray(canvas.annotated(crop.pixels, corners, read.bits[i].cpu().numpy(), scale))
+                drawn = np.asarray(
+                    canvas.annotated(
+                        crop.pixels, corners, read.bits[i].cpu().numpy(), scale
+                    )
+                )
             columns.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(columns, axis=1)
     return pictures
@@ -302,10 +393,18 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
             found = curves.trained_pair(name, reference, value)
             found = found or paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
-                places["more errors" if found.value > 0 else "fewer errors"].append(styles.value_text(value))
-        parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
+                places["more errors" if found.value > 0 else "fewer errors"].append(
+                    styles.value_text(value)
+                )
+        parts = [
+            f"{word} at {', '.join(values)}"
+            for word, values in places.items()
+            if values
+        ]
         lines.append(f"  {name}: {'; '.join(parts) or 'no difference shown'}")
-    same = "the same frames, training by training" if curves.trained else "the same frames"
+    same = (
+        "the same frames, training by training" if curves.trained else "the same frames"
+    )
     heading = f"\nCompared with {reference} on {same} (95 %), by {curves.axis}:"
     return [heading, *lines] if lines else []
 
@@ -325,7 +424,10 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
         ledgers = run_folder.open_ledgers(held, folder, studies, console)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
-        with executors.Workers.of(settings) as pool, terminal.ProgressView(frames, console) as view:
+        with (
+            executors.Workers.of(settings) as pool,
+            terminal.ProgressView(frames, console) as view,
+        ):
 
             def advance(study: sweep.Study, more: int) -> None:
                 view.advance(study.plan.experiment.name, more)
@@ -333,18 +435,31 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
             def finished(study: sweep.Study, _: curve.Measured) -> None:
                 view.say(f"{study.plan.experiment.name} is measured")
 
-            campaign = sweep.run_campaign(studies, pool, ledgers, advance=advance, finished=finished)
-        curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
+            campaign = sweep.run_campaign(
+                studies, pool, ledgers, advance=advance, finished=finished
+            )
+        curves = tuple(
+            campaign.measured[study.key].curves[locator] for study in studies
+        )
         cells = grid.Grid(axis, tuple(rows), curves)
-        run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
+        run_folder.write_training(
+            settings, plan, campaign.trainings[studies[0].key][locator], folder
+        )
         run_folder.write_grid(folder / "ber.csv", {locator: cells})
         run_folder.write_paired(folder / "paired.csv", curves)
         figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
-        tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
+        tables = {
+            f"{axis}={at:g}": [one.table()]
+            for at, one in zip(cells.rows, curves, strict=True)
+        }
         tensorboard.write_figures(settings, folder, figures, tables)
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
         terminal.print_table(one.table(), console)
-    places = [("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt")]
+    places = [
+        ("table", "ber.csv"),
+        ("pairs", "paired.csv"),
+        ("receiver", "receiver.pt"),
+    ]
     places += [("figure", f"{name}.png") for name in figures]
     run_folder.print_places(console, folder, places, settings.tensorboard)

@@ -53,12 +53,19 @@ def run_export_receiver(settings: config.Settings, folder: Path) -> None:
     receiver = train.receiver_for(study, model, settings.plug_ins).cpu()
     finds = receiver.locator.exportable
     if not finds:
-        console.print("the graph is told the corners: this locator cannot be in one", highlight=False)
+        console.print(
+            "the graph is told the corners: this locator cannot be in one",
+            highlight=False,
+        )
     for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):
         drawn = next(crops(study, 2))[:inputs]
         onnx_graph.write_graph(receiver, folder / name, *drawn)
         seen = (one[:inputs] for one in crops(study, study.budget.frames))
-        apart = compared(onnx_graph.TensorReceiver(receiver), onnx_graph.read_graph(folder / name), seen)
+        apart = compared(
+            onnx_graph.TensorReceiver(receiver),
+            onnx_graph.read_graph(folder / name),
+            seen,
+        )
         console.print(f"{name}: {apart}", highlight=False, soft_wrap=True)
         run_folder.print_places(console, folder, [("graph", name)])
     run_folder.write_config(settings, folder)
@@ -75,7 +82,9 @@ def crops(study: plan.Plan, frames: int) -> Iterator[tuple[Tensor, Tensor]]:
     """
     simulator, keys = study.world.simulator(), block_keys(study.seed, "export", frames)
     batches = range(0, frames, study.batch_frames)
-    for scene, _, names, takes in rendered(simulator, study.world.scene, keys, batches, preambles=False):
+    for scene, _, names, takes in rendered(
+        simulator, study.world.scene, keys, batches, preambles=False
+    ):
         corners = simulator.true_panels(scene, names, rendered=True).corners_px
         grey = takes[0].grey[:, 0].round().clamp(0, 255).to(torch.uint8)
         yield grey.cpu().contiguous(), (corners - takes[0].origin_px[:, None]).cpu()
@@ -98,6 +107,11 @@ def compared(
         with torch.inference_mode():
             (bits, scores), (own, near) = receiver(*given)[:2], graph(*given)[:2]
         off, wrong = int((scores != near).sum()), int((bits != own).sum())
-        most, counted = max(apart.most, float((scores - near).abs().max())), apart.bits + bits.numel()
-        apart = GraphDifference(counted, apart.bits_apart + wrong, apart.scores_apart + off, most)
+        most, counted = (
+            max(apart.most, float((scores - near).abs().max())),
+            apart.bits + bits.numel(),
+        )
+        apart = GraphDifference(
+            counted, apart.bits_apart + wrong, apart.scores_apart + off, most
+        )
     return apart

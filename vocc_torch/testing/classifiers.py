@@ -44,7 +44,10 @@ class ClassifierCase:
     def test_it_learns(self) -> None:
         """Enough bits of its training panels are right."""
         _, _, scores = self.scored()
-        assert float(((scores >= 0) == self.panels()[1]).double().mean()) >= self.least_accuracy
+        assert (
+            float(((scores >= 0) == self.panels()[1]).double().mean())
+            >= self.least_accuracy
+        )
 
     def test_every_led_has_a_score(self) -> None:
         """Scores are (B,R,C) real numbers."""
@@ -69,12 +72,16 @@ class ClassifierCase:
         """The batch turns no bit."""
         classifier, x, scores = self.scored()
         for row in range(len(x)):
-            torch.testing.assert_close(classifier.decision_function(x[row : row + 1]), scores[row : row + 1])
+            torch.testing.assert_close(
+                classifier.decision_function(x[row : row + 1]), scores[row : row + 1]
+            )
 
     def test_the_order_of_panels_changes_nothing(self) -> None:
         """Panels in reverse have the scores in reverse."""
         classifier, x, scores = self.scored()
-        torch.testing.assert_close(classifier.decision_function(x.flip(0)), scores.flip(0))
+        torch.testing.assert_close(
+            classifier.decision_function(x.flip(0)), scores.flip(0)
+        )
 
     def test_two_trainings_agree(self) -> None:
         """The same panels and seed give the same scores."""
@@ -118,7 +125,9 @@ class ClassifierCase:
     def test_it_can_be_sent_to_another_process(self) -> None:
         """Pickled and read back it scores alike."""
         classifier, x, scores = self.scored()
-        assert torch.equal(pickle.loads(pickle.dumps(classifier)).decision_function(x), scores)
+        assert torch.equal(
+            pickle.loads(pickle.dumps(classifier)).decision_function(x), scores
+        )
 
     def test_a_copy_scores_alike(self) -> None:
         """A deep copy is independent and equal."""
@@ -155,6 +164,9 @@ class ClassifierCase:
         """Panels that come in batches train it as well."""
         x, bits = self.panels()
         guarded = Guarded("case", self.classifier(), Inputs())
-        guarded.fit_stream(lambda first, count: iter([(x[::2], bits[::2]), (x[1::2], bits[1::2])]), len(x))
+        guarded.fit_stream(
+            lambda first, count: iter([(x[::2], bits[::2]), (x[1::2], bits[1::2])]),
+            len(x),
+        )
         right = (guarded.decision_function(x) >= 0) == bits
         assert float(right.double().mean()) >= self.least_accuracy

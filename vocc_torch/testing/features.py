@@ -31,8 +31,14 @@ class FeatureCase:
         generator = torch.Generator().manual_seed(3)
         bits = torch.arange(shape.leds).view(1, shape.rows, shape.columns) % 3 == 0
         light = torch.nn.functional.pad(60 + 120.0 * bits, (1, 1, 1, 1), value=50.0)
-        high = light.repeat_interleave(samples, 1).repeat_interleave(samples, 2).expand(3, -1, -1)
-        return (high + torch.rand(high.shape, generator=generator))[:, None].contiguous()
+        high = (
+            light.repeat_interleave(samples, 1)
+            .repeat_interleave(samples, 2)
+            .expand(3, -1, -1)
+        )
+        return (high + torch.rand(high.shape, generator=generator))[
+            :, None
+        ].contiguous()
 
     def measured(self) -> Tensor:
         """Measure three panels of 6 x 6 LEDs."""
@@ -41,7 +47,9 @@ class FeatureCase:
 
     @pytest.mark.parametrize("size", [(1, 1), (2, 3), (4, 4), (8, 8), (5, 16)])
     @pytest.mark.parametrize("samples", [2, 5, 8])
-    def test_every_led_has_a_finite_value(self, size: tuple[int, int], samples: int) -> None:
+    def test_every_led_has_a_finite_value(
+        self, size: tuple[int, int], samples: int
+    ) -> None:
         """Values are (B,R,C), floating and finite, for any panel and grid."""
         shape = PanelShape(*size)
         values = self.feature()(self.patches(shape, samples), shape)
@@ -54,7 +62,9 @@ class FeatureCase:
         values = self.measured()[0].flatten().double()
         on = torch.arange(len(values)) % 3 == 0
         apart = (values[on].mean() - values[~on].mean()).abs()
-        assert not self.tells_on_from_off or apart > values[on].std() + values[~on].std()
+        assert (
+            not self.tells_on_from_off or apart > values[on].std() + values[~on].std()
+        )
 
     @pytest.mark.parametrize("level", [0.0, 1e-3, 90.0, 255.0])
     def test_panels_of_one_grey_have_finite_values(self, level: float) -> None:
@@ -98,7 +108,9 @@ class FeatureCase:
         """float64 patches have the values of float32 ones, but for rounding."""
         shape = PanelShape(6, 6)
         double = self.feature()(self.patches(shape, 8).double(), shape)
-        torch.testing.assert_close(double.float(), self.measured().float(), rtol=1e-3, atol=1e-3)
+        torch.testing.assert_close(
+            double.float(), self.measured().float(), rtol=1e-3, atol=1e-3
+        )
 
     def test_strided_patches_are_taken(self) -> None:
         """Patches need not be contiguous."""

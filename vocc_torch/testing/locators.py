@@ -15,7 +15,10 @@ from vocc_torch.types import Frames, Panels, PanelShape
 
 def equal(first: Panels, second: Panels) -> bool:
     """Whether two sets of panels are the same to the last bit."""
-    return all(torch.equal(getattr(first, name), getattr(second, name)) for name in Panels.__slots__)
+    return all(
+        torch.equal(getattr(first, name), getattr(second, name))
+        for name in Panels.__slots__
+    )
 
 
 class LocatorCase:
@@ -61,15 +64,25 @@ class LocatorCase:
         _, corners_px = self.scenes()
         cell_px = torch.maximum(*cell_size_px(corners_px, self.shape))
         apart = (self.located()[1].corners_px - corners_px).norm(dim=2).amax(1)
-        assert (apart <= self.tolerance_cells * cell_px).all(), (apart / cell_px).tolist()
+        assert (apart <= self.tolerance_cells * cell_px).all(), (
+            apart / cell_px
+        ).tolist()
 
     def test_answers_have_the_right_kind(self) -> None:
         """Shapes and dtypes are those of ``Panels``."""
         frames, panels = self.located()
         assert panels.corners_px.shape == (len(frames), 4, 2)
         assert [panels.corners_px.dtype, panels.score.dtype] == [torch.float64] * 2
-        assert (panels.found.dtype, panels.candidates.dtype) == (torch.bool, torch.int64)
-        assert len(panels.found) == len(panels.score) == len(panels.candidates) == len(frames)
+        assert (panels.found.dtype, panels.candidates.dtype) == (
+            torch.bool,
+            torch.int64,
+        )
+        assert (
+            len(panels.found)
+            == len(panels.score)
+            == len(panels.candidates)
+            == len(frames)
+        )
 
     def test_corners_are_clockwise(self) -> None:
         """Corners go around an area, clockwise as seen."""
@@ -103,11 +116,16 @@ class LocatorCase:
     def test_a_picture_that_is_moved_moves_the_corners(self) -> None:
         """With border pixels added on the left and above, corners move by as much."""
         frames, panels = self.located()
-        wide = torch.nn.functional.pad(frames.grey.float(), (16, 0, 8, 0), mode="replicate")
+        wide = torch.nn.functional.pad(
+            frames.grey.float(), (16, 0, 8, 0), mode="replicate"
+        )
         moved = self.locator()(Frames.whole(wide.to(torch.uint8)), self.shape)
         expected = panels.corners_px + torch.tensor([16.0, 8.0])
         cell_px = torch.maximum(*cell_size_px(panels.corners_px, self.shape))
-        assert ((moved.corners_px - expected).norm(dim=2).amax(1) <= self.tolerance_cells * cell_px).all()
+        assert (
+            (moved.corners_px - expected).norm(dim=2).amax(1)
+            <= self.tolerance_cells * cell_px
+        ).all()
 
     def test_arrays_are_taken(self) -> None:
         """A NumPy array is as good as a tensor."""
@@ -151,7 +169,9 @@ class LocatorCase:
     @pytest.mark.parametrize("level", [0, 90, 255])
     def test_nothing_is_found_in_a_constant_frame(self, level: int) -> None:
         """One grey value shows no panel: corners and score are zeros."""
-        panels = self.locator()(torch.full((2, 96, 128), level, dtype=torch.uint8), self.shape)
+        panels = self.locator()(
+            torch.full((2, 96, 128), level, dtype=torch.uint8), self.shape
+        )
         assert not panels.found.any()
         assert not panels.corners_px.any()
         assert not panels.score.any()
@@ -159,12 +179,20 @@ class LocatorCase:
     @pytest.mark.parametrize("size", [(1, 1), (3, 40), (12, 12)])
     def test_small_frames_are_taken(self, size: tuple[int, int]) -> None:
         """Frames of few pixels give finite answers."""
-        noise = torch.randint(0, 256, (2, *size), generator=torch.Generator().manual_seed(1))
-        assert self.locator()(noise.to(torch.uint8), self.shape).corners_px.isfinite().all()
+        noise = torch.randint(
+            0, 256, (2, *size), generator=torch.Generator().manual_seed(1)
+        )
+        assert (
+            self.locator()(noise.to(torch.uint8), self.shape)
+            .corners_px.isfinite()
+            .all()
+        )
 
     def test_noise_gives_finite_answers(self) -> None:
         """Noise breaks nothing, and shows no panel where the case says so."""
-        noise = torch.randint(0, 256, (2, 90, 120), generator=torch.Generator().manual_seed(2))
+        noise = torch.randint(
+            0, 256, (2, 90, 120), generator=torch.Generator().manual_seed(2)
+        )
         panels = self.locator()(noise.to(torch.uint8), self.shape)
         assert panels.corners_px.isfinite().all()
         assert panels.score.isfinite().all()

@@ -8,7 +8,15 @@ import pytest
 import torch
 import yaml
 
-from vocc_torch import Camera, LedPanel, PanelShape, Scene, Simulator, VoccError, load_scene
+from vocc_torch import (
+    Camera,
+    LedPanel,
+    PanelShape,
+    Scene,
+    Simulator,
+    VoccError,
+    load_scene,
+)
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.drawing import OF_FRAME, Drawing
 from vocc_torch.extras.calibrate.fit import BASE, RecordingFit, settled
@@ -36,19 +44,37 @@ def fit_of(scene, lit, angles=(0.0, 0.0, 0.0), panel=SMALL, size=None):
     origin = torch.zeros(len(scene), 2, dtype=torch.int64)
     if size is not None:
         origin += torch.tensor([CAMERA.width_px - size, CAMERA.height_px - size]) // 2
-    drawing = Drawing(CAMERA, panel, origin, CAMERA.sensor_px if size is None else (size, size))
+    drawing = Drawing(
+        CAMERA, panel, origin, CAMERA.sensor_px if size is None else (size, size)
+    )
     away = scene.distance_m
     sides = torch.tensor([CAMERA.width_px, CAMERA.height_px])
-    place = torch.stack([scene.offset_x_m, scene.offset_y_m], 1) * (CAMERA.focal_length_px / away)[:, None]
+    place = (
+        torch.stack([scene.offset_x_m, scene.offset_y_m], 1)
+        * (CAMERA.focal_length_px / away)[:, None]
+    )
     pitch = (CAMERA.focal_length_px * panel.pitch_m / away).log()
-    shares = panel.background_reflectance, panel.led_reflectance, panel.board_reflectance or 1.0
+    shares = (
+        panel.background_reflectance,
+        panel.led_reflectance,
+        panel.board_reflectance or 1.0,
+    )
     ground, off, board = (scene.ambient_lx * share / math.pi for share in shares)
     lights = ground, off, off + scene.led_luminance_cd_m2, board
-    greys = [scene.background_grey * (light / ground) ** (1 / CAMERA.gamma) for light in lights]
+    greys = [
+        scene.background_grey * (light / ground) ** (1 / CAMERA.gamma)
+        for light in lights
+    ]
     turned = [torch.full_like(away, angle) for angle in angles]
     own = torch.stack([*(place + sides / 2).T, pitch, *turned, *greys], 1).numpy()
     shared = np.array([CAMERA.gamma, 1.3])
-    fit = RecordingFit(drawing, np.zeros((len(scene), *drawing.size_px)), own, shared, np.array(lit, float))
+    fit = RecordingFit(
+        drawing,
+        np.zeros((len(scene), *drawing.size_px)),
+        own,
+        shared,
+        np.array(lit, float),
+    )
     return replace(fit, grey=fit.predicted()[0])
 
 
@@ -59,17 +85,27 @@ LIT = np.random.default_rng(1).integers(2, size=(2, 12))
 @pytest.mark.parametrize("angles", [(0.0, 0.0, 0.0), (35.0, -12.0, 7.0)])
 def test_light_is_put_together_as_the_simulator_draws_it(angles, board):
     names = dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True))
-    effects = {"blooming": {"sigma_px": 1.3}, "saturation": {}} | ({"pose": names} if any(angles) else {})
+    effects = {"blooming": {"sigma_px": 1.3}, "saturation": {}} | (
+        {"pose": names} if any(angles) else {}
+    )
     panel, scene = replace(SMALL, board_reflectance=board), Scene.of(2, **AT, **LIGHT)
     simulator = Simulator(CAMERA, panel, effects, framing="full", dtype=torch.float64)
-    drawn = simulator.render(scene, torch.from_numpy(LIT > 0).view(2, 3, 4)).grey[:, 0].numpy()
+    drawn = (
+        simulator.render(scene, torch.from_numpy(LIT > 0).view(2, 3, 4))
+        .grey[:, 0]
+        .numpy()
+    )
     assert np.abs(fit_of(scene, LIT, angles, panel).grey - drawn).max() < 1e-6
     assert np.ptp(drawn) > 30
 
 
 def test_a_fit_begun_beside_the_truth_ends_there():
     truth = fit_of(Scene.of(2, **AT, **LIGHT), LIT, size=48)
-    begun = truth.set("gamma", 2.0).set("blur_px", 1.0).set("x_px", truth.value("x_px") + 0.4)
+    begun = (
+        truth.set("gamma", 2.0)
+        .set("blur_px", 1.0)
+        .set("x_px", truth.value("x_px") + 0.4)
+    )
     fit = settled(begun, BASE, 20)
     assert fit.gamma == pytest.approx(2.2, abs=1e-3)
     assert fit.value("blur_px") == pytest.approx(1.3, abs=1e-3)
@@ -78,12 +114,21 @@ def test_a_fit_begun_beside_the_truth_ends_there():
 
 def test_intervals_are_as_wide_as_values_scatter_in_many_draws():
     """And where the errors of a frame hang together, those by frames are."""
-    truth, draws = fit_of(Scene.of(6, **AT, **LIGHT), np.tile(LIT, (3, 1)), size=40), np.random.default_rng(0)
+    truth, draws = (
+        fit_of(Scene.of(6, **AT, **LIGHT), np.tile(LIT, (3, 1)), size=40),
+        np.random.default_rng(0),
+    )
     for common in (0.0, 1.0):
         found, stated = [], []
         for _ in range(12):
-            noise = draws.standard_normal(truth.grey.shape) + common * draws.standard_normal((6, 1, 1))
-            fit = settled(replace(truth, grey=truth.grey + noise), ("background", "off", "gamma"), 6)
+            noise = draws.standard_normal(
+                truth.grey.shape
+            ) + common * draws.standard_normal((6, 1, 1))
+            fit = settled(
+                replace(truth, grey=truth.grey + noise),
+                ("background", "off", "gamma"),
+                6,
+            )
             found.append(fit.gamma - truth.gamma)
             stated.append(fit.deviation("gamma"))
         assert 0.4 < np.mean(stated) / np.std(found) < 2.5
@@ -100,7 +145,9 @@ def test_bits_are_decided_again_where_the_first_guess_is_wrong():
 
 
 def test_bits_of_leds_far_beyond_white_are_mended():
-    truth = fit_of(Scene.of(1, **AT, **(LIGHT | {"led_luminance_cd_m2": 2e5})), LIT[:1], size=48)
+    truth = fit_of(
+        Scene.of(1, **AT, **(LIGHT | {"led_luminance_cd_m2": 2e5})), LIT[:1], size=48
+    )
     wrong = truth.lit.copy()
     wrong[0, [2, 7]] = 1 - wrong[0, [2, 7]]
     assert (decided(replace(truth, lit=wrong), ("background",)).lit == LIT[:1]).all()
@@ -109,7 +156,9 @@ def test_bits_of_leds_far_beyond_white_are_mended():
 def test_the_mean_of_noisy_greys_is_what_clipped_normal_numbers_have():
     draws, noise = np.random.default_rng(0), Noise(3e-3, 4e-4)
     for light in (1e-4, 0.01, 0.5, 5.4):
-        seen = light + math.sqrt(noise.slope * light + noise.floor) * draws.standard_normal(400_000)
+        seen = light + math.sqrt(
+            noise.slope * light + noise.floor
+        ) * draws.standard_normal(400_000)
         greys = (118 * seen.clip(0) ** (1 / 2.2)).clip(max=255).round()
         mean, variance = expected(np.array([light]), 2.2, noise)
         assert mean[0] == pytest.approx(greys.mean(), abs=0.4)
@@ -120,7 +169,9 @@ def test_frames_that_are_fitted_worse_are_told_from_noisy_ones():
     truth = fit_of(Scene.of(8, **AT, **LIGHT), np.tile(LIT, (4, 1)), size=48)
     noise = np.random.default_rng(1).standard_normal(truth.grey.shape)
     elsewhere = truth.own.copy()
-    elsewhere[3:6, OF_FRAME.index("x_px")] += 3.0  # even where it is so in nearly half of the frames
+    elsewhere[3:6, OF_FRAME.index("x_px")] += (
+        3.0  # even where it is so in nearly half of the frames
+    )
     for sigma in (0.3, 6.0):
         fit = replace(truth, grey=(truth.grey + sigma * noise).round())
         assert fitting(fit).all()
@@ -130,7 +181,10 @@ def test_frames_that_are_fitted_worse_are_told_from_noisy_ones():
 
 def test_leds_that_are_all_alike_are_refused():
     truth = fit_of(Scene.of(2, **AT, **LIGHT), LIT, size=48)
-    for alike in (replace(truth, lit=np.ones((2, 12))), truth.set("on", truth.value("off"))):
+    for alike in (
+        replace(truth, lit=np.ones((2, 12))),
+        truth.set("on", truth.value("off")),
+    ):
         with pytest.raises(VoccError, match="all LEDs look alike in all 2 frames"):
             demand_contrast(alike)
     demand_contrast(truth)
@@ -142,20 +196,29 @@ def test_little_noise_is_told_from_rounding(grey, slope):
     """Where all pixels of the background are rounded alike, near to whole values or far from them."""
     truth = fit_of(Scene.of(2, **AT, **(LIGHT | {"background_grey": grey})), LIT)
     x, draws = truth.light(), np.random.default_rng(0).standard_normal(truth.grey.shape)
-    curve = transfer(replace(truth, grey=encoded(x + np.sqrt(slope * x) * draws, 2.2).round()))
+    curve = transfer(
+        replace(truth, grey=encoded(x + np.sqrt(slope * x) * draws, 2.2).round())
+    )
     assert curve.noise.floor == 0
     assert curve.noise.slope == pytest.approx(slope, rel=4 * curve.slope_error)
     assert curve.slope_error < 0.05
 
 
 def test_light_that_falls_off_is_told_from_even_light():
-    wide = Camera(width_px=320, height_px=240, sensor_width_mm=13.2 * 320 / 1920, focal_length_mm=2.75)
+    wide = Camera(
+        width_px=320,
+        height_px=240,
+        sensor_width_mm=13.2 * 320 / 1920,
+        focal_length_mm=2.75,
+    )
     drawing = Drawing(wide, SMALL, torch.zeros(1, 2, dtype=torch.int64), wide.sensor_px)
     shade, out = natural(drawing)
     y, x = np.mgrid[:240, :320] + 0.5
     square = (x - 160) ** 2 + (y - 120) ** 2
     assert np.abs(shade - 1 / (1 + square / wide.focal_length_px**2) ** 2).max() < 1e-9
-    corners = np.array([[[140.0, 100], [180, 100], [180, 140], [140, 140]]]).repeat(4, 0)
+    corners = np.array([[[140.0, 100], [180, 100], [180, 140], [140, 140]]]).repeat(
+        4, 0
+    )
     draws = np.random.default_rng(3)
     for plane, there in ((shade * (1 - 0.2 * out), True), (np.ones_like(shade), False)):
         greys = 110 * plane ** (1 / 2.2) + draws.normal(0, 2, (4, 240, 320))
@@ -180,14 +243,25 @@ EFFECTS = {
 def recording():
     """A recording of a panel that stands, with noise; its scene, bits and frames."""
     panel, key = LedPanel(shape=PanelShape(4, 4)), BlockKey(3, "recording", 0)
-    scene = Scene.of(6, distance_m=50.0, offset_x_m=0.2, offset_y_m=-0.1, **(LIGHT | {"ambient_lx": 2000.0}))
+    scene = Scene.of(
+        6,
+        distance_m=50.0,
+        offset_x_m=0.2,
+        offset_y_m=-0.1,
+        **(LIGHT | {"ambient_lx": 2000.0}),
+    )
     scene = replace(scene, offset_x_m=scene.offset_x_m + torch.linspace(0, 0.05, 6))
     bits = torch.rand(6, 4, 4, generator=torch.Generator().manual_seed(2)) > 0.5
     keys = [FrameKey(key, frame) for frame in range(6)]
     simulator = Simulator(CAMERA, panel, EFFECTS, framing="full")
     greys = simulator.render(scene, bits, keys=keys).grey[:, 0].numpy()
     corners = simulator.true_panels(scene, keys).corners_px.numpy()
-    return panel, scene, bits, Footage(greys, np.arange(6), corners, 6, 6, [], np.full(6, np.nan))
+    return (
+        panel,
+        scene,
+        bits,
+        Footage(greys, np.arange(6), corners, 6, 6, [], np.full(6, np.nan)),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -204,13 +278,19 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
     _, scene, bits, _ = recording
     assert (study.fit.bits == bits.flatten(1).numpy()).all()
     found = {one.key: one for one in study.values}
-    truth = {"effects.blooming.sigma_px": 1.3, "ambient_lx": 2000.0, "background_grey": 100.0}
+    truth = {
+        "effects.blooming.sigma_px": 1.3,
+        "ambient_lx": 2000.0,
+        "background_grey": 100.0,
+    }
     truth |= {"effects.read_noise.electrons": 40.0, "led_luminance_cd_m2": 3000.0}
     for key, value in truth.items():
         one = found[key]
         assert abs(one.middle - value) < 4 * one.deviation, (key, one)
         assert one.deviation < 0.2 * value, (key, one)
-    away, own, common = study.fit.derived(lambda values, _: study.fit.drawing.distance_m(values))
+    away, own, common = study.fit.derived(
+        lambda values, _: study.fit.drawing.distance_m(values)
+    )
     assert (np.abs(away - scene.distance_m.numpy()) < 4 * np.hypot(own, common)).all()
     assert abs(study.fit.gamma - 2.2) < 4 * study.fit.deviation("gamma")
 
@@ -232,7 +312,9 @@ def test_the_scene_can_be_simulated_and_trained_for(study, tmp_path):
     assert world.camera.gamma == pytest.approx(study.fit.gamma, abs=1e-4)
     assert world.scene.distance_m.bounds[0] == pytest.approx(50.0, abs=1.0)
     scene, bits = world.scene.draw(BlockKey(0, "x", 0), world.panel.shape)
-    frames = world.simulator().render(scene[:1], bits[:1], keys=[FrameKey(BlockKey(0, "x", 0), 0)])
+    frames = world.simulator().render(
+        scene[:1], bits[:1], keys=[FrameKey(BlockKey(0, "x", 0), 0)]
+    )
     assert frames.grey.dtype == torch.uint8
 
 
@@ -243,7 +325,9 @@ def test_the_quality_of_coded_pictures_is_found(quality):
     from PIL import Image
 
     draws = np.random.default_rng(1)
-    plane = np.clip(120 + 30 * draws.standard_normal((160, 160)), 0, 255).astype(np.uint8)
+    plane = np.clip(120 + 30 * draws.standard_normal((160, 160)), 0, 255).astype(
+        np.uint8
+    )
     file = io.BytesIO()
     Image.fromarray(plane).save(file, "JPEG", quality=quality)
     coded = np.array(Image.open(file))
@@ -277,7 +361,9 @@ def test_what_shows_nothing_is_refused(frames, said, tmp_path):
     np.save(tmp_path / "x.npy", frames)
     locator = locator_named("refined", PaperLocator())
     with pytest.raises(VoccError, match=said):
-        read_footage(tmp_path / "x.npy", CalibrateConfig(frames=16), locator, PanelShape(8, 8))
+        read_footage(
+            tmp_path / "x.npy", CalibrateConfig(frames=16), locator, PanelShape(8, 8)
+        )
 
 
 class Jumping:
@@ -294,16 +380,31 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
     for count in (5, 1):
         np.save(tmp_path / f"{count}.npy", np.zeros((count, 64, 64), np.uint8))
     with pytest.raises(VoccError, match="jumps by panels between all frames"):
-        read_footage(tmp_path / "5.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8))
-    one = read_footage(tmp_path / "1.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8))
+        read_footage(
+            tmp_path / "5.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8)
+        )
+    one = read_footage(
+        tmp_path / "1.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8)
+    )
     assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
-    few = Footage(np.zeros((4, 8, 8)), np.arange(4), np.zeros((4, 4, 2)), 9, 9, [], np.full(4, np.nan))
+    few = Footage(
+        np.zeros((4, 8, 8)),
+        np.arange(4),
+        np.zeros((4, 4, 2)),
+        9,
+        9,
+        [],
+        np.full(4, np.nan),
+    )
     assert ["found in 4 of 9 frames" in said for said in few.doubts()] == [True]
     assert not replace(few, looked=8).doubts()
 
 
 def test_frames_that_agree_on_the_panel_outvote_false_alarms():
-    corners = np.array([[0.0, 0.0], [40, 0], [40, 40], [0, 40]]) + np.arange(7.0)[:, None, None] * 30
+    corners = (
+        np.array([[0.0, 0.0], [40, 0], [40, 40], [0, 40]])
+        + np.arange(7.0)[:, None, None] * 30
+    )
     corners[2] *= 3
     corners[5] += 900
     assert agreeing(corners).tolist() == [True, True, False, True, True, False, True]
@@ -317,7 +418,9 @@ def test_a_frame_whose_corners_are_wrong_is_left_out(recording):
     panel, _, bits, footage = recording
     corners = footage.corners_px.copy()
     corners[2] = corners[2, 0] + (corners[2] - corners[2, 0]) * 1.22
-    study = calibrate(replace(footage, corners_px=corners), CAMERA, panel, CalibrateConfig(frames=6))
+    study = calibrate(
+        replace(footage, corners_px=corners), CAMERA, panel, CalibrateConfig(frames=6)
+    )
     assert study.footage.numbers.tolist() == [0, 1, 3, 4, 5]
     assert (study.fit.bits == bits.flatten(1).numpy()[study.footage.numbers]).all()
     assert "1 of the frames" in study.unknown[-1]
@@ -325,11 +428,18 @@ def test_a_frame_whose_corners_are_wrong_is_left_out(recording):
 
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
     draws, error = np.random.default_rng(0).standard_normal(30), np.full(30, 0.1)
-    stays, moves = (spread("distance_m", (50 + width * draws, error, 0.0), "x") for width in (0.1, 2.0))
+    stays, moves = (
+        spread("distance_m", (50 + width * draws, error, 0.0), "x")
+        for width in (0.1, 2.0)
+    )
     assert isinstance(stays.given, float)
     assert 0.1 / math.sqrt(30) <= stays.deviation < 0.15 / math.sqrt(30)
     mean, half = 50 + 2 * draws.mean(), 2 * math.sqrt(3) * draws.std(ddof=1)
-    assert moves.given == ["uniform", pytest.approx(mean - half), pytest.approx(mean + half)]
+    assert moves.given == [
+        "uniform",
+        pytest.approx(mean - half),
+        pytest.approx(mean + half),
+    ]
 
 
 def test_two_levels_are_parted_as_otsu_parts_them():
@@ -355,7 +465,11 @@ def test_the_next_command_says_the_panel():
     assert next_command("mine", LedPanel()) == "vocc-torch scene=mine task=train"
     other = LedPanel(shape=PanelShape(4, 8), led_reflectance=0.2, board_reflectance=0.1)
     words = next_command("mine", other).split()
-    assert {"panel.rows=4", "panel.led_reflectance=0.2", "panel.board_reflectance=0.1"} <= set(words)
+    assert {
+        "panel.rows=4",
+        "panel.led_reflectance=0.2",
+        "panel.board_reflectance=0.1",
+    } <= set(words)
 
 
 def test_bits_of_another_panel_are_refused(tmp_path):
@@ -375,8 +489,13 @@ def test_yaml_says_what_each_value_explains():
         Value("distance_m", ["uniform", 30.0, 31.0], 0.1, "by the pitch"),
         Value("effects.blooming.sigma_px", 1.5, 0.01),
     )
-    named = [Named("blooming", True, "x", 2.0, 1.0, "light spreads"), Named("jpeg", False, "x", 0.0, 1.0)]
-    scene = Findings(Camera(), LedPanel(), *[None] * 5, values=list(values), effects=named)
+    named = [
+        Named("blooming", True, "x", 2.0, 1.0, "light spreads"),
+        Named("jpeg", False, "x", 0.0, 1.0),
+    ]
+    scene = Findings(
+        Camera(), LedPanel(), *[None] * 5, values=list(values), effects=named
+    )
     text = scene.text("mine", "film.mp4")
     read = yaml.safe_load(text)
     assert read["effects"] == {"blooming": {"sigma_px": 1.5}}

@@ -12,9 +12,9 @@ def seen(film, ratio, draws, *, ber=0.02, drift=0.0, begin=None, end=None, fault
 
     Rows are exposed one after the other, each from its begin for EXPOSURE; two symbols add up by their share.
     """
-    times = (draws.random() if begin is None else begin) + np.arange(int(len(film) * ratio)) * (
-        1 + drift
-    ) / ratio
+    times = (draws.random() if begin is None else begin) + np.arange(
+        int(len(film) * ratio)
+    ) * (1 + drift) / ratio
     times = times[times < (len(film) if end is None else end) - EXPOSURE - READOUT]
     if faults is not None:
         times = faults(times, draws)

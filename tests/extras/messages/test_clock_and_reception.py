@@ -20,12 +20,22 @@ def slowly(*given):
     return pytest.param(*given, marks=pytest.mark.slow)
 
 
-RATIOS = [slowly(ratio, drift, True) for ratio in (1.7, 2.0, 3.0, 4.0, 6.0) for drift in (-0.01, 0.0, 0.01)]
+RATIOS = [
+    slowly(ratio, drift, True)
+    for ratio in (1.7, 2.0, 3.0, 4.0, 6.0)
+    for drift in (-0.01, 0.0, 0.01)
+]
 
 
 @pytest.mark.parametrize(
     ("ratio", "drift", "timed"),
-    [(1.5, 0.01, True), (2.4, 0.005, False), slowly(1.5, -0.01, False), slowly(6.0, -0.01, False), *RATIOS],
+    [
+        (1.5, 0.01, True),
+        (2.4, 0.005, False),
+        slowly(1.5, -0.01, False),
+        slowly(6.0, -0.01, False),
+        *RATIOS,
+    ],
 )
 def test_the_clock_finds_every_symbol_and_none_twice(ratio, drift, timed):
     draws, layout = np.random.default_rng(3), Layout(PLAN)
@@ -39,7 +49,9 @@ def test_the_clock_finds_every_symbol_and_none_twice(ratio, drift, timed):
         bands = np.concatenate([*said, clock.finish().symbol])
         first, last = np.floor(times).astype(int), np.floor(times + 0.1).astype(int)
         assert len(bands) == len(times)
-        assert (bands[0] % 128 == first[0] % 128).all() or (bands[0] % 128 == last[0] % 128).all()
+        assert (bands[0] % 128 == first[0] % 128).all() or (
+            bands[0] % 128 == last[0] % 128
+        ).all()
         bands = bands - bands[0, 0] + first[0]
         right = (bands >= first[:, None]) & (bands <= last[:, None])
         assert right.mean() > 0.995
@@ -59,7 +71,9 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
             lost = [(at < times) & (times < at + 12) for at in (begin, begin + second)]
             return times[~(lost[0] | lost[1])]
 
-        llr, times, stamps = seen(FILM[:150], 2.4, np.random.default_rng(begin), faults=gaps, begin=0.0)
+        llr, times, stamps = seen(
+            FILM[:150], 2.4, np.random.default_rng(begin), faults=gaps, begin=0.0
+        )
         clock = SymbolClock(Layout(PLAN))
         clock.push(llr, stamps[: len(llr)] / 100)  # the stamps know nothing of the gaps
         ticks = clock.finish()
@@ -68,7 +82,9 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
         astray += int((off[believed] > 2).sum())
         doubted += int((~believed).sum())
         frames += len(times)
-    assert astray <= (4 * 2.4 * 6 if second else 0)  # the frames of four symbols, in six recordings
+    assert astray <= (
+        4 * 2.4 * 6 if second else 0
+    )  # the frames of four symbols, in six recordings
     assert 0 < doubted < 0.08 * frames
 
 
@@ -79,12 +95,19 @@ def test_frames_beside_a_gap_are_doubted_alike_where_those_before_it_are_settled
     def gap(times, _):
         return times[(times < begin) | (times > begin + 12)]
 
-    llr, _, stamps = seen(FILM[:300], 2.4, np.random.default_rng(1), faults=gap, begin=0.0)
+    llr, _, stamps = seen(
+        FILM[:300], 2.4, np.random.default_rng(1), faults=gap, begin=0.0
+    )
     doubted = {}
     for size in (64, len(llr)):
         clock, ticks = SymbolClock(Layout(PLAN)), []
         for at in range(0, len(llr), size):
-            ticks.append(clock.push(llr[at : at + size], stamps[at : at + len(llr[at : at + size])] / 100))
+            ticks.append(
+                clock.push(
+                    llr[at : at + size],
+                    stamps[at : at + len(llr[at : at + size])] / 100,
+                )
+            )
         ticks.append(clock.finish())
         agreement = np.concatenate([one.agreement for one in ticks if one is not None])
         doubted[size] = np.flatnonzero(~agreement.any(axis=1)).tolist()
@@ -126,16 +149,23 @@ def test_the_message_arrives_through_faulty_recordings(faults):
     assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
     assert (
         0.02
-        < reception.combiner.passed_over / (reception.combiner.passed_over + reception.combiner.used)
+        < reception.combiner.passed_over
+        / (reception.combiner.passed_over + reception.combiner.used)
         < 0.3
     )
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 190.4), slowly(100.3, 256)])
-def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_named(begin, end):
+def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_named(
+    begin, end
+):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(5), begin=begin, end=end)
     assembly, got, reception = received(llr, stamps)
-    blocks = [b for b in range(len(FILM) // 128) if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1]
+    blocks = [
+        b
+        for b in range(len(FILM) // 128)
+        if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1
+    ]
     whole = {4 * block + place for block in blocks for place in range(4)}
     count = -(-len(MESSAGE) // (reception.code.info_bytes - 16))
     (message,) = assembly.messages
@@ -149,11 +179,17 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
 def test_black_frames_cost_what_they_hide_and_nothing_else():
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(6), faults=black, begin=0.0)
     (message,) = received(llr, stamps)[0].messages
-    assert {*range(message.packets)} - {*message.parts} <= {4, 5, 6, 7}  # forty frames of the second block
+    assert {*range(message.packets)} - {*message.parts} <= {
+        4,
+        5,
+        6,
+        7,
+    }  # forty frames of the second block
 
 
 @pytest.mark.parametrize(
-    "dead", [(slice(2, 3), slice(None)), slowly((slice(0, 2), slice(0, 2))), slowly("clock")]
+    "dead",
+    [(slice(2, 3), slice(None)), slowly((slice(0, 2), slice(0, 2))), slowly("clock")],
 )
 def test_a_row_or_a_corner_that_is_hidden_costs_no_packet(dead):
     """Cells of a hidden part all decide Off with confidence; among them a clock cell."""
@@ -166,7 +202,11 @@ def test_a_row_or_a_corner_that_is_hidden_costs_no_packet(dead):
 
 def test_nothing_is_received_where_nothing_was_sent():
     draws = np.random.default_rng(8)
-    for llr in (4 * draws.standard_normal((330, 8, 8)), np.zeros((330, 8, 8)), np.full((330, 8, 8), -6.0)):
+    for llr in (
+        4 * draws.standard_normal((330, 8, 8)),
+        np.zeros((330, 8, 8)),
+        np.full((330, 8, 8), -6.0),
+    ):
         assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
         assert not assembly.messages
         assert all(one.why for one in got)
@@ -177,7 +217,9 @@ def test_what_is_held_does_not_grow_with_the_recording():
     llr, _, _ = seen(FILM, 2.4, draws, begin=0.0)
     for turn in range(3):
         for at in range(0, len(llr), 64):
-            times = [(turn * len(llr) + at + i) / 240 for i in range(len(llr[at : at + 64]))]
+            times = [
+                (turn * len(llr) + at + i) / 240 for i in range(len(llr[at : at + 64]))
+            ]
             list(reception.push(llr[at : at + 64], times))
             own = reception.combiner
             held.append((len(own._waiting), len(own.clock._back), len(own._open)))

@@ -33,7 +33,12 @@ def sent(tmp_path_factory):
 def seen(sent, tmp_path_factory):
     """The folder of task=record."""
     folder = tmp_path_factory.mktemp("seen") / "out"
-    words = "scene.distance_m=40", "scene.ambient_lx=8000", "record.fps=170", "record.margin=2"
+    words = (
+        "scene.distance_m=40",
+        "scene.ambient_lx=8000",
+        "record.fps=170",
+        "record.margin=2",
+    )
     run_task(composed("task=record", f"input='{sent}'", "name=x", *words), folder)
     return folder
 
@@ -53,7 +58,9 @@ def rows_of(path):
 
 def receive(input_, folder, model, *words):
     """Run the task; its rows and its complaint."""
-    settings = composed("task=receive", f"input='{input_}'", "name=x", f"model='{model}'", *words)
+    settings = composed(
+        "task=receive", f"input='{input_}'", "name=x", f"model='{model}'", *words
+    )
     said = ""
     try:
         run_task(settings, folder)
@@ -63,46 +70,89 @@ def receive(input_, folder, model, *words):
 
 
 def test_the_film_is_the_frames_enlarged(sent):
-    film, plan = np.load(sent / "frames.npy"), yaml.safe_load((sent / "plan.yaml").read_text())
-    shown = [frame.grey[4::8, 4::8] > 127 for frame in read_recording(sent / "film.mp4", "luma")]
+    film, plan = (
+        np.load(sent / "frames.npy"),
+        yaml.safe_load((sent / "plan.yaml").read_text()),
+    )
+    shown = [
+        frame.grey[4::8, 4::8] > 127
+        for frame in read_recording(sent / "film.mp4", "luma")
+    ]
     assert (np.stack(shown) == film).all()
     assert film.shape[1:] == (plan["rows"], plan["columns"]) == (8, 8)
-    assert {path.name for path in sent.iterdir()} == {"frames.npy", "film.mp4", "plan.yaml", "config.yaml"}
+    assert {path.name for path in sent.iterdir()} == {
+        "frames.npy",
+        "film.mp4",
+        "plan.yaml",
+        "config.yaml",
+    }
 
 
-def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(sent, model, tmp_path):
-    words = "scene.distance_m=40", "scene.ambient_lx=8000", "record.fps=170", "record.margin=2"
+def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(
+    sent, model, tmp_path
+):
+    words = (
+        "scene.distance_m=40",
+        "scene.ambient_lx=8000",
+        "record.fps=170",
+        "record.margin=2",
+    )
     red = "+scene.effects.colour={peak_nm:630,second_nm:470,second_share:0.01}"
-    run_task(composed("task=record", f"input='{sent}'", "name=x", *words, red), tmp_path / "red")
+    run_task(
+        composed("task=record", f"input='{sent}'", "name=x", *words, red),
+        tmp_path / "red",
+    )
     frames = list(read_recording(tmp_path / "red/recording.mp4", "luma"))
     brightest = np.stack([frame.colour for frame in frames[:20]]).max(axis=(0, 1, 2))
     assert int(brightest[0]) > int(brightest[1:].max()) + 50
-    film, more = np.load(sent / "frames.npy"), np.load(tmp_path / "red/frames.second.npy")
+    film, more = (
+        np.load(sent / "frames.npy"),
+        np.load(tmp_path / "red/frames.second.npy"),
+    )
     assert more.shape == film.shape
     assert 0.4 < (more ^ film).mean() < 0.6
     greys = np.load(tmp_path / "red/recording.npy")
-    assert np.abs(greys[5].astype(float) - frames[5].grey).mean() < 3  # the film is compressed
-    receive(tmp_path / "red/recording.mp4", tmp_path / "out", model, "receive.channel=red")
+    assert (
+        np.abs(greys[5].astype(float) - frames[5].grey).mean() < 3
+    )  # the film is compressed
+    receive(
+        tmp_path / "red/recording.mp4", tmp_path / "out", model, "receive.channel=red"
+    )
     assert (tmp_path / "out/message.bin").read_bytes() == TEXT
 
 
 def test_a_file_comes_back_from_the_video(seen, model, tmp_path, capsys):
     rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
-    assert "8 of 8 packets arrived" in capsys.readouterr().out  # of the message's 5, three are sent twice
+    assert (
+        "8 of 8 packets arrived" in capsys.readouterr().out
+    )  # of the message's 5, three are sent twice
     assert (tmp_path / "out" / "message.bin").read_bytes() == TEXT
     assert not said
-    assert [row["sequence"] for row in rows if row["arrived"] == "1"][:5] == ["0", "1", "2", "3", "4"]
+    assert [row["sequence"] for row in rows if row["arrived"] == "1"][:5] == [
+        "0",
+        "1",
+        "2",
+        "3",
+        "4",
+    ]
     truth = rows_of(seen / "truth.csv")
     assert len(truth) == len(np.load(seen / "recording.npy", mmap_mode="r"))
     assert truth[-1]["symbol"] == "255"
 
 
-def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(seen, model, tmp_path):
+def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(
+    seen, model, tmp_path
+):
     greys = np.load(seen / "recording.npy")
     np.save(tmp_path / "cut.npy", greys[: len(greys) // 2 + 20])
     plan = f"receive.plan='{seen / 'plan.yaml'}'"
-    rows, said = receive(tmp_path / "cut.npy", tmp_path / "out", model, plan, "receive.fps=170")
-    assert "of 5 packets of the message 1 are missing (4), more than the 4 that the recording" in said
+    rows, said = receive(
+        tmp_path / "cut.npy", tmp_path / "out", model, plan, "receive.fps=170"
+    )
+    assert (
+        "of 5 packets of the message 1 are missing (4), more than the 4 that the recording"
+        in said
+    )
     part = (tmp_path / "out" / "message.partial").read_bytes()
     assert not (tmp_path / "out" / "message.bin").exists()
     missing = rows_of(tmp_path / "out" / "missing.csv")
@@ -117,7 +167,10 @@ def test_a_video_that_was_cut_gives_what_it_has(seen, model, tmp_path, share):
     (tmp_path / "cut.mp4").write_bytes(whole[: int(share * len(whole))])
     with pytest.warns(UserWarning, match="its header speaks of"):
         rows, said = receive(
-            tmp_path / "cut.mp4", tmp_path / "out", model, f"receive.plan='{seen / 'plan.yaml'}'"
+            tmp_path / "cut.mp4",
+            tmp_path / "out",
+            model,
+            f"receive.plan='{seen / 'plan.yaml'}'",
         )
     arrived = [row for row in rows if row["arrived"] == "1"]
     assert bool(arrived) == (share > 0.5)
@@ -129,26 +182,43 @@ def test_a_video_that_was_cut_gives_what_it_has(seen, model, tmp_path, share):
         assert len(part) < len(TEXT)
 
 
-def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path, monkeypatch):
+def test_receiving_that_is_interrupted_writes_what_it_has(
+    seen, model, tmp_path, monkeypatch
+):
     def until_half(*given, **named):
         for one in read_recording(*given, **named):
             if one.index == 300:
                 raise KeyboardInterrupt
             yield one
 
-    monkeypatch.setattr("vocc_torch.extras.messages.receive_task.read_recording", until_half)
+    monkeypatch.setattr(
+        "vocc_torch.extras.messages.receive_task.read_recording", until_half
+    )
     rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
     assert "interrupted after 256 frames" in said
-    assert [row["sequence"] for row in rows if row["arrived"] == "1"] == ["0", "1", "2", "3"]
+    assert [row["sequence"] for row in rows if row["arrived"] == "1"] == [
+        "0",
+        "1",
+        "2",
+        "3",
+    ]
     assert (tmp_path / "out" / "message.partial").read_bytes()[:400] == TEXT[:400]
 
 
 def test_a_calibrated_scene_may_not_bear_the_name_of_one_that_ships(tmp_path):
-    with pytest.raises(VoccError, match="name is 'night': it must be another name than that of a scene that"):
-        run_task(composed("task=calibrate", "name=night", "input=/dev/null"), tmp_path / "out")
+    with pytest.raises(
+        VoccError,
+        match="name is 'night': it must be another name than that of a scene that",
+    ):
+        run_task(
+            composed("task=calibrate", "name=night", "input=/dev/null"),
+            tmp_path / "out",
+        )
 
 
-def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(sent, tmp_path, monkeypatch):
+def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(
+    sent, tmp_path, monkeypatch
+):
     """A file of its full size from the first frame on is a memory map, which a full disk ends by a signal."""
     sizes = []
 
@@ -158,9 +228,13 @@ def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(se
             sizes.append((file.stat().st_size, picture.size))
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("vocc_torch.extras.messages.record_task.write_video", until_full)
+    monkeypatch.setattr(
+        "vocc_torch.extras.messages.record_task.write_video", until_full
+    )
     words = f"input='{sent}'", "name=x", "scene.distance_m=40", "batch_frames=8"
-    with pytest.raises(VoccError, match=r"cannot write .*recording.npy: No space left on device"):
+    with pytest.raises(
+        VoccError, match=r"cannot write .*recording.npy: No space left on device"
+    ):
         run_task(composed("task=record", *words), tmp_path / "out")
     assert max(size for size, _ in sizes) < 60 * sizes[0][1]  # of 300 frames
     assert not list((tmp_path / "out").iterdir())
@@ -169,12 +243,24 @@ def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(se
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("task=transmit transmit.code_rate=1.5", "transmit.code_rate is 1.5: it must be above 0 and below 1"),
-        ("task=transmit scene.distance_m=50", "scene.distance_m is 50: task=transmit does not use it"),
+        (
+            "task=transmit transmit.code_rate=1.5",
+            "transmit.code_rate is 1.5: it must be above 0 and below 1",
+        ),
+        (
+            "task=transmit scene.distance_m=50",
+            "scene.distance_m is 50: task=transmit does not use it",
+        ),
         ("task=record record.fps=0", "record.fps is 0: it must be above 0"),
         ("task=record panel.rows=4", "panel.rows is 4: task=record does not use it"),
-        ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of scores, calibrated"),
-        ("task=receive receive.channel=auto", "receive.channel is 'auto': it must be one of luma, max, red"),
+        (
+            "task=receive receive.soft=very",
+            "receive.soft is 'very': it must be one of scores, calibrated",
+        ),
+        (
+            "task=receive receive.channel=auto",
+            "receive.channel is 'auto': it must be one of luma, max, red",
+        ),
         (
             "task=messages messages.codes=[rs]",
             "messages.codes has 'rs': it must be none, or rs, ldpc or conv",
@@ -187,20 +273,35 @@ def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(se
             "task=messages messages.distance_m=[] messages.ambient_lx=[] messages.ratio=[]",
             "messages varies n",
         ),
-        ("task=messages messages.record.dropped=2", "messages.record.dropped is 2: it must be at least 0"),
-        ("task=messages messages.signalling.bands=0", "messages.signalling.bands is 0: it must be"),
-        ("task=messages messages.codes=[rs-.0]", "messages.codes has 'rs-.0': it must be none, or rs,"),
+        (
+            "task=messages messages.record.dropped=2",
+            "messages.record.dropped is 2: it must be at least 0",
+        ),
+        (
+            "task=messages messages.signalling.bands=0",
+            "messages.signalling.bands is 0: it must be",
+        ),
+        (
+            "task=messages messages.codes=[rs-.0]",
+            "messages.codes has 'rs-.0': it must be none, or rs,",
+        ),
         ("task=record record.dropped=2", "record.dropped is 2: it must be at least 0"),
         (
             "task=messages messages.signalling.code=rs",
             "messages.signalling.code is rs: task=messages does no",
         ),
-        ("task=messages messages.soft=[hard,hard]", "messages.soft is ['hard', 'hard']: it must be some of"),
+        (
+            "task=messages messages.soft=[hard,hard]",
+            "messages.soft is ['hard', 'hard']: it must be some of",
+        ),
         (
             "task=receive receiver.locator=truth",
             "receiver.locator is 'truth': it must be paper, refined or learned",
         ),
-        ("task=receive model=r.pt scene=night", "scene is night: the model brings its own"),
+        (
+            "task=receive model=r.pt scene=night",
+            "scene is night: the model brings its own",
+        ),
     ],
 )
 def test_what_is_refused_is_named(words, said):
@@ -229,24 +330,62 @@ def test_inputs_that_are_not_there(tmp_path, sent, task, place, said):
     words = () if place is None else (f"input='{tmp_path / place}'",)
     with pytest.raises(VoccError, match=said):
         run_task(
-            composed(f"task={task}", f"name={'night' if task == 'calibrate' else 'x'}", *words),
+            composed(
+                f"task={task}",
+                f"name={'night' if task == 'calibrate' else 'x'}",
+                *words,
+            ),
             tmp_path / "out",
         )
 
 
 SMALL = (
-    *("experiment=messages", "name=x", "scene=paper", "workers=1", "budget.training_frames=64"),
-    *("classifier=[]", "messages.recordings=2", "messages.signalling.block_symbols=32", "messages.ratio=[]"),
-    *("messages.ambient_lx=[]", "messages.soft=[scores,hard]", "messages.interleave=[true,false]"),
-    *("messages.at_ratio=1.5", "experiment.training={distance_m:[uniform,30,70]}", "batch_frames=32"),
+    *(
+        "experiment=messages",
+        "name=x",
+        "scene=paper",
+        "workers=1",
+        "budget.training_frames=64",
+    ),
+    *(
+        "classifier=[]",
+        "messages.recordings=2",
+        "messages.signalling.block_symbols=32",
+        "messages.ratio=[]",
+    ),
+    *(
+        "messages.ambient_lx=[]",
+        "messages.soft=[scores,hard]",
+        "messages.interleave=[true,false]",
+    ),
+    *(
+        "messages.at_ratio=1.5",
+        "experiment.training={distance_m:[uniform,30,70]}",
+        "batch_frames=32",
+    ),
 )
 
 
-def test_a_recording_that_loses_all_its_frames_loses_its_packets_and_the_study_goes_on(tmp_path):
+def test_a_recording_that_loses_all_its_frames_loses_its_packets_and_the_study_goes_on(
+    tmp_path,
+):
     """Recordings of fewer than 150 frames, and runs of 300: all of one is lost, or a part."""
-    words = "receiver.names=[flda_3]", "messages.soft=[scores]", "messages.interleave=[true]"
-    words += "messages.codes=[none]", "messages.distance_m=[40]", "messages.record.burst_frames=300"
-    run_task(composed(*SMALL, *words, "messages.record.dropped=0.7", "messages.recordings=4"), tmp_path / "a")
+    words = (
+        "receiver.names=[flda_3]",
+        "messages.soft=[scores]",
+        "messages.interleave=[true]",
+    )
+    words += (
+        "messages.codes=[none]",
+        "messages.distance_m=[40]",
+        "messages.record.burst_frames=300",
+    )
+    run_task(
+        composed(
+            *SMALL, *words, "messages.record.dropped=0.7", "messages.recordings=4"
+        ),
+        tmp_path / "a",
+    )
     (row,) = rows_of(tmp_path / "a" / "messages.csv")
     assert 0 < int(row["lost"]) < int(row["packets"])
     assert float(row["raw_ber"]) < 0.01
@@ -261,12 +400,27 @@ def test_a_study_of_messages(tmp_path):
     words = "messages.distance_m=[40,400]", "messages.codes=[none,rs-0.5]"
     run_task(composed(*SMALL, *words), tmp_path / "out")
     rows = rows_of(tmp_path / "out" / "messages.csv")
-    assert len(rows) == 2 * 2 * 2 * 2 * 2  # distances, receivers, soft values, interleaving, codes
-    lost = {value: {int(row["lost"]) for row in rows if float(row["value"]) == value} for value in (40, 400)}
+    assert (
+        len(rows) == 2 * 2 * 2 * 2 * 2
+    )  # distances, receivers, soft values, interleaving, codes
+    lost = {
+        value: {int(row["lost"]) for row in rows if float(row["value"]) == value}
+        for value in (40, 400)
+    }
     assert lost == {40: {0}, 400: {int(rows[0]["packets"])}}
     assert {row["false_packets"] for row in rows} == {"0"}
-    chosen = [(row["value"], row["receiver"], row["code"]) for row in rows if row["best"] == "1"]
+    chosen = [
+        (row["value"], row["receiver"], row["code"])
+        for row in rows
+        if row["best"] == "1"
+    ]
     assert chosen == [("40.0", "flda_2", "none"), ("40.0", "flda_3", "none")]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("messages.csv", "messages_paired.csv", "messages.png", "goodput.png", "config.yaml")
+        *(
+            "messages.csv",
+            "messages_paired.csv",
+            "messages.png",
+            "goodput.png",
+            "config.yaml",
+        )
     }

@@ -35,7 +35,9 @@ def test_a_few_sync_bits_tell_their_place(order):
     assert len(bits) == len(windows) == 2**order
 
 
-@pytest.mark.parametrize(("rows", "columns", "bands"), [(8, 8, 4), (16, 16, 4), (4, 4, 2), (5, 9, 5)])
+@pytest.mark.parametrize(
+    ("rows", "columns", "bands"), [(8, 8, 4), (16, 16, 4), (4, 4, 2), (5, 9, 5)]
+)
 @pytest.mark.parametrize("code", ["rs", "none"])
 def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
     own = layout(rows, columns, bands=bands, code=code)
@@ -44,7 +46,9 @@ def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
     assert cells - len(places) < 8 * own.packets + 8 * own.unit
     assert own.word_bits % 8 == 0
     assert own.word_bits <= 8 * 255
-    words = np.random.default_rng(0).integers(2, size=(own.packets, own.word_bits), dtype=np.uint8)
+    words = np.random.default_rng(0).integers(
+        2, size=(own.packets, own.word_bits), dtype=np.uint8
+    )
     film = own.write(words)
     assert ((own.read(2 * film.astype(np.float32) - 1) > 0) == words).all()
     corners = film[:, [0, 0, -1, -1], [0, -1, 0, -1]]
@@ -60,7 +64,9 @@ def test_a_dead_row_or_corner_takes_no_more_of_any_word_than_its_share():
         dead = np.zeros((own.symbols, 8, 8), dtype=np.float32)
         dead[:, rows, columns] = 1
         by_byte = own.take(dead).reshape(own.packets, -1, 8)
-        assert (by_byte.any(axis=2) == by_byte.all(axis=2)).all()  # a byte keeps to its cell
+        assert (
+            by_byte.any(axis=2) == by_byte.all(axis=2)
+        ).all()  # a byte keeps to its cell
         share = dead[0][own.kind == "data"].mean()
         assert by_byte.mean(axis=(1, 2)).max() < share + 0.08
     plain = layout(code="rs", interleave=False)
@@ -75,7 +81,9 @@ def test_any_message_has_random_transitions_once_it_is_scrambled():
     for scramble in (True, False):
         film = film_of(bytes(1800), plan(code="none", scramble=scramble))
         share = film.mean(axis=0)[layout().kind == "data"]
-        assert (0.3 < share.min() < share.max() < 0.7) if scramble else share.max() < 0.2
+        assert (
+            (0.3 < share.min() < share.max() < 0.7) if scramble else share.max() < 0.2
+        )
 
 
 @given(message=st.binary(min_size=1, max_size=400), size=st.integers(17, 200))
@@ -100,7 +108,10 @@ def test_any_wrong_bit_is_refused_by_the_checksum():
 
 def test_a_packet_whose_number_or_filling_does_not_fit_is_refused():
     for sequence, payload in ((9, b"abcd"), (1, b"b\0\0\1")):
-        body = b"".join(n.to_bytes(4, "big") for n in (sequence, 5, zlib.crc32(b"abcdb"))) + payload
+        body = (
+            b"".join(n.to_bytes(4, "big") for n in (sequence, 5, zlib.crc32(b"abcdb")))
+            + payload
+        )
         assert unpacked(body + zlib.crc32(body).to_bytes(4, "big")) is None
 
 
@@ -130,18 +141,24 @@ def test_a_partial_message_says_what_it_lacks(tmp_path):
         ("part", "message.partial"),
         ("missing", "missing.csv"),
     ]
-    assert (tmp_path / "message.partial").read_bytes() == TEXT[:20] + TEXT[40:60] + TEXT[80:]
+    assert (tmp_path / "message.partial").read_bytes() == TEXT[:20] + TEXT[
+        40:60
+    ] + TEXT[80:]
     lines = (tmp_path / "missing.csv").read_text().split()
     assert lines[1:] == ["1,1,1,20,40", "1,3,3,60,80"]
 
 
-def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memory(tmp_path):
+def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memory(
+    tmp_path,
+):
     claims = [forged(9 * n, 1 << 31, 7, bytes([n + 1] * 20)) for n in range(12)]
     tracemalloc.start()
     assembly = assembled(*claims, *HONEST)
     assert write_messages(assembly, tmp_path) == [("message", "message.bin")]
     assert (tmp_path / "message.bin").read_bytes() == TEXT
-    assert list(doubts(assembly)) == ["12 packets of 1 other, incomplete messages are not written"]
+    assert list(doubts(assembly)) == [
+        "12 packets of 1 other, incomplete messages are not written"
+    ]
     alone = assembled(*claims)
     write_messages(alone, tmp_path / "alone")
     assert tracemalloc.get_traced_memory()[1] < 1e6
@@ -155,7 +172,10 @@ def test_messages_of_two_transmitters_are_written_both(tmp_path):
     assembly = assembled(*HONEST[:2], *other, *HONEST[2:])
     places = write_messages(assembly, tmp_path)
     assert places == [("message", "message.bin"), ("message", "message_2.bin")]
-    assert [(tmp_path / name).read_bytes() for _, name in places] == [TEXT, b"another transmitter's text"]
+    assert [(tmp_path / name).read_bytes() for _, name in places] == [
+        TEXT,
+        b"another transmitter's text",
+    ]
     assert not list(doubts(assembly))
 
 
@@ -186,7 +206,11 @@ def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_kn
     code, draws = ReedSolomon(216, 150), np.random.default_rng(0)
     info = draws.integers(256, size=(1, 150), dtype=np.uint8)
     sure = 8.0 * code.encode(info).astype(np.float32) - 4
-    for wrong, unsure, right in ((33, False, True), (34, False, False), (58, True, True)):
+    for wrong, unsure, right in (
+        (33, False, True),
+        (34, False, False),
+        (58, True, True),
+    ):
         given = sure.copy().reshape(216, 8)
         at = draws.permutation(216)[:wrong]
         given[at] *= -0.01 if unsure else -1
@@ -205,7 +229,12 @@ def test_convolutional_words_are_those_of_the_tabled_generators(rate):
     sent = [[np.convolve(np.unpackbits(one), tap) % 2 for tap in taps] for one in info]
     whole = np.array(sent).transpose(0, 2, 1).reshape(2, -1)
     words = code.encode(info)
-    assert (words == whole[:, np.floor(np.arange(1728) * (whole.shape[1] / 1728) + 1e-9).astype(int)]).all()
+    assert (
+        words
+        == whole[
+            :, np.floor(np.arange(1728) * (whole.shape[1] / 1728) + 1e-9).astype(int)
+        ]
+    ).all()
     llr = 8.0 * words.astype(np.float32) - 4
     if rate == 0.5:  # at least 10 bits apart, so that any 4 wrong ones are corrected
         llr[:, 200:204] *= -1
@@ -225,9 +254,13 @@ def test_soft_values_carry_what_hard_ones_lose(name, rate, deviates, least, most
     info = draws.integers(256, size=(16, code.info_bytes), dtype=np.uint8)
     sigma = 1 / deviates
     y = 2.0 * code.encode(info) - 1 + sigma * draws.standard_normal((16, own.word_bits))
-    soft, hard = (2 * y / sigma**2).astype(np.float32), (2.9 * np.sign(y)).astype(np.float32)
+    soft, hard = (
+        (2 * y / sigma**2).astype(np.float32),
+        (2.9 * np.sign(y)).astype(np.float32),
+    )
     right = [
-        sum(a == b.tobytes() for a, b in zip(code.decode(llr), info, strict=True)) for llr in (soft, hard)
+        sum(a == b.tobytes() for a, b in zip(code.decode(llr), info, strict=True))
+        for llr in (soft, hard)
     ]
     assert right[0] >= least
     assert right[1] <= most
@@ -235,7 +268,11 @@ def test_soft_values_carry_what_hard_ones_lose(name, rate, deviates, least, most
 
 @pytest.mark.parametrize(
     ("code", "words"),
-    [("rs", 10), ("none", 50), *(pytest.param(code, 1000, marks=pytest.mark.slow) for code in CODES)],
+    [
+        ("rs", 10),
+        ("none", 50),
+        *(pytest.param(code, 1000, marks=pytest.mark.slow) for code in CODES),
+    ],
 )
 def test_noise_is_no_packet(code, words):
     own, coder = coded(code)
@@ -248,10 +285,16 @@ def test_noise_is_no_packet(code, words):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"code": "turbo"}, "transmit.code is 'turbo': it must be one of rs, ldpc, conv, none"),
+        (
+            {"code": "turbo"},
+            "transmit.code is 'turbo': it must be one of rs, ldpc, conv, none",
+        ),
         ({"code_rate": 1.0}, "transmit.code_rate is 1: it must be above 0 and below 1"),
         ({"symbol_rate_hz": 0}, "transmit.symbol_rate_hz is 0: it must be above 0"),
-        ({"block_symbols": 100}, "transmit.block_symbols is 100: it must be 32, 64, 128 or 256"),
+        (
+            {"block_symbols": 100},
+            "transmit.block_symbols is 100: it must be 32, 64, 128 or 256",
+        ),
         ({"bands": 9}, "transmit.bands is 9: it must be at most the panel's rows, 8"),
         ({"rows": 1, "columns": 4, "bands": 1}, "panel of 1 x 4 LEDs is too small"),
         ({"code_rate": 0.05}, "a packet of 10 bytes has no room beside 16"),

@@ -12,13 +12,17 @@ from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
 
 KEY = BlockKey(0, "recording", 0)
-FILM = torch.from_numpy(np.random.default_rng(0).integers(2, size=(6, 8, 8)).astype(bool))
+FILM = torch.from_numpy(
+    np.random.default_rng(0).integers(2, size=(6, 8, 8)).astype(bool)
+)
 SCENE = Scene.of(distance_m=40.0)
 LINEAR = {"attenuation": {"visibility_m": 40000.0}}
 
 
 def taken(shutter, simulator=None, film=FILM, symbol_s=0.01, **options):
-    return list(record(simulator or Simulator(), SCENE, film, symbol_s, shutter, KEY, **options))
+    return list(
+        record(simulator or Simulator(), SCENE, film, symbol_s, shutter, KEY, **options)
+    )
 
 
 def test_frames_amid_a_symbol_are_those_of_the_symbol_alone():
@@ -37,7 +41,9 @@ def test_an_exposure_that_catches_two_symbols_has_the_light_of_both_by_its_share
     middle = 0.01 + 0.004 * (share - 0.5)  # so much of it lies behind the edge
 
     def grey(moment):
-        return taken(Shutter(1e3, start_s=moment), simulator, FILM[:2])[0].frames.grey[0]
+        return taken(Shutter(1e3, start_s=moment), simulator, FILM[:2])[0].frames.grey[
+            0
+        ]
 
     mixed, before, after = grey(middle), grey(0.005), grey(0.015)
     assert torch.allclose(mixed, (1 - share) * before + share * after, rtol=1e-6)
@@ -46,12 +52,19 @@ def test_an_exposure_that_catches_two_symbols_has_the_light_of_both_by_its_share
 
 def test_leds_of_a_further_colour_play_a_film_of_their_own():
     """Amid symbols and across their edges a frame's light is that of both films, each in its colour."""
-    camera, shutter = Camera(exposure_time_s=0.004, gamma=1.0), Shutter(130.0, 0.003, readout_s=0.02)
+    camera, shutter = (
+        Camera(exposure_time_s=0.004, gamma=1.0),
+        Shutter(130.0, 0.003, readout_s=0.02),
+    )
 
     def light(film, **colour):
-        simulator = Simulator(camera, effects=LINEAR | {"colour": colour}, dtype=torch.float64)
+        simulator = Simulator(
+            camera, effects=LINEAR | {"colour": colour}, dtype=torch.float64
+        )
         parts = taken(shutter, simulator, film, batch=3)
-        return torch.cat([part.frames.colour for part in parts]), further_films(simulator, film, KEY)
+        return torch.cat([part.frames.colour for part in parts]), further_films(
+            simulator, film, KEY
+        )
 
     both, more = light(FILM, peak_nm=630, second_nm=470)
     assert 0.4 < float((more[".second"] ^ FILM).float().mean()) < 0.6
@@ -99,13 +112,23 @@ def test_lost_frames_come_in_runs_and_their_share_is_what_was_asked_for(dropped,
     assert runs.mean() == pytest.approx(mean, rel=0.05)
     assert lost.sum() / 2e5 == pytest.approx(dropped, rel=0.05)
     with pytest.raises(VoccError, match="lose all of 9 frames"):
-        Shutter(1.0, dropped=0.999, burst_frames=9000).taken_s(9.0, np.random.default_rng(1))
+        Shutter(1.0, dropped=0.999, burst_frames=9000).taken_s(
+            9.0, np.random.default_rng(1)
+        )
 
 
 def test_a_panel_that_moves_keeps_its_truth():
-    far = list(record(Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-100.0))
+    far = list(
+        record(Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-100.0)
+    )
     corners = far[0].panels.corners_px
     width = corners[:, 1, 0] - corners[:, 0, 0]
-    assert torch.allclose(width * (40.0 - 100.0 * torch.from_numpy(far[0].taken_s)), width[0] * 40.0)
+    assert torch.allclose(
+        width * (40.0 - 100.0 * torch.from_numpy(far[0].taken_s)), width[0] * 40.0
+    )
     with pytest.raises(VoccError, match="distance_m"):
-        list(record(Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-1000.0))
+        list(
+            record(
+                Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-1000.0
+            )
+        )

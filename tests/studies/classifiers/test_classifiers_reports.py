@@ -31,7 +31,12 @@ from vocc_torch.studies.classifiers.results import (
 from vocc_torch.studies.classifiers.run import board_numbers, print_table, write_tables
 
 FRAMES = 1000
-WRONG = {"average_greyscale": (9000, 4000), "flda_3": (300, 200), "net": (5, 0), "plain": (60, 500)}
+WRONG = {
+    "average_greyscale": (9000, 4000),
+    "flda_3": (300, 200),
+    "net": (5, 0),
+    "plain": (60, 500),
+}
 """Wrong bits of each receiver, one a frame where they fit, at 30 and at 70 m."""
 
 
@@ -49,7 +54,12 @@ def paired(a, b):
     each, rest = divmod(excess // 2, FRAMES)
     squares = 4 * ((FRAMES - rest) * each**2 + rest * (each + 1) ** 2)
     side = (excess, squares, min(FRAMES, excess // 2))
-    return PairedCounts(FRAMES, 64 * FRAMES, *(side if a > b else (0, 0, 0)), *((0, 0, 0) if a > b else side))
+    return PairedCounts(
+        FRAMES,
+        64 * FRAMES,
+        *(side if a > b else (0, 0, 0)),
+        *((0, 0, 0) if a > b else side),
+    )
 
 
 def curves(experiment="distance"):
@@ -60,7 +70,11 @@ def curves(experiment="distance"):
         "truth",
         names,
         values,
-        {(name, value): counts(WRONG[name][i]) for name in names for i, value in enumerate(values)},
+        {
+            (name, value): counts(WRONG[name][i])
+            for name in names
+            for i, value in enumerate(values)
+        },
         {
             (a, b, value): paired(WRONG[a][i], WRONG[b][i])
             for i, value in enumerate(values)
@@ -83,7 +97,14 @@ def words_of(comparison):
 
 
 def transfer(receiver, trained_on, tested_on, wrong, at_home):
-    return Transfer(receiver, trained_on, tested_on, counts(wrong), counts(at_home), paired(at_home, wrong))
+    return Transfer(
+        receiver,
+        trained_on,
+        tested_on,
+        counts(wrong),
+        counts(at_home),
+        paired(at_home, wrong),
+    )
 
 
 PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
@@ -91,11 +112,18 @@ PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "
 
 @pytest.fixture
 def made_up():
-    errors = {"flda_3": (200, 900, 250, 250), "net": (0, 40, 30, 0), "plain": (100, 100, 120, 110)}
+    errors = {
+        "flda_3": (200, 900, 250, 250),
+        "net": (0, 40, 30, 0),
+        "plain": (100, 100, 120, 110),
+    }
     transfers = []
     for place, pair in enumerate(PAIRS):
         home = 0 if pair[1] == "paper" else 3
-        transfers += [transfer(name, *pair, wrong[place], wrong[home]) for name, wrong in errors.items()]
+        transfers += [
+            transfer(name, *pair, wrong[place], wrong[home])
+            for name, wrong in errors.items()
+        ]
     return Comparison(
         reference="flda_3",
         curves={"distance": curves()},
@@ -105,7 +133,12 @@ def made_up():
             "net": Making(12.0, 6.0, 8000, 5185, 25_300),
             "plain": Making(0.6, 0.5, 1000, None, 1340),
         },
-        decision_ms={"average_greyscale": 0.002, "flda_3": 0.004, "net": 0.08, "plain": 0.02},
+        decision_ms={
+            "average_greyscale": 0.002,
+            "flda_3": 0.004,
+            "net": 0.08,
+            "plain": 0.02,
+        },
         points={"distance": 70.0},
         genie={"distance": {30.0: genie_point(), 70.0: genie_point()}},
         transfers=transfers,
@@ -135,12 +168,28 @@ def test_ratios_are_fractions_or_multiples(ratio, text):
 def test_the_tables_state_what_was_counted(made_up, tmp_path):
     write_tables(tmp_path, made_up)
     rows = lines_of(tmp_path / "classifiers.csv")
-    assert [row["receiver"] for row in rows] == ["net", "flda_3", "plain", "average_greyscale"]
+    assert [row["receiver"] for row in rows] == [
+        "net",
+        "flda_3",
+        "plain",
+        "average_greyscale",
+    ]
     by = {row["receiver"]: row for row in rows}
-    assert (by["net"]["training_s"], by["net"]["parameters"], by["plain"]["parameters"]) == ("12", "5185", "")
-    assert float(by["net"]["distance_70_ber_high"]) > float(by["net"]["distance_70_ber"]) == 0
+    assert (
+        by["net"]["training_s"],
+        by["net"]["parameters"],
+        by["plain"]["parameters"],
+    ) == ("12", "5185", "")
+    assert (
+        float(by["net"]["distance_70_ber_high"])
+        > float(by["net"]["distance_70_ber"])
+        == 0
+    )
     assert float(by["plain"]["distance_70_ratio"]) == pytest.approx(2.5)
-    pair = {(row["receiver"], row["value"]): row for row in lines_of(tmp_path / "paired.csv")}
+    pair = {
+        (row["receiver"], row["value"]): row
+        for row in lines_of(tmp_path / "paired.csv")
+    }
     assert float(pair["net", "30"]["ratio"]) == pytest.approx(1 / 60)
     assert pair["net", "30"]["reference_worse"] == "295"
     scenes = {
@@ -150,7 +199,11 @@ def test_the_tables_state_what_was_counted(made_up, tmp_path):
     assert scenes["paper", "night", "net"]["ratio"] == ""
     assert float(scenes["night", "paper", "flda_3"]["ratio"]) == pytest.approx(4.5)
     (first, _) = lines_of(tmp_path / "genie.csv")
-    assert (first["best_receivers"], first["best_bit_errors"], first["proven"]) == ("net", "0", "64")
+    assert (first["best_receivers"], first["best_bit_errors"], first["proven"]) == (
+        "net",
+        "0",
+        "64",
+    )
 
 
 def test_after_several_trainings_the_algorithms_are_compared(made_up, tmp_path):
@@ -162,10 +215,18 @@ def test_after_several_trainings_the_algorithms_are_compared(made_up, tmp_path):
         each, frames = [], np.arange(FRAMES)
         for of in (WRONG, worse):
             whole, more = divmod(of[name][i], FRAMES)
-            each.append(FrameErrors(2 * (whole + (frames < more))[None], frames[None] >= 0, 64))
-        return Trained(tuple(one.counts[0] for one in each), FrameErrors.pooled(each).counts[0])
+            each.append(
+                FrameErrors(2 * (whole + (frames < more))[None], frames[None] >= 0, 64)
+            )
+        return Trained(
+            tuple(one.counts[0] for one in each), FrameErrors.pooled(each).counts[0]
+        )
 
-    of = {(name, value): trained(name, i) for name in WRONG for i, value in enumerate((30.0, 70.0))}
+    of = {
+        (name, value): trained(name, i)
+        for name in WRONG
+        for i, value in enumerate((30.0, 70.0))
+    }
     twice = replace(made_up, curves={"distance": replace(curves(), trained=of)})
     ratio, first = (one.ratio("distance", "net", 70.0) for one in (twice, made_up))
     assert (ratio.value, first.value) == (pytest.approx(20 / 200), 0)
@@ -176,7 +237,11 @@ def test_after_several_trainings_the_algorithms_are_compared(made_up, tmp_path):
     assert "means over 2 trainings" in words_of(twice)
     assert "means over" not in words_of(made_up)
     write_tables(tmp_path, twice)
-    (row,) = (row for row in lines_of(tmp_path / "classifiers.csv") if row["receiver"] == "net")
+    (row,) = (
+        row
+        for row in lines_of(tmp_path / "classifiers.csv")
+        if row["receiver"] == "net"
+    )
     assert [row[f"distance_70_{name}"] for name in ("ber", "ratio")] == ["0", "0"]
     assert float(row["distance_70_algorithm_ratio"]) == pytest.approx(0.1)
     assert row["trainings"] == "2"
@@ -188,7 +253,9 @@ def test_the_terminal_shows_the_best_first_and_fits(made_up, width):
     print_table(made_up, console)
     text = console.export_text()
     lines = text.splitlines()
-    starts = [line.split()[0] for line in lines if line.split() and line.split()[0] in WRONG]
+    starts = [
+        line.split()[0] for line in lines if line.split() and line.split()[0] in WRONG
+    ]
     assert starts == list(made_up.ranked)
     assert max(map(len, lines)) <= width
     assert ("para-" in text) == (width == 120)
@@ -233,13 +300,18 @@ def test_what_is_missing_or_odd_is_said(made_up):
     beaten = {"distance": {30.0: genie_point(), 70.0: genie_point(wrong=3, net=1)}}
     why = "the genie knows no likelihood for scene.effects.jpeg"
     curves = made_up.curves["distance"]
-    same = {**curves.counts, **{("plain", value): curves.counts["net", value] for value in curves.values}}
+    same = {
+        **curves.counts,
+        **{("plain", value): curves.counts["net", value] for value in curves.values},
+    }
     tied = replace(curves, counts=same)
     cases = {
         "Left out: svm, since scikit-learn is not installed.": {
             "left_out": {"svm": "scikit-learn is not installed"}
         },
-        "receivers have fewer wrong bits than the genie at distance 70 (net);": {"genie": beaten},
+        "receivers have fewer wrong bits than the genie at distance 70 (net);": {
+            "genie": beaten
+        },
         f"No genie for distance: {why}.": {"genie": {}, "no_genie": {"distance": why}},
         "Without the scenes fog: no panel.": {"lost_scenes": {"fog": "no panel"}},
         "As few wrong bits over all points: plain.": {"curves": {"distance": tied}},
@@ -252,15 +324,23 @@ def test_what_is_missing_or_odd_is_said(made_up):
 def test_each_receiver_has_a_picture_of_its_own(made_up):
     figure = curves_figure(made_up, "distance")
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == ["1. net", "2. FLDA: AGR + GRI + NGR", "3. plain", "4. Average greyscale"]
+    assert titles == [
+        "1. net",
+        "2. FLDA: AGR + GRI + NGR",
+        "3. plain",
+        "4. Average greyscale",
+    ]
     # All pictures show the same rates.
     assert len({axes.get_ylim() for axes in figure.axes}) == 1
     notes = [
-        "".join(text.get_text() for text in axes.texts if "at" in text.get_text()) for axes in figure.axes
+        "".join(text.get_text() for text in axes.texts if "at" in text.get_text())
+        for axes in figure.axes
     ]
     assert notes[0].endswith("at 70")
     assert notes[1:3] == ["", "2.5 \N{MULTIPLICATION SIGN} at 70"]
-    assert any("knows the scene" in text.get_text() for text in figure.legends[0].get_texts())
+    assert any(
+        "knows the scene" in text.get_text() for text in figure.legends[0].get_texts()
+    )
     # A genie without errors lies along the foot, and the faint lines are the others' rates.
     foot = figure.axes[0].get_ylim()[0]
     dashed = [line for line in figure.axes[0].lines if line.get_linestyle() == "--"]
@@ -274,10 +354,21 @@ def test_the_map_of_scenes_says_what_is_certain(made_up):
     out, back = scenes_figure(made_up).axes[:2]
     assert [text.get_text() for text in out.get_xticklabels()] == ["paper", "night"]
     assert [text.get_text() for text in back.get_xticklabels()] == ["night"]
-    assert [text.get_text() for text in out.get_yticklabels()] == ["net", "FLDA: AGR + GRI + NGR", "plain"]
+    assert [text.get_text() for text in out.get_yticklabels()] == [
+        "net",
+        "FLDA: AGR + GRI + NGR",
+        "plain",
+    ]
     shown = [[text.get_text() for text in axes.texts] for axes in (out, back)]
     of_home = ["< 4.7e-5", "", "3.1e-3", "", "1.6e-3", ""]
-    at_night = ["4.7e-4", "0 there", "3.9e-3", "", "1.9e-3", "1.1 \N{MULTIPLICATION SIGN}"]
+    at_night = [
+        "4.7e-4",
+        "0 there",
+        "3.9e-3",
+        "",
+        "1.9e-3",
+        "1.1 \N{MULTIPLICATION SIGN}",
+    ]
     assert shown[0] == [
         *of_home[:2],
         *at_night[:2],
@@ -286,11 +377,20 @@ def test_the_map_of_scenes_says_what_is_certain(made_up):
         *of_home[4:],
         *at_night[4:],
     ]
-    assert shown[1] == ["6.3e-4", "0 there", "1.4e-2", "4.5 \N{MULTIPLICATION SIGN}", "1.6e-3", ""]
+    assert shown[1] == [
+        "6.3e-4",
+        "0 there",
+        "1.4e-2",
+        "4.5 \N{MULTIPLICATION SIGN}",
+        "1.6e-3",
+        "",
+    ]
 
 
 def test_the_board_has_the_prices_in_each_receivers_row(made_up, tmp_path):
-    write_boards(tmp_path, {"": list(made_up.tables.values())}, numbers=board_numbers(made_up))
+    write_boards(
+        tmp_path, {"": list(made_up.tables.values())}, numbers=board_numbers(made_up)
+    )
     assert {path.name for path in tmp_path.iterdir()} == {*WRONG, GENIE, "_summary"}
     events = EventAccumulator(str(tmp_path / "net"))
     events.Reload()

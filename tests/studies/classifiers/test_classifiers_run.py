@@ -11,11 +11,23 @@ from vocc_torch.errors import VoccError
 
 TINY = (
     *("budget.frames=64", "budget.training_frames=64", "device=cpu"),
-    *("receiver.names=[average_greyscale,flda_3]", "classifier=[mlp_features,panel_otsu]"),
-    *(f"classifiers.mlp_features.training.{value}" for value in ("frames=64", "epochs=2")),
+    *(
+        "receiver.names=[average_greyscale,flda_3]",
+        "classifier=[mlp_features,panel_otsu]",
+    ),
+    *(
+        f"classifiers.mlp_features.training.{value}"
+        for value in ("frames=64", "epochs=2")
+    ),
     *("rivals.scene_training_frames=64", "rivals.genie_frames=3"),
-    *("rivals.experiments.ambient.values=[1000,32000]", "rivals.experiments.distance.values=[70]"),
-    *(f"~rivals.scenes.{name}" for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")),
+    *(
+        "rivals.experiments.ambient.values=[1000,32000]",
+        "rivals.experiments.distance.values=[70]",
+    ),
+    *(
+        f"~rivals.scenes.{name}"
+        for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")
+    ),
     *("rivals.scene_frames=40",),
 )
 BASE = ("experiment=classifiers", "panel.board_reflectance=null", *TINY)
@@ -44,7 +56,11 @@ def key(row, *names):
 
 def test_everything_is_written(whole):
     folder, out = whole
-    written = {name for name in files_in(folder) if not name.startswith(("tensorboard/", "ledgers/"))}
+    written = {
+        name
+        for name in files_in(folder)
+        if not name.startswith(("tensorboard/", "ledgers/"))
+    }
     pictures = {"ambient.png", "distance.png", "robustness.png"}
     assert written == TABLES | pictures | {"config.yaml", "summary.txt", "receiver.pt"}
     for name in pictures:
@@ -56,7 +72,10 @@ def test_everything_is_written(whole):
     runs = {path.name for path in (folder / "tensorboard").iterdir()}
     assert runs == {*RECEIVERS, "genie", "_summary"}
     settings = yaml.safe_load((folder / "config.yaml").read_text())
-    assert (settings["task"], settings["receiver"]["locator"]) == ("classifiers", "truth")
+    assert (settings["task"], settings["receiver"]["locator"]) == (
+        "classifiers",
+        "truth",
+    )
     assert list(settings["rivals"]["scenes"]) == ["paper", "night"]
     assert list(settings["classifiers"]) == ["mlp_features", "panel_otsu"]
 
@@ -68,8 +87,14 @@ def test_the_points_are_those_of_a_test_by_itself(place, whole):
         "receiver.names=[flda_3]", "panel.board_reflectance=null", *TINY[:3], "tensorboard=false",
     )  # fmt: skip
     assert (alone.status, alone.err) == (0, "")
-    (own, ours) = (rows_of(place / "runs" / name / "ber.csv") for name in ("alone", "whole"))
-    assert [row for row in ours if key(row, "experiment", "receiver") == ("ambient", "flda_3")] == own
+    (own, ours) = (
+        rows_of(place / "runs" / name / "ber.csv") for name in ("alone", "whole")
+    )
+    assert [
+        row
+        for row in ours
+        if key(row, "experiment", "receiver") == ("ambient", "flda_3")
+    ] == own
     assert {key(row, "experiment", "value") for row in ours} == {
         ("ambient", "1000"), ("ambient", "32000"), ("distance", "70")
     }  # fmt: skip
@@ -81,12 +106,21 @@ def test_a_run_goes_on_where_it_was_interrupted(place, whole):
     again = place / "runs" / "again"
     shutil.copytree(whole[0] / "ledgers", again / "ledgers")
     (again / "ledgers" / "distance.sqlite").unlink()
-    ran = run_in(place, *BASE, "name=again", *QUICK, "rivals.genie_frames=0", "rivals.scene_frames=0")
+    ran = run_in(
+        place,
+        *BASE,
+        "name=again",
+        *QUICK,
+        "rivals.genie_frames=0",
+        "rivals.scene_frames=0",
+    )
     assert (ran.status, ran.err) == (0, "")
     assert "resuming: 6 blocks" in " ".join(ran.out.split())
     assert not {"genie.csv", "robustness.csv", "robustness.png"} & files_in(again)
     assert rows_of(again / "paired.csv") == rows_of(whole[0] / "paired.csv")
-    theirs = [row for row in rows_of(whole[0] / "ber.csv") if row["receiver"] != "genie"]
+    theirs = [
+        row for row in rows_of(whole[0] / "ber.csv") if row["receiver"] != "genie"
+    ]
     assert rows_of(again / "ber.csv") == theirs
 
 
@@ -94,14 +128,26 @@ def test_without_scikit_learn_its_classifiers_are_left_out(place, monkeypatch):
     def told(study, *_):
         raise VoccError(f"{study.base.receiver.names} without {study.left_out}")
 
-    monkeypatch.setattr(import_module("vocc_torch.measure.build"), "find_spec", lambda _: None)
+    monkeypatch.setattr(
+        import_module("vocc_torch.measure.build"), "find_spec", lambda _: None
+    )
     monkeypatch.setattr("vocc_torch.studies.classifiers.run.compare_classifiers", told)
     receivers = ("receiver.names=[flda_3]", "classifier=[panel_otsu,svm]")
     ran = run_in(place, "experiment=classifiers", *receivers, "name=without", *QUICK)
-    assert ran.complaint.startswith("('flda_3', 'panel_otsu') without {'svm': 'scikit-learn is not installed")
+    assert ran.complaint.startswith(
+        "('flda_3', 'panel_otsu') without {'svm': 'scikit-learn is not installed"
+    )
 
 
 def test_a_grid_is_refused(place):
-    ran = run_in(place, *BASE, "name=refused", *QUICK, "+experiment@rivals.experiments.dimming=dimming")
-    assert ran.complaint.startswith("rivals.experiments.dimming is a grid over ambient_lx")
+    ran = run_in(
+        place,
+        *BASE,
+        "name=refused",
+        *QUICK,
+        "+experiment@rivals.experiments.dimming=dimming",
+    )
+    assert ran.complaint.startswith(
+        "rivals.experiments.dimming is a grid over ambient_lx"
+    )
     assert not (place / "runs" / "refused").exists()

@@ -32,7 +32,9 @@ from vocc_torch.studies.classifiers.study import (
 
 LMMSE = ClassifierPlan(
     "lmmse",
-    PlugIn("c", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer", {"classes": 4}),
+    PlugIn(
+        "c", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer", {"classes": 4}
+    ),
     Inputs((), Patch(cells=3, samples=1, domain="exposure", pitch=True)),
 )
 NET = ClassifierPlan(
@@ -63,7 +65,10 @@ FOG = {
 def plan(make_plan):
     """Six receivers, one of which learns from scenes of its own, and two that learn nothing."""
     made = make_plan(names=("flda_3",), experiment=FAR, frames=100, training_frames=128)
-    return replace(made, receiver=replace(made.receiver, names=NAMES, classifiers=(LMMSE, NET, OTSU)))
+    return replace(
+        made,
+        receiver=replace(made.receiver, names=NAMES, classifiers=(LMMSE, NET, OTSU)),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +89,9 @@ def compared(study, folder):
     """Run a study with a ledger for each experiment."""
     with ExitStack() as held, Workers(1) as alone:
         ledgers = {
-            one.key: held.enter_context(Store.open(folder / f"{one.key}.sqlite", one.identity))
+            one.key: held.enter_context(
+                Store.open(folder / f"{one.key}.sqlite", one.identity)
+            )
             for one in (*study.studies, *study.scene_studies)
         }
         return compare_classifiers(study, ledgers, alone, nullcontext, ProgressView(0))
@@ -111,14 +118,21 @@ def test_receivers_are_those_of_any_other_training(plan, whole, kept):
     theirs = train(plan)
     assert torch.equal(kept.flda.direction, theirs.flda.direction)
     (seen,) = Link.of(plan).observe(plan.world.scene, [KEY], preambles=True, frames=16)
-    mine, other = (one.bank(NAMES).scores(seen.readings, seen.preambles) for one in (kept, theirs))
+    mine, other = (
+        one.bank(NAMES).scores(seen.readings, seen.preambles) for one in (kept, theirs)
+    )
     for name in NAMES:
         torch.testing.assert_close(mine[name], other[name], rtol=1e-6, atol=1e-6)
 
 
 def test_costs_and_times_are_stated(whole):
     costs = whole.costs
-    assert {name for name, made in costs.items() if made.frames} == {"flda_2", "flda_3", "lmmse", "net"}
+    assert {name for name, made in costs.items() if made.frames} == {
+        "flda_2",
+        "flda_3",
+        "lmmse",
+        "net",
+    }
     assert (costs["flda_3"].parameters, costs["net"].frames) == (4, 64)
     assert costs["flda_3"].size_bytes < 2000
     assert costs["lmmse"].simulated_s <= costs["lmmse"].training_s
@@ -133,7 +147,11 @@ def test_beside_the_genie_are_the_receivers_on_its_own_frames(plan, whole, kept)
     errors = job_of(plan, {"truth": kept.bank(NAMES)}, 70.0).count([0], 8)
     assert point.receivers == dict(zip(NAMES, errors.counts, strict=True))
     assert point.unbeaten
-    assert (point.genie.counts.frames, point.genie.counts.half_errors, point.genie.proven) == (8, 0, 8)
+    assert (
+        point.genie.counts.frames,
+        point.genie.counts.half_errors,
+        point.genie.proven,
+    ) == (8, 0, 8)
 
 
 def test_only_what_the_genie_cannot_know_is_no_result(study, monkeypatch):
@@ -149,9 +167,13 @@ def test_only_what_the_genie_cannot_know_is_no_result(study, monkeypatch):
         with Workers(1) as alone:
             return genie_points(study, {"far": None}, alone, lambda what, frames: None)
 
-    monkeypatch.setattr(study_module, "genie_reference", raising(UnknownLikelihoodError("full")))
+    monkeypatch.setattr(
+        study_module, "genie_reference", raising(UnknownLikelihoodError("full"))
+    )
     assert asked() == ({}, {"far": "full"})
-    monkeypatch.setattr(study_module, "genie_reference", raising(VoccError("the genie at its worst")))
+    monkeypatch.setattr(
+        study_module, "genie_reference", raising(VoccError("the genie at its worst"))
+    )
     with pytest.raises(VoccError, match="at its worst"):
         asked()
 
@@ -166,7 +188,9 @@ def test_pairs_of_scenes_are_what_a_link_of_their_own_counts(study, whole):
         for name, scores in bank.scores(seen.readings, None).items():
             wrong[name] += int(((scores >= 0) != seen.bits).sum())
     found = {
-        one.receiver: one for one in whole.transfers if (one.trained_on, one.tested_on) == ("paper", "fog")
+        one.receiver: one
+        for one in whole.transfers
+        if (one.trained_on, one.tested_on) == ("paper", "fog")
     }
     assert {name: one.counts.bit_errors for name, one in found.items()} == wrong
     assert wrong["flda_3"] > 0
@@ -174,8 +198,18 @@ def test_pairs_of_scenes_are_what_a_link_of_their_own_counts(study, whole):
 
 def test_pairs_have_home_on_one_side_and_those_that_learn_nothing_are_left_out(whole):
     pairs = dict.fromkeys((one.trained_on, one.tested_on) for one in whole.transfers)
-    assert list(pairs) == [("paper", "paper"), ("fog", "paper"), ("paper", "fog"), ("fog", "fog")]
-    assert {one.receiver for one in whole.transfers} == {"flda_2", "flda_3", "lmmse", "net"}
+    assert list(pairs) == [
+        ("paper", "paper"),
+        ("fog", "paper"),
+        ("paper", "fog"),
+        ("fog", "fog"),
+    ]
+    assert {one.receiver for one in whole.transfers} == {
+        "flda_2",
+        "flda_3",
+        "lmmse",
+        "net",
+    }
     own = {
         (one.tested_on, one.receiver): one.counts
         for one in whole.transfers
@@ -184,7 +218,10 @@ def test_pairs_have_home_on_one_side_and_those_that_learn_nothing_are_left_out(w
     for one in whole.transfers:
         assert one.counts.frames == 70
         assert one.at_home == own[one.tested_on, one.receiver]
-        assert one.paired.half_difference == one.at_home.half_errors - one.counts.half_errors
+        assert (
+            one.paired.half_difference
+            == one.at_home.half_errors - one.counts.half_errors
+        )
         if one.trained_on == one.tested_on:
             assert one.counts == one.at_home
             assert not one.surely_worse()
@@ -202,7 +239,9 @@ def test_scenes_that_the_genie_does_not_know_are_named(study):
     world = replace(plan.world, effects={**plan.world.effects, "jpeg": {"quality": 90}})
     other = replace(study, plans={"far": replace(plan, world=world)}, scenes={})
     with Workers(1) as alone:
-        points, refused = genie_points(other, {"far": None}, alone, lambda what, frames: None)
+        points, refused = genie_points(
+            other, {"far": None}, alone, lambda what, frames: None
+        )
     assert points == {}
     assert "scene.effects.jpeg" in refused["far"]
 
@@ -216,7 +255,9 @@ def test_a_scene_without_panels_is_left_out_and_named(study, monkeypatch):
             {"paper": home, "lost": lost, "fog": fog}, alone, lambda what, frames: None
         )
         monkeypatch.setattr(study_module, "train_or_say_why", lambda plan: "no panel")
-        none, _ = across_scenes({"paper": home, "fog": fog}, alone, lambda what, frames: None)
+        none, _ = across_scenes(
+            {"paper": home, "fog": fog}, alone, lambda what, frames: None
+        )
     assert list(why) == ["lost"]
     assert "no panel in any of 64 frames" in why["lost"]
     assert {one.trained_on for one in found} == {"paper", "fog"}
@@ -227,11 +268,23 @@ def test_a_scene_without_panels_is_left_out_and_named(study, monkeypatch):
     ("changes", "said"),
     [
         ({"plans": {}}, "rivals.experiments is empty"),
-        ({"reference": "mlp"}, "rivals.reference is 'mlp': it must be one of average_greyscale"),
-        ({"points": {"near": 1.0}}, "rivals.points.near is no experiment: known are far"),
-        ({"points": {"far": 65.0}}, "rivals.points.far is 65: it must be one of 60, 70"),
+        (
+            {"reference": "mlp"},
+            "rivals.reference is 'mlp': it must be one of average_greyscale",
+        ),
+        (
+            {"points": {"near": 1.0}},
+            "rivals.points.near is no experiment: known are far",
+        ),
+        (
+            {"points": {"far": 65.0}},
+            "rivals.points.far is 65: it must be one of 60, 70",
+        ),
         ({"genie_frames": -1}, "rivals.genie_frames is -1: it must be at least 0"),
-        ({"scene_training_frames": 1}, "rivals.scene_training_frames is 1: it must be at least 2"),
+        (
+            {"scene_training_frames": 1},
+            "rivals.scene_training_frames is 1: it must be at least 2",
+        ),
         ({"home": "fog"}, "rivals.scenes.fog is the scene of the experiments"),
     ],
 )

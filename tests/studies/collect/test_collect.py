@@ -34,14 +34,22 @@ QUICK = (
 )
 
 
-def made_up_table(axis="distance_m", values=(30.0, 70.0), receivers=("flda_2", "flda_3"), errors=40):
+def made_up_table(
+    axis="distance_m", values=(30.0, 70.0), receivers=("flda_2", "flda_3"), errors=40
+):
     """Points of a job; the last receiver's first point has no errors."""
     points = []
     for place, receiver in enumerate(receivers):
         for number, value in enumerate(values):
-            wrong = 0 if (place, number) == (len(receivers) - 1, 0) else errors * (number + 1)
+            wrong = (
+                0
+                if (place, number) == (len(receivers) - 1, 0)
+                else errors * (number + 1)
+            )
             counts = Counts(1000, 64_000, 2 * wrong, 8 * wrong, (wrong + 1) // 2)
-            points.append(Point("made_up", axis, value, receiver, "truth", counts, "frames"))
+            points.append(
+                Point("made_up", axis, value, receiver, "truth", counts, "frames")
+            )
     return BerTable(points)
 
 
@@ -70,15 +78,29 @@ def rows_of(path):
 def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     """One job and one mistake: every point is there once, beside what tells the jobs apart."""
     monkeypatch.setattr("vocc_torch.report.canvas.save_figure", white)
-    assert app(*QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1").status == 2
+    assert (
+        app(
+            *QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1"
+        ).status
+        == 2
+    )
     folder = tmp_path / "runs" / "two"
     ran = app("task=collect", "input=runs/two")
     assert (ran.status, ran.err) == (0, "")
     *done, failed = rows_of(folder / "collected.csv")
     assert list(failed) == ["job", "status", "seed", *COLUMNS, "complaint"]
-    assert [{name: row[name] for name in COLUMNS} for row in done] == rows_of(folder / "0" / "ber.csv")
-    assert {(row["job"], row["status"], row["seed"]) for row in done} == {("0", "done", "1")}
-    assert [failed[name] for name in ("job", "status", "seed", "ber")] == ["1", "failed", "-1", ""]
+    assert [{name: row[name] for name in COLUMNS} for row in done] == rows_of(
+        folder / "0" / "ber.csv"
+    )
+    assert {(row["job"], row["status"], row["seed"]) for row in done} == {
+        ("0", "done", "1")
+    }
+    assert [failed[name] for name in ("job", "status", "seed", "ber")] == [
+        "1",
+        "failed",
+        "-1",
+        "",
+    ]
     assert failed["complaint"].startswith("seed is -1")
     with Image.open(folder / "collected.png") as picture:
         assert picture.format == "PNG"
@@ -87,9 +109,13 @@ def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["two"]
 
 
-def test_collecting_again_replaces_and_another_name_is_another_place(app, tmp_path, monkeypatch):
+def test_collecting_again_replaces_and_another_name_is_another_place(
+    app, tmp_path, monkeypatch
+):
     """A third job comes, the first one's folder goes; what was collected before does not stay."""
-    monkeypatch.setattr("vocc_torch.studies.collect.save_figure", lambda _, path: write_rows(path, []))
+    monkeypatch.setattr(
+        "vocc_torch.studies.collect.save_figure", lambda _, path: write_rows(path, [])
+    )
     source = tmp_path / "runs" / "two"
     for seed in (0, 1):
         write_job(source / str(seed), {"seed": seed}, made_up_table())
@@ -99,9 +125,16 @@ def test_collecting_again_replaces_and_another_name_is_another_place(app, tmp_pa
     assert app("task=collect", "input=runs/two", "name=elsewhere").status == 0
     assert (source / "collected.csv").read_bytes() == first
     elsewhere = tmp_path / "runs" / "elsewhere"
-    assert {path.name for path in elsewhere.iterdir()} == {"collected.csv", "collected.png"}
+    assert {path.name for path in elsewhere.iterdir()} == {
+        "collected.csv",
+        "collected.png",
+    }
     assert app("task=collect", "input=runs/two").status == 0
-    assert (source / "collected.csv").read_bytes() == (elsewhere / "collected.csv").read_bytes() != first
+    assert (
+        (source / "collected.csv").read_bytes()
+        == (elsewhere / "collected.csv").read_bytes()
+        != first
+    )
 
 
 def test_more_jobs_than_a_figure_takes_are_paged(app, tmp_path):
@@ -118,10 +151,16 @@ def test_more_jobs_than_a_figure_takes_are_paged(app, tmp_path):
 
 MISTAKES = {
     "no input": ((), ["input is null", "input=runs/NAME"]),
-    "missing": (("input=runs/no",), ["input runs/no does not exist", "a multirun wrote"]),
+    "missing": (
+        ("input=runs/no",),
+        ["input runs/no does not exist", "a multirun wrote"],
+    ),
     "file": (("input=file",), ["input file is a file", "a multirun wrote"]),
     "no job": (("input=empty",), ["input empty holds no job", "0/ber.csv"]),
-    "model": (("input=empty", "model=x.pt"), ["model is x.pt", "task=collect does not use it"]),
+    "model": (
+        ("input=empty", "model=x.pt"),
+        ["model is x.pt", "task=collect does not use it"],
+    ),
 }
 
 
@@ -133,7 +172,12 @@ def test_mistakes_are_one_line_and_leave_nothing(app, tmp_path, arguments, parts
     complaint = app("task=collect", *arguments).complaint
     for part in parts:
         assert part in complaint
-    assert {path.name for path in tmp_path.rglob("*")} == {"file", "empty", "0", "receiver.pt"}
+    assert {path.name for path in tmp_path.rglob("*")} == {
+        "file",
+        "empty",
+        "0",
+        "receiver.pt",
+    }
 
 
 # Finding jobs
@@ -155,8 +199,19 @@ def test_every_state_of_a_job_is_told(tmp_path):
     jobs = find_jobs(tmp_path)
     told = [(job.name, job.status) for job in jobs]
     assert told == [
-        *(("2", "failed"), ("3", "unfinished"), ("4", "unfinished"), ("5", "unreadable")),
-        *(("6", "unreadable"), ("7", "failed"), ("8", "done"), ("9", "failed"), ("10", "done")),
+        *(
+            ("2", "failed"),
+            ("3", "unfinished"),
+            ("4", "unfinished"),
+            ("5", "unreadable"),
+        ),
+        *(
+            ("6", "unreadable"),
+            ("7", "failed"),
+            ("8", "done"),
+            ("9", "failed"),
+            ("10", "done"),
+        ),
         ("night/0", "done"),
     ]
     by_name = {job.name: job for job in jobs}
@@ -182,7 +237,10 @@ def test_each_row_of_a_grid_is_shown_like_a_job(tmp_path):
     write_job(tmp_path / "figures" / "ledgers", None)
     (tmp_path / "figures" / "report.md").write_text("")
     table = (tmp_path / "0" / "ber.csv").read_text().splitlines()
-    grid = [f"ambient_lx,{table[0]}", *(f"{at},{line}" for at in ("1000", "4000") for line in table[1:])]
+    grid = [
+        f"ambient_lx,{table[0]}",
+        *(f"{at},{line}" for at in ("1000", "4000") for line in table[1:]),
+    ]
     (tmp_path / "1" / "ber.csv").write_text("\n".join(grid) + "\n")
     jobs = find_jobs(tmp_path)
     assert [(job.name, job.status) for job in jobs] == [
@@ -196,7 +254,9 @@ def test_each_row_of_a_grid_is_shown_like_a_job(tmp_path):
     assert duplicates(jobs) == []
 
 
-@pytest.mark.parametrize("text", [b"a: [", b"- 1\n- 2\n", b"", b"\xff\xfe\x00", b"a: ${nothing}"])
+@pytest.mark.parametrize(
+    "text", [b"a: [", b"- 1\n- 2\n", b"", b"\xff\xfe\x00", b"a: ${nothing}"]
+)
 def test_a_damaged_configuration_costs_no_result(tmp_path, text):
     write_job(tmp_path / "0", None, made_up_table())
     (tmp_path / "0" / "config.yaml").write_bytes(text)
@@ -212,25 +272,55 @@ def test_a_damaged_configuration_costs_no_result(tmp_path, text):
 
 def settings_of(**values):
     """A job with these settings."""
-    return Job("x", "done", settings={key.replace("__", "."): value for key, value in values.items()})
+    return Job(
+        "x",
+        "done",
+        settings={key.replace("__", "."): value for key, value in values.items()},
+    )
 
 
 def test_keys_of_an_experiment_that_follow_from_its_name_are_left_out():
     jobs = [
-        settings_of(experiment__name=name, experiment__axis=axis, experiment__scene__x=x, seed=seed)
+        settings_of(
+            experiment__name=name,
+            experiment__axis=axis,
+            experiment__scene__x=x,
+            seed=seed,
+        )
         for name, axis, x in (("ambient", "lx", 1), ("distance", "m", None))
         for seed in (0, 1)
     ]
     assert differing_keys(jobs) == ["experiment.name", "seed"]
     assert label(jobs[3], ["experiment.name", "seed"]) == "experiment=distance, seed=1"
-    other = settings_of(experiment__name="distance", experiment__axis="m", experiment__scene__x=5, seed=0)
-    assert differing_keys([*jobs, other]) == ["experiment.name", "experiment.scene.x", "seed"]
+    other = settings_of(
+        experiment__name="distance",
+        experiment__axis="m",
+        experiment__scene__x=5,
+        seed=0,
+    )
+    assert differing_keys([*jobs, other]) == [
+        "experiment.name",
+        "experiment.scene.x",
+        "seed",
+    ]
 
 
 def test_keys_that_change_no_result_and_numbers_that_are_equal_do_not_differ():
-    one = settings_of(name="a", device="cpu", workers=1, decode__scale=1, camera__focal_length_mm=18, seed=1)
+    one = settings_of(
+        name="a",
+        device="cpu",
+        workers=1,
+        decode__scale=1,
+        camera__focal_length_mm=18,
+        seed=1,
+    )
     two = settings_of(
-        name="b", device="cuda", workers=2, decode__scale=2, camera__focal_length_mm=18.0, seed=1
+        name="b",
+        device="cuda",
+        workers=2,
+        decode__scale=2,
+        camera__focal_length_mm=18.0,
+        seed=1,
     )
     unknown = Job("y", "unfinished")
     assert differing_keys([one, two, unknown]) == []
@@ -262,16 +352,30 @@ def test_jobs_that_were_asked_the_same_are_told():
 
 
 _VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers(-99, 99) | st.floats(-9, 9) | st.sampled_from("ab"),
+    st.none()
+    | st.booleans()
+    | st.integers(-99, 99)
+    | st.floats(-9, 9)
+    | st.sampled_from("ab"),
     lambda inner: st.lists(inner, max_size=3),
 )
 
 
-@given(st.lists(st.dictionaries(st.sampled_from(["a", "b.c", "seed"]), _VALUES, min_size=1), max_size=5))
+@given(
+    st.lists(
+        st.dictionaries(st.sampled_from(["a", "b.c", "seed"]), _VALUES, min_size=1),
+        max_size=5,
+    )
+)
 def test_differing_keys_tell_all_jobs_apart_that_can_be_told_apart(settings):
-    jobs = [Job(str(number), "done", settings=one) for number, one in enumerate(settings)]
+    jobs = [
+        Job(str(number), "done", settings=one) for number, one in enumerate(settings)
+    ]
     keys = differing_keys(jobs)
-    whole = {repr({key: setting_text(one.get(key)) for key in ("a", "b.c", "seed")}) for one in settings}
+    whole = {
+        repr({key: setting_text(one.get(key)) for key in ("a", "b.c", "seed")})
+        for one in settings
+    }
     assert len({label(job, keys) for job in jobs}) == len(whole)
     head, *lines = collected_rows(jobs, keys)
     assert {len(line) for line in lines} <= {len(head)}
@@ -295,7 +399,10 @@ def test_facets_share_the_scale_of_rates_and_say_what_is_missing():
     figure = jobs_figure(jobs(), ["seed"], "Three")
     first, failed, last = figure.axes
     assert first.get_ylim() == last.get_ylim()
-    assert (first.get_xlabel(), last.get_xlabel()) == ("Distance (m)", "Ambient light (lx)")
+    assert (first.get_xlabel(), last.get_xlabel()) == (
+        "Distance (m)",
+        "Ambient light (lx)",
+    )
     assert [axes.get_title("left") for axes in figure.axes] == [
         *("job 0: seed=1", "job 1: seed=2, failed", "job 2: seed=3")
     ]
@@ -313,13 +420,21 @@ def test_the_table_says_each_range_and_every_complaint_at_every_width(width):
             assert f"{highest:.1e}".replace("e-0", "e-") in text
     assert "< " in text
     assert "job 1 failed: seed is 2: it must be another" in text
-    assert all(len(line.rstrip()) <= width or line.startswith("job 1") for line in text.splitlines())
+    assert all(
+        len(line.rstrip()) <= width or line.startswith("job 1")
+        for line in text.splitlines()
+    )
 
 
 def test_escape_codes_in_what_others_wrote_do_not_reach_the_terminal(tmp_path):
     """Nor do they stop the table: names of folders, settings, complaints and cells, with bytes of no text."""
     table = made_up_table(receivers=("\x1b[31mred",), axis="[/b]")
-    write_job(tmp_path / os.fsdecode(b"\xff\x1b[2J"), {"seed": "\x1b]0;x"}, table, failed="\x1b[1m[/b]\n")
+    write_job(
+        tmp_path / os.fsdecode(b"\xff\x1b[2J"),
+        {"seed": "\x1b]0;x"},
+        table,
+        failed="\x1b[1m[/b]\n",
+    )
     write_job(tmp_path / "1", {"seed": 1}, failed="no")
     jobs, screen = find_jobs(tmp_path), io.StringIO()
     print_jobs(jobs, ["seed"], Console(file=screen, width=120))

@@ -38,7 +38,9 @@ def red_on_white(noise=3.0, frames=1):
     spot = np.exp(-((np.arange(12) - 5.5) ** 2) / 18)
     lit = np.kron(bits, np.outer(spot, spot)[None])
     picture[:, 22:118, 27:123] += lit[..., None] * np.array([180.0, 8.0, 4.0])
-    return (picture + rng.normal(0, noise, picture.shape)).round().clip(0, 255).astype(np.uint8), bits
+    return (picture + rng.normal(0, noise, picture.shape)).round().clip(0, 255).astype(
+        np.uint8
+    ), bits
 
 
 def recorded(colours):
@@ -50,7 +52,9 @@ def test_a_red_panel_on_white_is_read_in_its_colour(receiver):
     """White is brighter than red LEDs by luma; in the plane that is found no bit of six frames is wrong."""
     colours, bits = red_on_white(frames=6)
     by_luma = list(decode(receiver, recorded(colours)))
-    assert all((one.bits != bit).mean() > 0.1 for one, bit in zip(by_luma, bits, strict=True))
+    assert all(
+        (one.bits != bit).mean() > 0.1 for one, bit in zip(by_luma, bits, strict=True)
+    )
     frames, told = in_best_channel(receiver, recorded(colours))
     read = list(decode(receiver, frames))
     assert len(read) == 6
@@ -75,19 +79,28 @@ def test_noise_in_colour_stays_luma(receiver):
 
 
 def corners(left, top, right, bottom):
-    return torch.tensor([[[left, top], [right, top], [right, bottom], [left, bottom]]], dtype=torch.float64)
+    return torch.tensor(
+        [[[left, top], [right, top], [right, bottom], [left, bottom]]],
+        dtype=torch.float64,
+    )
 
 
 @pytest.mark.parametrize("margin", [False, True])
 def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
     """Their directions agree to 1e-6, On is brighter, and the cells take the middle half of the greys."""
     (colour,), (bits,) = red_on_white(noise=12.0)
-    takes = [Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i]))) for i in range(3)]
+    takes = [
+        Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i])))
+        for i in range(3)
+    ]
     panels = Panels.known(corners(27.0, 22.0, 123.0, 118.0))
-    weights, offset = fisher_mix(takes, panels, torch.from_numpy(bits)[None], SHAPE, margin)
+    weights, offset = fisher_mix(
+        takes, panels, torch.from_numpy(bits)[None], SHAPE, margin
+    )
     inside = slice(None) if margin else slice(1, -1)
     cells = [
-        cell_means(one, SHAPE)[0, inside, inside].double() for one in rectify_takes(takes, panels, SHAPE, 8)
+        cell_means(one, SHAPE)[0, inside, inside].double()
+        for one in rectify_takes(takes, panels, SHAPE, 8)
     ]
     rows = torch.stack(cells, dim=-1).reshape(-1, 3).numpy()
     on = (np.pad(bits, 1) if margin else bits).ravel()
@@ -102,9 +115,17 @@ def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
 def test_a_singular_scatter_has_a_finite_mix_and_one_group_none():
     """Two channels that are equal in all cells, and no noise: the scatter has rank 1 at most."""
     (colour,), (bits,) = red_on_white(noise=0.0)
-    colour[22:118, 27:123] = np.kron(bits, np.ones((12, 12)))[..., None] * np.array([90, 9, 9]) + 20
-    takes = [Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i]))) for i in range(3)]
-    panels, truth = Panels.known(corners(27.0, 22.0, 123.0, 118.0)), torch.from_numpy(bits)[None]
+    colour[22:118, 27:123] = (
+        np.kron(bits, np.ones((12, 12)))[..., None] * np.array([90, 9, 9]) + 20
+    )
+    takes = [
+        Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i])))
+        for i in range(3)
+    ]
+    panels, truth = (
+        Panels.known(corners(27.0, 22.0, 123.0, 118.0)),
+        torch.from_numpy(bits)[None],
+    )
     weights, offset = fisher_mix(takes, panels, truth, SHAPE, margin=False)
     plane = colour[22:118:12, 27:123:12] @ np.array(weights) + offset
     assert plane[bits] == pytest.approx(191.25, abs=3)
@@ -137,28 +158,58 @@ def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
     frames, told, lights = in_each_colour(receiver, recorded(colours))
     read = list(decode(receiver, frames, follow=follow, lights=lights))
     assert [one.row()[-1] for one in read] == ["red", "green", "blue"] * 2
-    assert np.array_equal(np.stack([one.bits for one in read]).reshape(2, 3, 8, 8), bits)
+    assert np.array_equal(
+        np.stack([one.bits for one in read]).reshape(2, 3, 8, 8), bits
+    )
     assert told.startswith("decode.channel=unmix: red (")
     own = np.array([one.weights for one in unmixed(receiver, list(colours))[1]])
     ratio = LEAK @ own.T  # of each colour's light in each plane
     assert np.abs(ratio / ratio.diagonal() - np.eye(3)).max() < 0.1
     mixed = [
-        next(decode(receiver, iter([replace(one, grey=one.colour[..., 1])]))) for one in recorded(colours)
+        next(decode(receiver, iter([replace(one, grey=one.colour[..., 1])])))
+        for one in recorded(colours)
     ]
-    assert np.mean([(one.bits != bit[1]).mean() for one, bit in zip(mixed, bits, strict=True)]) > 0.02
-
-
-def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(app, receiver, tmp_path):
-    """Each row of the table of bits against the truth of the light that it names; luma has many wrong."""
-    scene = ("scene.distance_m=20", "scene.ambient_lx=4000", "scene.offset_x_m=0", "scene.offset_y_m=0")
-    scene += ("panel.board_reflectance=null",)  # a lit board between the LEDs hides the third colour's light
-    colour = "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:470,third_share:0.2}"
     assert (
-        app("task=export", "name=x", "export.frames=4", "export.shard_frames=64", *scene, colour).status == 0
+        np.mean(
+            [(one.bits != bit[1]).mean() for one, bit in zip(mixed, bits, strict=True)]
+        )
+        > 0.02
+    )
+
+
+def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(
+    app, receiver, tmp_path
+):
+    """Each row of the table of bits against the truth of the light that it names; luma has many wrong."""
+    scene = (
+        "scene.distance_m=20",
+        "scene.ambient_lx=4000",
+        "scene.offset_x_m=0",
+        "scene.offset_y_m=0",
+    )
+    scene += (
+        "panel.board_reflectance=null",
+    )  # a lit board between the LEDs hides the third colour's light
+    colour = (
+        "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:470,third_share:0.2}"
+    )
+    assert (
+        app(
+            "task=export",
+            "name=x",
+            "export.frames=4",
+            "export.shard_frames=64",
+            *scene,
+            colour,
+        ).status
+        == 0
     )
     with (tmp_path / "runs/x/truth.csv").open(newline="") as file:
         truth = list(csv.DictReader(file))
-    names, folder = ("bits", "bits_second", "bits_third"), tmp_path / "runs/x/frames/train/0000000"
+    names, folder = (
+        ("bits", "bits_second", "bits_third"),
+        tmp_path / "runs/x/frames/train/0000000",
+    )
     sent = [row[name] for row in truth for name in names]
     by_luma = decode(receiver, read_recording(folder, "luma"))
     assert all(one.text != row["bits"] for one, row in zip(by_luma, truth, strict=True))
@@ -171,7 +222,10 @@ def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(app, r
 def test_one_colour_is_not_unmixed(receiver):
     colours, _ = red_on_white(frames=2)
     for one in (colours, np.full_like(colours, 90)):
-        with pytest.raises(VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"):
+        with pytest.raises(
+            VoccError,
+            match=r"decode\.channel is unmix: it must be auto, or one channel",
+        ):
             in_each_colour(receiver, recorded(one))
 
 
@@ -179,5 +233,7 @@ def test_a_photograph_of_one_colour_is_not_unmixed(photo):
     """Two of three colours that least squares makes of it have On and Off that lie together."""
     receiver = vt.train("paper", classifier="tag_planes", frames=64)
     receiver.locator = LearnedLocator()
-    with pytest.raises(VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"):
+    with pytest.raises(
+        VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"
+    ):
         in_each_colour(receiver, read_recording(photo, "luma"))

@@ -63,7 +63,9 @@ def save(path, array, **options):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_real_photograph_is_read_without_an_error(make_plan, photo, photo_bits, seed):
     """No bit of 64 wrong, after training on 64 simulated frames and nothing else."""
-    receiver = receiver_for(make_plan(locator="paper", training_frames=64, seed=seed), None)
+    receiver = receiver_for(
+        make_plan(locator="paper", training_frames=64, seed=seed), None
+    )
     (reading,) = decode(receiver, read_recording(photo, "luma"))
     assert len(photo_bits) == 64
     assert reading.text == photo_bits
@@ -75,22 +77,28 @@ def test_receiver_does_not_depend_on_the_experiments_training(make_plan):
     plan = make_plan(locator="paper", training_frames=64)
     lean = {"distance_m": Distribution("constant", (35.0,))}
     other = dataclasses.replace(
-        plan, experiment=dataclasses.replace(plan.experiment, name="lean", training=lean)
+        plan,
+        experiment=dataclasses.replace(plan.experiment, name="lean", training=lean),
     )
     assert torch.equal(
-        receiver_for(plan, None).classifier.direction, receiver_for(other, None).classifier.direction
+        receiver_for(plan, None).classifier.direction,
+        receiver_for(other, None).classifier.direction,
     )
 
 
 # Pictures
 
 
-def test_folder_of_pictures_of_different_sizes(receiver, near, photo, photo_bits, tmp_path):
+def test_folder_of_pictures_of_different_sizes(
+    receiver, near, photo, photo_bits, tmp_path
+):
     frames, bits = near
     save(tmp_path / "a.png", frames[0])
     (tmp_path / "b.png").write_bytes(photo.read_bytes())
     save(tmp_path / "c.png", frames[1])
-    readings = [reading.text for reading in decode(receiver, read_recording(tmp_path, "luma"))]
+    readings = [
+        reading.text for reading in decode(receiver, read_recording(tmp_path, "luma"))
+    ]
     assert readings == [text_of(bits[0]), photo_bits, text_of(bits[1])]
 
 
@@ -101,15 +109,25 @@ def test_picture_without_a_panel_beside_one_with(receiver, near, tmp_path):
     without, with_one = decode(receiver, read_recording(tmp_path, "luma"))
     assert (without.found, without.text, without.candidates) == (False, "", 0)
     assert (with_one.found, with_one.text) == (True, text_of(bits[0]))
-    empty, full = (dict(zip(COLUMNS, reading.row(), strict=True)) for reading in (without, with_one))
-    assert [empty[name] for name in ("found", "bits", "margin", "x_top_left")] == ["0", "", "", ""]
+    empty, full = (
+        dict(zip(COLUMNS, reading.row(), strict=True))
+        for reading in (without, with_one)
+    )
+    assert [empty[name] for name in ("found", "bits", "margin", "x_top_left")] == [
+        "0",
+        "",
+        "",
+        "",
+    ]
     assert full["found"] == "1"
     assert float(full["margin"]) > 0
 
 
 @pytest.mark.parametrize("level", [0, 255])
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (2, 2), (40, 50)])
-def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, size, level):
+def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(
+    receiver, tmp_path, size, level
+):
     path = save(tmp_path / "flat.png", np.full(size, level, np.uint8))
     (reading,) = decode(receiver, read_recording(path, "luma"))
     assert not reading.found
@@ -123,7 +141,9 @@ def test_channels_see_their_colour(receiver, near, tmp_path):
     colour[..., 0] = frames[0]
     path = save(tmp_path / "red.png", colour)
     channels = ("luma", "max", "red", "green", "blue")
-    seen = {name: next(decode(receiver, read_recording(path, name))) for name in channels}
+    seen = {
+        name: next(decode(receiver, read_recording(path, name))) for name in channels
+    }
     for name in ("luma", "max", "red"):
         assert seen[name].text == text_of(bits[0]), name
     for name in ("green", "blue"):
@@ -137,10 +157,16 @@ def write_video(path, frames, codec="mpeg4"):
     """Encode grey frames, (N,H,W) uint8, at 25 frames a second."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=25)
-        stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = (
+            frames.shape[2],
+            frames.shape[1],
+            "yuv420p",
+        )
         stream.bit_rate = 20_000_000
         for grey in frames:
-            picture = av.VideoFrame.from_ndarray(np.repeat(grey[..., None], 3, axis=2), format="rgb24")
+            picture = av.VideoFrame.from_ndarray(
+                np.repeat(grey[..., None], 3, axis=2), format="rgb24"
+            )
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
     return path
@@ -149,20 +175,30 @@ def write_video(path, frames, codec="mpeg4"):
 @pytest.mark.parametrize("name", ["drive.mp4", "DRIVE.AVI"])
 def test_video_frame_by_frame(receiver, near, tmp_path, name):
     frames, bits = near
-    readings = list(decode(receiver, read_recording(write_video(tmp_path / name, frames), "luma")))
+    readings = list(
+        decode(receiver, read_recording(write_video(tmp_path / name, frames), "luma"))
+    )
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
     assert [reading.frame.index for reading in readings] == list(range(8))
     times = [reading.frame.time_s for reading in readings]
     assert times == pytest.approx([index / 25 for index in range(8)], abs=1e-3)
 
 
-@pytest.mark.parametrize(("follow", "searches"), [("false", None), ("true", 1), ("auto", 1)])
-def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, follow, searches):
+@pytest.mark.parametrize(
+    ("follow", "searches"), [("false", None), ("true", 1), ("auto", 1)]
+)
+def test_a_panel_is_followed_in_a_video(
+    receiver, near, tmp_path, monkeypatch, follow, searches
+):
     """One full search of eight frames where it is followed; the bits are the same."""
     grey, bits = near
     searched, locator = [], type(receiver.locator)
     plain = locator.__call__
-    monkeypatch.setattr(locator, "__call__", lambda self, *given: searched.append(1) or plain(self, *given))
+    monkeypatch.setattr(
+        locator,
+        "__call__",
+        lambda self, *given: searched.append(1) or plain(self, *given),
+    )
     path = write_video(tmp_path / "film.mp4", grey)
     read = list(decode(receiver, read_recording(path, "luma"), follow=follow))
     assert [reading.text for reading in read] == [text_of(one) for one in bits]
@@ -170,9 +206,15 @@ def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, f
 
 
 def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
-    monkeypatch.setattr("vocc_torch.studies.decode.reading.BATCH_PIXELS", 3 * near[0][0].size)
+    monkeypatch.setattr(
+        "vocc_torch.studies.decode.reading.BATCH_PIXELS", 3 * near[0][0].size
+    )
     frames, bits = near
-    readings = list(decode(receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")))
+    readings = list(
+        decode(
+            receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")
+        )
+    )
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
 
 
@@ -182,7 +224,12 @@ def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
 def test_rows_are_the_columns(receiver, photo, photo_bits):
     (reading,) = decode(receiver, read_recording(photo, "luma"))
     row = dict(zip(COLUMNS, reading.row(), strict=True))
-    assert (row["source"], row["frame"], row["time_s"], row["found"]) == (photo.name, "0", "", "1")
+    assert (row["source"], row["frame"], row["time_s"], row["found"]) == (
+        photo.name,
+        "0",
+        "",
+        "1",
+    )
     assert row["bits"] == photo_bits
     # Clockwise from the top left.
     left, right = float(row["x_top_left"]), float(row["x_bottom_right"])
@@ -193,14 +240,26 @@ def test_rows_are_the_columns(receiver, photo, photo_bits):
 def test_annotation_marks_on_and_off(receiver, near, tmp_path):
     """A filled mark on every On LED and none inside an Off LED's ring; the corner stays as it was."""
     frames, bits = near
-    (reading,) = decode(receiver, read_recording(save(tmp_path / "a.png", frames[0]), "luma"))
+    (reading,) = decode(
+        receiver, read_recording(save(tmp_path / "a.png", frames[0]), "luma")
+    )
     for scale in (1, 2):
-        drawn = np.asarray(annotated(reading.frame.colour, reading.corners_px, reading.bits, scale))
-        assert drawn.shape == (frames[0].shape[0] * scale, frames[0].shape[1] * scale, 3)
+        drawn = np.asarray(
+            annotated(reading.frame.colour, reading.corners_px, reading.bits, scale)
+        )
+        assert drawn.shape == (
+            frames[0].shape[0] * scale,
+            frames[0].shape[1] * scale,
+            3,
+        )
         corners = reading.corners_px * scale
         for r, c in np.ndindex(8, 8):
             u, v = (c + 0.5) / 8, (r + 0.5) / 8
-            x, y = corners[0] + u * (corners[1] - corners[0]) + v * (corners[3] - corners[0])
+            x, y = (
+                corners[0]
+                + u * (corners[1] - corners[0])
+                + v * (corners[3] - corners[0])
+            )
             filled = tuple(drawn[int(y), int(x)]) == (0, 114, 178)
             assert filled == bits[0, r, c]
         assert (drawn[0, 0] == frames[0][0, 0]).all()
@@ -240,12 +299,16 @@ def with_content(model, **changes):
     content = json.loads(model.read_text()) | changes
     content.pop("sha256")
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return json.dumps(content | {"sha256": hashlib.sha256(text.encode()).hexdigest()}).encode()
+    return json.dumps(
+        content | {"sha256": hashlib.sha256(text.encode()).hexdigest()}
+    ).encode()
 
 
 def with_settings(model, **changes):
     """The model's file with some of its settings replaced, as bytes."""
-    return with_content(model, settings=json.loads(model.read_text())["settings"] | changes)
+    return with_content(
+        model, settings=json.loads(model.read_text())["settings"] | changes
+    )
 
 
 def refused(path):
@@ -266,7 +329,10 @@ def test_code_in_a_model_file_is_not_executed(model, tmp_path):
     assert fuse.exists()
     fuse.unlink()
     buffer = io.BytesIO()
-    torch.save({"format": "vocc_torch.receiver", "version": 1, "classifier": Bomb(fuse)}, buffer)
+    torch.save(
+        {"format": "vocc_torch.receiver", "version": 1, "classifier": Bomb(fuse)},
+        buffer,
+    )
     for content in (bare, buffer.getvalue()):
         model.write_bytes(content)
         assert "damaged or of another kind" in refused(model)
@@ -286,8 +352,15 @@ def test_a_flipped_bit_is_refused_or_changes_nothing(receiver, model):
         except VoccError:
             caught += 1
             continue
-        assert all(torch.equal(value, meant[key]) for key, value in read.classifier.state_dict().items())
-        assert (read.name, read.reader, read.locator) == (receiver.name, receiver.reader, receiver.locator)
+        assert all(
+            torch.equal(value, meant[key])
+            for key, value in read.classifier.state_dict().items()
+        )
+        assert (read.name, read.reader, read.locator) == (
+            receiver.name,
+            receiver.reader,
+            receiver.locator,
+        )
     assert caught > 75
 
 
@@ -295,7 +368,13 @@ def test_models_of_other_kinds(model, tmp_path):
     assert "does not exist: give the receiver.pt" in refused(tmp_path / "nowhere.pt")
     assert "Is a directory" in refused(tmp_path)
     whole = model.read_bytes()
-    for content in (b"", b"text", whole[:100], whole[:-20], np.random.default_rng(0).bytes(4000)):
+    for content in (
+        b"",
+        b"text",
+        whole[:100],
+        whole[:-20],
+        np.random.default_rng(0).bytes(4000),
+    ):
         model.write_bytes(content)
         refused(model)
     for content in ({"weights": [0.0]}, [1, 2], 3):
@@ -310,7 +389,9 @@ def test_models_that_are_too_heavy_or_no_files_are_not_read(tmp_path):
     with (tmp_path / "heavy.pt").open("wb") as file:
         file.truncate(5 << 30)
     os.mkfifo(tmp_path / "pipe.pt")
-    (tmp_path / "deep.pt").write_text('{"format": "vocc_torch.receiver", "x": ' + "[" * 900 + "]" * 900 + "}")
+    (tmp_path / "deep.pt").write_text(
+        '{"format": "vocc_torch.receiver", "x": ' + "[" * 900 + "]" * 900 + "}"
+    )
     for name in ("heavy.pt", "pipe.pt", "deep.pt"):
         refused(tmp_path / name)
 
@@ -346,21 +427,43 @@ def test_models_with_impossible_numbers_or_settings(model):
     def encoded(*numbers):
         return base64.b64encode(np.array(numbers).tobytes()).decode()
 
-    nan = changed("mean", base64=encoded(*[np.nan] * int(np.prod(state["mean"]["shape"]))))
-    empty = {key: value | {"base64": encoded(*np.zeros(value["shape"]).flat)} for key, value in state.items()}
+    nan = changed(
+        "mean", base64=encoded(*[np.nan] * int(np.prod(state["mean"]["shape"])))
+    )
+    empty = {
+        key: value | {"base64": encoded(*np.zeros(value["shape"]).flat)}
+        for key, value in state.items()
+    }
     short = changed("mean", base64=encoded(1.0))
     other = changed("mean", dtype="float3")
-    for classifier in (empty, nan, short, other, {}, None, {"count": state["count"]}, 3):
+    for classifier in (
+        empty,
+        nan,
+        short,
+        other,
+        {},
+        None,
+        {"count": state["count"]},
+        3,
+    ):
         model.write_bytes(with_content(model, classifier=classifier))
-        assert ("has seen no samples" if classifier is empty else "damaged") in refused(model)
+        assert ("has seen no samples" if classifier is empty else "damaged") in refused(
+            model
+        )
     for settings in (3, "no json", [], {}, None):
         model.write_bytes(with_content(model, settings=settings))
         assert "damaged" in refused(model)
     model.write_bytes(with_content(model, version=4))
-    assert refused(model).endswith("has format version 4: this package reads versions 1 and 2 and 3")
+    assert refused(model).endswith(
+        "has format version 4: this package reads versions 1 and 2 and 3"
+    )
 
 
 def test_images_that_are_none(receiver):
-    for images in (torch.zeros(4, 4), torch.zeros(1, 4, 4), torch.zeros(1, 3, 4, 4, dtype=torch.uint8)):
+    for images in (
+        torch.zeros(4, 4),
+        torch.zeros(1, 4, 4),
+        torch.zeros(1, 3, 4, 4, dtype=torch.uint8),
+    ):
         with pytest.raises(VoccError, match="it must be uint8 of shape"):
             receiver.decode(images)

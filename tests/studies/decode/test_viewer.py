@@ -18,13 +18,24 @@ def library(calls):
     def noted(name):
         return lambda *values, **named: calls.append((name, values, named)) or name
 
-    names = ("init", "spawn", "set_time", "log", "Image", "LineStrips2D", "Points2D", "Clear")
+    names = (
+        "init",
+        "spawn",
+        "set_time",
+        "log",
+        "Image",
+        "LineStrips2D",
+        "Points2D",
+        "Clear",
+    )
     return SimpleNamespace(**{name: noted(name) for name in names})
 
 
 def reading(found):
     """A panel of 1 x 2 LEDs, 4 px wide and 2 px high."""
-    frame = RecordedFrame("film.mp4", 7, 0.1, np.zeros((4, 6, 3), np.uint8), np.zeros((4, 6), np.uint8))
+    frame = RecordedFrame(
+        "film.mp4", 7, 0.1, np.zeros((4, 6, 3), np.uint8), np.zeros((4, 6), np.uint8)
+    )
     corners_px = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]])
     judged = {}, 0.5, 1.0, 1, False, 0.0, False
     return Reading(frame, found, corners_px, np.array([[True, False]]), *judged)
@@ -45,5 +56,7 @@ def test_the_viewer_gets_frame_corners_and_bits(monkeypatch):
 
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(VoccError, match=r"decode\.show is true: install the extra with pip install"):
+    with pytest.raises(
+        VoccError, match=r"decode\.show is true: install the extra with pip install"
+    ):
         Viewer()

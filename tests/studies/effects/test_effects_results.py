@@ -28,7 +28,9 @@ from vocc_torch.studies.effects.measured import frames_to_do, measure_costs, run
 from vocc_torch.studies.effects.plan import ORDER, EffectStudy, group_of
 
 CONF = Path(__file__).parents[3] / "conf"
-SHIPPED = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "effects.yaml").effects, resolve=True)
+SHIPPED = OmegaConf.to_container(
+    OmegaConf.load(CONF / "task" / "effects.yaml").effects, resolve=True
+)
 SCENES = {
     path.stem: OmegaConf.to_container(OmegaConf.load(path).effects, resolve=True)
     for path in sorted((CONF / "scene").glob("*.yaml"))
@@ -37,7 +39,11 @@ SENSOR = {"photoelectrons": {"quantum_efficiency": 0.6}, "gain": {}}
 PARTS = {
     "defocus": {"defocus": {"focus_distance_m": 6.0}},
     "photoelectrons": SENSOR,
-    "shot_noise": {"shot_noise": {}, "photoelectrons": {"quantum_efficiency": 0.005}, "gain": {}},
+    "shot_noise": {
+        "shot_noise": {},
+        "photoelectrons": {"quantum_efficiency": 0.005},
+        "gain": {},
+    },
 }
 CAMERA = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
 """The middle of the paper's sensor: whole frames are a sixteenth of the work."""
@@ -52,7 +58,12 @@ WITHOUT_SEVERITY = {"photoelectrons", "gain", "demosaicing", "saturation"}
 
 def plan_of(effects=None, batch_frames=64, target=None):
     return Plan(
-        World(CAMERA, scene=SCENE, effects=PAPER_EFFECTS if effects is None else effects, device="cpu"),
+        World(
+            CAMERA,
+            scene=SCENE,
+            effects=PAPER_EFFECTS if effects is None else effects,
+            device="cpu",
+        ),
         ReceiverPlan(names=("flda_2", "flda_3")),
         Experiment("effects", "distance_m", (50.0,)),
         Budget(FRAMES, 48, target),
@@ -61,7 +72,14 @@ def plan_of(effects=None, batch_frames=64, target=None):
     )
 
 
-def made(parts=PARTS, severity=None, names=(), effects=PAPER_EFFECTS, frames=(4, 24, 1), **plan):
+def made(
+    parts=PARTS,
+    severity=None,
+    names=(),
+    effects=PAPER_EFFECTS,
+    frames=(4, 24, 1),
+    **plan,
+):
     """A study, whose frames are those with a locator, those at a severity, and rounds."""
     config = EffectsConfig(list(names), *frames, parts, severity or {})
     return EffectStudy(plan_of(effects, **plan), config)
@@ -73,7 +91,9 @@ def shipped(scene="paper", names=()):
     severities = {name: Severity(**one) for name, one in SHIPPED["severity"].items()}
     plan = plan_of(SCENES[scene])
     whole = dataclasses.replace(plan, world=World(effects=SCENES[scene], device="cpu"))
-    return EffectStudy(whole, EffectsConfig(list(names), 0, 0, 1, SHIPPED["parts"], severities))
+    return EffectStudy(
+        whole, EffectsConfig(list(names), 0, 0, 1, SHIPPED["parts"], severities)
+    )
 
 
 # The shipped catalogue
@@ -82,9 +102,13 @@ def shipped(scene="paper", names=()):
 def test_every_registered_effect_is_looked_at():
     """Alone, and with a severity where it has a parameter that does something alone."""
     rows = shipped().pairs
-    assert {name for row in rows for name in row.own} == {kind.name for kind in PHYSICAL_ORDER}
+    assert {name for row in rows for name in row.own} == {
+        kind.name for kind in PHYSICAL_ORDER
+    }
     assert set(SHIPPED["severity"]) == set(ORDER) - WITHOUT_SEVERITY
-    assert [row.name for row in rows] == [name for name in ORDER if name in {row.name for row in rows}]
+    assert [row.name for row in rows] == [
+        name for name in ORDER if name in {row.name for row in rows}
+    ]
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -146,7 +170,9 @@ def test_severities_change_one_parameter(name):
     for value in severity.values:
         scene = catalogue.at(name, value)
         assert all(scene[other][parameter] == value for other in moved)
-        assert all(scene[other] == usually[other] for other in usually if other not in moved)
+        assert all(
+            scene[other] == usually[other] for other in usually if other not in moved
+        )
     if usual is not None:
         assert min(severity.values) <= usual <= max(severity.values)
 
@@ -165,22 +191,49 @@ MISTAKES = [
     ({"names": ["blooming"] * 2}, "each name once"),
     ({"parts": {"fogg": {}}}, "effects.parts has 'fogg': known: "),
     ({"parts": {"jpeg": {"gain": {}}}}, "effects.parts.jpeg has no jpeg"),
-    ({"parts": {"jpeg": {"jpeg": {"qualty": 9}}}}, "effects.parts.jpeg.jpeg.qualty is not"),
-    ({"parts": {"jpeg": {"jpeg": {"quality": 0}}}}, "effects.parts.jpeg.jpeg.quality is 0"),
-    ({"parts": {"shot_noise": {"shot_noise": {}}}}, "effects.parts.shot_noise.shot_noise needs electrons"),
+    (
+        {"parts": {"jpeg": {"jpeg": {"qualty": 9}}}},
+        "effects.parts.jpeg.jpeg.qualty is not",
+    ),
+    (
+        {"parts": {"jpeg": {"jpeg": {"quality": 0}}}},
+        "effects.parts.jpeg.jpeg.quality is 0",
+    ),
+    (
+        {"parts": {"shot_noise": {"shot_noise": {}}}},
+        "effects.parts.shot_noise.shot_noise needs electrons",
+    ),
     ({"parts": PARTS}, "effects.parts.shot_noise.photoelectrons is"),
-    ({"parts": {"defocus": {"defocus": {"focus_distance_m": 0.03}}}}, "focus_distance_m is 0.03"),
-    (severity("defocus.focus_distance_m", 9.0, of="defocsu"), "effects.severity has 'defocsu': did you mean"),
+    (
+        {"parts": {"defocus": {"defocus": {"focus_distance_m": 0.03}}}},
+        "focus_distance_m is 0.03",
+    ),
+    (
+        severity("defocus.focus_distance_m", 9.0, of="defocsu"),
+        "effects.severity has 'defocsu': did you mean",
+    ),
     (severity("", 1.0), "effects.severity.blooming.parameter is ''"),
-    (severity("jpeg.quality", 9), "effects.severity.blooming.parameter is 'jpeg.quality'"),
+    (
+        severity("jpeg.quality", 9),
+        "effects.severity.blooming.parameter is 'jpeg.quality'",
+    ),
     (
         severity("blooming.sigma", 1.0),
         "effects.severity.blooming.values has 1.0: scene.effects.blooming.sigma",
     ),
-    (severity("blooming.sigma_px", 0.0, 1.0), "effects.severity.blooming.values has 0.0"),
-    (severity("blooming.sigma_px", 1.0, 3.0, 2.0), "effects.severity.blooming.values is [1.0, 3.0, 2.0]"),
+    (
+        severity("blooming.sigma_px", 0.0, 1.0),
+        "effects.severity.blooming.values has 0.0",
+    ),
+    (
+        severity("blooming.sigma_px", 1.0, 3.0, 2.0),
+        "effects.severity.blooming.values is [1.0, 3.0, 2.0]",
+    ),
     (severity("blooming.sigma_px"), "effects.severity.blooming.values is []"),
-    (severity("blooming.sigma_px", 1.0, "low"), "effects.severity.blooming.values is 'low'"),
+    (
+        severity("blooming.sigma_px", 1.0, "low"),
+        "effects.severity.blooming.values is 'low'",
+    ),
     (
         severity("defocus.focus_distance_m", 6.0, 0.03, of="defocus"),
         "effects.severity.defocus.values has 0.03",
@@ -205,7 +258,10 @@ def test_mistakes_are_named(changes, said):
 
 
 def study_of(names=NAMES, frames=(4, 24, 1), **plan):
-    parts = {**PARTS, "photoelectrons": {**SENSOR, "photoelectrons": {"quantum_efficiency": 0.005}}}
+    parts = {
+        **PARTS,
+        "photoelectrons": {**SENSOR, "photoelectrons": {"quantum_efficiency": 0.005}},
+    }
     harsher = {"defocus": Severity("defocus.focus_distance_m", [20.0, 6.0, 3.0])}
     return made(parts, harsher, names, frames=frames, **plan)
 
@@ -228,7 +284,9 @@ def costs(study):
 @pytest.fixture(scope="module")
 def results(study, costs, told):
     with Workers(1) as workers:
-        return run_effects(study, costs, workers, lambda what, frames: told.append((what, frames)))
+        return run_effects(
+            study, costs, workers, lambda what, frames: told.append((what, frames))
+        )
 
 
 def row_of(results, name):
@@ -242,14 +300,24 @@ def decided(simulator, flda, frames, locator=None):
     keys = [BlockKey(0, "effects", block) for block in range(-(-frames // 64))]
     seen = list(link.observe(SCENE, keys, preambles=False, frames=frames))
     bits = torch.cat([flda.predict(one.readings.features) for one in seen])
-    return bits, torch.cat([one.bits for one in seen]), torch.cat([one.panels.found for one in seen])
+    return (
+        bits,
+        torch.cat([one.bits for one in seen]),
+        torch.cat([one.panels.found for one in seen]),
+    )
 
 
 @pytest.mark.parametrize(
     ("locator", "reading", "trained_with"),
-    [("truth", "true_corners", False), ("truth", "retrained", True), ("paper", "located", False)],
+    [
+        ("truth", "true_corners", False),
+        ("truth", "retrained", True),
+        ("paper", "located", False),
+    ],
 )
-def test_a_change_is_that_of_the_same_frames_decided_twice(results, locator, reading, trained_with):
+def test_a_change_is_that_of_the_same_frames_decided_twice(
+    results, locator, reading, trained_with
+):
     """Counted here by other code: whole renders instead of windows, and one tensor for all frames."""
     blurred = {**PAPER_EFFECTS, **PARTS["defocus"]}
     finder = PaperLocator() if locator == "paper" else None
@@ -257,7 +325,9 @@ def test_a_change_is_that_of_the_same_frames_decided_twice(results, locator, rea
     def trained(effects):
         plan = plan_of(effects)
         receiver = ReceiverPlan(names=("flda_3",), locator=locator)
-        return train(Plan(plan.world, receiver, plan.experiment, plan.budget, plan.folder)).flda
+        return train(
+            Plan(plan.world, receiver, plan.experiment, plan.budget, plan.folder)
+        ).flda
 
     plain = trained(PAPER_EFFECTS)
     own = trained(blurred) if trained_with else plain
@@ -270,7 +340,11 @@ def test_a_change_is_that_of_the_same_frames_decided_twice(results, locator, rea
     change = row_of(results, "defocus").changes[reading, "flda_3"]
     lost = {"errors_per_discordant_frame": 32} if locator == "paper" else {}
     assert change.estimate == paired_interval(expected, **lost)
-    assert change.present.half_errors - change.absent.half_errors == expected.half_difference != 0
+    assert (
+        change.present.half_errors - change.absent.half_errors
+        == expected.half_difference
+        != 0
+    )
 
 
 def test_an_effect_that_changes_nothing_changes_no_bit(results):
@@ -290,7 +364,9 @@ def test_frames_that_fill_the_sensor_are_fewer_for_the_locator(results):
     assert row.fills_sensor
     assert row.changes["true_corners", "flda_3"].present.frames == FRAMES
     assert row.changes["located", "flda_3"].present.frames == 4
-    assert row_of(results, "defocus").changes["located", "flda_3"].present.frames == FRAMES
+    assert (
+        row_of(results, "defocus").changes["located", "flda_3"].present.frames == FRAMES
+    )
 
 
 def test_what_the_scene_has_is_taken_away(results):
@@ -306,7 +382,11 @@ def test_what_the_scene_has_is_taken_away(results):
 def test_severity_at_the_usual_value_is_the_table(costs, results):
     [(name, curve)] = results.severities.items()
     values = list(dict.fromkeys(value for value, _, _ in curve))
-    assert (name, values, results.study.usual(name)) == ("defocus", [20.0, 6.0, 3.0], 6.0)
+    assert (name, values, results.study.usual(name)) == (
+        "defocus",
+        [20.0, 6.0, 3.0],
+        6.0,
+    )
     whole = study_of(names=("defocus",), frames=(0, FRAMES, 1))
     with Workers(1) as workers:
         again = run_effects(whole, costs, workers)
@@ -324,7 +404,10 @@ def test_batches_change_nothing(costs, results):
         again = run_effects(small, costs, workers)
     mine, others = (row_of(one, "shot_noise") for one in (again, results))
     for reading in ("true_corners", "retrained", "located"):
-        assert mine.changes[reading, "flda_3"].estimate == others.changes[reading, "flda_3"].estimate
+        assert (
+            mine.changes[reading, "flda_3"].estimate
+            == others.changes[reading, "flda_3"].estimate
+        )
 
 
 def test_all_frames_are_told(study, results, told):
@@ -341,10 +424,15 @@ def test_costs_are_differences_within_a_round(monkeypatch):
     def timed(calls, repeats, device, *, warm_up):
         assert (repeats, warm_up) == (3, 1)
         frames = {name: len(call.args[0]) for name, call in calls.items()}
-        effects = {name: len(call.func.__self__.effects) for name, call in calls.items()}
+        effects = {
+            name: len(call.func.__self__.effects) for name, call in calls.items()
+        }
         return {
             name: Timing(
-                tuple(frames[name] * (effects[name] + 10.0 * turn) / 1000 for turn in range(repeats))
+                tuple(
+                    frames[name] * (effects[name] + 10.0 * turn) / 1000
+                    for turn in range(repeats)
+                )
             )
             for name in calls
         }

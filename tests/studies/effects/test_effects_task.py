@@ -24,14 +24,27 @@ from vocc_torch.studies.effects.results import READINGS
 
 STREAK = f"{Path(__file__).parents[3]}/examples/effects/streak.py:Streak"
 Far = type(
-    "Far", (PlugIn("streak", "streak", STREAK).found(),), {"__call__": lambda self, value, _: value * 1}
+    "Far",
+    (PlugIn("streak", "streak", STREAK).found(),),
+    {"__call__": lambda self, value, _: value * 1},
 )
 TINY = (
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
-    *("scene.offset_x_m=0", "scene.offset_y_m=0", "budget.frames=24", "budget.training_frames=24"),
+    *(
+        "scene.offset_x_m=0",
+        "scene.offset_y_m=0",
+        "budget.frames=24",
+        "budget.training_frames=24",
+    ),
     *("effects.repeats=1", "effects.located_frames=2", "effects.severity_frames=8"),
-    *("effects.names=[defocus,shot_noise,blooming]", "effects.severity.blooming.values=[1.0,3.0]"),
-    *("effects.severity.shot_noise.values=[0.6,0.006]", "receiver.names=[center_greyscale,flda_3]"),
+    *(
+        "effects.names=[defocus,shot_noise,blooming]",
+        "effects.severity.blooming.values=[1.0,3.0]",
+    ),
+    *(
+        "effects.severity.shot_noise.values=[0.6,0.006]",
+        "receiver.names=[center_greyscale,flda_3]",
+    ),
 )
 
 
@@ -59,21 +72,29 @@ def test_every_number_is_in_the_file(results, tmp_path):
     run.write_effects(tmp_path / "effects.csv", results)
     rows = read(tmp_path / "effects.csv")
     assert tuple(rows[0]) == run.COLUMNS
-    assert [row["row"] for row in rows] == ["scene"] * 2 + ["effect"] * 6 + ["sum"] * 2 + ["together"] * 2
+    assert [row["row"] for row in rows] == ["scene"] * 2 + ["effect"] * 6 + [
+        "sum"
+    ] * 2 + ["together"] * 2
     given = {
-        (row.pair.name, name): row for row in results.every_row for name in ("center_greyscale", "flda_3")
+        (row.pair.name, name): row
+        for row in results.every_row
+        for name in ("center_greyscale", "flda_3")
     }
     for row in rows:
         if row["row"] not in ("effect", "together"):
             continue
         one = given.pop((row["effect"], row["receiver"]))
         assert row["differs_in"].split(" + ") == list(one.pair.own)
-        assert float(row["near_ms"]) == pytest.approx(np.median(one.costs["near"]), abs=1e-4)
+        assert float(row["near_ms"]) == pytest.approx(
+            np.median(one.costs["near"]), abs=1e-4
+        )
         for reading in READINGS:
             found = one.changes[reading, row["receiver"]]
             assert float(row[f"{reading}_change"]) == found.estimate.value
             assert float(row[f"{reading}_low"]) == found.estimate.low
-            difference = float(row[f"{reading}_ber_with"]) - float(row[f"{reading}_ber_without"])
+            difference = float(row[f"{reading}_ber_with"]) - float(
+                row[f"{reading}_ber_without"]
+            )
             assert difference == pytest.approx(found.estimate.value)
     assert not given
     base = float(rows[1]["true_corners_ber_with"])
@@ -85,14 +106,21 @@ def test_severities_are_in_the_file(results, tmp_path):
     run.write_severities(tmp_path / "severity.csv", results)
     rows = read(tmp_path / "severity.csv")
     assert tuple(rows[0]) == run.SEVERITY_COLUMNS
-    blooming = [row for row in rows if row["effect"] == "blooming" and row["receiver"] == "flda_3"]
+    blooming = [
+        row
+        for row in rows
+        if row["effect"] == "blooming" and row["receiver"] == "flda_3"
+    ]
     without = [row for row in blooming if row["trained"] == "without"]
     assert [(row["value"], row["order"], row["in_table"]) for row in without] == [
         ("1", "0", "0"),
         ("3", "1", "0"),
     ]
     found = ber_interval(results.severities["blooming"][3.0, "true_corners", "flda_3"])
-    assert (float(without[1]["ber_low"]), float(without[1]["ber_high"])) == (found.low, found.high)
+    assert (float(without[1]["ber_low"]), float(without[1]["ber_high"])) == (
+        found.low,
+        found.high,
+    )
 
 
 @pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (140, "ascii")])
@@ -102,7 +130,13 @@ def test_the_table_fits_the_terminal(results, width, encoding):
     text = stream.buffer.getvalue().decode(encoding)
     drawn = text[: text.index("Receiver:")].splitlines()
     assert max(map(len, drawn)) <= width
-    for told in ("the scene itself", "defocus", "sum of these costs", "all together", "retrained"):
+    for told in (
+        "the scene itself",
+        "defocus",
+        "sum of these costs",
+        "all together",
+        "retrained",
+    ):
         assert told in text
 
 
@@ -123,7 +157,9 @@ def test_pictures_draw_what_was_measured(results):
     assert (defocus.low, defocus.high) in ends
     assert len(axes) == 3
     names = ["defocus", "blooming", "shot_noise"]
-    assert [one.get_title("left") for one in figures.severity_figure(results).axes] == names
+    assert [
+        one.get_title("left") for one in figures.severity_figure(results).axes
+    ] == names
     pictures = figures.gallery_figure(results.study)
     pictures.canvas.draw()
     assert [one.get_title() for one in pictures.axes] == ["the scene itself", *names]
@@ -142,10 +178,16 @@ def test_effects_from_outside_are_priced_and_shown_in_their_places():
     with Workers(1) as workers:
         results = run_effects(study, measure_costs(study), workers)
     rows = [(row.label, row.group, row.fills_sensor) for row in results.rows]
-    assert rows == [("far", "optics", True), ("blooming", "optics", False), ("smear", "optics", False)]
+    assert rows == [
+        ("far", "optics", True),
+        ("blooming", "optics", False),
+        ("smear", "optics", False),
+    ]
     assert results.together.pair.own == ("far", "smear")
     assert "half_px=9" in results.rows[2].settings
-    mild, harsh = (results.severities["smear"][at, "true_corners", "flda_3"] for at in (0.1, 0.9))
+    mild, harsh = (
+        results.severities["smear"][at, "true_corners", "flda_3"] for at in (0.1, 0.9)
+    )
     assert mild.bit_errors < harsh.bit_errors
     pictures = figures.gallery_pictures(study)
     assert not np.array_equal(pictures["smear"], pictures["the scene itself"])
@@ -153,7 +195,9 @@ def test_effects_from_outside_are_priced_and_shown_in_their_places():
 
 
 def test_ratios_are_of_medians(results):
-    if results.ratios is not None:  # a machine so busy that a sum cannot be told from nothing has none
+    if (
+        results.ratios is not None
+    ):  # a machine so busy that a sum cannot be told from nothing has none
         both, alone = results.together.costs["near"], results.sums["near"]
         assert results.ratios[0] == np.median(both) / np.median(alone)
 
@@ -173,7 +217,9 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize(("override", "complaint"), MISTAKES.items(), ids=MISTAKES.keys())
+@pytest.mark.parametrize(
+    ("override", "complaint"), MISTAKES.items(), ids=MISTAKES.keys()
+)
 def test_mistakes_are_named(override, complaint):
     with pytest.raises(VoccError) as refused:
         study_of(override)

@@ -28,7 +28,12 @@ CENTRED = ("scene.offset_x_m=[uniform,-0.1,0.1]", "scene.offset_y_m=0")
 KINDS = {
     "crops": ("export.frames=130",),
     "noisy crops": ("scene=night", "export.frames=70", "batch_frames=7"),
-    "points": ("export.points=test", "experiment=distance", "experiment.values=[30,50]", "export.frames=10"),
+    "points": (
+        "export.points=test",
+        "experiment=distance",
+        "experiment.values=[30,50]",
+        "export.frames=10",
+    ),
     "whole": (
         *SMALL,
         *CENTRED,
@@ -37,13 +42,25 @@ KINDS = {
         "export.frames=5",
     ),
     "filled": (*SMALL, *CENTRED, "framing=filled", "export.frames=5"),
-    "three colours": ("+scene.effects.colour={second_nm:525,third_nm:470}", "export.frames=66"),
-    "coloured": ("+scene.effects.colour={peak_nm:[uniform,470,630]}", "export.frames=5"),
+    "three colours": (
+        "+scene.effects.colour={second_nm:525,third_nm:470}",
+        "export.frames=66",
+    ),
+    "coloured": (
+        "+scene.effects.colour={peak_nm:[uniform,470,630]}",
+        "export.frames=5",
+    ),
 }
 
 
 def words_of(*words, name="x"):
-    return ("task=export", "device=cpu", "export.shard_frames=64", f"name={name}", *words)
+    return (
+        "task=export",
+        "device=cpu",
+        "export.shard_frames=64",
+        f"name={name}",
+        *words,
+    )
 
 
 def rows_of(path):
@@ -55,39 +72,66 @@ def files_in(folder):
     """Every file but the configuration, which says by how many workers."""
     every = (path for path in folder.rglob("*") if path.is_file())
     own = ("config.yaml",)
-    return {str(path.relative_to(folder)): path.read_bytes() for path in every if path.name not in own}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in every
+        if path.name not in own
+    }
 
 
 def corners_of(row):
-    return np.array([[float(row[f"{axis}_{corner}"]) for axis in "xy"] for corner in truth.KEYPOINTS])
+    return np.array(
+        [
+            [float(row[f"{axis}_{corner}"]) for axis in "xy"]
+            for corner in truth.KEYPOINTS
+        ]
+    )
 
 
 @pytest.mark.parametrize("words", KINDS.values(), ids=KINDS)
-def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tmp_path, monkeypatch, words):
+def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(
+    app, tmp_path, monkeypatch, words
+):
     """Bit by bit, drawn block by block by the same keys; OpenCV and COCO's own reader read them."""
     plans, build_plan = [], export.build.build_plan
     monkeypatch.setattr(
-        export.build, "build_plan", lambda *given: plans.append(build_plan(*given)) or plans[0]
+        export.build,
+        "build_plan",
+        lambda *given: plans.append(build_plan(*given)) or plans[0],
     )
     assert app(*words_of(*words)).err == ""
     folder = tmp_path / "runs" / "x"
     (plan,), rows = plans, iter(rows_of(folder / "truth.csv"))
     coco, simulator = COCO(str(folder / "coco.json")), plan.world.simulator()
-    images, crop, frames = coco.loadImgs(coco.getImgIds()), plan.world.framing == "crop", 0
+    images, crop, frames = (
+        coco.loadImgs(coco.getImgIds()),
+        plan.world.framing == "crop",
+        0,
+    )
     points = "test" if "export.points=test" in words else "train"
-    count = int(next(word for word in words if "export.frames" in word).partition("=")[2])
+    count = int(
+        next(word for word in words if "export.frames" in word).partition("=")[2]
+    )
     for point, model in export.sweep.scenes_of(plan, points).items():
         for block in range(-(-count // 64)):
             key, most = BlockKey(plan.seed, point, block), min(64, count - 64 * block)
-            scene, bits = (one[:most] for one in model.draw(key, plan.world.panel.shape))
+            scene, bits = (
+                one[:most] for one in model.draw(key, plan.world.panel.shape)
+            )
             keys = [FrameKey(key, frame) for frame in range(most)]
-            seen = simulator.render(scene, bits, nearest_m=model.nearest_m, keys=keys, panel_only=crop)
-            corners = simulator.true_panels(scene, keys).corners_px - seen.origin_px[:, None]
+            seen = simulator.render(
+                scene, bits, nearest_m=model.nearest_m, keys=keys, panel_only=crop
+            )
+            corners = (
+                simulator.true_panels(scene, keys).corners_px - seen.origin_px[:, None]
+            )
             further = simulator.further_bits(scene, keys)
             for frame in range(most):
                 row, image = next(rows), images[frames]
                 picture = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED)
-                shown = picture if picture.ndim == 2 else picture[..., ::-1]  # blue first, as OpenCV has it
+                shown = (
+                    picture if picture.ndim == 2 else picture[..., ::-1]
+                )  # blue first, as OpenCV has it
                 assert np.array_equal(shown, seen.pixels[frame])
                 assert (row["seed"], row["point"], row["block"], row["frame"]) == (
                     "0",
@@ -98,9 +142,14 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
                 assert [row["origin_x_px"], row["origin_y_px"]] == [
                     str(at) for at in seen.origin_px[frame].tolist()
                 ]
-                assert row["bits"] == "".join(str(int(bit)) for bit in bits[frame].flatten())
+                assert row["bits"] == "".join(
+                    str(int(bit)) for bit in bits[frame].flatten()
+                )
                 assert np.array_equal(corners_of(row), corners[frame].numpy())
-                values = {name: float(getattr(scene, name)[frame]) for name in Scene.__dataclass_fields__}
+                values = {
+                    name: float(getattr(scene, name)[frame])
+                    for name in Scene.__dataclass_fields__
+                }
                 assert {name: float(row[name]) for name in values} == values
                 (annotation,) = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
                 assert image["file_name"] == row["file"]
@@ -111,9 +160,13 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
                 assert (keypoints[:, 2] == 2).all()
                 assert annotation["bits"] == row["bits"]
                 for name in ("second", "third"):
-                    sent = further[name][frame].flatten().int().tolist() if further else []
+                    sent = (
+                        further[name][frame].flatten().int().tolist() if further else []
+                    )
                     assert (
-                        row[f"bits_{name}"] == "".join(map(str, sent)) == annotation.get(f"bits_{name}", "")
+                        row[f"bits_{name}"]
+                        == "".join(map(str, sent))
+                        == annotation.get(f"bits_{name}", "")
                     )
                 frames += 1
     assert next(rows, None) is None
@@ -123,18 +176,30 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
 
 def test_the_outline_is_the_panel_and_the_bits_are_its_leds_row_by_row(app, tmp_path):
     """By pycocotools' masks, and by the pictures alone: near and in the dark an On LED is the brighter."""
-    scene = ("scene.distance_m=30", "scene.ambient_lx=1000", "+scene.effects.pose={roll_deg:8}")
+    scene = (
+        "scene.distance_m=30",
+        "scene.ambient_lx=1000",
+        "+scene.effects.pose={roll_deg:8}",
+    )
     assert app(*words_of(*scene, "export.frames=3")).status == 0
     coco = COCO(str(tmp_path / "runs/x/coco.json"))
     for one in coco.loadAnns(coco.getAnnIds()):
         (image,) = coco.loadImgs(one["image_id"])
-        grey = cv2.imread(str(tmp_path / "runs/x" / image["file_name"]), cv2.IMREAD_UNCHANGED)
+        grey = cv2.imread(
+            str(tmp_path / "runs/x" / image["file_name"]), cv2.IMREAD_UNCHANGED
+        )
         assert coco.annToMask(one).sum() == pytest.approx(one["area"], rel=0.05)
-        assert one["bbox"] == pytest.approx(cv2.boundingRect(coco.annToMask(one)), abs=1.5)
+        assert one["bbox"] == pytest.approx(
+            cv2.boundingRect(coco.annToMask(one)), abs=1.5
+        )
         corners = np.array(one["keypoints"]).reshape(4, 3)[:, :2].astype(np.float32)
         square = np.array([(0, 0), (8, 0), (8, 8), (0, 8)], dtype=np.float32)
-        centres = np.stack(np.meshgrid(np.arange(8) + 0.5, np.arange(8) + 0.5), axis=-1).reshape(-1, 1, 2)
-        at = cv2.perspectiveTransform(centres, cv2.getPerspectiveTransform(square, corners))[:, 0]
+        centres = np.stack(
+            np.meshgrid(np.arange(8) + 0.5, np.arange(8) + 0.5), axis=-1
+        ).reshape(-1, 1, 2)
+        at = cv2.perspectiveTransform(
+            centres, cv2.getPerspectiveTransform(square, corners)
+        )[:, 0]
         greys = np.array([grey[int(y), int(x)] for x, y in at])
         on = np.array([bit == "1" for bit in one["bits"]])
         assert greys[on].min() > greys[~on].max()
@@ -144,7 +209,9 @@ LONG = "export.frames=1000"
 
 
 @pytest.mark.slow
-def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturbed_one(app, tmp_path):
+def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturbed_one(
+    app, tmp_path
+):
     assert app(*words_of(LONG, name="y")).status == 0
     begin = [sys.executable, "-m", "vocc_torch", *words_of(LONG, "workers=2")]
     process = subprocess.Popen(begin, cwd=tmp_path, stdout=subprocess.DEVNULL)
@@ -171,15 +238,25 @@ def shorten(path):
 
 
 DAMAGES = {
-    "a picture is deleted": lambda folder: (folder / "frames/train/0000064/0000070.png").unlink(),
-    "a picture is empty": lambda folder: (folder / "frames/train/0000064/0000070.png").write_bytes(b""),
-    "a picture has another content": lambda folder: (folder / "frames/train/0000064/0000070.png").write_bytes(
-        (folder / "frames/train/0000064/0000071.png").read_bytes()
+    "a picture is deleted": lambda folder: (
+        folder / "frames/train/0000064/0000070.png"
+    ).unlink(),
+    "a picture is empty": lambda folder: (
+        folder / "frames/train/0000064/0000070.png"
+    ).write_bytes(b""),
+    "a picture has another content": lambda folder: (
+        folder / "frames/train/0000064/0000070.png"
+    ).write_bytes((folder / "frames/train/0000064/0000071.png").read_bytes()),
+    "a shard's truth is cut": lambda folder: shorten(
+        folder / "frames/train/0000000/truth.csv"
     ),
-    "a shard's truth is cut": lambda folder: shorten(folder / "frames/train/0000000/truth.csv"),
     "a shard is deleted": lambda folder: shutil.rmtree(folder / "frames/train/0000064"),
-    "a stranger is among the pictures": lambda folder: (folder / "frames/train/0000064/a.png").touch(),
-    "a manifest is damaged": lambda folder: shorten(folder / "frames/train/0000128/manifest.json"),
+    "a stranger is among the pictures": lambda folder: (
+        folder / "frames/train/0000064/a.png"
+    ).touch(),
+    "a manifest is damaged": lambda folder: shorten(
+        folder / "frames/train/0000128/manifest.json"
+    ),
     "a manifest names another folder": lambda folder: (
         folder / "frames/train/0000128/manifest.json"
     ).write_text('{"../0000064/0000070.png": [1, "a"]}'),
@@ -198,11 +275,15 @@ def test_what_is_missing_or_damaged_is_rendered_again(app, tmp_path, damage):
     assert again.status == 0
     assert "resuming: 2 of 3 folders are complete" in again.out
     assert files_in(folder) == before
-    rewritten = {path.parent for path, at in times.items() if path.stat().st_mtime_ns != at}
+    rewritten = {
+        path.parent for path, at in times.items() if path.stat().st_mtime_ns != at
+    }
     assert len(rewritten - {folder}) == 1
 
 
-def test_pictures_are_flushed_before_the_manifest_says_that_they_are_there(app, tmp_path, monkeypatch):
+def test_pictures_are_flushed_before_the_manifest_says_that_they_are_there(
+    app, tmp_path, monkeypatch
+):
     flushed, fsync = [], os.fsync
 
     def watched(handle):
@@ -218,14 +299,19 @@ def test_pictures_are_flushed_before_the_manifest_says_that_they_are_there(app, 
     )
 
 
-def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothing(app, tmp_path):
+def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothing(
+    app, tmp_path
+):
     assert app(*words_of("export.frames=3")).status == 0
     before = files_in(tmp_path)
     for words, why in (
         (("export.frames=4",), "export.frames was 3, is 4"),
         (("export.frames=3", "seed=1"), "seed was 0, is 1"),
         (("export.frames=3", "framing=filled"), "framing was crop, is filled"),
-        (("export.frames=3", "+experiment.training.distance_m=40"), "experiment.training.distance_m"),
+        (
+            ("export.frames=3", "+experiment.training.distance_m=40"),
+            "experiment.training.distance_m",
+        ),
         (("export.frames=3", "export.points=test"), "experiment."),
     ):
         said = app(*words_of(*words)).complaint
@@ -242,24 +328,39 @@ def test_a_run_that_could_write_nothing_leaves_nothing(app, tmp_path, monkeypatc
 
     monkeypatch.setattr(export.Image, "fromarray", full)
     monkeypatch.setattr(export.samples, "write_samples", lambda *_: None)
-    assert app(*words_of()).complaint.endswith("frames/train/0000000: No space left on device")
+    assert app(*words_of()).complaint.endswith(
+        "frames/train/0000000: No space left on device"
+    )
     assert not (tmp_path / "runs" / "x").exists()
 
 
-@pytest.mark.parametrize("change", ["~scene.effects.quantization", "scene.effects.quantization.bits=10"])
+@pytest.mark.parametrize(
+    "change", ["~scene.effects.quantization", "scene.effects.quantization.bits=10"]
+)
 def test_frames_of_other_than_8_bits_are_refused(app, tmp_path, change):
-    assert "scene.effects.quantization must be {bits: 8}" in app(*words_of(change)).complaint
+    assert (
+        "scene.effects.quantization must be {bits: 8}"
+        in app(*words_of(change)).complaint
+    )
     assert not (tmp_path / "runs").exists() or not list((tmp_path / "runs").iterdir())
 
 
 def test_a_corner_outside_the_picture_is_not_labelled_and_a_panel_outside_not_at_all():
     row = {"file": "a.png", "width_px": 100, "height_px": 50, "bits": "1"}
-    cut = row | dict(zip(truth.CORNERS, (-10, 10, 30, 10, 30, 40, -10, 40), strict=True))
+    cut = row | dict(
+        zip(truth.CORNERS, (-10, 10, 30, 10, 30, 40, -10, 40), strict=True)
+    )
     told = truth.annotation_of(7, cut)
     assert told["keypoints"] == [0, 0, 0, 30, 10, 2, 30, 40, 2, 0, 0, 0]
-    assert (told["num_keypoints"], told["bbox"], told["area"]) == (2, [0, 10, 30, 30], 900)
+    assert (told["num_keypoints"], told["bbox"], told["area"]) == (
+        2,
+        [0, 10, 30, 30],
+        900,
+    )
     assert told["segmentation"] == [[0, 10, 30, 10, 30, 40, 0, 40]]
-    beside = row | dict(zip(truth.CORNERS, (-40, 10, -10, 10, -10, 40, -40, 40), strict=True))
+    beside = row | dict(
+        zip(truth.CORNERS, (-40, 10, -10, 10, -10, 40, -40, 40), strict=True)
+    )
     assert truth.annotation_of(8, beside) is None
 
 
@@ -280,7 +381,11 @@ def test_the_memory_of_joining_does_not_grow_with_the_frames(app, tmp_path):
 
 
 def test_every_column_stands_in_the_glossary_and_every_extra_of_the_image():
-    page = (Path(__file__).parents[3] / "docs" / "glossary.md").read_text().partition("## truth.csv")[2]
+    page = (
+        (Path(__file__).parents[3] / "docs" / "glossary.md")
+        .read_text()
+        .partition("## truth.csv")[2]
+    )
     told = re.findall(r"`(\w+)`", page.partition("\n## ")[0])
     assert {*truth.COLUMNS} <= {*told}
     row = dict.fromkeys(truth.COLUMNS, 0)

@@ -8,7 +8,12 @@ from vocc_torch.measure.curve import COLUMNS
 from vocc_torch.measure.runner import Job
 
 AMBIENT, LUMINANCE = (1000.0, 32000.0), (500.0, 2000.0, 8000.0)
-TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1", "tensorboard=false")
+TINY = (
+    "budget.frames=8",
+    "budget.training_frames=64",
+    "workers=1",
+    "tensorboard=false",
+)
 GRID = (
     *("experiment=dimming", *TINY, "receiver.names=[average_greyscale,flda_3]"),
     *("experiment.rows=[1000,32000]", "experiment.values=[500,2000,8000]"),
@@ -58,13 +63,27 @@ def test_every_cell_of_every_receiver_has_a_row(grid):
     folder, _ = grid
     assert head_of(folder / "ber.csv") == ["ambient_lx", *COLUMNS]
     rows = rows_of(folder / "ber.csv")
-    found = sorted((float(row["ambient_lx"]), float(row["value"]), row["receiver"]) for row in rows)
+    found = sorted(
+        (float(row["ambient_lx"]), float(row["value"]), row["receiver"]) for row in rows
+    )
     receivers = ("average_greyscale", "flda_3")
-    assert found == sorted((at, value, name) for at in AMBIENT for value in LUMINANCE for name in receivers)
+    assert found == sorted(
+        (at, value, name) for at in AMBIENT for value in LUMINANCE for name in receivers
+    )
     for row in rows:
         assert row["experiment"] == f"dimming/ambient_lx={float(row['ambient_lx']):g}"
-        assert (row["axis"], row["locator"], row["frames"]) == ("led_luminance_cd_m2", "paper", "8")
-        assert 0 <= float(row["ber_low"]) <= float(row["ber"]) <= float(row["ber_high"]) <= 1
+        assert (row["axis"], row["locator"], row["frames"]) == (
+            "led_luminance_cd_m2",
+            "paper",
+            "8",
+        )
+        assert (
+            0
+            <= float(row["ber_low"])
+            <= float(row["ber"])
+            <= float(row["ber_high"])
+            <= 1
+        )
     assert len({row["bit_errors"] for row in rows}) > 2
 
 

@@ -8,7 +8,11 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.studies.paper.rules import Evidence
 
 BITS = 64
-AXES = {"ambient": "ambient_lx", "luminance": "led_luminance_cd_m2", "distance": "distance_m"}
+AXES = {
+    "ambient": "ambient_lx",
+    "luminance": "led_luminance_cd_m2",
+    "distance": "distance_m",
+}
 
 
 def spread(ber, frames):
@@ -34,17 +38,26 @@ def curves_of(experiment, wrong):
     receivers, counts, paired = tuple(next(iter(wrong.values()))), {}, {}
     for value, at in wrong.items():
         found, pairs = counted([at[name] for name in receivers])
-        counts |= {(name, value): one for name, one in zip(receivers, found, strict=True)}
-        paired |= {(receivers[i], receivers[j], value): one for (i, j), one in pairs.items()}
+        counts |= {
+            (name, value): one for name, one in zip(receivers, found, strict=True)
+        }
+        paired |= {
+            (receivers[i], receivers[j], value): one for (i, j), one in pairs.items()
+        }
     stopped = dict.fromkeys(wrong, "frames")
     axis = AXES.get(experiment, experiment)
-    return Curves(experiment, axis, "paper", receivers, tuple(wrong), counts, paired, stopped)
+    return Curves(
+        experiment, axis, "paper", receivers, tuple(wrong), counts, paired, stopped
+    )
 
 
 def of_rates(experiment="ambient", frames=2000, numbers=None, **rates):
     """Evidence of one experiment from rates by receiver, ``{value: ber}`` each."""
     values = next(iter(rates.values()))
-    wrong = {value: {name: spread(at[value], frames) for name, at in rates.items()} for value in values}
+    wrong = {
+        value: {name: spread(at[value], frames) for name, at in rates.items()}
+        for value in values
+    }
     named = {
         name: one if isinstance(one, Estimate) else Estimate(one, one, one)
         for name, one in (numbers or {}).items()

@@ -12,7 +12,13 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.stage_times import STAGES, StageTimes
-from vocc_torch.studies.paper.evidence import PaperFigure, Source, features, frames, panels
+from vocc_torch.studies.paper.evidence import (
+    PaperFigure,
+    Source,
+    features,
+    frames,
+    panels,
+)
 from vocc_torch.studies.paper.numbers import setup_numbers
 from vocc_torch.studies.paper.plan import EVIDENCE
 
@@ -20,7 +26,9 @@ from vocc_torch.studies.paper.plan import EVIDENCE
 def plan_of(**world):
     experiment = Experiment("ambient", "ambient_lx", (8000.0,))
     budget = Budget(training_frames=64)
-    return Plan(World(device="cpu", **world), ReceiverPlan(), experiment, budget, Path("unused"))
+    return Plan(
+        World(device="cpu", **world), ReceiverPlan(), experiment, budget, Path("unused")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,14 +60,18 @@ def test_separable_is_what_a_hard_margin_finds(gap):
     bits = points.sum(axis=1) > 1
     points[bits] += gap - 0.05 * (gap < 0)
     hard = LinearSVC(C=1e6, max_iter=200_000).fit(points, bits)
-    assert features.separable(points, bits) == (hard.score(points, bits) == 1) == (gap > 0)
+    assert (
+        features.separable(points, bits) == (hard.score(points, bits) == 1) == (gap > 0)
+    )
 
 
 def test_every_figure_has_rows_numbers_and_panels(figures):
     for name, figure in figures.items():
         assert isinstance(figure, PaperFigure)
         assert len({len(row) for row in figure.rows}) == 1, name
-        assert all(np.isfinite(one.value) for one in figure.estimates(name).values()), name
+        assert all(np.isfinite(one.value) for one in figure.estimates(name).values()), (
+            name
+        )
         drawn = figure.drawn(name)
         assert len(drawn.axes) == len(figure.panels), name
         assert all(axes.get_title(loc="left") for axes in drawn.axes), name
@@ -77,12 +89,16 @@ def test_the_frames_that_contradict_each_other_do(figures, source):
 def test_the_misread_led_is_off_and_bloomed(figures, source):
     numbers = figures["fig05_06"].numbers
     row = next(
-        row for row in figures["fig05_06"].rows[1:] if row[1:3] == (numbers["led_row"], numbers["led_column"])
+        row
+        for row in figures["fig05_06"].rows[1:]
+        if row[1:3] == (numbers["led_row"], numbers["led_column"])
     )
     assert row[3] == 0
     assert row[4:] == (numbers["grey_without_blooming"], numbers["grey_with_blooming"])
     assert numbers["grey_with_blooming"] > numbers["grey_without_blooming"]
-    over = (source.sample.greys >= source.sample.thresholds[:, None, None]) & ~source.sample.bits
+    over = (
+        source.sample.greys >= source.sample.thresholds[:, None, None]
+    ) & ~source.sample.bits
     assert numbers["misread_off_leds"] == over.sum()
 
 
@@ -95,9 +111,16 @@ def test_contrast_before_blur_follows_from_the_equations(figures):
     """Eqs 1 to 3: exposure in proportion to luminance, the background's grey by auto-ISO, white at 255."""
     for stated, (ambient_lx, luminance) in panels.PAPER_SCENES.items():
         found = figures["fig20"].numbers[f"contrast_before_blur_{stated}"]
-        for grey, value in zip(panels.BACKGROUND_GREYS, (found.low, found.value, found.high), strict=True):
+        for grey, value in zip(
+            panels.BACKGROUND_GREYS, (found.low, found.value, found.high), strict=True
+        ):
             off, on = (
-                min(255, grey * ((0.4 * ambient_lx / np.pi + own) / (0.18 * ambient_lx / np.pi)) ** (1 / 2.2))
+                min(
+                    255,
+                    grey
+                    * ((0.4 * ambient_lx / np.pi + own) / (0.18 * ambient_lx / np.pi))
+                    ** (1 / 2.2),
+                )
                 for own in (0, luminance * 0.99513)
             )
             if stated == 6:
@@ -116,19 +139,31 @@ def test_the_histogram_counts_every_pixel_of_the_sensor(figures, source):
         below, above = counts[: level + 1], counts[level + 1 :]
         if not below.sum() or not above.sum():
             return 0.0
-        means = np.average(levels[: level + 1], weights=below), np.average(levels[level + 1 :], weights=above)
+        means = (
+            np.average(levels[: level + 1], weights=below),
+            np.average(levels[level + 1 :], weights=above),
+        )
         return below.sum() * above.sum() * (means[0] - means[1]) ** 2
 
-    assert between(threshold) == pytest.approx(max(between(level) for level in range(255)))
+    assert between(threshold) == pytest.approx(
+        max(between(level) for level in range(255))
+    )
 
 
 def times(locate, detect, rounds=9):
     spent = dict.fromkeys(STAGES, (0.0,) * rounds)
-    return StageTimes(spent | {"locate": (locate,) * rounds, "features": (detect,) * rounds})
+    return StageTimes(
+        spent | {"locate": (locate,) * rounds, "features": (detect,) * rounds}
+    )
 
 
 def test_times_are_over_panel_detection_and_unknown_on_a_busy_machine():
-    shares = {"center_greyscale": 5.0, "average_greyscale": 7.0, "flda_2": 12.0, "flda_3": 14.0}
+    shares = {
+        "center_greyscale": 5.0,
+        "average_greyscale": 7.0,
+        "flda_2": 12.0,
+        "flda_3": 14.0,
+    }
     by_receiver = {name: times(100.0, spent) for name, spent in shares.items()}
     found = frames.time_numbers(by_receiver, 0.0, frames.TimingBudget())
     assert found["share_flda_3"] == Estimate(0.14, 0.14, 0.14)
@@ -141,8 +176,12 @@ def test_times_are_over_panel_detection_and_unknown_on_a_busy_machine():
 
 def test_the_papers_own_numbers_follow_from_its_equations():
     found = setup_numbers(plan_of())
-    assert found["setup.transmission"].value == pytest.approx(np.exp(-3.91 * 70 / 40_000), abs=1e-5)
-    assert found["setup.half_exposure_grey"].value == pytest.approx(118 * 0.5 ** (1 / 2.2))
+    assert found["setup.transmission"].value == pytest.approx(
+        np.exp(-3.91 * 70 / 40_000), abs=1e-5
+    )
+    assert found["setup.half_exposure_grey"].value == pytest.approx(
+        118 * 0.5 ** (1 / 2.2)
+    )
     assert found["setup.kbps"].value == 6.4
 
 

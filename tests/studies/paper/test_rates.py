@@ -17,13 +17,26 @@ def test_the_papers_counts_have_its_rate_and_our_clustering():
     theirs = rates.clustered_like(like, 6.6e-4, 2000)
     assert theirs.ber == pytest.approx(6.6e-4, rel=0.01)
     size = like.half_errors_squared / like.half_errors
-    assert theirs.half_errors_squared / theirs.half_errors == pytest.approx(size, rel=0.05)
+    assert theirs.half_errors_squared / theirs.half_errors == pytest.approx(
+        size, rel=0.05
+    )
 
 
 def test_the_paper_had_a_bins_share_of_its_contrast_frames():
-    curves = curves_of("contrast", {0.27: {"flda_2": spread(1e-3, 300)}, 0.33: {"flda_2": spread(1e-3, 100)}})
-    assert (rates.paper_frames(curves, 0.33), rates.paper_frames(curves, None)) == (5000, 20_000)
-    assert rates.paper_frames(curves_of("ambient", {8e3: {"flda_2": spread(1e-3, 100)}}), 8e3) == 2000
+    curves = curves_of(
+        "contrast",
+        {0.27: {"flda_2": spread(1e-3, 300)}, 0.33: {"flda_2": spread(1e-3, 100)}},
+    )
+    assert (rates.paper_frames(curves, 0.33), rates.paper_frames(curves, None)) == (
+        5000,
+        20_000,
+    )
+    assert (
+        rates.paper_frames(
+            curves_of("ambient", {8e3: {"flda_2": spread(1e-3, 100)}}), 8e3
+        )
+        == 2000
+    )
 
 
 def test_distances_are_in_decades_and_a_limit_counts_beyond_itself_only():
@@ -33,7 +46,9 @@ def test_distances_are_in_decades_and_a_limit_counts_beyond_itself_only():
     assert found.value == pytest.approx(1, abs=1e-6)
     assert found.low < 1 < found.high
     limit = rates.measured_rate(curves, "flda_3", 8e3).high
-    assert rates.decades_apart(curves, "flda_3", 8e3, 1e-3).value == pytest.approx(math.log10(1e-3 / limit))
+    assert rates.decades_apart(curves, "flda_3", 8e3, 1e-3).value == pytest.approx(
+        math.log10(1e-3 / limit)
+    )
     assert rates.decades_apart(curves, "flda_3", 8e3, limit / 10).value == 0
 
 
@@ -48,8 +63,13 @@ def test_the_gain_is_the_share_of_errors_saved():
 
 def several(first, second):
     """Curves at 8000 lx after two trainings, from each receiver's rate in either."""
-    wrong = {name: [spread(rate, 2000) for rate in (first[name], second[name])] for name in first}
-    curves = curves_of("ambient", {8e3: {name: each[0] for name, each in wrong.items()}})
+    wrong = {
+        name: [spread(rate, 2000) for rate in (first[name], second[name])]
+        for name in first
+    }
+    curves = curves_of(
+        "ambient", {8e3: {name: each[0] for name, each in wrong.items()}}
+    )
     together = 2 * np.stack([np.sum(each, axis=0) for each in wrong.values()])
     pooled, pairs = tallies(together, 2 * BITS, np.ones(together.shape, dtype=bool))
     trained = {
@@ -61,10 +81,14 @@ def several(first, second):
 
 def test_several_trainings_are_judged_by_their_mean_and_widen_the_interval():
     rates_of = {"flda_2": 2e-3, "flda_3": 1e-3}
-    alone = of_rates(**{name: {8e3: rate} for name, rate in rates_of.items()}).experiments["ambient"]
+    alone = of_rates(
+        **{name: {8e3: rate} for name, rate in rates_of.items()}
+    ).experiments["ambient"]
     trained = several(rates_of, {"flda_2": 6e-3, "flda_3": 3e-3})
     assert rates.measured_rate(trained, "flda_2", 8e3).value == pytest.approx(4e-3)
-    narrow, wide = (rates.quoted_difference(one, "flda_2", 8e3, 2e-3) for one in (alone, trained))
+    narrow, wide = (
+        rates.quoted_difference(one, "flda_2", 8e3, 2e-3) for one in (alone, trained)
+    )
     assert wide.high - wide.low > narrow.high - narrow.low
     assert rates.gain(trained, 8e3).value == pytest.approx(0.5)
     found = rates.Comparison(trained, ("flda_2", 8e3), ("flda_3", 8e3)).difference(0.95)

@@ -13,7 +13,10 @@ ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
 @pytest.mark.parametrize(
     ("readings", "complaint"),
     [
-        ("[nobody]", "figures.readings is 'nobody': it must be one of board, board_true"),
+        (
+            "[nobody]",
+            "figures.readings is 'nobody': it must be one of board, board_true",
+        ),
         ("[]", "figures.readings is []: it must be at least one reading"),
         ("[board,board]", "at least one reading, each once"),
         ("[none.yaml]", "figures.readings: cannot read none.yaml"),
@@ -25,15 +28,22 @@ ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
             "[seed.yaml]",
             "figures.readings.mine.a key is 'seed': it must be one that begins with scene, camera",
         ),
-        ("[typo.yaml]", "figures.readings.mine.a key is 'focal_mm': it must be one of focal_length_mm"),
+        (
+            "[typo.yaml]",
+            "figures.readings.mine.a key is 'focal_mm': it must be one of focal_length_mm",
+        ),
         ("[far.yaml]", "figures.readings.mine.panel.board_reflectance is 7"),
     ],
 )
-def test_a_reading_that_cannot_be_used_is_refused_in_one_line(tmp_path, readings, complaint):
+def test_a_reading_that_cannot_be_used_is_refused_in_one_line(
+    tmp_path, readings, complaint
+):
     (tmp_path / "odd.yaml").write_text("- 1\n")
     (tmp_path / "seed.yaml").write_text("mine: {why: w, set: {seed: 1}}\n")
     (tmp_path / "typo.yaml").write_text("mine: {why: w, set: {camera.focal_mm: 25}}\n")
-    (tmp_path / "far.yaml").write_text("mine: {why: w, set: {panel.board_reflectance: 7}}\n")
+    (tmp_path / "far.yaml").write_text(
+        "mine: {why: w, set: {panel.board_reflectance: 7}}\n"
+    )
     ended = run_in(tmp_path, *ASK, f"figures.readings={readings}")
     assert complaint in ended.complaint
     assert not (tmp_path / "runs").exists()
@@ -43,8 +53,14 @@ def test_a_key_is_set_in_dataclasses_and_mappings_and_the_old_value_stays():
     before = {"panel": LedPanel(), "effects": {"blooming": {"sigma_px": 1.5}}}
     after = with_value(before, "panel.board_reflectance", None)
     after = with_value(after, "effects.blooming.sigma_px", 2.0)
-    assert (after["panel"].board_reflectance, after["effects"]["blooming"]["sigma_px"]) == (None, 2.0)
-    assert (before["panel"].board_reflectance, before["effects"]["blooming"]["sigma_px"]) == (0.4, 1.5)
+    assert (
+        after["panel"].board_reflectance,
+        after["effects"]["blooming"]["sigma_px"],
+    ) == (None, 2.0)
+    assert (
+        before["panel"].board_reflectance,
+        before["effects"]["blooming"]["sigma_px"],
+    ) == (0.4, 1.5)
     with pytest.raises(VoccError, match="board_reflectance is -1"):
         with_value(before, "panel.board_reflectance", -1)
 

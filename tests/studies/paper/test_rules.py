@@ -7,7 +7,15 @@ import pytest
 from made_up_evidence import clustered, curves_of, of_rates
 
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.studies.paper.rules import Evidence, NotMeasuredError, minimum, number, order, quoted, trend
+from vocc_torch.studies.paper.rules import (
+    Evidence,
+    NotMeasuredError,
+    minimum,
+    number,
+    order,
+    quoted,
+    trend,
+)
 
 LOW, HIGH = {1e3: 1e-3, 8e3: 1e-3}, {1e3: 2e-2, 8e3: 3e-2}
 
@@ -21,7 +29,10 @@ def test_an_order_agrees_differs_or_cannot_be_told():
     assert ordered(HIGH, LOW).verdict == "agree"
     against = ordered(LOW, HIGH)
     assert against.verdict == "differ"
-    assert "average_greyscale 1.0e-3 at 8000 lx and flda_3 3.0e-2 at 8000 lx" in against.reason
+    assert (
+        "average_greyscale 1.0e-3 at 8000 lx and flda_3 3.0e-2 at 8000 lx"
+        in against.reason
+    )
     assert ordered(LOW, LOW).verdict == "cannot say"
     # One contradiction beyond chance is enough; half of the comparisons in favour are enough.
     assert ordered({1e3: 2e-2, 8e3: 1e-3}, {1e3: 1e-3, 8e3: 3e-2}).verdict == "differ"
@@ -31,7 +42,10 @@ def test_an_order_agrees_differs_or_cannot_be_told():
 def test_what_was_not_measured_has_no_verdict():
     evidence = of_rates(flda_3=LOW)
     for rule, arguments in (
-        (order, {"experiments": ["distance"], "above": ["flda_3"], "below": ["flda_2"]}),
+        (
+            order,
+            {"experiments": ["distance"], "above": ["flda_3"], "below": ["flda_2"]},
+        ),
         (order, {"experiments": ["ambient"], "above": ["flda_3"], "below": ["flda_2"]}),
         (minimum, {"experiment": "ambient", "receiver": "flda_3", "at": 4e3}),
         (number, {"value": "fig04.nothing"}),
@@ -51,26 +65,38 @@ def test_what_was_not_measured_has_no_verdict():
 )
 def test_a_trend_holds_between_every_two_values(rates, verdict):
     evidence = of_rates("distance", flda_3=rates)
-    assert trend(evidence, "distance", ["flda_3"], last=70.0, rises=True, first=30.0).verdict == verdict
+    assert (
+        trend(
+            evidence, "distance", ["flda_3"], last=70.0, rises=True, first=30.0
+        ).verdict
+        == verdict
+    )
 
 
 def test_a_trend_without_a_first_value_compares_the_lowest_value_alone():
     rates = {0.03: 2e-2, 0.15: 1e-3, 0.33: 5e-3}
     evidence = of_rates("contrast", flda_3=rates)
-    assert trend(evidence, "contrast", ["flda_3"], last=0.33, rises=False).verdict == "agree"
+    assert (
+        trend(evidence, "contrast", ["flda_3"], last=0.33, rises=False).verdict
+        == "agree"
+    )
 
 
 VALLEY = {1e3: 2e-2, 2e3: 1e-2, 4e3: 5e-3, 8e3: 5e-4, 16e3: 5e-3, 32e3: 2e-2}
 
 
-@pytest.mark.parametrize(("at", "verdict"), [(8e3, "agree"), (4e3, "differ"), (1e3, "differ")])
+@pytest.mark.parametrize(
+    ("at", "verdict"), [(8e3, "agree"), (4e3, "differ"), (1e3, "differ")]
+)
 def test_a_minimum_is_where_no_other_value_is_surely_below(at, verdict):
     assert minimum(of_rates(flda_3=VALLEY), "ambient", "flda_3", at).verdict == verdict
 
 
 def test_a_minimum_that_was_not_resolved_cannot_be_told():
     flat = dict.fromkeys(VALLEY, 1e-3)
-    assert minimum(of_rates(flda_3=flat), "ambient", "flda_3", 8e3).verdict == "cannot say"
+    assert (
+        minimum(of_rates(flda_3=flat), "ambient", "flda_3", 8e3).verdict == "cannot say"
+    )
     silent = VALLEY | {4e3: 0.0, 8e3: 0.0}
     assert (
         minimum(of_rates(flda_3=silent), "ambient", "flda_3", 8e3).reason
@@ -82,7 +108,10 @@ def test_a_minimum_that_was_not_resolved_cannot_be_told():
     ("rates", "verdict"),
     [
         (VALLEY, "agree"),
-        (dict(zip(VALLEY, (1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 4e-2), strict=True)), "differ"),
+        (
+            dict(zip(VALLEY, (1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 4e-2), strict=True)),
+            "differ",
+        ),
         (dict.fromkeys(VALLEY, 1e-3), "cannot say"),
     ],
 )
@@ -108,13 +137,20 @@ def test_a_quoted_rate(rate, frames, verdict):
 
 @pytest.mark.parametrize(
     ("three", "frames", "verdict"),
-    [(0.76, 20_000, "agree"), (0.3, 20_000, "differ"), (1.5, 20_000, "differ"), (0.7, 40, "cannot say")],
+    [
+        (0.76, 20_000, "agree"),
+        (0.3, 20_000, "differ"),
+        (1.5, 20_000, "differ"),
+        (0.7, 40, "cannot say"),
+    ],
 )
 def test_a_quoted_gain(three, frames, verdict):
     rng = np.random.default_rng(0)
     two = clustered(rng, 6.6e-4 if frames > 100 else 2e-3, frames)
     kept = rng.binomial(two, min(three, 1.0)) + (three > 1) * rng.binomial(two, 0.5)
-    evidence = Evidence({"ambient": curves_of("ambient", {8e3: {"flda_2": two, "flda_3": kept}})}, {})
+    evidence = Evidence(
+        {"ambient": curves_of("ambient", {8e3: {"flda_2": two, "flda_3": kept}})}, {}
+    )
     assert quoted(evidence, "ambient", 8e3, gain=0.24).verdict == verdict
 
 
@@ -124,19 +160,29 @@ def test_two_features_without_errors_have_no_gain():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "verdict"), [(0.1, 0.2, "agree"), (0.3, 0.5, "differ"), (0.15, 0.3, "cannot say")]
+    ("low", "high", "verdict"),
+    [(0.1, 0.2, "agree"), (0.3, 0.5, "differ"), (0.15, 0.3, "cannot say")],
 )
 def test_a_number_lies_within_limits(low, high, verdict):
-    evidence = of_rates(numbers={"fig25.share": Estimate((low + high) / 2, low, high)}, flda_3=LOW)
+    evidence = of_rates(
+        numbers={"fig25.share": Estimate((low + high) / 2, low, high)}, flda_3=LOW
+    )
     assert number(evidence, "fig25.share", least=0.05, most=0.25).verdict == verdict
 
 
 @pytest.mark.parametrize(
     ("numbers", "verdict"),
-    [((1, 2, 3), "agree"), ((1, 3, 2), "differ"), ((1, 1, 3), "cannot say"), ((1, math.nan, 3), None)],
+    [
+        ((1, 2, 3), "agree"),
+        ((1, 3, 2), "differ"),
+        ((1, 1, 3), "cannot say"),
+        ((1, math.nan, 3), None),
+    ],
 )
 def test_numbers_ascend(numbers, verdict):
-    evidence = of_rates(numbers=dict(zip(("f.a", "f.b", "f.c"), numbers, strict=True)), flda_3=LOW)
+    evidence = of_rates(
+        numbers=dict(zip(("f.a", "f.b", "f.c"), numbers, strict=True)), flda_3=LOW
+    )
     if verdict is None:
         with pytest.raises(NotMeasuredError):
             number(evidence, ascending=["f.a", "f.b", "f.c"])
@@ -152,11 +198,16 @@ def test_true_claims_are_contradicted_no_oftener_than_the_intervals_err():
     rng, wrong_order, wrong_rate = np.random.default_rng(1), 0, 0
     for _ in range(200):
         curves = curves_of(
-            "ambient", {8e3: {name: clustered(rng, 2e-3, 400) for name in ("flda_2", "flda_3")}}
+            "ambient",
+            {8e3: {name: clustered(rng, 2e-3, 400) for name in ("flda_2", "flda_3")}},
         )
         evidence = Evidence({"ambient": curves}, {})
-        wrong_order += order(evidence, ["ambient"], ["flda_2"], ["flda_3"]).verdict == "differ"
-        wrong_rate += quoted(evidence, "ambient", 8e3, "flda_2", ber=2e-3).verdict == "differ"
+        wrong_order += (
+            order(evidence, ["ambient"], ["flda_2"], ["flda_3"]).verdict == "differ"
+        )
+        wrong_rate += (
+            quoted(evidence, "ambient", 8e3, "flda_2", ber=2e-3).verdict == "differ"
+        )
     # Binomial with 200 trials of 5 %: 21 or more in 1 study of 1500.
     assert wrong_order < 21
     assert wrong_rate < 21

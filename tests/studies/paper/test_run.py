@@ -15,7 +15,13 @@ TINY = (
 )
 AMBIENT = ("figures.names=[fig22]", "figures.experiments.ambient.values=[4000,8000]")
 OWN = "near: {why: a lens of one's own, set: {camera.focal_length_mm: 50, receiver.locator: paper}}\n"
-ASK = ("task=figures", *TINY, *AMBIENT, "figures.readings=[board,board_true,mine.yaml]", "name=some")
+ASK = (
+    "task=figures",
+    *TINY,
+    *AMBIENT,
+    "figures.readings=[board,board_true,mine.yaml]",
+    "name=some",
+)
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +64,21 @@ def test_rates_are_those_of_the_experiment_alone(some, place):
     """task=test measures the same frames with the same receivers."""
     ran = run_in(
         place,
-        *("experiment=ambient", *TINY, "receiver=every", "experiment.values=[4000,8000]"),
+        *(
+            "experiment=ambient",
+            *TINY,
+            "receiver=every",
+            "experiment.values=[4000,8000]",
+        ),
         *("receiver.locator=paper", "camera.focal_length_mm=50", "name=same"),
     )
     assert ran.status == 0, ran.err
     rows = rows_of(some / "figures" / "fig22.csv")
-    together = [{name: row[name] for name in COLUMNS} for row in rows if row["reading"] == "near"]
+    together = [
+        {name: row[name] for name in COLUMNS}
+        for row in rows
+        if row["reading"] == "near"
+    ]
     assert together == rows_of(place / "runs" / "same" / "ber.csv")
 
 
@@ -72,12 +87,23 @@ def test_quoted_rates_are_drawn_as_stars(place):
 
     drawn = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report.tensorboard, "write_figures", lambda _, __, figures, ___: drawn.update(figures))
+        patch.setattr(
+            report.tensorboard,
+            "write_figures",
+            lambda _, __, figures, ___: drawn.update(figures),
+        )
         patch.setattr(report.page, "html", lambda *_: "")
         ended = run_in(place, *ASK[:-1], "name=stars", drawn=True)
     assert ended.status == 0, ended.err
-    stars = [line for line in drawn["figures/fig22"].axes[0].lines if line.get_marker() == "*"]
-    assert sorted(float(y) for line in stars for y in line.get_ydata()) == [5.0e-4, 6.6e-4]
+    stars = [
+        line
+        for line in drawn["figures/fig22"].axes[0].lines
+        if line.get_marker() == "*"
+    ]
+    assert sorted(float(y) for line in stars for y in line.get_ydata()) == [
+        5.0e-4,
+        6.6e-4,
+    ]
 
 
 def test_a_finished_run_counts_nothing_again(some, place):
@@ -90,25 +116,43 @@ def test_a_finished_run_counts_nothing_again(some, place):
 def test_a_report_of_other_figures_or_readings_stays_as_it_is(some, place):
     before = contents_of(some, ".csv", ".md")
     other = run_in(place, *ASK[:-2], "figures.readings=[board]", "name=some")
-    assert "holds a report of other figures.readings: give another name=" in other.complaint
+    assert (
+        "holds a report of other figures.readings: give another name="
+        in other.complaint
+    )
     assert contents_of(some, ".csv", ".md") == before
 
 
 def test_the_grid_alone_is_judged_by_its_octaves(place):
     ran = run_in(
         place,
-        *("task=figures", *TINY, "figures.readings=[board]", "figures.names=[dimming]", "name=grid"),
-        *("figures.experiments.dimming.rows=[1000,32000]", "figures.experiments.dimming.values=[500,8000]"),
+        *(
+            "task=figures",
+            *TINY,
+            "figures.readings=[board]",
+            "figures.names=[dimming]",
+            "name=grid",
+        ),
+        *(
+            "figures.experiments.dimming.rows=[1000,32000]",
+            "figures.experiments.dimming.values=[500,8000]",
+        ),
     )
     assert (ran.status, ran.err) == (0, "")
-    claims = {row["claim"].partition(".")[0] for row in rows_of(place / "runs" / "grid" / "scorecard.csv")}
+    claims = {
+        row["claim"].partition(".")[0]
+        for row in rows_of(place / "runs" / "grid" / "scorecard.csv")
+    }
     assert claims == {"discussion"}
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("figures.names=[fig99]",), "figures.names is 'fig99': it must be of fig04, fig05_06"),
+        (
+            ("figures.names=[fig99]",),
+            "figures.names is 'fig99': it must be of fig04, fig05_06",
+        ),
         (
             ("receiver.names=[flda_agr]",),
             "receiver.names is ['flda_agr']: it must be at least one of center_greyscale",
@@ -118,11 +162,16 @@ def test_the_grid_alone_is_judged_by_its_octaves(place):
             "figures.experiments.ambient.values",
         ),
         (
-            ("figures.names=[fig21]", "figures.experiments.contrast.values=[0.98,0.99]"),
+            (
+                "figures.names=[fig21]",
+                "figures.experiments.contrast.values=[0.98,0.99]",
+            ),
             "figures.experiments.contrast.values is (0.98, 0.99): it must be bins that hold frames",
         ),
     ],
 )
 def test_what_cannot_be_made_is_refused_in_one_line(place, words, complaint):
-    ended = run_in(place, "task=figures", *TINY, "figures.readings=[board]", *words, "name=refused")
+    ended = run_in(
+        place, "task=figures", *TINY, "figures.readings=[board]", *words, "name=refused"
+    )
     assert complaint in ended.complaint.replace("[0.98, 0.99]", "(0.98, 0.99)")

@@ -18,15 +18,27 @@ def reading(name, **values):
 
 
 def evidence(two):
-    return of_rates(frames=20_000, flda_2={8e3: two, 16e3: 2 * two}, flda_3={8e3: 0.76 * two, 16e3: two})
+    return of_rates(
+        frames=20_000,
+        flda_2={8e3: two, 16e3: 2 * two},
+        flda_3={8e3: 0.76 * two, 16e3: two},
+    )
 
 
 def card_of(rates):
-    readings = [reading(name, board=board, lens=lens) for name, (board, lens, _) in rates.items()]
+    readings = [
+        reading(name, board=board, lens=lens)
+        for name, (board, lens, _) in rates.items()
+    ]
     return score(readings, {name: evidence(two) for name, (_, _, two) in rates.items()})
 
 
-FOUR = {"a": (0.4, 25, NEAR), "b": (None, 25, FAR), "c": (0.4, 18, 2 * NEAR), "d": (None, 18, FAR)}
+FOUR = {
+    "a": (0.4, 25, NEAR),
+    "b": (None, 25, FAR),
+    "c": (0.4, 18, 2 * NEAR),
+    "d": (None, 18, FAR),
+}
 
 
 def test_every_claim_has_one_of_five_rules_with_its_arguments():
@@ -41,7 +53,10 @@ def test_every_claim_has_one_of_five_rules_with_its_arguments():
 def test_numbers_of_claims_are_those_of_figures_that_are_made():
     names = {*EVIDENCE, "setup", "contrast", "dimming"}
     for claim in CLAIMS:
-        for group in [claim.arguments.get("value", []), *claim.arguments.get("ascending", [])]:
+        for group in [
+            claim.arguments.get("value", []),
+            *claim.arguments.get("ascending", []),
+        ]:
             for name in [group] if isinstance(group, str) else group:
                 assert name.partition(".")[0] in names
     assert {*EVIDENCE} < {*FIGURES}

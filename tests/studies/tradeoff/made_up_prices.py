@@ -32,15 +32,26 @@ BIT_ERRORS = (900, 300, 200, 400, 40, 0, 310, 300)
 ALONE_MS = (3.0, 4.0, 4.5, 9.0, 10.5, 11.5, 3.9, 6.0)
 """Time of a single whole frame; in batches half of it, and of crops a tenth."""
 
-PLACES = tuple(Place("cpu", frames, batch) for frames in ("whole", "crops") for batch in (1, 32))
+PLACES = tuple(
+    Place("cpu", frames, batch) for frames in ("whole", "crops") for batch in (1, 32)
+)
 
 
 def spent(total_ms, rounds=5):
     """Times about a median, two thirds of them for locating; reading takes nothing."""
     steps = 1 + 0.02 * (np.arange(rounds) - rounds // 2)
-    shares = {"read": 0.0, "locate": 2 / 3, "rectify": 0.1, "features": 0.15, "classify": 0.25 / 3}
+    shares = {
+        "read": 0.0,
+        "locate": 2 / 3,
+        "rectify": 0.1,
+        "features": 0.15,
+        "classify": 0.25 / 3,
+    }
     return StageTimes(
-        {stage: tuple((shares.get(stage, 0.0) * total_ms * steps).tolist()) for stage in STAGES}
+        {
+            stage: tuple((shares.get(stage, 0.0) * total_ms * steps).tolist())
+            for stage in STAGES
+        }
     )
 
 
@@ -61,7 +72,12 @@ REFERENCES = {
 
 def times_of(settings=SETTINGS, alone_ms=ALONE_MS):
     """Times of each at every place."""
-    factor = {("whole", 1): 1.0, ("whole", 32): 0.5, ("crops", 1): 0.5, ("crops", 32): 0.1}
+    factor = {
+        ("whole", 1): 1.0,
+        ("whole", 32): 0.5,
+        ("crops", 1): 0.5,
+        ("crops", 32): 0.1,
+    }
     return {
         (one, place): spent(ms * factor[place.frames, place.batch])
         for one, ms in zip(settings, alone_ms, strict=True)
@@ -83,7 +99,10 @@ def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, **cha
     given = {
         "study": study,
         "costs": dict.fromkeys(settings, Making(1.5, 1.0, 1000, 80, 1700)),
-        "errors": {"mixture": errors(wrong), "far": errors(tuple(min(FRAMES, 2 * n) for n in wrong))},
+        "errors": {
+            "mixture": errors(wrong),
+            "far": errors(tuple(min(FRAMES, 2 * n) for n in wrong)),
+        },
         "references": {},
         "no_references": {},
         "times": times_of(settings, alone_ms),

@@ -37,7 +37,9 @@ HERE = Place("cpu", "whole", 32)
 
 def point(name, low_ms, ms, high_ms, ber, ber_low, ber_high):
     setting = Setting(name, "paper", **BASE)
-    return OperatingPoint(setting, HERE, Estimate(ms, low_ms, high_ms), Estimate(ber, ber_low, ber_high))
+    return OperatingPoint(
+        setting, HERE, Estimate(ms, low_ms, high_ms), Estimate(ber, ber_low, ber_high)
+    )
 
 
 # Few different values about the limits, so that ties are common.
@@ -47,7 +49,9 @@ rates = st.sampled_from([0.0, 1e-5, 5e-5, 1e-3, 5e-3, 0.05])
 
 @st.composite
 def point_lists(draw):
-    pairs = draw(st.lists(st.tuples(times, st.floats(0, 0.4), rates), min_size=1, max_size=12))
+    pairs = draw(
+        st.lists(st.tuples(times, st.floats(0, 0.4), rates), min_size=1, max_size=12)
+    )
     return [
         point(str(n), t * (1 - s), t, t * (1 + s), r, r / 2, min(1, 2 * r + 1e-6))
         for n, (t, s, r) in enumerate(pairs)
@@ -56,7 +60,11 @@ def point_lists(draw):
 
 @given(point_lists())
 def test_the_frontier_is_what_nothing_beats(points):
-    kept = {one.setting for one in ranked(points, lambda a, b: True) if one.rank == "frontier"}
+    kept = {
+        one.setting
+        for one in ranked(points, lambda a, b: True)
+        if one.rank == "frontier"
+    }
     assert kept == {
         one.setting
         for one in points
@@ -66,7 +74,10 @@ def test_the_frontier_is_what_nothing_beats(points):
             for o in points
         )
     }
-    assert {one.rank for one in ranked(points, lambda a, b: False)} <= {"frontier", "perhaps"}
+    assert {one.rank for one in ranked(points, lambda a, b: False)} <= {
+        "frontier",
+        "perhaps",
+    }
 
 
 @given(point_lists())
@@ -76,12 +87,23 @@ def test_choices_keep_their_limits_and_none_within_is_better(points):
     for one in found:
         for limit in one.limits:
             if one.timed:
-                within = [other for other in points if other.time_ms.high <= 1e3 / limit]
-                best = min(((o.ber.value, o.ber.high, o.ms) for o in within), default=None)
-                taken = one.taken and (one.taken.ber.value, one.taken.ber.high, one.taken.ms)
+                within = [
+                    other for other in points if other.time_ms.high <= 1e3 / limit
+                ]
+                best = min(
+                    ((o.ber.value, o.ber.high, o.ms) for o in within), default=None
+                )
+                taken = one.taken and (
+                    one.taken.ber.value,
+                    one.taken.ber.high,
+                    one.taken.ms,
+                )
             else:
                 within = [other for other in points if other.ber.high < limit]
-                best, taken = min((o.ms for o in within), default=None), one.taken and one.taken.ms
+                best, taken = (
+                    min((o.ms for o in within), default=None),
+                    one.taken and one.taken.ms,
+                )
             assert taken == best
             assert one.taken is None or one.taken in within
         if one.timed and one.taken and one.other:
@@ -99,15 +121,23 @@ def test_a_rate_below_the_limit_does_not_do_where_its_interval_is_not():
 def test_stages_are_added_round_by_round():
     # Each stage has one slow round, another one each: medians of stages would miss all of them.
     rounds = {
-        stage: tuple(1.0 + 9.0 * (place == slow) for place in range(5)) for slow, stage in enumerate(STAGES)
+        stage: tuple(1.0 + 9.0 * (place == slow) for place in range(5))
+        for slow, stage in enumerate(STAGES)
     }
     own = StageTimes(rounds)
     assert own.total == Estimate(15.0, 15.0, 15.0)
     assert sum(own.stage(stage).value for stage in STAGES) == 6.0
     # Locating is slow in round 1: (1 + 1 + 1) / 10 there, 12 / 1 or 3 / 1 elsewhere.
     low, median, high = np.percentile([3, 0.3, 12, 12, 12], (25, 50, 75))
-    assert own.share == Estimate(pytest.approx(median), pytest.approx(low), pytest.approx(high))
-    assert StageTimes({stage: (0.0 if stage == "locate" else 1.0,) for stage in STAGES}).share is None
+    assert own.share == Estimate(
+        pytest.approx(median), pytest.approx(low), pytest.approx(high)
+    )
+    assert (
+        StageTimes(
+            {stage: (0.0 if stage == "locate" else 1.0,) for stage in STAGES}
+        ).share
+        is None
+    )
 
 
 def test_points_have_the_counts_interval_and_the_best_batch():
@@ -127,25 +157,33 @@ def test_a_limit_counts_wrong_bits_as_the_other_scenes_show_them():
     half[5, :3] = 40
     far = type(prices.errors["far"])(half, half >= 0, LEDS)
     many = made_up_prices(errors={"mixture": prices.errors["mixture"], "far": far})
-    (usual, heavy) = (one.points("mixture", "cpu", "whole")[5].ber.high for one in (prices, many))
+    (usual, heavy) = (
+        one.points("mixture", "cpu", "whole")[5].ber.high for one in (prices, many)
+    )
     assert heavy == pytest.approx(20 * usual)
 
 
 def test_beaten_surely_needs_rates_apart():
     points = made_up_prices().points("mixture", "cpu", "whole")
-    assert {(one.setting, one.beaten_by, one.rank) for one in points if one.beaten_by} == {
+    assert {
+        (one.setting, one.beaten_by, one.rank) for one in points if one.beaten_by
+    } == {
         # The greyscale receiver with the refined locator has more errors than two that are quicker.
         (SETTINGS[3], SETTINGS[2], "beaten"),
         # As many errors as the base, which is quicker; the other one is both quicker and better: mlp.
         (SETTINGS[7], SETTINGS[2], "beaten"),
     }
-    chance = made_up_prices(SETTINGS[:2], (300, 301), (4.0, 8.0)).points("mixture", "cpu", "whole")
+    chance = made_up_prices(SETTINGS[:2], (300, 301), (4.0, 8.0)).points(
+        "mixture", "cpu", "whole"
+    )
     assert [one.rank for one in chance] == ["frontier", "perhaps"]
 
 
 @pytest.mark.parametrize(("ms", "beaten_by"), [(4.02, SETTINGS[1]), (3.98, None)])
 def test_times_are_compared_by_their_medians(ms, beaten_by):
-    points = made_up_prices(SETTINGS[:2], (300, 200), (ms, 4.0)).points("mixture", "cpu", "whole")
+    points = made_up_prices(SETTINGS[:2], (300, 200), (ms, 4.0)).points(
+        "mixture", "cpu", "whole"
+    )
     assert [one.beaten_by for one in points] == [beaten_by, None]
 
 
@@ -159,7 +197,9 @@ def test_what_is_possible_has_the_counts_interval():
     assert free.high == pytest.approx(-np.expm1(np.log(0.05) / 500) / LEDS)
     assert made_up_prices().reference("far") is None
     # Of each receiver's errors those on the same frames.
-    assert [one.referenced.frames for one in prices.points("far", "cpu", "whole")] == [500] * len(SETTINGS)
+    assert [one.referenced.frames for one in prices.points("far", "cpu", "whole")] == [
+        500
+    ] * len(SETTINGS)
 
 
 def test_quicker_ones_that_frames_do_not_tell_apart_are_other_answers():
@@ -179,10 +219,15 @@ def test_after_several_trainings_rates_and_ranks_are_the_algorithms():
     assert first[net].error_free
     assert first == made_up_prices().points(*where)
     assert every[net].ber.value == 200 / FRAMES / LEDS
-    scatter = stats.t.interval(0.95, 3, 200, np.std([0, 400, 0, 400], ddof=1) / 2)[1] / FRAMES / LEDS
+    scatter = (
+        stats.t.interval(0.95, 3, 200, np.std([0, 400, 0, 400], ddof=1) / 2)[1]
+        / FRAMES
+        / LEDS
+    )
     assert every[net].ber.high > scatter > first[net].ber.high
     changed = {
-        (one.setting, one.rank, other.rank) for one, other in prices.changed("mixture", "cpu", "whole")
+        (one.setting, one.rank, other.rank)
+        for one, other in prices.changed("mixture", "cpu", "whole")
     }
     assert (SETTINGS[net], "frontier", "perhaps") in changed
     # What learned the same every time is compared as before.

@@ -6,7 +6,15 @@ import io
 
 import numpy as np
 import pytest
-from made_up_prices import ALONE_MS, BIT_ERRORS, FRAMES, LEDS, REFERENCES, SETTINGS, made_up_prices
+from made_up_prices import (
+    ALONE_MS,
+    BIT_ERRORS,
+    FRAMES,
+    LEDS,
+    REFERENCES,
+    SETTINGS,
+    made_up_prices,
+)
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -17,7 +25,12 @@ from vocc_torch.measure.genie import GenieReference
 from vocc_torch.report.tensorboard import write_boards
 from vocc_torch.report.timing_figure import number_text
 from vocc_torch.studies.tradeoff.prices import Place
-from vocc_torch.studies.tradeoff.report import price_runs, print_prices, recommendation, write_prices
+from vocc_torch.studies.tradeoff.report import (
+    price_runs,
+    print_prices,
+    recommendation,
+    write_prices,
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +51,15 @@ def rows(prices, tmp_path_factory):
 
 
 def test_each_setting_and_place_has_a_row_whose_stages_and_shares_add_up(rows):
-    names = ("receiver", "locator", "samples_per_led", "gradient", "dtype", "frames", "batch")
+    names = (
+        "receiver",
+        "locator",
+        "samples_per_led",
+        "gradient",
+        "dtype",
+        "frames",
+        "batch",
+    )
     places = [tuple(row[name] for name in names) for row in rows]
     assert len(set(places)) == len(places) == 4 * len(SETTINGS)
     assert all(None not in row.values() for row in rows)
@@ -47,14 +68,22 @@ def test_each_setting_and_place_has_a_row_whose_stages_and_shares_add_up(rows):
         stages = sum(float(row[f"{name}_ms"]) for name in names)
         assert stages == pytest.approx(float(row["total_ms"]), rel=1e-4)
         assert float(row["share_of_detection"]) == pytest.approx(0.5)
-        assert float(row["frames_per_s"]) == pytest.approx(1e3 / float(row["total_ms"]), rel=1e-4)
-        assert float(row["total_low_ms"]) < float(row["total_ms"]) < float(row["total_high_ms"])
+        assert float(row["frames_per_s"]) == pytest.approx(
+            1e3 / float(row["total_ms"]), rel=1e-4
+        )
+        assert (
+            float(row["total_low_ms"])
+            < float(row["total_ms"])
+            < float(row["total_high_ms"])
+        )
 
 
 def test_rates_and_the_frontier_are_told(rows):
     whole = [row for row in rows if (row["frames"], row["batch"]) == ("whole", "32")]
     for row, wrong, ms in zip(whole, BIT_ERRORS, ALONE_MS, strict=True):
-        assert float(row["mixture_ber"]) == pytest.approx(wrong / FRAMES / LEDS, rel=1e-4)
+        assert float(row["mixture_ber"]) == pytest.approx(
+            wrong / FRAMES / LEDS, rel=1e-4
+        )
         assert float(row["mixture_bit_errors"]) == wrong
         assert float(row["total_ms"]) == pytest.approx(ms / 2, rel=1e-4)
         assert row["best_batch"] == "1"
@@ -102,16 +131,27 @@ def test_words_name_what_the_data_say(prices):
 def test_graphs_stand_beside_torch_where_they_were_asked_for(prices, tmp_path):
     """Of what is as at the first of all lists, at every locator; the others have none."""
     place = Place("cpu", "crops", 1)
-    graphs, why = {("flda_3", place): Estimate(0.4, 0.3, 0.5)}, "it needs frames of known bits"
+    graphs, why = (
+        {("flda_3", place): Estimate(0.4, 0.3, 0.5)},
+        "it needs frames of known bits",
+    )
     asked = made_up_prices(graphs=graphs, no_graphs={"average_greyscale": why})
     assert not {"onnx_ms"} & {*lines(prices, tmp_path)[0]}
     rows = lines(asked, tmp_path)
     found = [row for row in rows if row["onnx_ms"]]
-    assert {(row["receiver"], row["frames"], row["batch"]) for row in found} == {("flda_3", "crops", "1")}
+    assert {(row["receiver"], row["frames"], row["batch"]) for row in found} == {
+        ("flda_3", "crops", "1")
+    }
     assert {row["samples_per_led"] for row in found} == {"8"}
     assert len({row["locator"] for row in found}) == len(found) == 2
-    assert [found[0][f"onnx{end}_ms"] for end in ("", "_low", "_high")] == ["0.4", "0.3", "0.5"]
-    own = sum(float(found[0][f"{stage}_ms"]) for stage in ("rectify", "features", "classify"))
+    assert [found[0][f"onnx{end}_ms"] for end in ("", "_low", "_high")] == [
+        "0.4",
+        "0.3",
+        "0.5",
+    ]
+    own = sum(
+        float(found[0][f"{stage}_ms"]) for stage in ("rectify", "features", "classify")
+    )
     said = plain(recommendation(asked))
     assert f"1 frame at a time: flda_3 0.400 ({number_text(own)})." in said
     assert f"None: {why}." in said
@@ -120,7 +160,9 @@ def test_graphs_stand_beside_torch_where_they_were_asked_for(prices, tmp_path):
 
 def test_frames_that_cannot_be_cut_are_called_so():
     noisy = made_up_prices(crop_px=(1080, 1920))
-    assert "which here are whole: an effect fills the sensor; paper scenes" in plain(recommendation(noisy))
+    assert "which here are whole: an effect fills the sensor; paper scenes" in plain(
+        recommendation(noisy)
+    )
 
 
 def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
@@ -154,9 +196,17 @@ def test_what_is_possible_is_told(prices, tmp_path):
     assert "has BER 6.3e-3 on the same frames." in plain(recommendation(worse))
     for place, row in enumerate(lines(marked, tmp_path)):
         wrong = BIT_ERRORS[place % len(BIT_ERRORS)]
-        assert float(row["mixture_ber_on_possible_frames"]) == min(wrong, 500) / 500 / LEDS
-        assert (row["mixture_possible_test_frames"], row["mixture_possible_ber"]) == ("500", "0")
-        assert (row["far_possible_proven_frames"], row["far_possible_frame_ms"]) == ("490", "40")
+        assert (
+            float(row["mixture_ber_on_possible_frames"]) == min(wrong, 500) / 500 / LEDS
+        )
+        assert (row["mixture_possible_test_frames"], row["mixture_possible_ber"]) == (
+            "500",
+            "0",
+        )
+        assert (row["far_possible_proven_frames"], row["far_possible_frame_ms"]) == (
+            "490",
+            "40",
+        )
         assert float(row["far_possible_ber"]) == pytest.approx(10 / 500 / LEDS)
         assert 0 < float(row["far_possible_ber_low"]) < float(row["far_possible_ber"])
     console = Console(width=100, record=True, file=io.StringIO())
@@ -164,7 +214,15 @@ def test_what_is_possible_is_told(prices, tmp_path):
     said = console.export_text().splitlines()
     (row,) = (place for place, one in enumerate(said) if "knows the scene  " in one)
     assert said[row].split()[-4:] == ["500", "frames", "<", "9.3e-5"]
-    assert said[row + 1].split() == ["mlp", "refined", "same", "500", "frames", "no", "error"]
+    assert said[row + 1].split() == [
+        "mlp",
+        "refined",
+        "same",
+        "500",
+        "frames",
+        "no",
+        "error",
+    ]
 
 
 def test_a_receiver_that_decides_as_the_possible_one_has_once_its_rate(prices):
@@ -173,7 +231,9 @@ def test_a_receiver_that_decides_as_the_possible_one_has_once_its_rate(prices):
     half[0, :3] = half[0, 500:600] = 2
     mark = GenieReference(Counts(500, 500 * LEDS, 6, 12, 3, 0), 500, 0.03)
     errors = {"mixture": FrameErrors(half, half >= 0, LEDS)}
-    same = made_up_prices(SETTINGS[:1], alone_ms=(4.0,), errors=errors, references={"mixture": mark})
+    same = made_up_prices(
+        SETTINGS[:1], alone_ms=(4.0,), errors=errors, references={"mixture": mark}
+    )
     assert "has 1 times that on the same frames." in plain(recommendation(same))
 
 
@@ -188,8 +248,12 @@ def test_what_was_left_out_is_named(tmp_path):
     assert len(absent) == len(rows) / 2 == 4 * len(SETTINGS)
     blank = {(row["machine"], row["total_ms"], row["mixture_ber"]) for row in absent}
     assert blank == {("not measured", "", "")}
-    why = made_up_prices(no_references={"mixture": "no likelihood", "far": "no likelihood"})
-    assert "What is possible was not measured (mixture, far): no likelihood." in plain(recommendation(why))
+    why = made_up_prices(
+        no_references={"mixture": "no likelihood", "far": "no likelihood"}
+    )
+    assert "What is possible was not measured (mixture, far): no likelihood." in plain(
+        recommendation(why)
+    )
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])
@@ -207,7 +271,10 @@ def test_the_table_fits_and_shows_every_receiver(prices, width):
 
 def test_the_board_has_a_row_for_each_configuration(prices, tmp_path):
     write_boards(tmp_path, {}, runs=price_runs(prices))
-    assert {run.name for run in tmp_path.iterdir()} == {"_summary", *(one.name for one in SETTINGS)}
+    assert {run.name for run in tmp_path.iterdir()} == {
+        "_summary",
+        *(one.name for one in SETTINGS),
+    }
     events = EventAccumulator(str(tmp_path / SETTINGS[4].name)).Reload()
     assert "_hparams_/session_start_info" in events.summary_metadata
     scalars = {tag: events.Scalars(tag)[0].value for tag in events.Tags()["scalars"]}

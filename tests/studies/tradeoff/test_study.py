@@ -30,12 +30,21 @@ SEEN = {
 }
 RECIPE = TrainingRecipe(frames=64, epochs=2)
 PLUGGED_IN = tuple(
-    ClassifierPlan(name, PlugIn("c", name, f"{HERE}.{kind}", more), inputs, training=RECIPE)
+    ClassifierPlan(
+        name, PlugIn("c", name, f"{HERE}.{kind}", more), inputs, training=RECIPE
+    )
     for name, (kind, inputs, more) in SEEN.items()
 )
 EVERY = (*NAMES, *(one.name for one in PLUGGED_IN))
-FAR = {"ambient_lx": Distribution("constant", (1000.0,)), "distance_m": Distribution("uniform", (60.0, 70.0))}
-MORE = {"samples_per_led": [8, 4], "gradients": ["sobel", "central"], "dtypes": ["float32", "float64"]}
+FAR = {
+    "ambient_lx": Distribution("constant", (1000.0,)),
+    "distance_m": Distribution("uniform", (60.0, 70.0)),
+}
+MORE = {
+    "samples_per_led": [8, 4],
+    "gradients": ["sobel", "central"],
+    "dtypes": ["float32", "float64"],
+}
 
 
 @pytest.fixture(scope="module")
@@ -46,17 +55,37 @@ def make_study(make_plan):
         # The middle of the paper's sensor: whole frames are a sixteenth of the work.
         camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
         plan = make_plan(
-            names=NAMES, frames=test_frames, training_frames=64, scene=SceneModel(**FAR), camera=camera
+            names=NAMES,
+            frames=test_frames,
+            training_frames=64,
+            scene=SceneModel(**FAR),
+            camera=camera,
         )
         own = tuple(one for one in PLUGGED_IN if one.name in names)
         receiver = dataclasses.replace(plan.receiver, names=names, classifiers=own)
         usual = {
-            **{"locators": ["paper", "truth"], "samples_per_led": [8], "gradients": ["sobel"]},
-            **{"dtypes": ["float32"], "varied": [], "devices": ["cpu"], "batch_sizes": [1, 16]},
-            **{"frames": ["crops"], "repeats": 1, "threads": 1, "scenes": {"mixture": {}}},
+            **{
+                "locators": ["paper", "truth"],
+                "samples_per_led": [8],
+                "gradients": ["sobel"],
+            },
+            **{
+                "dtypes": ["float32"],
+                "varied": [],
+                "devices": ["cpu"],
+                "batch_sizes": [1, 16],
+            },
+            **{
+                "frames": ["crops"],
+                "repeats": 1,
+                "threads": 1,
+                "scenes": {"mixture": {}},
+            },
         }
         config = TradeoffConfig(**{**usual, **changes})
-        return TradeoffStudy(dataclasses.replace(plan, receiver=receiver), config, "made up")
+        return TradeoffStudy(
+            dataclasses.replace(plan, receiver=receiver), config, "made up"
+        )
 
     return make
 
@@ -64,7 +93,9 @@ def make_study(make_plan):
 @pytest.fixture(scope="module")
 def study(make_study):
     near = {"distance_m": Distribution("constant", (61.0,))}
-    return make_study(**MORE, varied=["flda_3", "patch"], scenes={"far": {}, "near": near})
+    return make_study(
+        **MORE, varied=["flda_3", "patch"], scenes={"far": {}, "near": near}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +109,9 @@ def counted(study, trained):
     return errors
 
 
-def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_more(study):
+def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_more(
+    study,
+):
     at = [(one.receiver, one.locator) for one in study.settings[: 2 * len(EVERY)]]
     assert at == [(name, locator) for locator in ("paper", "truth") for name in EVERY]
     further = {
@@ -86,42 +119,70 @@ def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_mo
         for one in study.settings[2 * len(EVERY) :]
         if one.locator == "truth"
     }
-    others = ((4, "sobel", "float32"), (8, "central", "float32"), (8, "sobel", "float64"))
-    assert further == {(name, *values) for name in ("flda_3", "patch") for values in others}
+    others = (
+        (4, "sobel", "float32"),
+        (8, "central", "float32"),
+        (8, "sobel", "float64"),
+    )
+    assert further == {
+        (name, *values) for name in ("flda_3", "patch") for values in others
+    }
     assert len({one.name for one in study.settings}) == len(study.settings)
 
 
 def test_what_is_varied_is_as_it_is_asked_for(make_study):
-    every = make_study(names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all")
+    every = make_study(
+        names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all"
+    )
     assert len(every.settings) == 8
     # Not those that are not compared, unless they are named.
     for names in (("flda_3", "patch"), ("patch",)):
         usual = make_study(names=names, **MORE, varied=None).settings
-        assert {one.receiver for one in usual if one.samples_per_led == 4} == {"flda_3"} & {*names}
+        assert {one.receiver for one in usual if one.samples_per_led == 4} == {
+            "flda_3"
+        } & {*names}
     # What a receiver does not look at makes no setting.
     names = ("center_greyscale", "flda_ngr", "otsu")
     study = make_study(names=names, locators=["truth"], **MORE, varied=list(names))
-    found = [(one.receiver, one.samples_per_led, one.gradient, one.dtype) for one in study.settings]
+    found = [
+        (one.receiver, one.samples_per_led, one.gradient, one.dtype)
+        for one in study.settings
+    ]
     more = ((8, "sobel", "float64"), (4, "sobel", "float32"))
     others = [(name, *values) for name in names[1:] for values in more]
     assert found == [*((name, 8, "sobel", "float32") for name in names), *others]
 
 
-def test_a_graph_is_drawn_of_the_very_receiver_and_timed_at_true_corners(make_study, monkeypatch):
+def test_a_graph_is_drawn_of_the_very_receiver_and_timed_at_true_corners(
+    make_study, monkeypatch
+):
     """What is timed beside a graph decides as the receiver that it is drawn of."""
     drawn, seen = {}, []
-    monkeypatch.setattr(run.onnx_graph, "write_graph", lambda one, path, *given: drawn.update({path: one}))
-    monkeypatch.setattr(run.onnx_graph, "read_graph", lambda path, _: lambda *given: seen.append(given))
+    monkeypatch.setattr(
+        run.onnx_graph,
+        "write_graph",
+        lambda one, path, *given: drawn.update({path: one}),
+    )
+    monkeypatch.setattr(
+        run.onnx_graph, "read_graph", lambda path, _: lambda *given: seen.append(given)
+    )
     names = ("average_greyscale", "flda_ngr", "patch")
     study = make_study(names, locators=["truth"], batch_sizes=[48], onnx=True)
     receivers, _ = run.train_receivers(study, Workers(1))
     times = run.measure_times(study, receivers)
     assert {*times["no_graphs"]} == {"average_greyscale"}
-    assert {name for name, _ in times["graphs"]} == {path.stem for path in drawn} == {"flda_ngr", "patch"}
+    assert (
+        {name for name, _ in times["graphs"]}
+        == {path.stem for path in drawn}
+        == {"flda_ngr", "patch"}
+    )
     assert all(0 < one.low <= one.value <= one.high for one in times["graphs"].values())
     frames, corners = seen[-1]
     assert (frames.dtype, frames.dim(), corners.shape) == (torch.uint8, 3, (48, 4, 2))
-    of, panels = {setting.receiver: one for setting, one in receivers.items()}, Panels.known(corners)
+    of, panels = (
+        {setting.receiver: one for setting, one in receivers.items()},
+        Panels.known(corners),
+    )
     for path, one in drawn.items():
         (scores,) = of[path.stem](Frames.whole(frames), panels).values()
         assert torch.equal(one(Frames.whole(frames), panels).scores, scores)
@@ -144,8 +205,12 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
             }
         deciding = runner.Banks([(locator, bank, 0)])
         job = runner.Job(plan, study.model("far"), study.point("far"), deciding)
-        for wanted, setting in zip(job.count(range(2), plan.budget.frames).counts, base, strict=True):
-            assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
+        for wanted, setting in zip(
+            job.count(range(2), plan.budget.frames).counts, base, strict=True
+        ):
+            assert counted["far"].counts[study.settings.index(setting)] == wanted, (
+                setting
+            )
     rates = [one.ber for one in counted["far"].counts]
     assert len(set(rates)) > len(rates) / 2
     assert 0 < min(rates) < 0.05
@@ -156,17 +221,29 @@ def test_every_training_is_counted_on_the_same_frames(make_study):
     names = ("average_greyscale", "flda_3", "net")
     study = make_study(names, 64, locators=["truth"])
     budget = dataclasses.replace(study.plan.budget, trainings=2)
-    twice = dataclasses.replace(study, plan=dataclasses.replace(study.plan, budget=budget))
-    (alone,) = run.count_receivers(study, run.train_receivers(study, Workers(1))[0], Workers(1))
+    twice = dataclasses.replace(
+        study, plan=dataclasses.replace(study.plan, budget=budget)
+    )
+    (alone,) = run.count_receivers(
+        study, run.train_receivers(study, Workers(1))[0], Workers(1)
+    )
     receivers, _ = run.train_receivers(twice, Workers(1))
     first, second = run.count_receivers(twice, receivers, Workers(1))
     assert np.array_equal(first["mixture"].half_errors, alone["mixture"].half_errors)
-    assert np.array_equal(first["mixture"].half_errors[0], second["mixture"].half_errors[0])
+    assert np.array_equal(
+        first["mixture"].half_errors[0], second["mixture"].half_errors[0]
+    )
     own = dataclasses.replace(twice.plan.receiver, locator="truth")
     (further,) = train(dataclasses.replace(twice.plan, receiver=own)).more
     deciding = runner.Banks([("truth", further.bank(["flda_3"]), 0)])
-    job = runner.Job(study.plan, study.model("mixture"), study.point("mixture"), deciding)
-    assert job.count([0], 64).counts[0] == second["mixture"].counts[1] != first["mixture"].counts[1]
+    job = runner.Job(
+        study.plan, study.model("mixture"), study.point("mixture"), deciding
+    )
+    assert (
+        job.count([0], 64).counts[0]
+        == second["mixture"].counts[1]
+        != first["mixture"].counts[1]
+    )
 
 
 def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
@@ -178,7 +255,9 @@ def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
 
 
 def test_neither_batches_nor_rivals_change_a_count(study, trained, counted):
-    other = dataclasses.replace(study, plan=dataclasses.replace(study.plan, batch_frames=24))
+    other = dataclasses.replace(
+        study, plan=dataclasses.replace(study.plan, batch_frames=24)
+    )
     # Every third is enough: all kinds are among them, and neither do the others change a count.
     some = dict(list(trained[0].items())[::3])
     (again,) = run.count_receivers(other, some, Workers(1))
@@ -187,15 +266,21 @@ def test_neither_batches_nor_rivals_change_a_count(study, trained, counted):
         assert np.array_equal(errors.found[::3], again[name].found)
 
 
-def test_precision_shares_its_training_and_decides_nearly_alike(study, trained, counted):
+def test_precision_shares_its_training_and_decides_nearly_alike(
+    study, trained, counted
+):
     places = {
         one.dtype: place
         for place, one in enumerate(study.settings)
-        if (one.receiver, one.locator, one.samples_per_led, one.gradient) == ("flda_3", "truth", 8, "sobel")
+        if (one.receiver, one.locator, one.samples_per_led, one.gradient)
+        == ("flda_3", "truth", 8, "sobel")
     }
     single, double = (study.settings[places[name]] for name in ("float32", "float64"))
     assert trained[1][single] == trained[1][double]
-    assert [trained[0][one].dtype for one in (single, double)] == [torch.float32, torch.float64]
+    assert [trained[0][one].dtype for one in (single, double)] == [
+        torch.float32,
+        torch.float64,
+    ]
     rows = [counted["far"].half_errors[place] for place in places.values()]
     assert np.abs(rows[0] - rows[1]).sum() <= 0.01 * rows[0].sum()
 
@@ -203,17 +288,27 @@ def test_precision_shares_its_training_and_decides_nearly_alike(study, trained, 
 def test_what_training_took_is_told(trained):
     costs = trained[1]
     for setting, one in costs.items():
-        learned = setting.receiver not in ("center_greyscale", "average_greyscale", "otsu")
+        learned = setting.receiver not in (
+            "center_greyscale",
+            "average_greyscale",
+            "otsu",
+        )
         assert (one.frames > 0) == learned, setting
         assert (one.training_s > 0) == learned or setting.receiver == "otsu"
     sizes = {setting.receiver: one.parameters for setting, one in costs.items()}
     # 2 inputs, 4 neurons, 1 score; FLDA has a weight a feature and a threshold.
-    assert (sizes["net"], sizes["flda_3"], sizes["flda_ngr"]) == (2 * 4 + 4 + 4 + 1, 4, 2)
+    assert (sizes["net"], sizes["flda_3"], sizes["flda_ngr"]) == (
+        2 * 4 + 4 + 4 + 1,
+        4,
+        2,
+    )
 
 
 def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
     keys = link.block_keys(0, "moved", 64)
-    seen = stage_times.Exposure.of(study.plan.world, study.model("far"), keys, preambles=True)
+    seen = stage_times.Exposure.of(
+        study.plan.world, study.model("far"), keys, preambles=True
+    )
     for one in list(trained[0].values())[len(EVERY) : 2 * len(EVERY)]:
         moved = stage_times.on_device(one, torch.device("cpu"))
         ends = []
@@ -231,10 +326,21 @@ def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
 
 def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study):
     watch = Stopwatch()
-    study = make_study(names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64)
+    study = make_study(
+        names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64
+    )
     prices = run.price_receivers(study, Workers(1), watch.stage)
-    assert list(watch.seconds) == ["training", "bit errors", "what is possible", "times"]
-    assert (prices.timed_scenes, prices.in_one_go, prices.threads) == ("mixture", "flda_3", 1)
+    assert list(watch.seconds) == [
+        "training",
+        "bit errors",
+        "what is possible",
+        "times",
+    ]
+    assert (prices.timed_scenes, prices.in_one_go, prices.threads) == (
+        "mixture",
+        "flda_3",
+        1,
+    )
     for batch in (1, 16):
         for one in prices.points("mixture", "cpu", "crops", batch):
             assert 0 < one.time_ms.value < 1e4
@@ -246,9 +352,17 @@ def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study)
     assert reference.counts.bit_errors <= prices.errors["mixture"].counts[0].bit_errors
 
 
-def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(make_study, monkeypatch):
+def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(
+    make_study, monkeypatch
+):
     kinds = {"a": {}, "b": {}, "c": {}}
-    study = make_study(names=("flda_3",), test_frames=4, locators=["truth"], genie_frames=2, scenes=kinds)
+    study = make_study(
+        names=("flda_3",),
+        test_frames=4,
+        locators=["truth"],
+        genie_frames=2,
+        scenes=kinds,
+    )
 
     def refusing(plan, model, point, frames, workers, store):
         if point == study.point("b"):
@@ -257,9 +371,16 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
 
     monkeypatch.setattr(run.genie, "genie_reference", refusing)
     references, refused = run.measure_references(study, Workers(1))
-    assert (list(references), refused) == (["a", "c"], {"b": "the genie knows no likelihood"})
-    none = dataclasses.replace(study, config=dataclasses.replace(study.config, genie_frames=0))
-    assert run.measure_references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
+    assert (list(references), refused) == (
+        ["a", "c"],
+        {"b": "the genie knows no likelihood"},
+    )
+    none = dataclasses.replace(
+        study, config=dataclasses.replace(study.config, genie_frames=0)
+    )
+    assert (
+        run.measure_references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
+    )
 
     def failing(*given):
         raise VoccError("a worker was ended from outside")
@@ -270,12 +391,22 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
         run.measure_references(study, Workers(1))
 
 
-def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monkeypatch):
+def test_without_scikit_learn_its_classifiers_are_left_out_and_named(
+    study, monkeypatch
+):
     trees = {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"}
-    nested = {"_target_": f"{HERE}.scaled", "estimator": {"_target_": "sklearn.svm.LinearSVC"}}
-    absent = ClassifierPlan("trees", PlugIn.of("c", trees)), ClassifierPlan("svm", PlugIn.of("c", nested))
+    nested = {
+        "_target_": f"{HERE}.scaled",
+        "estimator": {"_target_": "sklearn.svm.LinearSVC"},
+    }
+    absent = (
+        ClassifierPlan("trees", PlugIn.of("c", trees)),
+        ClassifierPlan("svm", PlugIn.of("c", nested)),
+    )
     names = (*EVERY, "trees", "svm")
-    receiver = dataclasses.replace(study.plan.receiver, names=names, classifiers=(*PLUGGED_IN, *absent))
+    receiver = dataclasses.replace(
+        study.plan.receiver, names=names, classifiers=(*PLUGGED_IN, *absent)
+    )
     assert build.without_absent(receiver) == (receiver, {})
     monkeypatch.setattr(build, "find_spec", lambda name: None)
     kept, left_out = build.without_absent(receiver)
@@ -288,22 +419,43 @@ def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monk
     ("changes", "said"),
     [
         ({"locators": []}, "tradeoff.locators is empty"),
-        ({"locators": ["gps"]}, "tradeoff.locators has 'gps': it must be of truth, paper, refined"),
-        ({"samples_per_led": [8, 1]}, "tradeoff.samples_per_led has 1: it must be from 2 to 64"),
-        ({"samples_per_led": [6]}, "must be a multiple of classifiers.patch.inputs.patch.samples, 4"),
+        (
+            {"locators": ["gps"]},
+            "tradeoff.locators has 'gps': it must be of truth, paper, refined",
+        ),
+        (
+            {"samples_per_led": [8, 1]},
+            "tradeoff.samples_per_led has 1: it must be from 2 to 64",
+        ),
+        (
+            {"samples_per_led": [6]},
+            "must be a multiple of classifiers.patch.inputs.patch.samples, 4",
+        ),
         ({"gradients": ["prewitt"]}, "tradeoff.gradients has 'prewitt'"),
-        ({"dtypes": ["float16"]}, "tradeoff.dtypes has 'float16': it must be of float32, float64"),
+        (
+            {"dtypes": ["float16"]},
+            "tradeoff.dtypes has 'float16': it must be of float32, float64",
+        ),
         ({"varied": ["flda_9"]}, "tradeoff.varied has 'flda_9'"),
         ({"combine": "some"}, "tradeoff.combine has 'some'"),
         ({"batch_sizes": [0]}, "tradeoff.batch_sizes has 0: it must be from 1 to 1024"),
-        ({"frames": ["halves"]}, "tradeoff.frames has 'halves': it must be of whole, crops"),
+        (
+            {"frames": ["halves"]},
+            "tradeoff.frames has 'halves': it must be of whole, crops",
+        ),
         ({"repeats": 0}, "tradeoff.repeats is 0: it must be at least 1"),
         ({"threads": -1}, "tradeoff.threads is -1: it must be at least 0"),
-        ({"frames_a_preamble": 0}, "tradeoff.frames_a_preamble is 0: it must be at least 1"),
+        (
+            {"frames_a_preamble": 0},
+            "tradeoff.frames_a_preamble is 0: it must be at least 1",
+        ),
         ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
         ({"scenes": {}}, "tradeoff.scenes is empty"),
         ({"scenes": {"odd": {"distance_m": -1.0}}}, "tradeoff.scenes.odd.distance_m"),
-        ({"scenes": {"odd": 5}}, "tradeoff.scenes.odd is 5: it must be a word with values of scenes"),
+        (
+            {"scenes": {"odd": 5}},
+            "tradeoff.scenes.odd is 5: it must be a word with values of scenes",
+        ),
     ],
 )
 def test_impossible_studies_are_refused(make_study, changes, said):

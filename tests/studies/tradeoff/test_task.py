@@ -13,11 +13,24 @@ SMALL = (
 TINY = (
     *SMALL,
     *("budget.frames=8", "budget.training_frames=16", "tradeoff.repeats=1"),
-    *("tradeoff.batch_sizes=[8,24]", "tradeoff.genie_frames=2", "batch_frames=16", "device=cpu"),
+    *(
+        "tradeoff.batch_sizes=[8,24]",
+        "tradeoff.genie_frames=2",
+        "batch_frames=16",
+        "device=cpu",
+    ),
 )
 CHOSEN = (
-    *("classifier=panel_otsu", "receiver.names=[average_greyscale,flda_3]", "~tradeoff.scenes.far_and_dim"),
-    *("tradeoff.varied=[flda_3]", "tradeoff.samples_per_led=[8,4]", "tradeoff.locators=[paper,truth]"),
+    *(
+        "classifier=panel_otsu",
+        "receiver.names=[average_greyscale,flda_3]",
+        "~tradeoff.scenes.far_and_dim",
+    ),
+    *(
+        "tradeoff.varied=[flda_3]",
+        "tradeoff.samples_per_led=[8,4]",
+        "tradeoff.locators=[paper,truth]",
+    ),
     "tradeoff.devices=[cpu,cuda:7]",
 )
 BASE = ("task=tradeoff", *TINY, *CHOSEN)
@@ -66,17 +79,27 @@ def test_the_table_has_every_configuration_everywhere(whole):
     absent = [row for row in every if row not in rows]
     assert {row["device"] for row in absent} == {"cuda:7"}
     at = {(row["frames"], row["batch"], row["device"]) for row in rows}
-    assert at == {(frames, batch, "cpu") for frames in ("whole", "crops") for batch in ("8", "24")}
+    assert at == {
+        (frames, batch, "cpu") for frames in ("whole", "crops") for batch in ("8", "24")
+    }
     base = [(name, "8", "sobel", "float32") for name in RECEIVERS]
     base += [("flda_3", "4", "sobel", "float32"), ("flda_3", "8", "central", "float32")]
     base += [("flda_3", "8", "sobel", "float64")]
     settings = {tuple(row[name] for name in SETTING) for row in rows}
-    assert settings == {(name, where, *more) for name, *more in base for where in ("paper", "truth")}
+    assert settings == {
+        (name, where, *more) for name, *more in base for where in ("paper", "truth")
+    }
     assert len(rows) == len(absent) == 4 * len(settings)
     for row in rows:
         assert float(row["total_ms"]) > 0
         assert (row["locate_ms"] == "0") == (row["locator"] == "truth")
         assert row["mixture_test_frames"] == "8"
-        assert (float(row["preambles_ms"]) > 0) == (row["receiver"] == "average_greyscale")
+        assert (float(row["preambles_ms"]) > 0) == (
+            row["receiver"] == "average_greyscale"
+        )
         assert row["mixture_possible_test_frames"] == "2"
-        assert float(row["mixture_possible_ber"]) <= float(row["mixture_possible_ber_high"]) < 1
+        assert (
+            float(row["mixture_possible_ber"])
+            <= float(row["mixture_possible_ber_high"])
+            < 1
+        )

@@ -37,13 +37,21 @@ class CalibrateConfig:
     def __post_init__(self) -> None:
         """Check the channel and the numbers."""
         if self.channel not in CHANNELS:
-            raise VoccError.of("calibrate.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
+            raise VoccError.of(
+                "calibrate.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}"
+            )
         if not 2 <= self.frames <= MOST_FRAMES:
-            raise VoccError.of("calibrate.frames", self.frames, f"from 2 to {MOST_FRAMES}")
+            raise VoccError.of(
+                "calibrate.frames", self.frames, f"from 2 to {MOST_FRAMES}"
+            )
         for key, most in (("ambient_lx", 1e9), ("fps", 1e6)):
             given = getattr(self, key)
             if given is not None and not 0 < given <= most:
-                raise VoccError.of(f"calibrate.{key}", given, f"above 0 and at most {most:g}, or null")
+                raise VoccError.of(
+                    f"calibrate.{key}", given, f"above 0 and at most {most:g}, or null"
+                )
         if not 0 < self.quantum_efficiency <= 1:
             rule = "above 0 and at most 1"
-            raise VoccError.of("calibrate.quantum_efficiency", self.quantum_efficiency, rule)
+            raise VoccError.of(
+                "calibrate.quantum_efficiency", self.quantum_efficiency, rule
+            )

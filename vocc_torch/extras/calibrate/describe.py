@@ -52,7 +52,11 @@ def describe(apart: Array, found: Findings) -> None:
     efficiency = brightness(curve if counts else None, found)
     lens(found)
     if curve is None or coded:
-        why = "coding takes it away" if coded else "rounding hides it, or fewer than 4 frames show none"
+        why = (
+            "coding takes it away"
+            if coded
+            else "rounding hides it, or fewer than 4 frames show none"
+        )
         found.say("noise", why=why)
     else:
         sensor_noise(curve, found, efficiency)
@@ -91,7 +95,9 @@ def level(own: Array, shared: Array, name: str) -> Array:
     return linear(own[:, OF_FRAME.index(name)], float(shared[0]))
 
 
-def illuminance(electrons: float, camera: Camera, seen_cd_m2: float, efficiency: float) -> float:
+def illuminance(
+    electrons: float, camera: Camera, seen_cd_m2: float, efficiency: float
+) -> float:
     """Say which illuminance gives a pixel of the background so many electrons, lx.
 
     Args:
@@ -100,8 +106,15 @@ def illuminance(electrons: float, camera: Camera, seen_cd_m2: float, efficiency:
         seen_cd_m2: luminance that the background has at 1 lx, with any veil.
         efficiency: the quantum efficiency.
     """
-    exposure = 10 * seen_cd_m2 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
-    return electrons / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
+    exposure = (
+        10
+        * seen_cd_m2
+        * camera.exposure_time_s
+        / (camera.calibration_constant * camera.f_number**2)
+    )
+    return electrons / (
+        Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure
+    )
 
 
 def veil_luminance(found: Findings) -> tuple[float, float]:
@@ -133,10 +146,16 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
     """Describe the light, and give the quantum efficiency that fits to it."""
     fit, panel, config = found.fit, found.panel, found.config
     efficiency = config.quantum_efficiency
-    found.over("background_grey", lambda own, _: np.asarray(own[:, OF_FRAME.index("background")]), 1.0)
+    found.over(
+        "background_grey",
+        lambda own, _: np.asarray(own[:, OF_FRAME.index("background")]),
+        1.0,
+    )
     grey = found.values[-1]
     veil, veil_error = veil_luminance(found)
-    seen = panel.background_reflectance / math.pi + veil  # luminance of the background at 1 lx
+    seen = (
+        panel.background_reflectance / math.pi + veil
+    )  # luminance of the background at 1 lx
     lux, error = config.ambient_lx or UNKNOWN_LX, math.nan
     note = "as configured" if config.ambient_lx else ""
     if curve is None:
@@ -160,7 +179,9 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
     found.say("air")
     found.say("white", when=float(np.median(fit.value("on"))) >= WHITE)
     if veil:
-        found.tell("effects.veiling_glare.luminance_cd_m2", veil * lux, veil_error * lux)
+        found.tell(
+            "effects.veiling_glare.luminance_cd_m2", veil * lux, veil_error * lux
+        )
         found.say("veil")
     if fit.has_board:
         share = float(np.median(fit.level("board") / fit.level("background")))
@@ -174,7 +195,9 @@ def lens(found: Findings) -> None:
     fit, fall = found.fit, found.fall
     blur = float(fit.value("blur_px"))
     if found.tried("blooming", blur, BLIND_BLUR_PX):
-        found.tell("effects.blooming.sigma_px", min(blur, 32.0), fit.deviation("blur_px"))
+        found.tell(
+            "effects.blooming.sigma_px", min(blur, 32.0), fit.deviation("blur_px")
+        )
         found.say("blur")
     found.say("lens")
     if found.tried("vignetting", fall.gain):
@@ -206,13 +229,17 @@ def sensor_noise(curve: TransferCurve, found: Findings, efficiency: float) -> No
         found.say("unit", when=curve.gains[1] > 0)
         return
     read = found.tried("read_noise", curve.gains[1])
-    found.effects += [Named(name, True, "needed by the noise") for name in ("photoelectrons", "gain")]
+    found.effects += [
+        Named(name, True, "needed by the noise") for name in ("photoelectrons", "gain")
+    ]
     found.tell("effects.photoelectrons.quantum_efficiency", min(1.0, efficiency))
     found.say("photons", when=efficiency > 1, efficiency=efficiency)
     counted, shaky = electrons(found.fit, curve), by_gamma(found.fit, curve)
     if read:
         unit = 1 / curve.noise.slope
-        turn = np.array([-unit, unit**2 / (2 * counted[1] ** 2)])  # a floor too high: a slope too low
+        turn = np.array(
+            [-unit, unit**2 / (2 * counted[1] ** 2)]
+        )  # a floor too high: a slope too low
         variance = max(0.0, float(turn @ curve.covariance @ turn))
         error = float(counted[1]) * math.hypot(math.sqrt(variance), shaky[1])
         found.tell("effects.read_noise.electrons", float(counted[1]), error)

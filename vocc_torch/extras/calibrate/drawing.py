@@ -43,7 +43,9 @@ class FramePose(Effect, on=Quantity.PLACEMENT):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn each panel."""
         turned = []
-        for angles, own in zip(self.angles_deg.tolist(), value.unsqueeze(1), strict=True):
+        for angles, own in zip(
+            self.angles_deg.tolist(), value.unsqueeze(1), strict=True
+        ):
             turned.append(Pose(*angles)(own, context) if any(angles) else own)
         return torch.cat(turned)
 
@@ -86,7 +88,9 @@ class Drawing:
         """Take some frames."""
         return replace(self, origin_px=self.origin_px[frames])
 
-    def simulator(self, own: Array, shared: Array, weights: Array | None = None) -> Simulator:
+    def simulator(
+        self, own: Array, shared: Array, weights: Array | None = None
+    ) -> Simulator:
         """Give the simulator whose linear pictures have the background's light as 1.
 
         Args:
@@ -104,13 +108,19 @@ class Drawing:
         if weights is not None:
             shape = len(own), self.panel.shape.rows, self.panel.shape.columns
             effects["led_weights"] = LedWeights(torch.from_numpy(weights).view(shape))
-        panel = replace(self.panel, led_reflectance=self.panel.background_reflectance, board_reflectance=None)
+        panel = replace(
+            self.panel,
+            led_reflectance=self.panel.background_reflectance,
+            board_reflectance=None,
+        )
         linear = replace(self.camera, gamma=1.0, iso_limits=None)
         return Simulator(linear, panel, effects, dtype=torch.float64)  # type: ignore[arg-type]
 
     def distance_m(self, own: Array) -> Array:
         """Distances of the panels, (B,)."""
-        away: Array = self.camera.focal_length_px * self.panel.pitch_m * np.exp(-own[:, 2])
+        away: Array = (
+            self.camera.focal_length_px * self.panel.pitch_m * np.exp(-own[:, 2])
+        )
         return away
 
     def scene(self, own: Array, luminance: float) -> Scene:
@@ -152,7 +162,9 @@ class Drawing:
         simulator = self.simulator(own, shared)
         shares = {"led_reflectance": 1.0, "board_reflectance": 1.0}
         white = replace(simulator.panel, **shares)  # type: ignore[arg-type]
-        drawn = Simulator(simulator.camera, white, simulator.effects, dtype=torch.float64)
+        drawn = Simulator(
+            simulator.camera, white, simulator.effects, dtype=torch.float64
+        )
         more = 1 / self.panel.background_reflectance - 1
         return (self._linear(drawn, own, 0.0) - self.base(own)) / more
 
@@ -160,6 +172,8 @@ class Drawing:
         """Render windows in linear light."""
         shape = self.panel.shape
         lit = torch.ones(len(own), shape.rows, shape.columns, dtype=torch.bool)
-        frames = simulator.render_window(self.scene(own, luminance), lit, self.origin_px, self.size_px)
+        frames = simulator.render_window(
+            self.scene(own, luminance), lit, self.origin_px, self.size_px
+        )
         grey: Array = frames.grey[:, 0].numpy()
         return grey

@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse, stats
 
-from vocc_torch.extras.calibrate.drawing import LEVELS, OF_ALL, OF_FRAME, PLACED, TURNED, Array, Drawing
+from vocc_torch.extras.calibrate.drawing import (
+    LEVELS,
+    OF_ALL,
+    OF_FRAME,
+    PLACED,
+    TURNED,
+    Array,
+    Drawing,
+)
 from vocc_torch.extras.calibrate.noise import ROUNDING, Noise, expected, linear
 
 SURE = 1.959963985
@@ -22,12 +30,18 @@ POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur_px")
 class FitSettings:
     """How a fit is made."""
 
-    clear_sigmas: float = 4.0  # a pixel farther off counts less: reflections are not in the model
+    clear_sigmas: float = (
+        4.0  # a pixel farther off counts less: reflections are not in the model
+    )
     evaluations: int = 12  # of the picture and its derivatives, at most
     tolerance: float = 1e-6  # change of values or misfit that ends a fit
     block_px: int = 8  # neighbours within such a block may hang together
-    undithered: float = 0.1  # variance of noise below which pixels of one light are rounded alike
-    steep_grey: float = 2.0  # from a pixel to the next, from which on each rounds for itself
+    undithered: float = (
+        0.1  # variance of noise below which pixels of one light are rounded alike
+    )
+    steep_grey: float = (
+        2.0  # from a pixel to the next, from which on each rounds for itself
+    )
 
 
 SETTINGS = FitSettings()
@@ -144,13 +158,19 @@ class RecordingFit:
     def parts(self) -> list[Array]:
         """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
         drawing, where = self.drawing, (self.own, self.shared)
-        drawn = [drawing.base(self.own), drawing.cover(*where), drawing.cover(*where, self.lit)]
+        drawn = [
+            drawing.base(self.own),
+            drawing.cover(*where),
+            drawing.cover(*where, self.lit),
+        ]
         return drawn + ([drawing.board(*where)] if self.has_board else [])
 
     def light(self, parts: Sequence[Array] | None = None) -> Array:
         """Linear light of the frames, (B,H,W); ``parts`` are those of the same geometry and LEDs."""
         base, leds, lit, *board = parts or self.parts()
-        background, off, on, behind = (self.level(name)[:, None, None] for name in LEVELS)
+        background, off, on, behind = (
+            self.level(name)[:, None, None] for name in LEVELS
+        )
         surface = behind if board else background
         x = background * base + (off - surface) * leds + (on - off) * lit
         for cover in board:
@@ -163,7 +183,9 @@ class RecordingFit:
 
     def packed(self) -> Array:
         """The fitted values in one vector: each frame's in turn, and the shared ones."""
-        return np.concatenate([self.own[:, self.of_frame].ravel(), self.shared[self.of_all]])
+        return np.concatenate(
+            [self.own[:, self.of_frame].ravel(), self.shared[self.of_all]]
+        )
 
     def moved(self, packed: Array) -> "RecordingFit":
         """Take the fitted values from a vector."""
@@ -188,7 +210,9 @@ class RecordingFit:
         """Lay derivatives out by pixel and fitted value."""
         names = [name in OF_FRAME for name in self.free]
         flat = slopes.reshape(len(slopes), len(self.grey), -1)
-        own = sparse.block_diag([flat[names, frame].T for frame in range(len(self.grey))])
+        own = sparse.block_diag(
+            [flat[names, frame].T for frame in range(len(self.grey))]
+        )
         shared = flat[np.logical_not(names)].reshape(len(self.of_all), self.grey.size).T
         return sparse.hstack([own, shared], format="csr")
 
@@ -217,13 +241,19 @@ class RecordingFit:
         spreads = slope @ self.covariances @ slope.T
         frames = len(made)
         every = spreads.diagonal(axis1=1, axis2=2).max(0)
-        pairs = (spreads.sum((1, 2)) - spreads.trace(axis1=1, axis2=2)) / max(frames * (frames - 1), 1)
+        pairs = (spreads.sum((1, 2)) - spreads.trace(axis1=1, axis2=2)) / max(
+            frames * (frames - 1), 1
+        )
         common = max(0.0, float(pairs.max())) if frames > 1 else 0.0
         return made, np.sqrt((every - common).clip(min=1e-3 * every)), math.sqrt(common)
 
 
 def settled(
-    fit: RecordingFit, free: Sequence[str], evaluations: int = SETTINGS.evaluations, *, robust: bool = True
+    fit: RecordingFit,
+    free: Sequence[str],
+    evaluations: int = SETTINGS.evaluations,
+    *,
+    robust: bool = True,
 ) -> RecordingFit:
     """Fit values by least squares, pixels weighed by the noise that is expected of them.
 
@@ -244,7 +274,9 @@ def settled(
     bounds = np.array(own + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
 
     def residual(packed: Array) -> Array:
-        return np.asarray((root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel())
+        return np.asarray(
+            (root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel()
+        )
 
     def jacobian(packed: Array) -> sparse.csr_matrix:
         there = fit.moved(packed)
@@ -253,7 +285,14 @@ def settled(
     begun = np.clip(fit.packed(), bounds[0] + 1e-6, bounds[1] - 1e-6)
     tolerance = dict.fromkeys(("ftol", "xtol"), SETTINGS.tolerance)
     found = optimize.least_squares(
-        residual, begun, jacobian, bounds, x_scale="jac", max_nfev=evaluations, **tolerance, gtol=None
+        residual,
+        begun,
+        jacobian,
+        bounds,
+        x_scale="jac",
+        max_nfev=evaluations,
+        **tolerance,
+        gtol=None,
     )
     return certain(fit.moved(found.x), weights)
 
@@ -262,7 +301,9 @@ def calmed(residual: Array, variance: Array) -> Array:
     """Weigh residuals: 1 up to four standard deviations of the bulk, and less beyond."""
     off = np.abs(residual) / np.sqrt(variance)
     bulk = np.quantile(off.reshape(len(off), -1), 0.68, axis=1).clip(min=0.5)
-    weights: Array = (SETTINGS.clear_sigmas * bulk[:, None, None] / off.clip(min=1e-9)).clip(max=1)
+    weights: Array = (
+        SETTINGS.clear_sigmas * bulk[:, None, None] / off.clip(min=1e-9)
+    ).clip(max=1)
     return weights
 
 
@@ -276,7 +317,9 @@ def certain(fit: RecordingFit, weights: Array) -> RecordingFit:
     return replace(fit, misfit=misfit, scale=scale, covariances=spread)
 
 
-def covariances(fit: RecordingFit, slopes: Array, weights: Array, residual: Array, scale: float) -> Array:
+def covariances(
+    fit: RecordingFit, slopes: Array, weights: Array, residual: Array, scale: float
+) -> Array:
     """Say how sure the values are; see :class:`RecordingFit`.
 
     Args:

@@ -17,7 +17,12 @@ class LedSettings:
     """How LEDs are decided."""
 
     first_frames: int = 3  # by which the blur's size is searched for
-    blur_shares: tuple[float, ...] = (0.12, 0.25, 0.45, 0.7)  # of a pitch, tried for the blur
+    blur_shares: tuple[float, ...] = (
+        0.12,
+        0.25,
+        0.45,
+        0.7,
+    )  # of a pitch, tried for the blur
     rounds: int = 4  # of fits and decisions
     flip_step: int = 4  # LEDs so far apart do not share pixels
 
@@ -37,13 +42,19 @@ def two_levels(greys: Array) -> Bits:
 
 def led_places(corners_px: Array, rows: int, columns: int) -> Array:
     """Place LEDs between a panel's corners by bilinear interpolation, (B,R*C,2) px."""
-    u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-    shares = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], -1).reshape(-1, 4)
+    u, v = np.meshgrid(
+        (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
+    )
+    shares = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], -1).reshape(
+        -1, 4
+    )
     places: Array = np.einsum("nk,bkc->bnc", shares, corners_px)
     return places
 
 
-def start(drawing: Drawing, grey: Array, corners_px: Array, bits: Bits | None) -> RecordingFit:
+def start(
+    drawing: Drawing, grey: Array, corners_px: Array, bits: Bits | None
+) -> RecordingFit:
     """Begin from the corners that the locator found.
 
     Args:
@@ -53,12 +64,21 @@ def start(drawing: Drawing, grey: Array, corners_px: Array, bits: Bits | None) -
         bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
     """
     shape, frames = drawing.panel.shape, len(grey)
-    at = led_places(corners_px, shape.rows, shape.columns) - drawing.origin_px.numpy()[:, None]
-    x, y = (np.floor(at[..., i]).astype(int).clip(1, grey.shape[2 - i] - 2) for i in (0, 1))
+    at = (
+        led_places(corners_px, shape.rows, shape.columns)
+        - drawing.origin_px.numpy()[:, None]
+    )
+    x, y = (
+        np.floor(at[..., i]).astype(int).clip(1, grey.shape[2 - i] - 2) for i in (0, 1)
+    )
     rows = np.arange(frames)[:, None]
-    centres = np.mean([grey[rows, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)
+    centres = np.mean(
+        [grey[rows, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0
+    )
     lit = two_levels(centres) if bits is None else bits.reshape(frames, -1)
-    behind = np.median(np.concatenate([grey[:, :2], grey[:, -2:]], 1).reshape(frames, -1), axis=1)
+    behind = np.median(
+        np.concatenate([grey[:, :2], grey[:, -2:]], 1).reshape(frames, -1), axis=1
+    )
     on = np.where(lit.any(1), masked_mean(centres, lit), centres.max(1) + 20)
     off = np.where((~lit).any(1), masked_mean(centres, ~lit), behind)
     side = np.roll(corners_px, -1, 1) - corners_px
@@ -84,7 +104,9 @@ def masked_mean(values: Array, mask: Bits) -> Array:
     return mean
 
 
-def decided(fit: RecordingFit, free: Sequence[str], rounds: int = SETTINGS.rounds) -> RecordingFit:
+def decided(
+    fit: RecordingFit, free: Sequence[str], rounds: int = SETTINGS.rounds
+) -> RecordingFit:
     """Fit and decide the bits in turns until none changes."""
     fit = settled(fit, free)
     for _ in range(rounds):
@@ -103,11 +125,19 @@ def likelier(fit: RecordingFit) -> Array:
     shape, (height, width) = fit.drawing.panel.shape, fit.drawing.size_px
     at, step = fit.drawing.centres_px(fit.own, fit.shared), SETTINGS.flip_step
     y, x = np.mgrid[:height, :width] + 0.5
-    rows, weights, parts = np.arange(len(at)), fit.trust / fit.predicted()[1], fit.parts()
+    rows, weights, parts = (
+        np.arange(len(at)),
+        fit.trust / fit.predicted()[1],
+        fit.parts(),
+    )
     numbers = np.arange(shape.leds).reshape(shape.rows, shape.columns)
     lit = fit.lit.copy()
-    for group in (numbers[i::step, j::step].ravel() for i in range(step) for j in range(step)):
-        apart = (x - at[:, group, 0, None, None]) ** 2 + (y - at[:, group, 1, None, None]) ** 2
+    for group in (
+        numbers[i::step, j::step].ravel() for i in range(step) for j in range(step)
+    ):
+        apart = (x - at[:, group, 0, None, None]) ** 2 + (
+            y - at[:, group, 1, None, None]
+        ) ** 2
         if not len(group):
             continue
         other, nearest = lit.copy(), apart.argmin(1)
@@ -129,7 +159,9 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Arra
     Returns:
         the better fit, and by how much the misfit of each frame tells the two ways apart, (B,).
     """
-    other = fit.set("yaw_deg", -fit.value("yaw_deg")).set("pitch_deg", -fit.value("pitch_deg"))
+    other = fit.set("yaw_deg", -fit.value("yaw_deg")).set(
+        "pitch_deg", -fit.value("pitch_deg")
+    )
     other = settled(other, free, 8)
     here, there = (
         (((one.grey - mean) ** 2) / variance).sum((1, 2))

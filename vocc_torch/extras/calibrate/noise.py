@@ -21,7 +21,9 @@ class DarkSettings:
 
     nodes: int = 24  # of Gauss and Legendre
     widest_sigmas: float = 6.0  # of noise on either side
-    dark_sigmas: float = 5.0  # light below so many of its deviations is dark: the encoding is bent there
+    dark_sigmas: float = (
+        5.0  # light below so many of its deviations is dark: the encoding is bent there
+    )
     least_grey: float = 0.3  # of the noise near white
 
 
@@ -65,7 +67,9 @@ def expected(x: Array, gamma: float, noise: Noise) -> tuple[Array, Array]:
     mean = grey + steep * (1 / gamma - 1) / x * variance / 2
     spread = steep**2 * variance
     near = x < DARK.dark_sigmas * np.sqrt(variance)
-    near |= np.abs(grey - WHITE) < DARK.dark_sigmas * np.maximum(np.sqrt(spread), DARK.least_grey)
+    near |= np.abs(grey - WHITE) < DARK.dark_sigmas * np.maximum(
+        np.sqrt(spread), DARK.least_grey
+    )
     if near.any():
         mean[near], spread[near] = averaged(x[near], np.sqrt(variance[near]), gamma)
     return mean, spread + ROUNDING

@@ -59,7 +59,10 @@ class Footage:
 
     def taken(self, rows: slice | NDArray[Any]) -> "Footage":
         """Take some frames."""
-        parts = {name: getattr(self, name)[rows] for name in ("greys", "numbers", "corners_px", "times_s")}
+        parts = {
+            name: getattr(self, name)[rows]
+            for name in ("greys", "numbers", "corners_px", "times_s")
+        }
         return replace(self, **parts)
 
     def doubts(self) -> list[str]:
@@ -69,7 +72,9 @@ class Footage:
             few = f"{count} frame{'s' * (count > 1)} with the panel"
             said.append(f"{few}: noise and what moves cannot be told; give a recording")
         if count < self.looked / 2:
-            said.append(f"the panel was found in {count} of {self.looked} frames: the scene is of these only")
+            said.append(
+                f"the panel was found in {count} of {self.looked} frames: the scene is of these only"
+            )
         return said
 
     def __len__(self) -> int:
@@ -77,7 +82,9 @@ class Footage:
         return len(self.greys)
 
 
-def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[RecordedFrame], int]:
+def thinned(
+    recording: Iterator[RecordedFrame], most: int
+) -> tuple[list[RecordedFrame], int]:
     """Keep frames at equal steps, ``most`` to twice as many, however long the recording is; count all.
 
     Raises:
@@ -96,7 +103,9 @@ def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[Recorde
         if kept and frame.grey.shape != kept[0].grey.shape:
             (h, w), (height, width) = frame.grey.shape, kept[0].grey.shape
             shown = f"{frame.source} is {w} x {h} px and {kept[0].source} is {width} x {height}"
-            raise VoccError(f"input: {shown}: all frames must be of one camera and one size")
+            raise VoccError(
+                f"input: {shown}: all frames must be of one camera and one size"
+            )
         if (number - 1) % step == 0:
             kept.append(frame)
         if len(kept) >= 2 * most:
@@ -112,14 +121,21 @@ def agreeing(corners_px: Array) -> NDArray[np.bool_]:
     """
     middle, size = corners_px.mean(1), np.ptp(corners_px, axis=1).max(1).clip(min=1e-9)
     ratio = np.abs(np.log(size / size[:, None])) < math.log(SETTINGS.alike_size)
-    apart = np.linalg.norm(middle - middle[:, None], axis=2) / np.maximum(size, size[:, None])
+    apart = np.linalg.norm(middle - middle[:, None], axis=2) / np.maximum(
+        size, size[:, None]
+    )
     nearest = np.median((apart + 1e9 * np.eye(len(apart))).min(1))
-    alike = ratio & (apart < np.clip(SETTINGS.usual * nearest, SETTINGS.least_panels, SETTINGS.most_panels))
+    alike = ratio & (
+        apart
+        < np.clip(SETTINGS.usual * nearest, SETTINGS.least_panels, SETTINGS.most_panels)
+    )
     _, label = sparse.csgraph.connected_components(alike)
     return np.asarray(label == np.bincount(label).argmax())
 
 
-def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, shape: PanelShape) -> Footage:
+def read_footage(
+    source: Path, config: CalibrateConfig, locator: PanelLocator, shape: PanelShape
+) -> Footage:
     """Read a recording and find the panel.
 
     Args:
@@ -147,13 +163,23 @@ def read_footage(source: Path, config: CalibrateConfig, locator: PanelLocator, s
     seen = torch.cat([part.found.cpu() for part in located]).numpy()
     if not seen.any():
         hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
-        raise VoccError(f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}")
+        raise VoccError(
+            f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}"
+        )
     rows = seen.nonzero()[0]
     rows = rows[agreeing(corners[rows])]
     if len(rows) == 1 and len(kept) > 1:
         rule = "record slower, shorten the exposure, or give another receiver.locator"
-        raise VoccError(f"input {source}: the panel's place jumps by panels between all frames: {rule}")
+        raise VoccError(
+            f"input {source}: the panel's place jumps by panels between all frames: {rule}"
+        )
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
     numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
-    times = numbers / config.fps if config.fps else np.array([one.time_s for one in kept], dtype=np.float64)
-    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(rows)
+    times = (
+        numbers / config.fps
+        if config.fps
+        else np.array([one.time_s for one in kept], dtype=np.float64)
+    )
+    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(
+        rows
+    )

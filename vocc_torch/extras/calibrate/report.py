@@ -31,10 +31,18 @@ def write_page(study: Findings, source: str, command: str, folder: Path) -> None
     if curve is not None and has_curve:
         write_transfer(study, curve, folder / "transfer.png")
     left = fit.grey - fit.predicted()[0]
-    values = {"study": study, "rms": float(np.sqrt((left**2).mean())), "has_curve": has_curve}
-    text = page.render(__package__, "page.md.j2", source=source, command=command, shown=shown, **values)
+    values = {
+        "study": study,
+        "rms": float(np.sqrt((left**2).mean())),
+        "has_curve": has_curve,
+    }
+    text = page.render(
+        __package__, "page.md.j2", source=source, command=command, shown=shown, **values
+    )
     write_atomically(folder / "page.md", text.encode())
-    write_atomically(folder / "page.html", page.html(text, f"A scene from {source}", folder).encode())
+    write_atomically(
+        folder / "page.html", page.html(text, f"A scene from {source}", folder).encode()
+    )
 
 
 def shown(given: float | Sequence[object]) -> str:
@@ -45,7 +53,11 @@ def shown(given: float | Sequence[object]) -> str:
         ('[1.235, 2]', '3')
     """
     if isinstance(given, Sequence):
-        return "[" + ", ".join(f"{one:.4g}" for one in given if isinstance(one, int | float)) + "]"
+        return (
+            "["
+            + ", ".join(f"{one:.4g}" for one in given if isinstance(one, int | float))
+            + "]"
+        )
     return f"{given:.5g}"
 
 
@@ -59,7 +71,9 @@ def write_frames(study: Findings, path: Path) -> None:
     frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))
     height, width = fit.drawing.size_px
     cell = (3.2, 3.2 * height / width)
-    figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))
+    figure, axes = canvas.new_grid(
+        3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2)
+    )
     for row, frame in enumerate(frames):
         number = int(study.footage.numbers[frame])
         panes = (
@@ -67,8 +81,12 @@ def write_frames(study: Findings, path: Path) -> None:
             ("expected", mean, 0.0, WHITE, "gray"),
             (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
         )
-        for one, (head, plane, low, high, colours) in zip(axes[3 * row :], panes, strict=False):
-            one.imshow(plane[frame], cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+        for one, (head, plane, low, high, colours) in zip(
+            axes[3 * row :], panes, strict=False
+        ):
+            one.imshow(
+                plane[frame], cmap=colours, vmin=low, vmax=high, interpolation="nearest"
+            )
             one.set_title(head, fontsize=9)
             one.set_axis_off()
     canvas.save_figure(figure, path)
@@ -82,7 +100,10 @@ def write_transfer(study: Findings, curve: TransferCurve, path: Path) -> None:
     axes.plot(curve.light, curve.variance, "o", color=canvas.INK, label="measured")
     axes.plot(light, fitted, "-", color="#0072B2", label="photon transfer and rounding")
     axes.axhline(ROUNDING, linestyle=":", color=canvas.QUIET, label="rounding alone")
-    labels = {"xlabel": "light, of that which is encoded as 118", "ylabel": "variance, grey values squared"}
+    labels = {
+        "xlabel": "light, of that which is encoded as 118",
+        "ylabel": "variance, grey values squared",
+    }
     axes.set(xscale="log", yscale="log", **labels)
     axes.legend(fontsize=8, frameon=False)
     canvas.save_figure(figure, path)

@@ -52,7 +52,11 @@ class Value(NamedTuple):
     @property
     def remark(self) -> str:
         """The comment that stands above it."""
-        sure = f"+- {SURE * self.deviation:.2g} (95 %)" if math.isfinite(self.deviation) else ""
+        sure = (
+            f"+- {SURE * self.deviation:.2g} (95 %)"
+            if math.isfinite(self.deviation)
+            else ""
+        )
         return "; ".join(part for part in (self.note, sure) if part)
 
     @property
@@ -121,7 +125,14 @@ class Findings:
 
     def text(self, name: str, source: str) -> str:
         """Write the scene as YAML, each value beside what it explains and how sure it is."""
-        return render(__package__, "scene.yaml.j2", scene=self, name=name, source=source, inline=inline)
+        return render(
+            __package__,
+            "scene.yaml.j2",
+            scene=self,
+            name=name,
+            source=source,
+            inline=inline,
+        )
 
     def of(self, effect: str) -> list[Value]:
         """Give an effect's values."""
@@ -130,10 +141,14 @@ class Findings:
     def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
         """Note an effect, and say whether the recording asks for it."""
         criterion, explains = WORDS["effects"][effect]
-        self.effects.append(Named(effect, gain > needed, criterion, gain, needed, explains))
+        self.effects.append(
+            Named(effect, gain > needed, criterion, gain, needed, explains)
+        )
         return gain > needed
 
-    def judge(self, effect: str, simple: RecordingFit, rich: RecordingFit) -> RecordingFit:
+    def judge(
+        self, effect: str, simple: RecordingFit, rich: RecordingFit
+    ) -> RecordingFit:
         """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
         gain = (simple.misfit - rich.misfit) / rich.scale
         gain -= (rich.values - simple.values) * math.log(rich.pixels)
@@ -161,7 +176,9 @@ class Findings:
     def note(self, value: Value) -> None:
         """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
         if value.key in WORDS["by_gamma"] and self.loose:
-            note = "; ".join(part for part in (value.note, "no interval: gamma is not told") if part)
+            note = "; ".join(
+                part for part in (value.note, "no interval: gamma is not told") if part
+            )
             value = value._replace(deviation=math.nan, note=note)
         self.values.append(value)
 
@@ -188,7 +205,9 @@ def inline(value: object) -> str:
     return text.removesuffix("...\n").strip()
 
 
-def spread(key: str, derived: tuple[Array, Array, float], note: str, least: float = -math.inf) -> Value:
+def spread(
+    key: str, derived: tuple[Array, Array, float], note: str, least: float = -math.inf
+) -> Value:
     """Describe a value of every frame: a number where it stays, and where it moves a range of like scatter.
 
     It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
@@ -205,7 +224,9 @@ def spread(key: str, derived: tuple[Array, Array, float], note: str, least: floa
     misfit = float((weights * (values - middle) ** 2).sum())
     if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
         scatter = max(1.0, misfit / max(count - 1, 1)) / float(weights.sum())
-        return Value(key, max(middle, least), math.hypot(math.sqrt(scatter), common), note)
+        return Value(
+            key, max(middle, least), math.hypot(math.sqrt(scatter), common), note
+        )
     mean, scatter = float(values.mean()), float(values.std(ddof=1))
     half = math.sqrt(3) * scatter  # a uniform range of that scatter
     ends = ["uniform", max(mean - half, least), max(mean + half, least)]
@@ -222,7 +243,9 @@ def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
         return camera, ""
     told = f"the frames are {width} x {height} px and camera= says {camera.width_px} x {camera.height_px}: "
     if camera.height_px * width == camera.width_px * height:
-        return replace(camera, width_px=width, height_px=height), told + "taken for the whole sensor, scaled"
+        return replace(
+            camera, width_px=width, height_px=height
+        ), told + "taken for the whole sensor, scaled"
     wide = camera.sensor_width_mm * width / camera.width_px
     made = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
     return made, told + "taken for the middle of it, with pixels of the same size"

@@ -9,12 +9,25 @@ from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.describe import describe
 from vocc_torch.extras.calibrate.drawing import Array, Drawing
-from vocc_torch.extras.calibrate.fit import BASE, POSED, RANGES, RecordingFit, settled, trusted
+from vocc_torch.extras.calibrate.fit import (
+    BASE,
+    POSED,
+    RANGES,
+    RecordingFit,
+    settled,
+    trusted,
+)
 from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
 from vocc_torch.extras.calibrate.leds import Bits, decided, mirrored, start
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.scene import WORDS, Findings
-from vocc_torch.extras.calibrate.surround import Falloff, Surround, compression, falloff, tiled
+from vocc_torch.extras.calibrate.surround import (
+    Falloff,
+    Surround,
+    compression,
+    falloff,
+    tiled,
+)
 from vocc_torch.extras.calibrate.transfer import transfer
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 
@@ -41,7 +54,9 @@ BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 """With which power of the pixels' width values grow."""
 
 
-def drawing_of(footage: Footage, camera: Camera, panel: LedPanel) -> tuple[Drawing, Array]:
+def drawing_of(
+    footage: Footage, camera: Camera, panel: LedPanel
+) -> tuple[Drawing, Array]:
     """Cut a window about the panel from each frame, all of one size, on a grid of 8 px.
 
     Returns:
@@ -49,19 +64,29 @@ def drawing_of(footage: Footage, camera: Camera, panel: LedPanel) -> tuple[Drawi
     """
     grid, sensor = SETTINGS.grid_px, np.array([camera.width_px, camera.height_px])
     low, high = footage.corners_px.min(1), footage.corners_px.max(1)
-    cell = (high - low).max(1, keepdims=True) / max(panel.shape.rows, panel.shape.columns)
-    extent = (high - low + 2 * (SETTINGS.margin_cells * cell + SETTINGS.margin_px)).max(0)
+    cell = (high - low).max(1, keepdims=True) / max(
+        panel.shape.rows, panel.shape.columns
+    )
+    extent = (high - low + 2 * (SETTINGS.margin_cells * cell + SETTINGS.margin_px)).max(
+        0
+    )
     size = np.minimum((np.ceil(extent / grid) * grid + grid).astype(int), sensor)
     first = np.round((low + high) / 2 - size / 2).astype(int) // grid * grid
     first = np.minimum(first.clip(min=0), sensor - size).clip(min=0) // grid * grid
     width, height = np.minimum(size, sensor - first.max(0)).tolist()
     drawing = Drawing(camera, panel, torch.from_numpy(first), (height, width))
     places = zip(footage.greys, first.tolist(), strict=True)
-    return drawing, np.stack([grey[y : y + height, x : x + width] for grey, (x, y) in places]).astype(float)
+    return drawing, np.stack(
+        [grey[y : y + height, x : x + width] for grey, (x, y) in places]
+    ).astype(float)
 
 
 def calibrate(
-    footage: Footage, camera: Camera, panel: LedPanel, config: CalibrateConfig, bits: Bits | None = None
+    footage: Footage,
+    camera: Camera,
+    panel: LedPanel,
+    config: CalibrateConfig,
+    bits: Bits | None = None,
 ) -> Findings:
     """Fit a scene to a recording.
 
@@ -75,11 +100,19 @@ def calibrate(
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
-    coded, times = compression(footage.greys), coarseness(footage.corners_px, panel.shape)
-    chosen, coarse = footage.taken(np.s_[:: -(-len(footage) // config.frames)]), coarser(camera, times)
+    coded, times = (
+        compression(footage.greys),
+        coarseness(footage.corners_px, panel.shape),
+    )
+    chosen, coarse = (
+        footage.taken(np.s_[:: -(-len(footage) // config.frames)]),
+        coarser(camera, times),
+    )
     used = binned(chosen, times)
     drawing, grey = drawing_of(used, coarse, panel)
-    around = Surround.of(used.greys, used.corners_px, max(panel.shape.rows, panel.shape.columns))
+    around = Surround.of(
+        used.greys, used.corners_px, max(panel.shape.rows, panel.shape.columns)
+    )
     fall = falloff(around, drawing, coarse.gamma)
     shown = None if bits is None else bits[used.numbers.clip(max=len(bits) - 1)]
     begun = start(shaded(drawing, fall), grey, used.corners_px, shown)
@@ -113,14 +146,21 @@ def calibrate(
 
 def fitting(*fits: RecordingFit) -> Bits:
     """Tell frames that are fitted about as well as the better ones, (B,): others' corners are wrong."""
-    misfit = np.concatenate([((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2)) for fit in fits])
-    return np.asarray(misfit <= SETTINGS.odd * max(np.quantile(misfit, SETTINGS.better), SETTINGS.odd_least))
+    misfit = np.concatenate(
+        [((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2)) for fit in fits]
+    )
+    return np.asarray(
+        misfit
+        <= SETTINGS.odd * max(np.quantile(misfit, SETTINGS.better), SETTINGS.odd_least)
+    )
 
 
 def coarseness(corners_px: Array, shape: PanelShape) -> int:
     """Say how many pixels are one: near panels hold more of them than a fit needs."""
     sides = np.linalg.norm(np.roll(corners_px, -1, 1) - corners_px, axis=2)
-    cell = np.minimum(sides[:, ::2].mean(1) / shape.columns, sides[:, 1::2].mean(1) / shape.rows)
+    cell = np.minimum(
+        sides[:, ::2].mean(1) / shape.columns, sides[:, 1::2].mean(1) / shape.rows
+    )
     return max(1, int(np.median(cell) / SETTINGS.finest_pitch_px))
 
 
@@ -144,18 +184,24 @@ def finer(found: Findings, camera: Camera, times: int) -> None:
     for at, value in enumerate(found.values):
         if value.key in BY_PIXEL:
             scale = float(times) ** BY_PIXEL[value.key]
-            found.values[at] = value._replace(given=value.middle * scale, deviation=value.deviation * scale)
+            found.values[at] = value._replace(
+                given=value.middle * scale, deviation=value.deviation * scale
+            )
     found.camera = replace(camera, gamma=found.camera.gamma)
 
 
-def placed(begun: RecordingFit, found: Findings, rounds: int) -> tuple[RecordingFit, Array]:
+def placed(
+    begun: RecordingFit, found: Findings, rounds: int
+) -> tuple[RecordingFit, Array]:
     """Fit place, levels, blur and gamma, and the pose where the image is no upright square grid.
 
     Returns:
         the fit, and by how much each frame tells a pose from its mirror image.
     """
     board = ("board",) if begun.has_board else ()
-    turned = begun.set("yaw_deg", SETTINGS.turned_deg).set("pitch_deg", SETTINGS.turned_deg / 2)
+    turned = begun.set("yaw_deg", SETTINGS.turned_deg).set(
+        "pitch_deg", SETTINGS.turned_deg / 2
+    )
     fit = decided(turned, (*board, *POSED), rounds)
     flat = fit.set("yaw_deg", 0.0).set("pitch_deg", 0.0).set("roll_deg", 0.0)
     upright = settled(flat, (*board, *BASE))
@@ -183,4 +229,6 @@ def demand_contrast(fit: RecordingFit) -> None:
     seen = float(np.median(fit.value("on") - fit.value("off")))
     if (fit.bits == fit.bits[0, 0]).all() or seen < SETTINGS.least_contrast:
         rule = "show symbols with LEDs On and LEDs Off"
-        raise VoccError(f"input: all LEDs look alike in all {len(fit.grey)} frames: {rule}")
+        raise VoccError(
+            f"input: all LEDs look alike in all {len(fit.grey)} frames: {rule}"
+        )

@@ -133,7 +133,9 @@ def falloff(around: Surround, drawing: Drawing, gamma: float) -> Falloff:
         return Falloff()
     cells = tiled(around.greys, CELL_PX).mean((-2, -1), dtype=np.float64)
     light = ((cells / np.median(cells, axis=(1, 2), keepdims=True)) ** gamma).mean(0)
-    free = tiled(around.outside, CELL_PX).all((-2, -1)) & np.isfinite(light) & (light > 0)
+    free = (
+        tiled(around.outside, CELL_PX).all((-2, -1)) & np.isfinite(light) & (light > 0)
+    )
     shade, out = (tiled(plane, CELL_PX).mean((-2, -1)) for plane in natural(drawing))
     for _ in range(3):
         rest = light - np.median(light[free])
@@ -143,11 +145,18 @@ def falloff(around: Surround, drawing: Drawing, gamma: float) -> Falloff:
         return Falloff()
     y, shade, out = light[free], shade[free], out[free]
     # Without noise all of a block is rounded alike.
-    pixels = 1.0 if around.noise() < FIT.undithered else float(len(around.greys) * CELL_PX**2)
+    pixels = (
+        1.0
+        if around.noise() < FIT.undithered
+        else float(len(around.greys) * CELL_PX**2)
+    )
     typical = max(1.0, float(np.median(around.greys[:, around.outside])))
     rounding = count * (gamma / typical) ** 2 / 12 / pixels
     (slope, middle), covariance = np.polyfit(out, y / shade, 1, cov=True)
-    loss, error = -slope / middle, math.sqrt(covariance[0, 0] + rounding / count**2) / middle
+    loss, error = (
+        -slope / middle,
+        math.sqrt(covariance[0, 0] + rounding / count**2) / middle,
+    )
     if not SURE_SIGMAS * error < loss < 1:
         loss, error = 0.0, math.nan
         middle = (y / shade).mean()

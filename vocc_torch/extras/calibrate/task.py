@@ -35,12 +35,18 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         rule = "another name than that of a scene that ships: the calibrated scene bears it"
         raise VoccError.of("name", repr(settings.name), rule)
     if settings.input is None:
-        raise VoccError("input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture")
+        raise VoccError(
+            "input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture"
+        )
     plan, console = build_plan(settings, folder), Console()
     receiver, panel, source = plan.receiver, plan.world.panel, Path(settings.input)
     locator = receiver.finders([receiver.locator])[receiver.locator]
     if locator is None:
-        raise VoccError.of("receiver.locator", "truth", "one that looks for the panel, for task=calibrate")
+        raise VoccError.of(
+            "receiver.locator",
+            "truth",
+            "one that looks for the panel, for task=calibrate",
+        )
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
     footage = read_footage(source, config, locator, panel.shape)
     camera, taken = of_size(plan.world.camera, *footage.greys.shape[1:])
@@ -64,7 +70,9 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
     run_folder.print_places(console, folder, places)
     if footage.failures:
-        raise VoccError(f"{footage.failures[0]}; the scene is of the frames that could be read")
+        raise VoccError(
+            f"{footage.failures[0]}; the scene is of the frames that could be read"
+        )
 
 
 def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
@@ -80,8 +88,14 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         raise
     except (OSError, ValueError, TypeError) as error:
         why = " ".join(str(error).split())
-        raise VoccError(f"calibrate.bits {path} cannot be read as one array .npy ({why})") from None
-    if bits.dtype != np.bool_ or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
+        raise VoccError(
+            f"calibrate.bits {path} cannot be read as one array .npy ({why})"
+        ) from None
+    if (
+        bits.dtype != np.bool_
+        or bits.shape[1:] != (shape.rows, shape.columns)
+        or not len(bits)
+    ):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
         given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
         raise VoccError(f"{given}: it must be {wanted}")
@@ -93,5 +107,7 @@ def next_command(name: str, fitted: LedPanel) -> str:
     usual, given = asdict(LedPanel()), asdict(fitted)
     usual, given = usual | usual.pop("shape"), given | given.pop("shape")
     told = {key: own for key, own in given.items() if own != usual[key]}
-    words = [f"panel.{key}={'null' if own is None else own}" for key, own in told.items()]
+    words = [
+        f"panel.{key}={'null' if own is None else own}" for key, own in told.items()
+    ]
     return shlex.join(["vocc-torch", f"scene={name}", *words, "task=train"])

@@ -17,10 +17,16 @@ class TransferSettings:
 
     bins: int = 24  # levels of light at which residuals are compared
     least_pixels: int = 50  # of a bin
-    calm: float = 200.0  # a residual's square over its level's median beyond which it is no noise
-    least_median: float = 0.25  # of squares: whole numbers, most of them alike, have none
+    calm: float = (
+        200.0  # a residual's square over its level's median beyond which it is no noise
+    )
+    least_median: float = (
+        0.25  # of squares: whole numbers, most of them alike, have none
+    )
     least_variance: float = 1e-3  # that is fitted
-    passed: float = 1.5  # frames whose mean square is so many times the median show something else
+    passed: float = (
+        1.5  # frames whose mean square is so many times the median show something else
+    )
     still_px: float = 0.1  # a panel that moves less stands still
     white_margin: float = 8.0  # grey values below white that are used
 
@@ -105,11 +111,19 @@ def by_level(fit: RecordingFit) -> Levels:
     mean, variance = fit.predicted()
     light = fit.light()
     off = (left**2 / variance).mean((1, 2))
-    used = np.broadcast_to((off <= SETTINGS.passed * np.median(off))[:, None, None], light.shape)
-    used = used & (encoded(light, fit.gamma) < WHITE - SETTINGS.white_margin) & (remaining > 0.4)
+    used = np.broadcast_to(
+        (off <= SETTINGS.passed * np.median(off))[:, None, None], light.shape
+    )
+    used = (
+        used
+        & (encoded(light, fit.gamma) < WHITE - SETTINGS.white_margin)
+        & (remaining > 0.4)
+    )
     light, square = light[used], left[used] ** 2 / remaining[used]
     near_whole = np.cos(2 * math.pi * mean[used])
-    edges = np.geomspace(light.min(), light.max() * (1 + 1e-9) + 1e-12, SETTINGS.bins + 1)
+    edges = np.geomspace(
+        light.min(), light.max() * (1 + 1e-9) + 1e-12, SETTINGS.bins + 1
+    )
     place = (np.searchsorted(edges, light, "right") - 1).clip(0, SETTINGS.bins - 1)
     rows = []
     for level in range(SETTINGS.bins):
@@ -117,7 +131,9 @@ def by_level(fit: RecordingFit) -> Levels:
         if inside.sum() < SETTINGS.least_pixels:
             continue
         bulk = max(float(np.median(square[inside])), SETTINGS.least_median)
-        calm = inside & (square < SETTINGS.calm * bulk)  # far residuals are what passes by
+        calm = inside & (
+            square < SETTINGS.calm * bulk
+        )  # far residuals are what passes by
         means = (values[calm].mean() for values in (square, near_whole))
         rows.append((light[inside].mean(), *means, calm.sum()))
     columns = np.array(rows).reshape(-1, 4).T
@@ -156,29 +172,44 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         return whole(found.x), float(found.fun)
 
     none = np.zeros(2)
-    ways = {(): (none, loss(none)), (0,): best([0], 1.0), (1,): best([1], 1.0), (0, 1): best([0, 1], 0.5)}
+    ways = {
+        (): (none, loss(none)),
+        (0,): best([0], 1.0),
+        (1,): best([1], 1.0),
+        (0, 1): best([0, 1], 0.5),
+    }
     # Bins that no curve meets say less.
-    miss = float((count / 2 * (raw / predicted(ways[0, 1][0]) - 1) ** 2).sum()) / max(len(light) - 2, 1)
+    miss = float((count / 2 * (raw / predicted(ways[0, 1][0]) - 1) ** 2).sum()) / max(
+        len(light) - 2, 1
+    )
     miss, cost = max(1.0, miss), math.log(max(float(count.sum()), 2.0))
     criterion = {used: way[1] / miss + len(used) * cost for used, way in ways.items()}
     used = min(criterion, key=lambda way: criterion[way])
     gains = []
     for at in (0, 1):
         least = [
-            min(value for way, value in criterion.items() if (at in way) is has) for has in (False, True)
+            min(value for way, value in criterion.items() if (at in way) is has)
+            for has in (False, True)
         ]
         gains.append(least[0] - least[1])
     noise, covariance, hidden = ways[used][0], np.full((2, 2), math.nan), math.nan
     if used:
         steps = np.diag(1e-4 * first)
-        slopes = np.stack([(predicted(noise + step) - predicted(noise)) / step.sum() for step in steps])
+        slopes = np.stack(
+            [
+                (predicted(noise + step) - predicted(noise)) / step.sum()
+                for step in steps
+            ]
+        )
         information = (slopes * count / (2 * miss * predicted(noise) ** 2)) @ slopes.T
         chosen = np.ix_(used, used)
         covariance[chosen] = np.linalg.pinv(information[chosen], rcond=1e-14)
         floor = np.linalg.pinv(information, rcond=1e-14)[1, 1]
         hidden = math.sqrt(cost * max(0.0, float(floor)))
     told = Noise(*noise.tolist())
-    return TransferCurve(light, raw, told, covariance, (gains[0], gains[1]), hidden, levels.still)
+    return TransferCurve(
+        light, raw, told, covariance, (gains[0], gains[1]), hidden, levels.still
+    )
 
 
 def bent(fit: RecordingFit) -> RecordingFit:

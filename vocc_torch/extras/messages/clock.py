@@ -92,11 +92,20 @@ class SymbolClock:
     def __init__(self, layout: Layout) -> None:
         self.layout, self.rate_hz = layout, layout.plan.signalling.symbol_rate_hz
         self.states = layout.symbols * layout.bands
-        kind, rows = layout.kind.ravel(), layout.band_of_row.repeat(layout.kind.shape[1])
+        kind, rows = (
+            layout.kind.ravel(),
+            layout.band_of_row.repeat(layout.kind.shape[1]),
+        )
         shown = layout.known.reshape(layout.symbols, -1).astype(np.float32)
-        self._cells = [np.flatnonzero((rows == band) & (kind != "data")) for band in range(layout.bands)]
+        self._cells = [
+            np.flatnonzero((rows == band) & (kind != "data"))
+            for band in range(layout.bands)
+        ]
         self._shown = [shown[:, cells].T for cells in self._cells]
-        self._clocks = [np.flatnonzero((rows == band) & (kind == "clock")) for band in range(layout.bands)]
+        self._clocks = [
+            np.flatnonzero((rows == band) & (kind == "clock"))
+            for band in range(layout.bands)
+        ]
         self._anchors = kind == "anchor"
         self._lit = np.zeros((1, kind.size))
         self._value = np.zeros(self.states, dtype=np.float32)
@@ -108,7 +117,9 @@ class SymbolClock:
         self._doubted = np.zeros(0, dtype=bool)
         self._settled, self._place, self._symbols, self._ahead = 0, -1, 0, 0.0
 
-    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Ticks | None:
+    def push(
+        self, llr: NDArray[np.float32], times_s: Sequence[float | None]
+    ) -> Ticks | None:
         """Take frames in.
 
         Args:
@@ -119,9 +130,13 @@ class SymbolClock:
             Frames that are settled by now, or None.
         """
         flat = llr.reshape(len(llr), -1).astype(np.float32)
-        if not self._llr and not self._settled:  # a cell that is hidden from the begin on
+        if (
+            not self._llr and not self._settled
+        ):  # a cell that is hidden from the begin on
             self._lit = (1 - 1 / MEMORY) * np.sign(flat).mean(axis=0, keepdims=True)
-        alive, self._lit = lfilter([1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit)
+        alive, self._lit = lfilter(
+            [1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit
+        )
         alive = (np.abs(alive) < STUCK) | self._anchors
         seen = self._likelihood(np.clip(flat, -SURE, SURE) * alive.astype(np.float32))
         for own, values, time_s in zip(flat, seen, times_s, strict=True):
@@ -134,7 +149,11 @@ class SymbolClock:
             self._advance(values, ahead)
             self._llr.append(own)
             self._seen.append(values)
-        return self._settle(len(self._back) - DELAY) if len(self._back) >= 2 * DELAY else None
+        return (
+            self._settle(len(self._back) - DELAY)
+            if len(self._back) >= 2 * DELAY
+            else None
+        )
 
     def finish(self) -> Ticks | None:
         """Settle what is left."""
@@ -143,11 +162,18 @@ class SymbolClock:
     def _likelihood(self, llr: NDArray[np.float32]) -> NDArray[np.float32]:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
         bands = self.layout.bands
-        each = np.stack([llr[:, c] @ shown / 2 for c, shown in zip(self._cells, self._shown, strict=True)])
+        each = np.stack(
+            [
+                llr[:, c] @ shown / 2
+                for c, shown in zip(self._cells, self._shown, strict=True)
+            ]
+        )
         states = np.empty((len(llr), self.layout.symbols, bands), dtype=np.float32)
         for after in range(bands):  # bands at the bottom that show the next symbol
             following = np.roll(each[bands - after :].sum(axis=0), -1, axis=-1)
-            states[:, :, after] = each[: bands - after].sum(axis=0) + following - MIXED_COST * (after > 0)
+            states[:, :, after] = (
+                each[: bands - after].sum(axis=0) + following - MIXED_COST * (after > 0)
+            )
         return states.reshape(len(llr), -1)
 
     def _advance(self, seen: NDArray[np.float32], ahead: float) -> None:
@@ -156,11 +182,16 @@ class SymbolClock:
         low, high = math.floor(ahead), math.ceil(ahead)
         least = max(0, (low - MOST_STEPS) * bands)
         steps = np.arange(least, (high + MOST_STEPS) * bands + bands)
-        short, far = low * bands - (bands - 1) - steps, steps - (high * bands + bands - 1)
+        short, far = (
+            low * bands - (bands - 1) - steps,
+            steps - (high * bands + bands - 1),
+        )
         cost = STEP_COST / bands * np.maximum(0, np.maximum(short, far))
         # By how uniform phases fall: one symbol more is as likely as what is expected of it.
         odds = np.array([low + 1 - ahead, ahead - low]) + EVEN
-        cost = (cost + np.interp(steps / bands, [low, low + 1], -np.log(odds))).astype(np.float32)
+        cost = (cost + np.interp(steps / bands, [low, low + 1], -np.log(odds))).astype(
+            np.float32
+        )
         origin = (np.arange(n) - steps[:, None]) % n
         reached = old[origin] - cost[:, None]
         best = reached.argmax(axis=0)
@@ -183,22 +214,36 @@ class SymbolClock:
         bands, n = self.layout.bands, self.states
         units = np.empty(count, dtype=np.int64)
         doubtful = self._doubtful(np.array(path))
-        doubtful[: len(self._doubted)] |= self._doubted  # beside a gap of which the first side is settled
-        doubtful, self._doubted = doubtful[:count], np.logical_and.accumulate(doubtful[count:])
+        doubtful[: len(self._doubted)] |= (
+            self._doubted
+        )  # beside a gap of which the first side is settled
+        doubtful, self._doubted = (
+            doubtful[:count],
+            np.logical_and.accumulate(doubtful[count:]),
+        )
         for i in range(count):
             self._ahead += self._steps[i]
             if self._place < 0:
                 self._place, self._symbols, self._ahead = path[i], path[i], 0.0
             step = (path[i] - self._place + BACK * bands) % n - BACK * bands
             # A gap may be longer than a block.
-            units[i] = self._symbols + step + n * max(0, round((self._ahead - step) / n))
+            units[i] = (
+                self._symbols + step + n * max(0, round((self._ahead - step) / n))
+            )
             if not doubtful[i]:
                 self._place, self._symbols, self._ahead = path[i], units[i], 0.0
         expected = np.cumsum(self._steps[:count])
-        for begin in [slice(None)] * (not self._settled) + [slice(None, None, -1)] * at_end:
+        for begin in [slice(None)] * (not self._settled) + [
+            slice(None, None, -1)
+        ] * at_end:
             rejoin(units[begin], expected[begin], ASTRAY * bands)
         llr = np.stack(self._llr[:count])
-        del self._back[:count], self._steps[:count], self._llr[:count], self._seen[:count]
+        del (
+            self._back[:count],
+            self._steps[:count],
+            self._llr[:count],
+            self._seen[:count],
+        )
         own = np.arange(bands)[None] >= bands - (units % bands)[:, None]
         symbol = (units // bands)[:, None] + own
         odd = 2 * (symbol % 2) - 1
@@ -216,21 +261,41 @@ class SymbolClock:
         n, bands, clock = self.states, self.layout.bands, np.cumsum(self._steps)
         apart = (np.diff(path) - np.diff(clock) + n / 2) % n - n / 2
         doubtful, about = np.zeros(len(path), dtype=bool), np.arange(-bands, bands + 1)
-        jumps = np.flatnonzero(np.abs(apart) > (1 + ASTRAY) * bands)  # beyond what is looked at about a place
-        for begin, last, end in zip([-1, *jumps], jumps, [*jumps[1:], len(path) - 1], strict=False):
-            if begin >= 0 and (path[last] - path[begin + 1]) % n < ORDERS[self.layout.symbols] * bands:
-                doubtful[begin + 1 : last + 1] = True  # too few symbols between two jumps
-            after, before = np.arange(last + 1, end + 1)[:NEAR], np.arange(last, begin, -1)[:NEAR]
+        jumps = np.flatnonzero(
+            np.abs(apart) > (1 + ASTRAY) * bands
+        )  # beyond what is looked at about a place
+        for begin, last, end in zip(
+            [-1, *jumps], jumps, [*jumps[1:], len(path) - 1], strict=False
+        ):
+            if (
+                begin >= 0
+                and (path[last] - path[begin + 1]) % n
+                < ORDERS[self.layout.symbols] * bands
+            ):
+                doubtful[begin + 1 : last + 1] = (
+                    True  # too few symbols between two jumps
+                )
+            after, before = (
+                np.arange(last + 1, end + 1)[:NEAR],
+                np.arange(last, begin, -1)[:NEAR],
+            )
             for rows, beyond in ((after, last), (before, last + 1)):
                 led = np.rint(path[beyond] + clock[rows] - clock[beyond]).astype(int)
                 seen = np.stack([self._seen[row] for row in rows])
-                others = np.take_along_axis(seen, (led[:, None] + about) % n, axis=1).max(axis=1)
-                sure = np.cumsum(seen[np.arange(len(rows)), path[rows]] - others) > DOUBTFUL
+                others = np.take_along_axis(
+                    seen, (led[:, None] + about) % n, axis=1
+                ).max(axis=1)
+                sure = (
+                    np.cumsum(seen[np.arange(len(rows)), path[rows]] - others)
+                    > DOUBTFUL
+                )
                 doubtful[rows[: int(sure.argmax()) if sure.any() else len(rows)]] = True
         return doubtful
 
 
-def rejoin(units: NDArray[np.int64], expected: NDArray[np.float64], astray: float) -> None:
+def rejoin(
+    units: NDArray[np.int64], expected: NDArray[np.float64], astray: float
+) -> None:
     """Put the first frames where those after them place them, if they lie farther from it than ``astray``.
 
     A frame amid a recording pays for the way to a wrong symbol and back; the first and the last pay once.

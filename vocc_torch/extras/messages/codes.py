@@ -78,13 +78,18 @@ class ReedSolomon:
             import reedsolo
         except ImportError:
             extra = "install the extra with pip install 'vocc-torch[messages]'"
-            raise VoccError(f"transmit.code is rs, which needs reedsolo: {extra}, or give none") from None
+            raise VoccError(
+                f"transmit.code is rs, which needs reedsolo: {extra}, or give none"
+            ) from None
         codec = reedsolo.RSCodec(self.word_bytes - self.info_bytes, nsize=LONGEST_WORD)
         object.__setattr__(self, "codec", codec)
 
     def encode(self, info: Bytes) -> Bytes:
         """Append the check bytes, and give bits."""
-        words = [np.frombuffer(bytes(self.codec.encode(one.tobytes())), np.uint8) for one in info]
+        words = [
+            np.frombuffer(bytes(self.codec.encode(one.tobytes())), np.uint8)
+            for one in info
+        ]
         return np.unpackbits(np.stack(words), axis=1)
 
     def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
@@ -96,7 +101,9 @@ class ReedSolomon:
         read = np.packbits(word >= 0).tobytes()
         weakest = np.argsort(np.abs(word).reshape(-1, 8).min(axis=1), kind="stable")
         for share in ERASED:
-            erased = weakest[: int(share * (self.word_bytes - self.info_bytes))].tolist()
+            erased = weakest[
+                : int(share * (self.word_bytes - self.info_bytes))
+            ].tolist()
             try:
                 return bytes(self.codec.decode(read, erase_pos=erased)[0])
             except Exception as error:  # the library is imported where it is needed, and its errors with it
@@ -124,12 +131,16 @@ class Ldpc:
         """Make encoder and decoder."""
         fec = sionna("ldpc")
         try:
-            encoder = fec.LDPC5GEncoder(8 * self.info_bytes, self.word_bits, device="cpu")
+            encoder = fec.LDPC5GEncoder(
+                8 * self.info_bytes, self.word_bits, device="cpu"
+            )
         except ValueError as error:
             raise VoccError(
                 f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}"
             ) from None
-        decoder = fec.LDPC5GDecoder(encoder, num_iter=ITERATIONS, hard_out=True, device="cpu")
+        decoder = fec.LDPC5GDecoder(
+            encoder, num_iter=ITERATIONS, hard_out=True, device="cpu"
+        )
         object.__setattr__(self, "coders", (encoder, decoder))
 
     def encode(self, info: Bytes) -> Bytes:
@@ -166,10 +177,17 @@ class Convolutional(Ldpc):
         fec, info = sionna("conv"), 8 * self.info_bytes + MEMORY_BITS
         parts = 2 if 2 * info >= self.word_bits else 3
         encoder = fec.ConvEncoder(
-            rate=1 / parts, constraint_length=MEMORY_BITS + 1, terminate=True, device="cpu"
+            rate=1 / parts,
+            constraint_length=MEMORY_BITS + 1,
+            terminate=True,
+            device="cpu",
         )
-        object.__setattr__(self, "coders", (encoder, fec.ViterbiDecoder(encoder=encoder, device="cpu")))
-        object.__setattr__(self, "kept", np.arange(self.word_bits) * parts * info // self.word_bits)
+        object.__setattr__(
+            self, "coders", (encoder, fec.ViterbiDecoder(encoder=encoder, device="cpu"))
+        )
+        object.__setattr__(
+            self, "kept", np.arange(self.word_bits) * parts * info // self.word_bits
+        )
 
     def encode(self, info: Bytes) -> Bytes:
         """Encode bits, and leave some out."""
@@ -178,7 +196,9 @@ class Convolutional(Ldpc):
     def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
         """Decode words together; nothing is known of the bits that were left out."""
         parts = len(self.coders[0].gen_poly)
-        whole = np.zeros((len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32)
+        whole = np.zeros(
+            (len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32
+        )
         np.add.at(whole.T, self.kept, llr.T)
         return super().decode(whole)
 
@@ -193,7 +213,9 @@ def sionna(kind: str) -> Any:
         return import_module(f"sionna.phy.fec.{kind}")
     except ImportError:
         extra = "install the extra with pip install 'vocc-torch[ldpc]'"
-        raise VoccError(f"transmit.code is {kind}, which needs sionna-no-rt: {extra}, or give rs") from None
+        raise VoccError(
+            f"transmit.code is {kind}, which needs sionna-no-rt: {extra}, or give rs"
+        ) from None
 
 
 def code_of(layout: Layout) -> Code:
@@ -207,7 +229,11 @@ def code_of(layout: Layout) -> Code:
         return Uncoded(word_bytes)
     info_bytes = int(word_bytes * options.code_rate)
     if not 0 < info_bytes < word_bytes:
-        raise VoccError.of("transmit.code_rate", options.code_rate, f"one that fits {word_bytes} bytes")
+        raise VoccError.of(
+            "transmit.code_rate", options.code_rate, f"one that fits {word_bytes} bytes"
+        )
     if options.code == "rs":
         return ReedSolomon(word_bytes, info_bytes)
-    return (Ldpc if options.code == "ldpc" else Convolutional)(layout.word_bits, info_bytes)
+    return (Ldpc if options.code == "ldpc" else Convolutional)(
+        layout.word_bits, info_bytes
+    )

@@ -62,7 +62,9 @@ class Block:
         together, ratios are too sure.
         """
         known, sums = layout.known, self.sums
-        still = ((sums > 0).all(axis=0) | (sums < 0).all(axis=0)) & (layout.kind != "anchor")
+        still = ((sums > 0).all(axis=0) | (sums < 0).all(axis=0)) & (
+            layout.kind != "anchor"
+        )
         agreement = (known * sums)[(known != 0) & (sums != 0) & ~still]
         if not len(agreement):
             return 1.0
@@ -70,7 +72,11 @@ class Block:
         def unlikely(scale: float) -> float:
             return float(np.logaddexp(0.0, -scale * agreement.astype(np.float64)).sum())
 
-        return float(minimize_scalar(unlikely, bounds=(LEAST_WORTH, MOST_WORTH), method="bounded").x)
+        return float(
+            minimize_scalar(
+                unlikely, bounds=(LEAST_WORTH, MOST_WORTH), method="bounded"
+            ).x
+        )
 
 
 class Combiner:
@@ -98,7 +104,9 @@ class Combiner:
         self._waiting: list[tuple[NDArray[np.float32], float | None]] = []
         self._open: dict[int, Block] = {}
 
-    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Iterator[Block]:
+    def push(
+        self, llr: NDArray[np.float32], times_s: Sequence[float | None]
+    ) -> Iterator[Block]:
         """Take frames in and give the blocks that are over.
 
         Args:
@@ -118,7 +126,11 @@ class Combiner:
         """Add settled frames to their symbols."""
         if ticks is None:
             return
-        count, symbols, bands = len(ticks.symbol), self.layout.symbols, self.layout.bands
+        count, symbols, bands = (
+            len(ticks.symbol),
+            self.layout.symbols,
+            self.layout.bands,
+        )
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         llr = np.stack([one for one, _ in taken])
         weights = judged(ticks.agreement)
@@ -129,21 +141,33 @@ class Combiner:
             if number not in self._open:
                 begun = taken[int((blocks == number).any(axis=1).argmax())][1]
                 sums = np.zeros((symbols, *self.layout.kind.shape), dtype=np.float32)
-                self._open[number] = Block(number, begun, sums, np.zeros((symbols, bands), dtype=np.int32))
+                self._open[number] = Block(
+                    number, begun, sums, np.zeros((symbols, bands), dtype=np.int32)
+                )
             block = self._open[number]
             for band in range(bands):
                 rows = self.layout.band_of_row == band
-                frames = np.flatnonzero((blocks[:, band] == number) & (weights[:, band] > 0))
+                frames = np.flatnonzero(
+                    (blocks[:, band] == number) & (weights[:, band] > 0)
+                )
                 index = ticks.symbol[frames, band] % symbols
                 np.add.at(block.counts[:, band], index, 1)
-                part = np.zeros((symbols, int(rows.sum()), llr.shape[2]), dtype=np.float32)
-                np.add.at(part, index, llr[np.ix_(frames, rows)] * weights[frames, band, None, None])
+                part = np.zeros(
+                    (symbols, int(rows.sum()), llr.shape[2]), dtype=np.float32
+                )
+                np.add.at(
+                    part,
+                    index,
+                    llr[np.ix_(frames, rows)] * weights[frames, band, None, None],
+                )
                 block.sums[:, rows] += part
         yield from self._over(int(blocks[-1].min()))
 
     def _over(self, before: int | None = None) -> Iterator[Block]:
         """Give the blocks before one, or all; those of hardly any frame are none."""
-        for number in sorted(one for one in self._open if before is None or one < before):
+        for number in sorted(
+            one for one in self._open if before is None or one < before
+        ):
             block = self._open.pop(number)
             if (block.counts == 0).mean() <= HARDLY:
                 yield block

@@ -71,8 +71,12 @@ class RecordingJob:
     def model(self) -> SceneModel:
         """The scenes of the point."""
         scene = narrowed(self.plan.world.scene, self.plan.experiment.scene)
-        scene = narrowed(scene, {"distance_m": self.config.at_distance_m}, "messages.at")
-        varied = {} if self.place.axis == "ratio" else {self.place.axis: self.place.value}
+        scene = narrowed(
+            scene, {"distance_m": self.config.at_distance_m}, "messages.at"
+        )
+        varied = (
+            {} if self.place.axis == "ratio" else {self.place.axis: self.place.value}
+        )
         return narrowed(scene, varied, "messages")
 
     @property
@@ -108,17 +112,27 @@ def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
     Raises:
         VoccError: a receiver that needs preambles, of which a message has none.
     """
-    if greyscale := [name for name in plan.receiver.names if name in GREYSCALE_RECEIVERS]:
-        raise VoccError(f"receiver.names has {greyscale[0]}: it needs preambles, which messages do not send")
+    if greyscale := [
+        name for name in plan.receiver.names if name in GREYSCALE_RECEIVERS
+    ]:
+        raise VoccError(
+            f"receiver.names has {greyscale[0]}: it needs preambles, which messages do not send"
+        )
     names = product(plan.receiver.names, config.soft, config.interleave, config.codes)
     return [Variant(*one) for one in names]
 
 
-def jobs_of(plan: Plan, config: MessagesConfig, receivers: Mapping[str, Receiver]) -> list[RecordingJob]:
+def jobs_of(
+    plan: Plan, config: MessagesConfig, receivers: Mapping[str, Receiver]
+) -> list[RecordingJob]:
     """List all recordings."""
-    places = [SweepPoint(axis, value) for axis in AXES for value in getattr(config, axis)]
+    places = [
+        SweepPoint(axis, value) for axis in AXES for value in getattr(config, axis)
+    ]
     return [
-        RecordingJob(plan, config, place, n, receivers) for place in places for n in range(config.recordings)
+        RecordingJob(plan, config, place, n, receivers)
+        for place in places
+        for n in range(config.recordings)
     ]
 
 
@@ -142,22 +156,30 @@ def recorded(job: RecordingJob) -> RecordingResult:
     """
     config, shape = job.config, job.plan.world.panel.shape
     rate_hz = config.signalling.symbol_rate_hz
-    key = BlockKey(job.plan.seed, f"messages/{job.place.axis}={job.place.value:g}", job.number)
+    key = BlockKey(
+        job.plan.seed, f"messages/{job.place.axis}={job.place.value:g}", job.number
+    )
     base = Layout(MessagePlan(shape, config.options("none")))
-    random = key.generator("bits").integers(2, size=(base.packets, base.word_bits), dtype=np.uint8)
+    random = key.generator("bits").integers(
+        2, size=(base.packets, base.word_bits), dtype=np.uint8
+    )
     shown = base.write(random)
     film = np.tile(shown, (config.blocks, 1, 1))
     result = RecordingResult(len(film) / rate_hz)
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader, variants = next(iter(fronts.values())), variants_of(job.plan, config)
-    combiners = {(variant.receiver, variant.soft): Combiner(base) for variant in variants}
+    combiners = {
+        (variant.receiver, variant.soft): Combiner(base) for variant in variants
+    }
     blocks: dict[tuple[str, str], list[Block]] = {of: [] for of in combiners}
     wrong = dict.fromkeys(fronts, 0)
     for part in filmed(job, film, key):
         count = len(part.symbols)
         stamps = [(result.frames + i) / (job.ratio * rate_hz) for i in range(count)]
         result.frames += count
-        truth = film[np.clip([number or 0 for number in part.symbols], 0, len(film) - 1)]
+        truth = film[
+            np.clip([number or 0 for number in part.symbols], 0, len(film) - 1)
+        ]
         with torch.inference_mode():
             frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
             for name, front in fronts.items():
@@ -168,19 +190,31 @@ def recorded(job: RecordingJob) -> RecordingResult:
                     blocks[name, soft] += combiners[name, soft].push(values, stamps)
     for of, combiner in combiners.items():
         blocks[of] += combiner.finish()
-    result.wrong = {name: (errors, result.frames * shape.leds) for name, errors in wrong.items()}
+    result.wrong = {
+        name: (errors, result.frames * shape.leds) for name, errors in wrong.items()
+    }
     for variant in variants:
         decode(result, variant, blocks[variant.receiver, variant.soft], job, shown, key)
     return result
 
 
-def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterator[Recorded]:
+def filmed(
+    job: RecordingJob, film: NDArray[np.bool_], key: BlockKey
+) -> Iterator[Recorded]:
     """Let the camera of a job take a film."""
     config, own = job.config, job.config.record
     symbol_s = (1 + own.drift) / config.signalling.symbol_rate_hz
     fps = job.ratio * config.signalling.symbol_rate_hz
     start_s = float(key.generator("start").random()) * symbol_s
-    shutter = Shutter(fps, start_s, own.readout_s, own.dropped, own.repeated, own.black, own.burst_frames)
+    shutter = Shutter(
+        fps,
+        start_s,
+        own.readout_s,
+        own.dropped,
+        own.repeated,
+        own.black,
+        own.burst_frames,
+    )
     scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
     with suppress(NoFrameLeftError):  # all its packets are lost
         yield from record(
@@ -260,7 +294,9 @@ class Carried:
     def goodput(self) -> Estimate:
         """What arrives, kbit/s."""
         loss, full = self.loss, self.kbit_s
-        return Estimate(full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low))
+        return Estimate(
+            full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low)
+        )
 
     @property
     def name(self) -> str:
@@ -277,13 +313,19 @@ def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
         0.375
     """
     halves = [2 * errors for errors in wrong]
-    squares, erring = sum(half * half for half in halves), sum(half > 0 for half in halves)
+    squares, erring = (
+        sum(half * half for half in halves),
+        sum(half > 0 for half in halves),
+    )
     every = of * len(wrong) if isinstance(of, int) else sum(of)
     return Counts(len(wrong), every, sum(halves), squares, erring)
 
 
 def carried(
-    plan: Plan, config: MessagesConfig, place: SweepPoint, results: Sequence[RecordingResult]
+    plan: Plan,
+    config: MessagesConfig,
+    place: SweepPoint,
+    results: Sequence[RecordingResult],
 ) -> Iterator[Carried]:
     """Put the recordings of a point together."""
     first = results[0]
@@ -299,10 +341,14 @@ def carried(
         raw = counted([errors for errors, _ in known], [bits for _, bits in known])
         frames = sum(result.frames for result in results)
         false = sum(result.false[variant] for result in results)
-        yield Carried(place, variant, counted(lost, sent), raw, lost, kbit_s, frames, false)
+        yield Carried(
+            place, variant, counted(lost, sent), raw, lost, kbit_s, frames, false
+        )
 
 
-def pairs(results: Sequence[Carried]) -> Iterator[tuple[Carried, Carried, PairedCounts]]:
+def pairs(
+    results: Sequence[Carried],
+) -> Iterator[tuple[Carried, Carried, PairedCounts]]:
     """Compare what differs in one thing alone, on the same recordings: first less second."""
     for a, b in combinations(results, 2):
         unlike = [x != y for x, y in zip(a.variant, b.variant, strict=True)]
@@ -310,6 +356,9 @@ def pairs(results: Sequence[Carried]) -> Iterator[tuple[Carried, Carried, Paired
             continue
         apart = [2 * (x - y) for x, y in zip(a.each, b.each, strict=True)]
         counts = []
-        for side in ([step for step in apart if step > 0], [-step for step in apart if step < 0]):
+        for side in (
+            [step for step in apart if step > 0],
+            [-step for step in apart if step < 0],
+        ):
             counts += [sum(side), sum(step * step for step in side), len(side)]
         yield a, b, PairedCounts(a.lost.frames, a.lost.bits, *counts)

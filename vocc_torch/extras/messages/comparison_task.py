@@ -30,14 +30,43 @@ from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
 
 COLUMNS = (
-    *("axis", "value", "receiver", "soft", "interleave", "code", "recordings", "packets", "lost"),
+    *(
+        "axis",
+        "value",
+        "receiver",
+        "soft",
+        "interleave",
+        "code",
+        "recordings",
+        "packets",
+        "lost",
+    ),
     *("packet_error_rate", "packet_error_low", "packet_error_high", "false_packets"),
-    *("raw_ber", "raw_ber_low", "raw_ber_high", "kbit_s", "kbit_s_low", "kbit_s_high", "best", "frames"),
+    *(
+        "raw_ber",
+        "raw_ber_low",
+        "raw_ber_high",
+        "kbit_s",
+        "kbit_s_low",
+        "kbit_s_high",
+        "best",
+        "frames",
+    ),
 )
 """Columns of ``messages.csv``."""
 
 PAIRED_COLUMNS = (
-    *("axis", "value", "a", "b", "recordings", "packets", "difference", "difference_low", "difference_high"),
+    *(
+        "axis",
+        "value",
+        "a",
+        "b",
+        "recordings",
+        "packets",
+        "difference",
+        "difference_low",
+        "difference_high",
+    ),
     *("real", "a_worse", "b_worse", "sign_test_p"),
 )
 """Columns of ``messages_paired.csv``: the packet error rate of a less that of b on the same recordings."""
@@ -54,16 +83,30 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     """
     run_folder.refuse_results(folder)
     plan, console = build_plan(settings, folder).at_true_corners(), terminal.Console()
-    variants_of(plan, config)  # refused, as a code that is not installed, before anything is trained
+    variants_of(
+        plan, config
+    )  # refused, as a code that is not installed, before anything is trained
     for code in config.codes:
-        rate = section(f"messages.codes has {code}, whose code_rate", before="transmit.code_rate")
-        with section("messages.signalling", "transmit"), section("messages.codes", "transmit.code"), rate:
+        rate = section(
+            f"messages.codes has {code}, whose code_rate", before="transmit.code_rate"
+        )
+        with (
+            section("messages.signalling", "transmit"),
+            section("messages.codes", "transmit.code"),
+            rate,
+        ):
             code_of(Layout(MessagePlan(plan.world.panel.shape, config.options(code))))
-    receivers = receivers_of(build_plan(settings, folder), terminal.train_shown(plan, console))
+    receivers = receivers_of(
+        build_plan(settings, folder), terminal.train_shown(plan, console)
+    )
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
     pool = executors.Workers.of(settings)
-    with terminal.ProgressView(len(jobs), console, "recordings") as view, pool, timing.threads(1):
+    with (
+        terminal.ProgressView(len(jobs), console, "recordings") as view,
+        pool,
+        timing.threads(1),
+    ):
         # Handed out as they are wanted: in this process a call is made at once.
         calls = ((job.place, pool.submit(recorded, job)) for job in jobs)
         ahead = iter(calls) if pool.count == 1 else iter([*calls])
@@ -74,13 +117,18 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
                 view.advance(f"{place.axis} {value_text(place.value)}", 1)
             results += carried(plan, config, place, outcomes)
     run_folder.write_rows(folder / "messages.csv", [COLUMNS, *rows(results)])
-    run_folder.write_rows(folder / "messages_paired.csv", [PAIRED_COLUMNS, *paired_rows(results)])
+    run_folder.write_rows(
+        folder / "messages_paired.csv", [PAIRED_COLUMNS, *paired_rows(results)]
+    )
     run_folder.write_config(settings, folder)
     losses = panels(results, "Packets lost", lambda result: result.loss)
     arriving = panels(results, "kbit/s that arrive", lambda result: result.goodput)
     count, packets = len(results[0].each), results[0].lost.bits
     note = f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings"
-    for name, title, drawn in (("messages", "Packets lost", losses), ("goodput", "What arrives", arriving)):
+    for name, title, drawn in (
+        ("messages", "Packets lost", losses),
+        ("goodput", "What arrives", arriving),
+    ):
         figure = plots.curve_figure(drawn, title, note, alike=False)
         plots.save_figure(figure, folder / f"{name}.png")
     for line in told(results):
@@ -114,9 +162,26 @@ def rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
     for result in results:
         receiver, soft, interleave, code = result.variant
         raw = ber_interval(result.raw) if result.raw.bits else None
-        line: list[str | int | float | None] = [*result.place, receiver, soft, int(interleave), code]
-        line += [len(result.each), result.lost.bits, sum(result.each), *cells(result.loss), result.false]
-        line += [*cells(raw), *cells(result.goodput), int(result in chosen), result.frames]
+        line: list[str | int | float | None] = [
+            *result.place,
+            receiver,
+            soft,
+            int(interleave),
+            code,
+        ]
+        line += [
+            len(result.each),
+            result.lost.bits,
+            sum(result.each),
+            *cells(result.loss),
+            result.false,
+        ]
+        line += [
+            *cells(raw),
+            *cells(result.goodput),
+            int(result in chosen),
+            result.frames,
+        ]
         yield line
 
 
@@ -124,8 +189,20 @@ def paired_rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
     """Give the lines of ``messages_paired.csv``."""
     for a, b, paired in pairs(results):
         found = paired_interval(paired)
-        line: list[str | int | float | None] = [*a.place, a.name, b.name, paired.frames, paired.bits]
-        line += [*cells(found), int(found.real), paired.a_worse, paired.b_worse, f"{sign_test(paired):.3g}"]
+        line: list[str | int | float | None] = [
+            *a.place,
+            a.name,
+            b.name,
+            paired.frames,
+            paired.bits,
+        ]
+        line += [
+            *cells(found),
+            int(found.real),
+            paired.a_worse,
+            paired.b_worse,
+            f"{sign_test(paired):.3g}",
+        ]
         yield line
 
 
@@ -152,8 +229,12 @@ def reach(results: Iterable[Carried]) -> str:
         if result.place.axis == "distance_m":
             at = result.place.value
             least[at] = min(result.loss.value, least.get(at, 1.0))
-    far = [at for at, _ in takewhile(lambda of: of[1] <= MOST_LOST, sorted(least.items()))]
-    return f"to {value_text(far[-1])} m" if far else f"not to {value_text(min(least))} m"
+    far = [
+        at for at, _ in takewhile(lambda of: of[1] <= MOST_LOST, sorted(least.items()))
+    ]
+    return (
+        f"to {value_text(far[-1])} m" if far else f"not to {value_text(min(least))} m"
+    )
 
 
 def panels(
@@ -163,13 +244,21 @@ def panels(
     labels = {result: result.name.partition(" ")[2] for result in results}
     styles = receiver_styles(labels.values())
     drawn: list[plots.Panel] = []
-    for receiver, axis in dict.fromkeys((one.variant.receiver, one.place.axis) for one in results):
+    for receiver, axis in dict.fromkeys(
+        (one.variant.receiver, one.place.axis) for one in results
+    ):
         curves = []
         for label, style in styles.items():
-            line = [one for one in results if (one.variant.receiver, labels[one]) == (receiver, label)]
+            line = [
+                one
+                for one in results
+                if (one.variant.receiver, labels[one]) == (receiver, label)
+            ]
             line = [one for one in line if one.place.axis == axis]
             values = [one.place.value for one in line]
             if line:
                 curves.append(plots.Curve(style, values, [rate(one) for one in line]))
-        drawn.append(plots.Panel(curves, receiver, axis_label(axis), y_label, y_scale="linear"))
+        drawn.append(
+            plots.Panel(curves, receiver, axis_label(axis), y_label, y_scale="linear")
+        )
     return drawn

@@ -69,7 +69,12 @@ class RecordConfig:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        ranges = {"fps": (0, 1e6), "readout_s": (0, 1), "drift": (-0.1, 0.1), "margin": (1, 100)}
+        ranges = {
+            "fps": (0, 1e6),
+            "readout_s": (0, 1),
+            "drift": (-0.1, 0.1),
+            "margin": (1, 100),
+        }
         ranges |= dict.fromkeys(("dropped", "repeated", "black"), (0, 0.999))
         ranges |= {"speed_m_s": (-1000, 1000), "start_s": (0, 1e6)}
         for name, (low, high) in ranges.items():
@@ -77,9 +82,15 @@ class RecordConfig:
             if name == "start_s" and value is None:
                 continue
             number = finite_number(f"record.{name}", value)
-            if not low <= number <= high or (number == 0 and name in ("fps", "readout_s")):
-                least = "above 0" if name in ("fps", "readout_s") else f"at least {low:g}"
-                raise VoccError.of(f"record.{name}", f"{number:g}", f"{least} and at most {high:g}")
+            if not low <= number <= high or (
+                number == 0 and name in ("fps", "readout_s")
+            ):
+                least = (
+                    "above 0" if name in ("fps", "readout_s") else f"at least {low:g}"
+                )
+                raise VoccError.of(
+                    f"record.{name}", f"{number:g}", f"{least} and at most {high:g}"
+                )
         whole_number("record.quality", self.quality, 0, 51)
         whole_number("record.burst_frames", self.burst_frames, 1, 10_000)
 
@@ -120,8 +131,13 @@ class ReceiveConfig:
                     rule += "; task=decode decode.channel=auto says which of them suits the recording"
                 raise VoccError.of(f"receive.{name}", repr(getattr(self, name)), rule)
         whole_number("receive.locate_every", self.locate_every, 1, 10000)
-        if self.fps is not None and not 0 < finite_number("receive.fps", self.fps) <= 1e6:
-            raise VoccError.of("receive.fps", f"{self.fps:g}", "above 0 and at most 1e6, or null")
+        if (
+            self.fps is not None
+            and not 0 < finite_number("receive.fps", self.fps) <= 1e6
+        ):
+            raise VoccError.of(
+                "receive.fps", f"{self.fps:g}", "above 0 and at most 1e6, or null"
+            )
 
 
 AXES = ("distance_m", "ambient_lx", "ratio")
@@ -171,7 +187,10 @@ class MessagesConfig:
             given = getattr(self, name)
             values = given if name in AXES else [given]
             low, high = (1.5, MOST_RATIO) if name.endswith("ratio") else (0.0, 1e6)
-            inside = all(low < finite_number(f"messages.{name}", one) <= high or one == 1.5 for one in values)
+            inside = all(
+                low < finite_number(f"messages.{name}", one) <= high or one == 1.5
+                for one in values
+            )
             if not inside or not all(a < b for a, b in pairwise(values)):
                 least = "at least 1.5" if low else "above 0"
                 rule = f"{least} and at most {high:g}" + ", ascending" * (name in AXES)
@@ -180,10 +199,22 @@ class MessagesConfig:
             raise VoccError(
                 "messages varies nothing: give values of messages.distance_m, ambient_lx or ratio"
             )
-        for name, known in (("soft", SOFT), ("interleave", (True, False)), ("codes", None)):
+        for name, known in (
+            ("soft", SOFT),
+            ("interleave", (True, False)),
+            ("codes", None),
+        ):
             given = getattr(self, name)
-            if not given or len({*given}) < len(given) or (known and not {*given} <= {*known}):
-                rule = f"some of {', '.join(map(str, known))}, each once" if known else "codes, each once"
+            if (
+                not given
+                or len({*given}) < len(given)
+                or (known and not {*given} <= {*known})
+            ):
+                rule = (
+                    f"some of {', '.join(map(str, known))}, each once"
+                    if known
+                    else "codes, each once"
+                )
                 raise VoccError.of(f"messages.{name}", given, rule)
         for code in self.codes:
             self.options(code)
@@ -200,4 +231,10 @@ class MessagesConfig:
             rule = "none, or rs, ldpc or conv with a rate above 0 and below 1, such as ldpc-0.5"
             raise VoccError.of("messages.codes", repr(code), rule, "has")
         rate, name = float(found[2] or 0.5), found[1] or "none"
-        return replace(self.signalling, code=name, code_rate=rate, interleave=interleave, scramble=True)
+        return replace(
+            self.signalling,
+            code=name,
+            code_rate=rate,
+            interleave=interleave,
+            scramble=True,
+        )

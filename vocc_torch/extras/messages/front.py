@@ -53,7 +53,11 @@ class Front:
     """
 
     def __init__(
-        self, receiver: Receiver, locate_every: int = 8, soft: str = "scores", follow: str = "auto"
+        self,
+        receiver: Receiver,
+        locate_every: int = 8,
+        soft: str = "scores",
+        follow: str = "auto",
     ) -> None:
         self.receiver, self.locate_every, self.soft, self.auto = (
             receiver,
@@ -61,13 +65,17 @@ class Front:
             soft,
             follow == "auto",
         )
-        self.tracker = Tracker(receiver.locator, receiver.shape) if follow == "true" else None
+        self.tracker = (
+            Tracker(receiver.locator, receiver.shape) if follow == "true" else None
+        )
         self.found = self.looked = self.frames = 0
         self.corners_px: torch.Tensor | None = None
         self._places: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._looks: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
-        self._lattice: tuple[float, float] | None = None  # blur, and what it explains of the picture
+        self._lattice: tuple[float, float] | None = (
+            None  # blur, and what it explains of the picture
+        )
 
     def __call__(self, greys: Sequence[Grey]) -> NDArray[np.float32]:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
@@ -79,10 +87,17 @@ class Front:
         """Distance of neighbouring LEDs where the panel was last seen, along its shorter cells."""
         if self.corners_px is None:
             return None
-        width, height = ((self.corners_px[end] - self.corners_px[0]).norm() for end in (1, 3))
-        return min(float(width) / self.receiver.shape.columns, float(height) / self.receiver.shape.rows)
+        width, height = (
+            (self.corners_px[end] - self.corners_px[0]).norm() for end in (1, 3)
+        )
+        return min(
+            float(width) / self.receiver.shape.columns,
+            float(height) / self.receiver.shape.rows,
+        )
 
-    def read(self, frames: Frames, corners: torch.Tensor) -> tuple[Decoded, torch.Tensor]:
+    def read(
+        self, frames: Frames, corners: torch.Tensor
+    ) -> tuple[Decoded, torch.Tensor]:
         """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
         known = Panels.known(torch.nan_to_num(corners))
         there = ~corners.isnan().any(dim=2).any(dim=1)
@@ -91,11 +106,15 @@ class Front:
         contrast = decoded.appearance[:, APPEARANCE.index("contrast")]
         there &= contrast >= FADED_SHARE * self._contrast
         if bool(there.any()):
-            self._contrast = 0.5 * self._contrast + 0.5 * float(contrast[there].median())
+            self._contrast = 0.5 * self._contrast + 0.5 * float(
+                contrast[there].median()
+            )
             self._size = self._size or float(decoded.scores[there].abs().median())
         return decoded, there
 
-    def values(self, decoded: Decoded, there: torch.Tensor, soft: str) -> NDArray[np.float32]:
+    def values(
+        self, decoded: Decoded, there: torch.Tensor, soft: str
+    ) -> NDArray[np.float32]:
         """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
         if soft == "hard":
             llr = torch.where(decoded.bits, TYPICAL, -TYPICAL)
@@ -112,7 +131,10 @@ class Front:
         if self.tracker is None:
             corners = self._looked_up(greys, first)
             if self.auto and self._moves():
-                self.tracker, corners = Tracker(self.receiver.locator, self.receiver.shape), None
+                self.tracker, corners = (
+                    Tracker(self.receiver.locator, self.receiver.shape),
+                    None,
+                )
         if corners is None:
             corners = self._tracked(greys)
         return self._cropped(greys, corners), corners.to(self.receiver.device)
@@ -128,8 +150,13 @@ class Front:
         left, top = (low - room).floor().int().clamp(min=0).tolist()
         right, bottom = (high + room).ceil().int().tolist()
         left, top = min(left, width - 1), min(top, height - 1)
-        right, bottom = min(max(right, left + 1), width), min(max(bottom, top + 1), height)
-        grey = torch.from_numpy(np.stack([one[top:bottom, left:right] for one in greys]))
+        right, bottom = (
+            min(max(right, left + 1), width),
+            min(max(bottom, top + 1), height),
+        )
+        grey = torch.from_numpy(
+            np.stack([one[top:bottom, left:right] for one in greys])
+        )
         origin = torch.tensor([[left, top]]).expand(len(greys), 2)
         device = self.receiver.device
         return Frames(grey[:, None].to(device), origin.to(device), (height, width))
@@ -149,14 +176,20 @@ class Front:
 
     def _looked_up(self, greys: Sequence[Grey], first: int) -> torch.Tensor:
         """Look for the panel now and then, and take the median place between."""
-        due = [row for row in range(len(greys)) if (first + row) % self.locate_every == 0]
+        due = [
+            row for row in range(len(greys)) if (first + row) % self.locate_every == 0
+        ]
         if self.corners_px is None:
-            found = self._found(greys, sorted({*due, *range(min(REMEMBERED, len(greys)))}))
+            found = self._found(
+                greys, sorted({*due, *range(min(REMEMBERED, len(greys)))})
+            )
             # There is nothing to go by before the first place: each of those frames is searched.
             before = range(REMEMBERED, min(found, default=len(greys)))
             found |= self._found(greys, [row for row in before if row not in due])
         else:
-            whole = [row for row in due if (first + row) % (WHOLE * self.locate_every) == 0]
+            whole = [
+                row for row in due if (first + row) % (WHOLE * self.locate_every) == 0
+            ]
             found = self._found(greys, whole)
             rest = [row for row in due if row not in whole]
             found |= self._found_near(greys, rest)
@@ -175,7 +208,9 @@ class Front:
         """Look for the panel in some of the frames, and give the corners of those where it is found."""
         if not rows:
             return {}
-        frames = Frames.of(torch.from_numpy(np.stack([np.asarray(greys[row]) for row in rows])))
+        frames = Frames.of(
+            torch.from_numpy(np.stack([np.asarray(greys[row]) for row in rows]))
+        )
         frames = Frames.whole(frames.grey.to(self.receiver.device))
         panels = self.receiver.locator(frames, self.receiver.shape)
         places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
@@ -183,11 +218,15 @@ class Front:
         self.looked += len(rows)
         self.found += len(found)
         for row, place in found.items():
-            if there := settled(np.asarray(greys[row]), place.numpy(), self.receiver.shape):
+            if there := settled(
+                np.asarray(greys[row]), place.numpy(), self.receiver.shape
+            ):
                 found[row], self._lattice = torch.from_numpy(there[0]), there[1:]
         return found
 
-    def _found_near(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, torch.Tensor]:
+    def _found_near(
+        self, greys: Sequence[Grey], rows: list[int]
+    ) -> dict[int, torch.Tensor]:
         """Look for the panel where it was last, and give its corners where it is still."""
         found: dict[int, torch.Tensor] = {}
         if self._lattice is None:
@@ -197,7 +236,10 @@ class Front:
             # The last place follows a panel that moves; the median one does not stray in noise.
             starts = places[-1], torch.stack([*places]).median(dim=0).values
             grey = np.asarray(greys[row])
-            fits = [settled(grey, one.numpy(), self.receiver.shape, self._lattice) for one in starts]
+            fits = [
+                settled(grey, one.numpy(), self.receiver.shape, self._lattice)
+                for one in starts
+            ]
             if any(fits):
                 best = max(filter(None, fits), key=lambda one: one[2])
                 places.append(torch.from_numpy(best[0]))

@@ -23,7 +23,9 @@ def stream(name: str, count: int) -> NDArray[np.uint8]:
         >>> stream("scramble", 3).tolist()
         [136, 5, 252]
     """
-    return np.frombuffer(hashlib.shake_128(f"vocc_torch {name}".encode()).digest(count), np.uint8)
+    return np.frombuffer(
+        hashlib.shake_128(f"vocc_torch {name}".encode()).digest(count), np.uint8
+    )
 
 
 def sync_bits(order: int) -> NDArray[np.bool_]:
@@ -68,22 +70,34 @@ class Layout:
     """
 
     def __init__(self, plan: MessagePlan) -> None:
-        options, (rows, columns) = plan.signalling, (plan.shape.rows, plan.shape.columns)
+        options, (rows, columns) = (
+            plan.signalling,
+            (plan.shape.rows, plan.shape.columns),
+        )
         self.plan, self.symbols, self.bands = plan, options.block_symbols, options.bands
         self._scrambles = options.scramble
         if self.bands > rows:
-            raise VoccError.of("transmit.bands", self.bands, f"at most the panel's rows, {rows}")
+            raise VoccError.of(
+                "transmit.bands", self.bands, f"at most the panel's rows, {rows}"
+            )
         self.band_of_row = np.arange(rows) * self.bands // rows
         kind = np.full((rows, columns), "data", dtype="<U6")
         if options.anchors:
             kind[[0, 0, -1, -1], [0, -1, 0, -1]] = "anchor"
-        syncs = [(2 * n + 1) * self.bands // (2 * options.sync_cells) for n in range(options.sync_cells)]
+        syncs = [
+            (2 * n + 1) * self.bands // (2 * options.sync_cells)
+            for n in range(options.sync_cells)
+        ]
         for name, bands in (("clock", range(self.bands)), ("sync", syncs)):
             for number, band in enumerate(bands):
-                free = np.argwhere((kind == "data") & (self.band_of_row == band)[:, None])
+                free = np.argwhere(
+                    (kind == "data") & (self.band_of_row == band)[:, None]
+                )
                 if not len(free):
                     cells = f"{self.bands} bands and {options.sync_cells} sync cells"
-                    raise VoccError(f"panel of {rows} x {columns} LEDs is too small: {cells} leave no data")
+                    raise VoccError(
+                        f"panel of {rows} x {columns} LEDs is too small: {cells} leave no data"
+                    )
                 kind[tuple(free[(3 * number + 2) * len(free) // 7 % len(free)])] = name
         self.kind = kind
         self.data = np.flatnonzero(kind == "data")
@@ -92,7 +106,10 @@ class Layout:
         groups = capacity // self.unit
         self.packets = max(1, -(-(capacity // 8) // LONGEST_WORD))
         self.word_bits = groups * self.unit // self.packets // 8 * 8
-        self.shares = {name: float((kind == name).mean()) for name in ("anchor", "clock", "sync", "data")}
+        self.shares = {
+            name: float((kind == name).mean())
+            for name in ("anchor", "clock", "sync", "data")
+        }
 
     @cached_property
     def known(self) -> NDArray[np.int8]:
@@ -112,9 +129,15 @@ class Layout:
         """Where the bits of the block's words stand, (packets, word_bits), in (P, data cells) flattened."""
         cells = len(self.data)
         each = np.arange(self.symbols * cells).reshape(self.symbols, cells)
-        groups = each.reshape(-1, self.unit, cells).transpose(0, 2, 1).reshape(-1, self.unit)
+        groups = (
+            each.reshape(-1, self.unit, cells).transpose(0, 2, 1).reshape(-1, self.unit)
+        )
         if self.plan.signalling.interleave:
-            groups = groups[np.argsort(stream("interleave", 8 * len(groups)).view("<u8"), kind="stable")]
+            groups = groups[
+                np.argsort(
+                    stream("interleave", 8 * len(groups)).view("<u8"), kind="stable"
+                )
+            ]
         used = self.packets * self.word_bits // self.unit
         places: NDArray[np.int64] = groups[:used].reshape(self.packets, self.word_bits)
         return places
@@ -128,7 +151,9 @@ class Layout:
     def write(self, words: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Write a block's words of bits (packets, word_bits) on its symbols, (P,R,C); the rest is random."""
         carried = self._stream.copy()
-        carried[self.places] = words ^ self._stream[self.places] if self._scrambles else words
+        carried[self.places] = (
+            words ^ self._stream[self.places] if self._scrambles else words
+        )
         film: NDArray[np.bool_] = self.known.reshape(self.symbols, -1) > 0
         film[:, self.data] = carried.reshape(self.symbols, -1)
         return film.reshape(self.known.shape)
@@ -153,5 +178,7 @@ class Layout:
 
     def take(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
         """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
-        found: NDArray[np.float32] = cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[self.places]
+        found: NDArray[np.float32] = cells.reshape(self.symbols, -1)[
+            :, self.data
+        ].reshape(-1)[self.places]
         return found

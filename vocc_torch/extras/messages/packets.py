@@ -143,11 +143,16 @@ class Assembly:
 
     def add(self, packet: Packet) -> None:
         """Take a packet in."""
-        message = self.by_message.setdefault(packet.message, Message(*packet.message, self.payload))
+        message = self.by_message.setdefault(
+            packet.message, Message(*packet.message, self.payload)
+        )
         first = message.parts.setdefault(packet.sequence, packet.payload)
         self.contradictions += first != packet.payload
 
     @property
     def messages(self) -> list[Message]:
         """The messages: complete ones first, then by how many packets of them arrived."""
-        return sorted(self.by_message.values(), key=lambda one: (not one.complete, -len(one.parts)))
+        return sorted(
+            self.by_message.values(),
+            key=lambda one: (not one.complete, -len(one.parts)),
+        )

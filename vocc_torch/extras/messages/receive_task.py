@@ -34,7 +34,13 @@ NEAREST_LEDS_PX = 2.0
 """LEDs nearer to each other than this share their pixels: the camera's sampling limit."""
 
 
-MISSING_COLUMNS = ("message", "first_sequence", "last_sequence", "first_byte", "end_byte")
+MISSING_COLUMNS = (
+    "message",
+    "first_sequence",
+    "last_sequence",
+    "first_byte",
+    "end_byte",
+)
 """Columns of ``missing.csv``."""
 
 
@@ -84,14 +90,18 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     """
     run_folder.refuse_results(folder)
     if settings.input is None:
-        raise VoccError("input is null: task=receive needs input=VIDEO, a folder of pictures or an array")
+        raise VoccError(
+            "input is null: task=receive needs input=VIDEO, a folder of pictures or an array"
+        )
     source, console = Path(settings.input), Console()
     beside = (source if source.is_dir() else source.parent) / PLAN
     plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
     reception = Reception(plan)
     assembly = Assembly(payload_bytes(reception.code.info_bytes))
     failures: list[str] = []
-    recording = readable(read_recording(source, config.channel, grey_only=True), failures)
+    recording = readable(
+        read_recording(source, config.channel, grey_only=True), failures
+    )
     if not (first := list(islice(recording, 1))):
         raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
@@ -110,8 +120,12 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
                 assembly.add(one.packet)
 
     try:
-        with timing.threads(1):  # the other cores decode: torch's threads would spin there
-            take(receive(receiver, reception, front, chain(first, recording), config.fps))
+        with timing.threads(
+            1
+        ):  # the other cores decode: torch's threads would spin there
+            take(
+                receive(receiver, reception, front, chain(first, recording), config.fps)
+            )
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
         take(reception.finish())
@@ -129,12 +143,18 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     for what, name in places:
         if what == "message":
             size = (folder / name).stat().st_size
-            console.print(f"{name}: {size} bytes, all verified by their checksum", highlight=False)
-    run_folder.print_places(console, folder, places + [("receiver", "receiver.pt")] * (model is None))
+            console.print(
+                f"{name}: {size} bytes, all verified by their checksum", highlight=False
+            )
+    run_folder.print_places(
+        console, folder, places + [("receiver", "receiver.pt")] * (model is None)
+    )
     for doubt in doubts(assembly):
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)
     if not any(message.complete for message in assembly.messages):
-        failures.insert(0, f"input {source}: {lost(assembly, sent, front.led_pitch_px)}")
+        failures.insert(
+            0, f"input {source}: {lost(assembly, sent, front.led_pitch_px)}"
+        )
     if failures:
         raise VoccError("; ".join(failures))
 
@@ -214,7 +234,9 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
     further = len(message.gaps) - len(named)
     where = ", ".join(named) + f" and {further} more places" * (further > 0)
     missing = message.packets - len(message.parts)
-    told = f"of {message.packets} packets of the message {missing} are missing ({where})"
+    told = (
+        f"of {message.packets} packets of the message {missing} are missing ({where})"
+    )
     if message.packets > sent:
         told += f", more than the {sent} that the recording has time for"
     return f"{told}: message.partial has the others"

@@ -53,7 +53,12 @@ class Received:
         """The packet's row of ``report.csv``."""
         time_s = None if self.time_s is None else f"{self.time_s:.4f}"
         sequence = None if self.packet is None else self.packet.sequence
-        told = f"{self.frames:.2f}", f"{self.unseen:.4f}", sequence, int(self.packet is not None)
+        told = (
+            f"{self.frames:.2f}",
+            f"{self.unseen:.4f}",
+            sequence,
+            int(self.packet is not None),
+        )
         return [
             *(self.block, self.place, time_s, *told),
             *(self.corrected, f"{self.expected_errors:.1f}", self.why),
@@ -116,7 +121,9 @@ class Reception:
         symbols = (self._last_s - self._first_s) * self.plan.signalling.symbol_rate_hz
         return max(1, round(symbols / self.layout.symbols)) * self.layout.packets
 
-    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Iterator[Received]:
+    def push(
+        self, llr: NDArray[np.float32], times_s: Sequence[float | None]
+    ) -> Iterator[Received]:
         """Take frames in and give the packets of blocks that are over, as :meth:`Combiner.push` does."""
         known = [time_s for time_s in times_s if time_s is not None]
         if known:
@@ -144,9 +151,13 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
         code: of its words.
     """
     words = layout.read(block.ratios(layout))
-    each = block.counts[:, layout.band_of_row, None].repeat(layout.kind.shape[1], axis=2)
+    each = block.counts[:, layout.band_of_row, None].repeat(
+        layout.kind.shape[1], axis=2
+    )
     frames = layout.take(each.astype(np.float32))
-    for place, (info, word, seen) in enumerate(zip(code.decode(words), words, frames, strict=True)):
+    for place, (info, word, seen) in enumerate(
+        zip(code.decode(words), words, frames, strict=True)
+    ):
         packet = None if info is None else unpacked(info)
         unseen, expected = float((seen == 0).mean()), float(expit(-np.abs(word)).sum())
         corrected, why = None, ""
@@ -158,4 +169,14 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
         else:
             why = "too many wrong bits" if info is None else "its checksum does not fit"
         mean = float(seen.mean())
-        yield Received(block.number, place, block.time_s, mean, unseen, packet, corrected, expected, why)
+        yield Received(
+            block.number,
+            place,
+            block.time_s,
+            mean,
+            unseen,
+            packet,
+            corrected,
+            expected,
+            why,
+        )

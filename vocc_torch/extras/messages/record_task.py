@@ -41,7 +41,9 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     """
     run_folder.refuse_results(folder)
     if settings.input is None:
-        raise VoccError("input is null: task=record needs input=FOLDER, that of task=transmit")
+        raise VoccError(
+            "input is null: task=record needs input=FOLDER, that of task=transmit"
+        )
     source = Path(settings.input)
     plan = MessagePlan.read(source / PLAN)
     try:
@@ -50,14 +52,30 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     except VoccError:
         raise
     except (OSError, ValueError, TypeError) as error:
-        raise VoccError(f"input {source / FRAMES} cannot be read ({' '.join(str(error).split())})") from None
-    if film.dtype != np.bool_ or film.shape[1:] != (plan.shape.rows, plan.shape.columns) or not len(film):
-        raise VoccError(f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}")
+        raise VoccError(
+            f"input {source / FRAMES} cannot be read ({' '.join(str(error).split())})"
+        ) from None
+    if (
+        film.dtype != np.bool_
+        or film.shape[1:] != (plan.shape.rows, plan.shape.columns)
+        or not len(film)
+    ):
+        raise VoccError(
+            f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}"
+        )
     study = build_plan(with_panel_of(settings, plan), folder)
     simulator = study.world.simulator()
-    if not any(isinstance(effect, Quantization) and effect.bits == 8 for effect in simulator.effects):
-        raise VoccError("scene.effects.quantization must be {bits: 8}: task=record writes greys of 8 bits")
-    key, window = BlockKey(study.seed, "recording", 0), config.margin if settings.framing == "crop" else None
+    if not any(
+        isinstance(effect, Quantization) and effect.bits == 8
+        for effect in simulator.effects
+    ):
+        raise VoccError(
+            "scene.effects.quantization must be {bits: 8}: task=record writes greys of 8 bits"
+        )
+    key, window = (
+        BlockKey(study.seed, "recording", 0),
+        config.margin if settings.framing == "crop" else None,
+    )
     scene = study.world.scene.draw(key, plan.shape)[0][:1]
     symbol_s = (1 + config.drift) / plan.signalling.symbol_rate_hz
     start_s = config.start_s
@@ -80,11 +98,19 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
         for part in parts:
-            corners = (part.panels.corners_px - part.frames.origin_px[:, None]).flatten(1).tolist()
+            corners = (
+                (part.panels.corners_px - part.frames.origin_px[:, None])
+                .flatten(1)
+                .tolist()
+            )
             times = part.taken_s.tolist()
             for time_s, symbol, where in zip(times, part.symbols, corners, strict=True):
-                told = (None, None, None) if symbol is None else (f"{time_s:.6f}", symbol)
-                away = float(scene.distance_m[0]) + config.speed_m_s * (0.0 if symbol is None else time_s)
+                told = (
+                    (None, None, None) if symbol is None else (f"{time_s:.6f}", symbol)
+                )
+                away = float(scene.distance_m[0]) + config.speed_m_s * (
+                    0.0 if symbol is None else time_s
+                )
                 cells = [*told[:2], f"{away:.3f}", *(f"{c:.3f}" for c in where)]
                 rows.append((len(rows) - 1, *cells))
             kept = part.frames.grey[:, 0].cpu().numpy()
@@ -97,17 +123,28 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
 
     count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
     # To a file and not to a memory map, which a full disk would end with SIGBUS.
-    with atomic_file(folder / "recording.npy") as temporary, temporary.open("wb") as file:
+    with (
+        atomic_file(folder / "recording.npy") as temporary,
+        temporary.open("wb") as file,
+    ):
         write_video(folder / "recording.mp4", pictures(), config.fps, config.quality)
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
     for name, sent in further_films(simulator, torch.from_numpy(film), key).items():
-        with atomic_file(folder / f"frames{name}.npy") as temporary, temporary.open("wb") as file:
+        with (
+            atomic_file(folder / f"frames{name}.npy") as temporary,
+            temporary.open("wb") as file,
+        ):
             np.save(file, sent.numpy())
     run_folder.write_config(settings, folder)
     console = Console()
     ratio = config.fps * symbol_s
     told = f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m"
     console.print(told, highlight=False)
-    places = {"recording": "recording.mp4", "frames": "recording.npy", "truth": "truth.csv", "plan": PLAN}
+    places = {
+        "recording": "recording.mp4",
+        "frames": "recording.npy",
+        "truth": "truth.csv",
+        "plan": PLAN,
+    }
     run_folder.print_places(console, folder, places.items())

@@ -50,15 +50,26 @@ class Signalling:
 
     def __post_init__(self) -> None:
         """Check what can be checked without the panel's shape."""
-        for name, least, most in (("symbol_rate_hz", 0.0, FASTEST_HZ), ("code_rate", 0.0, 1.0)):
+        for name, least, most in (
+            ("symbol_rate_hz", 0.0, FASTEST_HZ),
+            ("code_rate", 0.0, 1.0),
+        ):
             value = finite_number(f"transmit.{name}", getattr(self, name))
             if not least < value <= most or (name, value) == ("code_rate", 1.0):
-                rule = "above 0 and below 1" if name == "code_rate" else f"above 0 and at most {most:g}"
+                rule = (
+                    "above 0 and below 1"
+                    if name == "code_rate"
+                    else f"above 0 and at most {most:g}"
+                )
                 raise VoccError.of(f"transmit.{name}", f"{value:g}", rule)
         if self.code not in CODES:
-            raise VoccError.of("transmit.code", repr(self.code), f"one of {', '.join(CODES)}")
+            raise VoccError.of(
+                "transmit.code", repr(self.code), f"one of {', '.join(CODES)}"
+            )
         if self.block_symbols not in ORDERS:
-            raise VoccError.of("transmit.block_symbols", self.block_symbols, "32, 64, 128 or 256")
+            raise VoccError.of(
+                "transmit.block_symbols", self.block_symbols, "32, 64, 128 or 256"
+            )
         for name in ("anchors", "interleave", "scramble"):
             demand_kind(f"transmit.{name}", getattr(self, name), bool)
         whole_number("transmit.bands", self.bands, 1, 1024)
@@ -101,7 +112,9 @@ class MessagePlan:
         """
         known = {"rows", "columns", *FIELDS}
         if not isinstance(given, dict) or {*given} != known:
-            raise VoccError(f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}")
+            raise VoccError(
+                f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}"
+            )
         try:
             rest = dict(given)
             shape = PanelShape(rest.pop("rows"), rest.pop("columns"))

@@ -28,7 +28,9 @@ DARK = 0
 def plan_of(settings: Settings, config: TransmitConfig) -> MessagePlan:
     """Give the plan that a configuration describes."""
     shape = PanelShape(settings.panel.rows, settings.panel.columns)  # type: ignore[attr-defined]  # of the schema
-    return MessagePlan(shape, Signalling(**{name: getattr(config, name) for name in FIELDS}))
+    return MessagePlan(
+        shape, Signalling(**{name: getattr(config, name) for name in FIELDS})
+    )
 
 
 def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> None:
@@ -44,7 +46,10 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     plan, console = plan_of(settings, config), Console()
     film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
     pictures = (np.where(one, LIT, DARK).astype(np.uint8) for one in film)
-    large = (np.kron(one, np.ones((config.cell_px, config.cell_px), np.uint8)) for one in pictures)
+    large = (
+        np.kron(one, np.ones((config.cell_px, config.cell_px), np.uint8))
+        for one in pictures
+    )
     write_video(folder / "film.mp4", large, config.symbol_rate_hz)
     with atomic_file(folder / FRAMES) as temporary:
         np.save(temporary, film)
@@ -54,7 +59,10 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     seconds = len(film) / config.symbol_rate_hz
     told = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
-    console.print(f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s", highlight=False)
+    console.print(
+        f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s",
+        highlight=False,
+    )
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
     run_folder.print_places(console, folder, places.items())
 
@@ -80,6 +88,9 @@ def costs(plan: MessagePlan) -> list[str]:
         * layout.packets
         * OVERHEAD_BYTES
         / cells,
-        "left for the message": 8 * layout.packets * payload_bytes(code.info_bytes) / cells,
+        "left for the message": 8
+        * layout.packets
+        * payload_bytes(code.info_bytes)
+        / cells,
     }
     return [f"{name}: {100 * share:.1f} %" for name, share in shares.items() if share]

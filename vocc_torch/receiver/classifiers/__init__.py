@@ -6,5 +6,21 @@ from .protocol import Classifier, Guarded
 from .rules import FldaClassifier, LmmseEqualizer, PanelKMeans, PanelOtsu, TagPlanes
 from .training import Mlp, PatchCnn
 
-__all__ = ["Classifier", "FldaClassifier", "Guarded", "Inputs", "LmmseEqualizer", "Mlp", "PanelKMeans"]
-__all__ += ["PanelOtsu", "Patch", "PatchCnn", "SklearnClassifier", "TagPlanes", "TorchClassifier", "scaled"]
+__all__ = [
+    "Classifier",
+    "FldaClassifier",
+    "Guarded",
+    "Inputs",
+    "LmmseEqualizer",
+    "Mlp",
+    "PanelKMeans",
+]
+__all__ += [
+    "PanelOtsu",
+    "Patch",
+    "PatchCnn",
+    "SklearnClassifier",
+    "TagPlanes",
+    "TorchClassifier",
+    "scaled",
+]

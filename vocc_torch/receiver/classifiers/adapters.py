@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver.classifiers.protocol import Batches
-from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe, train_module
+from vocc_torch.receiver.classifiers.training import (
+    Checkpoint,
+    TrainingRecipe,
+    train_module,
+)
 
 
 class TorchClassifier:
@@ -35,7 +39,9 @@ class TorchClassifier:
         [[[False, True]]]
     """
 
-    def __init__(self, module: torch.nn.Module, recipe: TrainingRecipe | None = None) -> None:
+    def __init__(
+        self, module: torch.nn.Module, recipe: TrainingRecipe | None = None
+    ) -> None:
         self.module = module
         self.recipe = recipe or TrainingRecipe()
         self.losses: list[float] = []
@@ -49,7 +55,10 @@ class TorchClassifier:
         x = bits = torch.empty(0)
         for part, own in batches(0, self.recipe.frames):
             if not count:
-                x, bits = (one.new_empty((self.recipe.frames, *one.shape[1:])) for one in (part, own))
+                x, bits = (
+                    one.new_empty((self.recipe.frames, *one.shape[1:]))
+                    for one in (part, own)
+                )
             x[count : count + len(part)], bits[count : count + len(part)] = part, own
             count += len(part)
         return self.fit(x[:count], bits[:count])
@@ -62,10 +71,14 @@ class TorchClassifier:
                 loss that is not finite.
         """
         if not any(one.requires_grad for one in self.module.parameters()):
-            raise VoccError("the module has nothing that learns: use a class with fit and decision_function")
+            raise VoccError(
+                "the module has nothing that learns: use a class with fit and decision_function"
+            )
         held = max(1, round(self.recipe.validation * len(x)))
         if len(x) <= held:
-            raise VoccError(f"{len(x)} training panels are too few to hold {held} back for validation")
+            raise VoccError(
+                f"{len(x)} training panels are too few to hold {held} back for validation"
+            )
         rows, target = _leds(x[:-held]), bits[:-held].reshape(-1).float()
         self._mean, self._spread = rows.mean(dim=0), rows.std(dim=0)
         self._spread = torch.where(self._spread > 0, self._spread, 1.0)
@@ -74,10 +87,16 @@ class TorchClassifier:
         recipe, checkpoint = self.recipe, None
         if recipe.checkpoints is not None:
             checkpoint = Checkpoint(recipe.checkpoints, self.module, recipe, [x, bits])
-        with torch.random.fork_rng(devices=[x.device] if x.device.type == "cuda" else []):
+        with torch.random.fork_rng(
+            devices=[x.device] if x.device.type == "cuda" else []
+        ):
             torch.manual_seed(recipe.seed)
             self.losses, self.earlier_s = train_module(
-                self.module, lambda some: self._score(self._scaled(some)), shown, recipe, checkpoint
+                self.module,
+                lambda some: self._score(self._scaled(some)),
+                shown,
+                recipe,
+                checkpoint,
             )
         return self
 
@@ -111,12 +130,18 @@ class TorchClassifier:
         """
         if self._mean is None or self._spread is None:
             raise VoccError("it has seen no samples: call fit first")
-        learned = {f"module.{name}": value for name, value in self.module.state_dict().items()}
+        learned = {
+            f"module.{name}": value for name, value in self.module.state_dict().items()
+        }
         return {**learned, "mean": self._mean, "spread": self._spread}
 
     def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take up what :meth:`state_dict` gave."""
-        own = {name.partition(".")[2]: value for name, value in state.items() if "." in name}
+        own = {
+            name.partition(".")[2]: value
+            for name, value in state.items()
+            if "." in name
+        }
         self.module.load_state_dict(own)
         self._mean, self._spread = state["mean"], state["spread"]
 
@@ -133,10 +158,18 @@ class TorchClassifier:
         except VoccError:
             raise
         except Exception as error:
-            raise VoccError(f"forward failed on {tuple(rows.shape)} ({one_line(error)})") from error
+            raise VoccError(
+                f"forward failed on {tuple(rows.shape)} ({one_line(error)})"
+            ) from error
         if not isinstance(scores, torch.Tensor) or scores.numel() != rows.shape[0]:
-            given = tuple(scores.shape) if isinstance(scores, torch.Tensor) else type(scores).__name__
-            raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")
+            given = (
+                tuple(scores.shape)
+                if isinstance(scores, torch.Tensor)
+                else type(scores).__name__
+            )
+            raise VoccError(
+                f"the module gave {given} for {len(rows)} LEDs: it must give one score each"
+            )
         return scores.reshape(-1)
 
 
@@ -152,7 +185,9 @@ def is_estimator(value: object) -> bool:
         >>> is_estimator(torch.nn.Linear(1, 1))
         False
     """
-    return callable(getattr(value, "get_params", None)) and callable(getattr(value, "fit", None))
+    return callable(getattr(value, "get_params", None)) and callable(
+        getattr(value, "fit", None)
+    )
 
 
 class SklearnClassifier:
@@ -173,17 +208,25 @@ class SklearnClassifier:
         [[[False, False], [True, True]]]
     """
 
-    def __init__(self, estimator: Any) -> None:  # any class that follows scikit-learn's conventions
+    def __init__(
+        self, estimator: Any
+    ) -> None:  # any class that follows scikit-learn's conventions
         ways = ("decision_function", "predict_proba", "predict")
         if not any(hasattr(estimator, way) for way in ways):
-            raise VoccError(f"{type(estimator).__name__} must have {', '.join(ways[:2])} or {ways[2]}")
+            raise VoccError(
+                f"{type(estimator).__name__} must have {', '.join(ways[:2])} or {ways[2]}"
+            )
         if _is_no_classifier(estimator):
-            raise VoccError(f"{type(estimator).__name__} finds clusters or outliers: it must be a classifier")
+            raise VoccError(
+                f"{type(estimator).__name__} finds clusters or outliers: it must be a classifier"
+            )
         self.estimator = estimator
 
     def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Fit the estimator on all LEDs."""
-        self.estimator.fit(_leds(x).cpu().numpy(), bits.reshape(-1).cpu().numpy().astype(np.int64))
+        self.estimator.fit(
+            _leds(x).cpu().numpy(), bits.reshape(-1).cpu().numpy().astype(np.int64)
+        )
         return self
 
     def decision_function(self, x: torch.Tensor) -> torch.Tensor:
@@ -198,7 +241,9 @@ class SklearnClassifier:
         elif hasattr(self.estimator, "predict_proba"):
             shares = np.asarray(self.estimator.predict_proba(rows))
             if shares.shape != (len(rows), 2):
-                raise VoccError(f"predict_proba gave {shares.shape}, it must give {(len(rows), 2)}")
+                raise VoccError(
+                    f"predict_proba gave {shares.shape}, it must give {(len(rows), 2)}"
+                )
             scores = shares[:, 1] - 0.5
         else:
             scores = np.asarray(self.estimator.predict(rows)) - 0.5
@@ -208,13 +253,19 @@ class SklearnClassifier:
         """Decide every LED, as the estimator itself does."""
         if not hasattr(self.estimator, "predict"):
             return self.decision_function(x) >= 0
-        return _as_leds(np.asarray(self.estimator.predict(_leds(x).cpu().numpy())) > 0.5, x)
+        return _as_leds(
+            np.asarray(self.estimator.predict(_leds(x).cpu().numpy())) > 0.5, x
+        )
 
     @property
     def parameters_count(self) -> int | None:
         """How many numbers decide: a linear estimator's weights and intercepts; None of another."""
         # A pipeline decides by its last step; a scaler before it makes no more decisions.
-        last = self.estimator.steps[-1][1] if hasattr(self.estimator, "steps") else self.estimator
+        last = (
+            self.estimator.steps[-1][1]
+            if hasattr(self.estimator, "steps")
+            else self.estimator
+        )
         if not hasattr(last, "coef_"):
             return None
         return int(np.size(last.coef_) + np.size(last.intercept_))
@@ -232,7 +283,9 @@ def _is_no_classifier(estimator: Any) -> bool:
     base = sys.modules.get("sklearn.base")
     if base is None or not isinstance(estimator, base.BaseEstimator):
         return False
-    kinds = (getattr(base, name, None) for name in ("is_clusterer", "is_outlier_detector"))
+    kinds = (
+        getattr(base, name, None) for name in ("is_clusterer", "is_outlier_detector")
+    )
     return any(is_kind(estimator) for is_kind in kinds if is_kind is not None)
 
 

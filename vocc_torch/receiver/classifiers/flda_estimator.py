@@ -16,7 +16,9 @@ try:
     from sklearn.utils.validation import check_is_fitted, validate_data
 except ImportError as error:
     # An extra, which nothing else of the package imports before it is asked for.
-    raise VoccError("FldaEstimator needs scikit-learn of at least 1.6: pip install scikit-learn") from error
+    raise VoccError(
+        "FldaEstimator needs scikit-learn of at least 1.6: pip install scikit-learn"
+    ) from error
 
 
 class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no hints
@@ -73,12 +75,24 @@ class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # sc
         samples, labels = validate_data(self, X, y, dtype=np.float64, reset=first)
         if first and classes is None:
             raise ValueError("classes must be given on the first call to partial_fit")
-        known = self.classes_ if classes is None else _two_classes(np.asarray(classes), labels)
+        known = (
+            self.classes_
+            if classes is None
+            else _two_classes(np.asarray(classes), labels)
+        )
         if not first and not np.array_equal(known, self.classes_):
-            raise ValueError(f"classes is {known.tolist()}: it was {self.classes_.tolist()} before")
+            raise ValueError(
+                f"classes is {known.tolist()}: it was {self.classes_.tolist()} before"
+            )
         if not np.isin(labels, known).all():
-            raise ValueError(f"y has labels that are not among classes, {known.tolist()}")
-        flda = FLDA(samples.shape[1]) if first else FLDA(samples.shape[1]).merge(self.flda_)
+            raise ValueError(
+                f"y has labels that are not among classes, {known.tolist()}"
+            )
+        flda = (
+            FLDA(samples.shape[1])
+            if first
+            else FLDA(samples.shape[1]).merge(self.flda_)
+        )
         self.flda_ = flda.update(torch.tensor(samples), _on(labels, known))
         self.classes_ = known
         return self
@@ -117,7 +131,9 @@ class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # sc
         return tags
 
 
-def _two_classes(labels: NDArray[np.generic], targets: NDArray[np.generic]) -> NDArray[np.generic]:
+def _two_classes(
+    labels: NDArray[np.generic], targets: NDArray[np.generic]
+) -> NDArray[np.generic]:
     """Return the two kinds of labels, or refuse another number of them, in scikit-learn's words."""
     check_classification_targets(targets)
     kinds: NDArray[np.generic] = np.unique(labels)

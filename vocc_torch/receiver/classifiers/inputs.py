@@ -53,7 +53,9 @@ class Patch:
             raise VoccError.of("inputs.patch.samples", self.samples, "from 1 to 64")
         for name, known in (("domain", Domain), ("relative", Relative)):
             if (value := getattr(self, name)) not in get_args(known):
-                raise VoccError.of(f"inputs.patch.{name}", repr(value), " or ".join(get_args(known)))
+                raise VoccError.of(
+                    f"inputs.patch.{name}", repr(value), " or ".join(get_args(known))
+                )
         if not 0.1 <= self.gamma <= 10:
             raise VoccError.of("inputs.patch.gamma", self.gamma, "from 0.1 to 10")
 
@@ -67,7 +69,9 @@ class Patch:
         """How many numbers an LED has."""
         return self.side**2 + int(self.level) + int(self.pitch)
 
-    def of(self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape) -> torch.Tensor:
+    def of(
+        self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape
+    ) -> torch.Tensor:
         """Cut the patches out, (B,R,C,size) float32: row by row from the top left, then level and pitch."""
         per_cell = readings.patches.shape[-1] // (shape.columns + 2)
         if per_cell % self.samples:
@@ -82,11 +86,20 @@ class Patch:
         if self.relative == "panel":
             # On an all-black panel every LED equals the mean, as with AGR.
             seen = torch.where(mean > 0, seen / torch.where(mean > 0, mean, 1.0), 1.0)
-        windows = seen[:, 0].unfold(1, self.side, self.samples).unfold(2, self.side, self.samples)
+        windows = (
+            seen[:, 0]
+            .unfold(1, self.side, self.samples)
+            .unfold(2, self.side, self.samples)
+        )
         values = windows.flatten(start_dim=3)
-        for wanted, one in ((self.level, mean), (self.pitch, cell_px.to(torch.float32).mean(dim=1))):
+        for wanted, one in (
+            (self.level, mean),
+            (self.pitch, cell_px.to(torch.float32).mean(dim=1)),
+        ):
             if wanted:
-                values = torch.cat([values, one.view(-1, 1, 1, 1).expand(*values.shape[:3], 1)], dim=-1)
+                values = torch.cat(
+                    [values, one.view(-1, 1, 1, 1).expand(*values.shape[:3], 1)], dim=-1
+                )
         return values
 
 
@@ -112,12 +125,18 @@ class Inputs:
     def __post_init__(self) -> None:
         """Refuse what is no choice."""
         if len({*self.features}) < len(self.features):
-            raise VoccError.of("inputs.features", [*self.features], "features, each once")
+            raise VoccError.of(
+                "inputs.features", [*self.features], "features, each once"
+            )
         if not self.features and self.patch is None:
-            raise VoccError("inputs names no features and no patch: a classifier must see something")
+            raise VoccError(
+                "inputs names no features and no patch: a classifier must see something"
+            )
 
     @classmethod
-    def parse(cls, settings: Mapping[str, object], usual: Sequence[str] = FEATURE_NAMES) -> Self:
+    def parse(
+        cls, settings: Mapping[str, object], usual: Sequence[str] = FEATURE_NAMES
+    ) -> Self:
         """Read them as a configuration writes them; ``usual`` are the features where it names nothing.
 
         Raises:
@@ -132,12 +151,19 @@ class Inputs:
             raise VoccError.of("inputs.features", repr(features), "a list")
         if patch is not None and not isinstance(patch, Mapping):
             raise VoccError.of("inputs.patch", repr(patch), "a mapping of its settings")
-        for section, kind, given in (("inputs", cls, settings), ("inputs.patch", Patch, patch or {})):
+        for section, kind, given in (
+            ("inputs", cls, settings),
+            ("inputs.patch", Patch, patch or {}),
+        ):
             known = [one.name for one in fields(kind)]
             if stray := [name for name in given if name not in known]:
-                raise VoccError(f"{section}.{stray[0]} is not a known key: known are {', '.join(known)}")
+                raise VoccError(
+                    f"{section}.{stray[0]} is not a known key: known are {', '.join(known)}"
+                )
         # Whoever names a patch alone sees that alone.
-        names = tuple(usual if features is None and patch is None else map(str, features or ()))
+        names = tuple(
+            usual if features is None and patch is None else map(str, features or ())
+        )
         return cls(names, None if patch is None else Patch(**patch))
 
     def demand_features(self, known: Sequence[str]) -> None:
@@ -153,7 +179,9 @@ class Inputs:
         """How many numbers an LED has."""
         return len(self.features) + (0 if self.patch is None else self.patch.size)
 
-    def of(self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape) -> torch.Tensor:
+    def of(
+        self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape
+    ) -> torch.Tensor:
         """Return what is seen of every LED.
 
         Args:
@@ -182,4 +210,6 @@ def demand_features(features: Sequence[str], known: Sequence[str]) -> None:
         VoccError: with the features that are.
     """
     if not {*features} <= {*known}:
-        raise VoccError.of("inputs.features", [*features], f"of {', '.join(known)}, each once")
+        raise VoccError.of(
+            "inputs.features", [*features], f"of {', '.join(known)}, each once"
+        )

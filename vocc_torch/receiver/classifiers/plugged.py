@@ -42,7 +42,9 @@ NUMPY = "numpy"
 """The name under which it is said which arrays are NumPy's."""
 
 
-def classifier_of(plug_in: PlugIn, inputs: Inputs, recipe: TrainingRecipe | None = None) -> Guarded:
+def classifier_of(
+    plug_in: PlugIn, inputs: Inputs, recipe: TrainingRecipe | None = None
+) -> Guarded:
     """Build a classifier, untrained.
 
     A scikit-learn estimator and a torch module are taken for what they are; a module whose class takes
@@ -61,7 +63,11 @@ def classifier_of(plug_in: PlugIn, inputs: Inputs, recipe: TrainingRecipe | None
         >>> type(classifier_of(bayes, Inputs()).classifier).__name__
         'SklearnClassifier'
     """
-    kind, arguments, recipe = plug_in.found(), dict(plug_in.arguments), recipe or TrainingRecipe()
+    kind, arguments, recipe = (
+        plug_in.found(),
+        dict(plug_in.arguments),
+        recipe or TrainingRecipe(),
+    )
     of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
     if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
         arguments.setdefault("n_inputs", inputs.size)
@@ -126,7 +132,9 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
     if isinstance(classifier, adapters.SklearnClassifier):
         io, release = _skops(guarded.name)
         packed = io.dumps(classifier.estimator)
-        return {"release": release}, {SKOPS: torch.frombuffer(bytearray(packed), dtype=torch.uint8)}
+        return {"release": release}, {
+            SKOPS: torch.frombuffer(bytearray(packed), dtype=torch.uint8)
+        }
     if callable(getattr(classifier, "state_dict", None)):
         return {}, dict(classifier.state_dict())
     values: dict[str, Any] = {}
@@ -134,17 +142,27 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
     for name, value in vars(classifier).items():
         if isinstance(value, torch.Tensor | np.ndarray):
             arrays[name] = torch.as_tensor(value)
-            values |= {NUMPY: [*values.get(NUMPY, []), name]} if isinstance(value, np.ndarray) else {}
+            values |= (
+                {NUMPY: [*values.get(NUMPY, []), name]}
+                if isinstance(value, np.ndarray)
+                else {}
+            )
         elif isinstance(value, bool | int | float | str | None):
             values[name] = value
         else:
             rule = "a number, text, tensor or array, or give it state_dict and load_state_dict"
-            raise VoccError.of(f"classifier {guarded.name}: its {name}", f"a {type(value).__name__}", rule)
+            raise VoccError.of(
+                f"classifier {guarded.name}: its {name}",
+                f"a {type(value).__name__}",
+                rule,
+            )
     return values, arrays
 
 
 def admitted(
-    settings: Mapping[str, Any], arrays: Mapping[str, torch.Tensor], plug_ins: Sequence[str]
+    settings: Mapping[str, Any],
+    arrays: Mapping[str, torch.Tensor],
+    plug_ins: Sequence[str],
 ) -> PlugIn:
     """Read a classifier's plug-in from a model file; one whose code was not named is refused.
 
@@ -160,12 +178,17 @@ def admitted(
     """
     key = f"classifiers.{settings['name']}"
     if SKOPS in arrays:
-        return PlugIn.admitted(key, {**settings, "arguments": {}}, (*plug_ins, "sklearn"), SHIPPED)
+        return PlugIn.admitted(
+            key, {**settings, "arguments": {}}, (*plug_ins, "sklearn"), SHIPPED
+        )
     return PlugIn.admitted(key, settings, plug_ins, SHIPPED)
 
 
 def restored(
-    plug_in: PlugIn, inputs: Inputs, values: Mapping[str, Any], arrays: Mapping[str, torch.Tensor]
+    plug_in: PlugIn,
+    inputs: Inputs,
+    values: Mapping[str, Any],
+    arrays: Mapping[str, torch.Tensor],
 ) -> Guarded:
     """Build a classifier that knows what :func:`state_of` took.
 
@@ -183,7 +206,9 @@ def restored(
         if SKOPS in arrays:
             io, release = _skops(plug_in.name)
             if values["release"] != release:
-                raise VoccError(f"scikit-learn was {values['release']} and is {release}: train it again")
+                raise VoccError(
+                    f"scikit-learn was {values['release']} and is {release}: train it again"
+                )
             packed = arrays[SKOPS].numpy().tobytes()
             # Of the classes that skops does not know, those of the file that the user named.
             own = ""
@@ -206,11 +231,17 @@ def restored(
             if name.startswith("__") or callable(getattr(classifier, name, None)):
                 raise VoccError(f"{name} is no attribute that it learns")
             if name != NUMPY:
-                setattr(classifier, name, arrays[name].numpy() if name in values.get(NUMPY, []) else value)
+                setattr(
+                    classifier,
+                    name,
+                    arrays[name].numpy() if name in values.get(NUMPY, []) else value,
+                )
         return guarded
     except Exception as error:
         reason = str(error) if isinstance(error, VoccError) else one_line(error)
-        raise VoccError(f"classifier {plug_in.name} cannot take up what it learned ({reason})") from error
+        raise VoccError(
+            f"classifier {plug_in.name} cannot take up what it learned ({reason})"
+        ) from error
 
 
 def _skops(name: str) -> tuple[Any, str]:
@@ -226,7 +257,9 @@ def _skops(name: str) -> tuple[Any, str]:
 
 
 def loaded(
-    settings: Mapping[str, Any], arrays: Mapping[str, torch.Tensor], plug_ins: Sequence[str]
+    settings: Mapping[str, Any],
+    arrays: Mapping[str, torch.Tensor],
+    plug_ins: Sequence[str],
 ) -> Guarded:
     """Build a classifier from what :meth:`Guarded.model` gave.
 
@@ -235,4 +268,6 @@ def loaded(
     """
     seen, patch = settings["inputs"], settings["inputs"]["patch"]
     inputs = Inputs(tuple(seen["features"]), None if patch is None else Patch(**patch))
-    return restored(admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays)
+    return restored(
+        admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays
+    )

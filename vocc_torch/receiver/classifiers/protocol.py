@@ -68,11 +68,19 @@ class Guarded:
         vocc_torch.errors.VoccError: classifier mine is of type object without fit, which it must have
     """
 
-    def __init__(self, name: str, classifier: object, inputs: Inputs, plug_in: PlugIn | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        classifier: object,
+        inputs: Inputs,
+        plug_in: PlugIn | None = None,
+    ) -> None:
         kind = type(classifier).__name__
         for method in ("fit", "decision_function"):
             if not callable(getattr(classifier, method, None)):
-                raise VoccError(f"classifier {name} is of type {kind} without {method}, which it must have")
+                raise VoccError(
+                    f"classifier {name} is of type {kind} without {method}, which it must have"
+                )
         self.name = name
         self.inputs = inputs
         self.plug_in = plug_in
@@ -110,7 +118,9 @@ class Guarded:
             self._guarded("fit_stream", lambda: streaming.fit_stream(batches, frames))
             return
         parts = list(batches(0, frames))
-        self.fit(torch.cat([x for x, _ in parts]), torch.cat([bits for _, bits in parts]))
+        self.fit(
+            torch.cat([x for x, _ in parts]), torch.cat([bits for _, bits in parts])
+        )
 
     def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED, (B,R,C) float64.
@@ -126,7 +136,9 @@ class Guarded:
             # A score of 0 may be both.
             if apart := int((((decided != 0) != (own >= 0)) & (own != 0)).sum()):
                 told = f"classifier {self.name}: predict says otherwise at {apart} of {own.numel()} LEDs"
-                raise VoccError(f"{told}: it must be On where decision_function is at least 0, else Off")
+                raise VoccError(
+                    f"{told}: it must be On where decision_function is at least 0, else Off"
+                )
         self._agreed = True
         return scores
 
@@ -135,8 +147,14 @@ class Guarded:
         scores = self._answer("decision_function", self.classifier.decision_function, x)
         given = f"classifier {self.name}: decision_function gave"
         # Bits for scores would all be On: none is below 0.
-        if scores.layout != torch.strided or scores.dtype == torch.bool or scores.is_complex():
-            raise VoccError(f"{given} {scores.dtype}, {scores.layout}, it must give dense real numbers")
+        if (
+            scores.layout != torch.strided
+            or scores.dtype == torch.bool
+            or scores.is_complex()
+        ):
+            raise VoccError(
+                f"{given} {scores.dtype}, {scores.layout}, it must give dense real numbers"
+            )
         if not holds(torch.isfinite(scores)):
             raise VoccError(f"{given} scores that are not finite")
         return scores.detach().to(torch.float64)
@@ -145,9 +163,13 @@ class Guarded:
         """Call a method on ``x``; refuse what is not one number an LED."""
         answer: object = self._guarded(what, lambda: call(x))
         wanted = tuple(x.shape[:-1])
-        given = tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
+        given = (
+            tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
+        )
         if not isinstance(answer, Tensor) or given != wanted:
-            raise VoccError(f"classifier {self.name}: {what} gave {given}, not a tensor of shape {wanted}")
+            raise VoccError(
+                f"classifier {self.name}: {what} gave {given}, not a tensor of shape {wanted}"
+            )
         return answer
 
     def model(self) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -157,11 +179,19 @@ class Guarded:
             VoccError: it was not built from settings, or an attribute that cannot be kept.
         """
         if self.plug_in is None:
-            raise VoccError(f"classifier {self.name} was not built from settings: it cannot be saved")
-        from vocc_torch.receiver.classifiers import plugged  # which builds what this file defines
+            raise VoccError(
+                f"classifier {self.name} was not built from settings: it cannot be saved"
+            )
+        from vocc_torch.receiver.classifiers import (
+            plugged,
+        )  # which builds what this file defines
 
         values, arrays = plugged.state_of(self)
-        return {**self.plug_in.settings, "inputs": asdict(self.inputs), "values": values}, arrays
+        return {
+            **self.plug_in.settings,
+            "inputs": asdict(self.inputs),
+            "values": values,
+        }, arrays
 
     def to(self, device: torch.device) -> "Guarded":
         """Copy it to a device, with every tensor that the classifier holds."""
@@ -174,7 +204,12 @@ class Guarded:
 
     def __reduce__(self) -> tuple[Callable[..., "Guarded"], tuple[object, ...]]:
         """Pickle it with the file that its class comes from."""
-        return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.plug_in)
+        return _unpacked, (
+            self.name,
+            pickle.dumps(self.classifier),
+            self.inputs,
+            self.plug_in,
+        )
 
     def _guarded(self, what: str, call: Callable[[], R]) -> R:
         """Call the classifier; its errors become one line that begins with its name."""
@@ -184,10 +219,14 @@ class Guarded:
             raise VoccError(f"classifier {self.name}: {error}") from error
         # One that would end the program is no exception.
         except (Exception, SystemExit) as error:
-            raise VoccError(f"classifier {self.name}: {what} failed ({one_line(error)})") from error
+            raise VoccError(
+                f"classifier {self.name}: {what} failed ({one_line(error)})"
+            ) from error
 
 
-def _unpacked(name: str, packed: bytes, inputs: Inputs, plug_in: PlugIn | None) -> Guarded:
+def _unpacked(
+    name: str, packed: bytes, inputs: Inputs, plug_in: PlugIn | None
+) -> Guarded:
     """Unpickle a guarded classifier; the file that defines its class is read first."""
     if plug_in is not None and plug_in.file is not None:
         plug_in.file.module()

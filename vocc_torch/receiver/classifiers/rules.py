@@ -81,8 +81,12 @@ def _solved(flda: FLDA) -> discriminant.Discriminant:
     """Return what decides, which is to the last bit what the discriminant itself would."""
     # Asked for first: it refuses a missing class, and warns where samples do not determine it.
     device = flda.direction.device
-    rule, _ = discriminant.Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
-    return discriminant.Discriminant(*(one.detach().to(device, copy=True) for one in rule))
+    rule, _ = discriminant.Discriminant.of(
+        flda.statistics.to(torch.device("cpu")).checked()
+    )
+    return discriminant.Discriminant(
+        *(one.detach().to(device, copy=True) for one in rule)
+    )
 
 
 def _fitted(rule: discriminant.Discriminant | None) -> discriminant.Discriminant:
@@ -111,7 +115,9 @@ class LmmseEqualizer(_Scored):
 
     def __init__(self, classes: int = 8, ridge: float = 1e-8) -> None:
         if classes < 1 or ridge < 0:
-            raise VoccError(f"classes is {classes}, ridge is {ridge:g}: at least 1 and 0 are allowed")
+            raise VoccError(
+                f"classes is {classes}, ridge is {ridge:g}: at least 1 and 0 are allowed"
+            )
         self.classes, self.ridge = classes, ridge
         self._centres: torch.Tensor | None = None
         self._weights: torch.Tensor | None = None
@@ -120,16 +126,23 @@ class LmmseEqualizer(_Scored):
         """Solve the normal equations of each class in float64."""
         rows, size = self._split(x)
         target = bits.double() * 2 - 1
-        quantiles = torch.linspace(0, 1, 2 * self.classes + 1, dtype=torch.float64, device=x.device)
+        quantiles = torch.linspace(
+            0, 1, 2 * self.classes + 1, dtype=torch.float64, device=x.device
+        )
         edges = torch.quantile(size.double(), quantiles)
         weights = []
         for place in range(self.classes):
             # Each class learns from its neighbours' panels too: the scores between classes are interpolated.
-            low, high = edges[max(0, 2 * place - 1)], edges[min(2 * self.classes, 2 * place + 3)]
+            low, high = (
+                edges[max(0, 2 * place - 1)],
+                edges[min(2 * self.classes, 2 * place + 3)],
+            )
             chosen = (size >= low) & (size <= high)
             a, b = rows[chosen].flatten(0, -2), target[chosen].flatten()
             gram = a.mT @ a
-            gram = gram + self.ridge * gram.diagonal().mean() * torch.eye(len(gram), device=x.device)
+            gram = gram + self.ridge * gram.diagonal().mean() * torch.eye(
+                len(gram), device=x.device
+            )
             weights.append(torch.linalg.solve(gram, a.mT @ b))
         self._centres, self._weights = edges[1::2].contiguous(), torch.stack(weights)
         return self
@@ -143,11 +156,15 @@ class LmmseEqualizer(_Scored):
         if self._weights is None or self._centres is None:
             raise VoccError("it has seen no samples: call fit first")
         rows, size = self._split(x)
-        upper = torch.bucketize(size.double(), self._centres).clamp(1, max(1, self.classes - 1))
+        upper = torch.bucketize(size.double(), self._centres).clamp(
+            1, max(1, self.classes - 1)
+        )
         upper = upper.clamp(max=self.classes - 1)
         lower = (upper - 1).clamp(min=0)
         step = (self._centres[upper] - self._centres[lower]).clamp(min=1e-12)
-        share = ((size.double() - self._centres[lower]) / step).clamp(0, 1).unsqueeze(-1)
+        share = (
+            ((size.double() - self._centres[lower]) / step).clamp(0, 1).unsqueeze(-1)
+        )
         weights = torch.lerp(self._weights[lower], self._weights[upper], share)
         return (rows * weights[:, None, None]).sum(dim=-1)
 
@@ -158,7 +175,11 @@ class LmmseEqualizer(_Scored):
 
     def _split(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Split inputs into light and a constant 1, (B,R,C,F) float64, and the panels' cell sizes (B,)."""
-        light, size = (x[..., :-1], x[:, 0, 0, -1]) if self.classes > 1 else (x, x.new_zeros(x.shape[0]))
+        light, size = (
+            (x[..., :-1], x[:, 0, 0, -1])
+            if self.classes > 1
+            else (x, x.new_zeros(x.shape[0]))
+        )
         return torch.cat([light, torch.ones_like(x[..., :1])], dim=-1).double(), size
 
 
@@ -190,9 +211,13 @@ class PanelOtsu(_Untrained):
     def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED by its distance from the threshold, in grey values of 0 to 255."""
         greys = (x * 255.0).round().clamp(0, 255).to(torch.uint8)
-        threshold = foreground.otsu_threshold(foreground.histogram256(greys.flatten(1)[:, None, None]))
+        threshold = foreground.otsu_threshold(
+            foreground.histogram256(greys.flatten(1)[:, None, None])
+        )
         # Otsu's foreground begins above the threshold's whole grey value.
-        return (x.to(torch.float64).mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
+        return (x.to(torch.float64).mean(dim=-1) * 255.0) - (
+            threshold.view(-1, 1, 1) + 0.5
+        )
 
 
 class PanelKMeans(_Untrained):
@@ -247,7 +272,9 @@ class TagPlanes(_Untrained):
 
 def _plane(values: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
     """Fit a plane over rows and columns to the chosen cells, (B,R,C) both; few give about their mean."""
-    down, across = torch.meshgrid(*(_steps(values, size) for size in values.shape[1:]), indexing="ij")
+    down, across = torch.meshgrid(
+        *(_steps(values, size) for size in values.shape[1:]), indexing="ij"
+    )
     terms = torch.stack([torch.ones_like(down), down, across], dim=-1).flatten(0, 1)
     weight = chosen.flatten(1).to(values.dtype)
     gram = torch.einsum("bn,ni,nj->bij", weight, terms, terms)
@@ -262,7 +289,9 @@ def _plane(values: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
         torch.linalg.cross(first, second),
     )
     slopes = torch.einsum("bi,bij->bj", right, torch.stack(columns, 1))
-    level = (slopes / (first * columns[0]).sum(1, keepdim=True) @ terms.mT).view_as(values)
+    level = (slopes / (first * columns[0]).sum(1, keepdim=True) @ terms.mT).view_as(
+        values
+    )
     # A class without cells has no level of its own: the panel's mean stands in for it.
     lacking = (weight.sum(dim=1) == 0).view(-1, 1, 1)
     return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)

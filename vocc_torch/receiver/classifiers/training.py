@@ -56,9 +56,17 @@ class TrainingRecipe:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        for name, least in (("frames", 2), ("epochs", 1), ("patience", 1), ("batch_leds", 1), ("seed", 0)):
+        for name, least in (
+            ("frames", 2),
+            ("epochs", 1),
+            ("patience", 1),
+            ("batch_leds", 1),
+            ("seed", 0),
+        ):
             if type(value := getattr(self, name)) is not int or value < least:
-                raise VoccError.of(f"training.{name}", value, f"a whole number, at least {least}")
+                raise VoccError.of(
+                    f"training.{name}", value, f"a whole number, at least {least}"
+                )
         for name, fits, rule in (
             ("validation", 0 < self.validation < 1, "above 0 and below 1"),
             ("learning_rate", 0 < self.learning_rate < math.inf, "above 0"),
@@ -89,10 +97,16 @@ class Checkpoint:
     """
 
     def __init__(
-        self, folder: str, module: nn.Module, recipe: TrainingRecipe, data: Sequence[Tensor]
+        self,
+        folder: str,
+        module: nn.Module,
+        recipe: TrainingRecipe,
+        data: Sequence[Tensor],
     ) -> None:
         settings, place = replace(recipe, checkpoints=None), data[0].device.type
-        told = hashlib.sha256(f"{module!r} {settings!r} {place} {torch.__version__}".encode())
+        told = hashlib.sha256(
+            f"{module!r} {settings!r} {place} {torch.__version__}".encode()
+        )
         told.update(package_digest("vocc_torch").encode())
         for kind in dict.fromkeys(type(part) for part in module.modules()):
             source = ""
@@ -101,7 +115,15 @@ class Checkpoint:
             told.update(f"{kind.__module__}.{kind.__qualname__} {source}".encode())
         for tensor in [*module.state_dict().values(), *data]:
             told.update(str((tensor.shape, tensor.dtype)).encode())
-            told.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
+            told.update(
+                tensor.detach()
+                .cpu()
+                .contiguous()
+                .reshape(-1)
+                .view(torch.uint8)
+                .numpy()
+                .data
+            )
         self.path = Path(folder) / f"{type(module).__name__}-{told.hexdigest()[:16]}.pt"
 
     def load(self, device: torch.device) -> dict[str, Any] | None:
@@ -119,7 +141,9 @@ class Checkpoint:
             if whole[:_CHECKSUM_BYTES] == self._checksum(kept):
                 # The states of an optimizer and of a schedule have no narrower type.
                 state: dict[str, Any]
-                state = torch.load(io.BytesIO(kept), map_location=device, weights_only=True)
+                state = torch.load(
+                    io.BytesIO(kept), map_location=device, weights_only=True
+                )
                 return state
         except Exception as error:
             reason = f"{type(error).__name__}: it cannot be read"
@@ -164,53 +188,89 @@ def train_module(
     """
     rows, target, held, held_target = panels
     on_cuda = rows.device.type == "cuda"
-    rate, steps = recipe.learning_rate, recipe.epochs * -(-len(rows) // recipe.batch_leds)
-    optimizer = torch.optim.AdamW(module.parameters(), lr=rate, weight_decay=recipe.weight_decay)
+    rate, steps = (
+        recipe.learning_rate,
+        recipe.epochs * -(-len(rows) // recipe.batch_leds),
+    )
+    optimizer = torch.optim.AdamW(
+        module.parameters(), lr=rate, weight_decay=recipe.weight_decay
+    )
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
     )
     scaler = torch.amp.GradScaler("cuda", enabled=on_cuda)
-    parts: dict[str, Any] = {"module": module, "optimizer": optimizer, "schedule": schedule, "scaler": scaler}
+    parts: dict[str, Any] = {
+        "module": module,
+        "optimizer": optimizer,
+        "schedule": schedule,
+        "scaler": scaler,
+    }
     best, since, begun = copy.deepcopy(module.state_dict()), 0, time.perf_counter()
     losses: list[float] = []
     earlier_s = 0.0
     if checkpoint is not None and (state := checkpoint.load(rows.device)) is not None:
         for name, part in parts.items():
             part.load_state_dict(state["parts"][name])
-        best, since, losses, earlier_s = (state[key] for key in ("best", "since", "losses", "seconds"))
+        best, since, losses, earlier_s = (
+            state[key] for key in ("best", "since", "losses", "seconds")
+        )
         torch.set_rng_state(state["draws"][0].cpu())
         if on_cuda:
             torch.cuda.set_rng_state(state["draws"][1].cpu())
     while len(losses) < recipe.epochs and since < recipe.patience:
         module.train()
         # In the order of torch's generator on the host.
-        for chosen in torch.split(torch.randperm(len(rows)).to(rows.device), recipe.batch_leds):
+        for chosen in torch.split(
+            torch.randperm(len(rows)).to(rows.device), recipe.batch_leds
+        ):
             with torch.autocast("cuda", enabled=on_cuda):
                 scores = score(rows[chosen])
-            loss = nn.functional.binary_cross_entropy_with_logits(scores.float(), target[chosen])
+            loss = nn.functional.binary_cross_entropy_with_logits(
+                scores.float(), target[chosen]
+            )
             optimizer.zero_grad()
             torch.autograd.backward(scaler.scale(loss))
             scaler.step(optimizer)
             scaler.update()
             schedule.step()
         module.eval()
-        pairs = zip(torch.split(held, 1 << 16), torch.split(held_target, 1 << 16), strict=True)
+        pairs = zip(
+            torch.split(held, 1 << 16), torch.split(held_target, 1 << 16), strict=True
+        )
         with torch.inference_mode():
             sums = [
-                nn.functional.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum")
+                nn.functional.binary_cross_entropy_with_logits(
+                    score(part), wanted, reduction="sum"
+                )
                 for part, wanted in pairs
             ]
         losses.append(float(torch.stack(sums).sum()) / len(held))
         if not math.isfinite(losses[-1]):
-            raise VoccError("the validation loss is not finite: try a smaller training.learning_rate")
+            raise VoccError(
+                "the validation loss is not finite: try a smaller training.learning_rate"
+            )
         since += 1
         if losses[-1] < min(losses[:-1], default=math.inf):
             best, since = copy.deepcopy(module.state_dict()), 0
         if checkpoint is not None:
-            draws = [torch.get_rng_state(), *([torch.cuda.get_rng_state(rows.device)] if on_cuda else [])]
+            draws = [
+                torch.get_rng_state(),
+                *([torch.cuda.get_rng_state(rows.device)] if on_cuda else []),
+            ]
             seconds = earlier_s + time.perf_counter() - begun
-            kept = {"best": best, "since": since, "losses": losses, "seconds": seconds, "draws": draws}
-            checkpoint.save({**kept, "parts": {name: part.state_dict() for name, part in parts.items()}})
+            kept = {
+                "best": best,
+                "since": since,
+                "losses": losses,
+                "seconds": seconds,
+                "draws": draws,
+            }
+            checkpoint.save(
+                {
+                    **kept,
+                    "parts": {name: part.state_dict() for name, part in parts.items()},
+                }
+            )
     module.load_state_dict(best)
     return losses, earlier_s
 
@@ -262,16 +322,27 @@ class PatchCnn(nn.Module):
         self.side = math.isqrt(n_inputs)
         self.extra = n_inputs - self.side**2
         if self.extra not in (0, 1) or self.side < 4:
-            raise VoccError.of("n_inputs", n_inputs, "the size of a patch from 4 x 4 on, or one more")
-        first, second = nn.Conv2d(1, channels, 3, padding=1), nn.Conv2d(channels, 2 * channels, 3)
-        self.convolutions = nn.Sequential(first, nn.ReLU(), nn.MaxPool2d(2), second, nn.ReLU())
+            raise VoccError.of(
+                "n_inputs", n_inputs, "the size of a patch from 4 x 4 on, or one more"
+            )
+        first, second = (
+            nn.Conv2d(1, channels, 3, padding=1),
+            nn.Conv2d(channels, 2 * channels, 3),
+        )
+        self.convolutions = nn.Sequential(
+            first, nn.ReLU(), nn.MaxPool2d(2), second, nn.ReLU()
+        )
         flat = 2 * channels * (self.side // 2 - 2) ** 2
-        self.decide = nn.Sequential(nn.Linear(flat + self.extra, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+        self.decide = nn.Sequential(
+            nn.Linear(flat + self.extra, hidden), nn.ReLU(), nn.Linear(hidden, 1)
+        )
 
     def forward(self, x: Tensor) -> Tensor:
         """Score."""
         rows = x.reshape(-1, x.shape[-1])
         picture = rows[:, : self.side**2].reshape(-1, 1, self.side, self.side)
-        seen = torch.cat([self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1)
+        seen = torch.cat(
+            [self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1
+        )
         scores: Tensor = self.decide(seen)
         return scores.reshape(x.shape[:-1])

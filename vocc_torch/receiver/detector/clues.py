@@ -14,7 +14,9 @@ from vocc_torch.types import PanelShape
 class ClueSettings:
     """Constants of the clues."""
 
-    least_off_cells: float = 0.03  # light is seen off a cell's middle by this much, of rounding alone
+    least_off_cells: float = (
+        0.03  # light is seen off a cell's middle by this much, of rounding alone
+    )
     usual_off_cells: float = 0.15  # where it is of no panel
     grey_variance: float = 1.0  # of rounding and grain, grey values squared
     draws: int = 256  # of random bits, for what is usual
@@ -33,10 +35,14 @@ def two_levels(values: Tensor) -> tuple[Tensor, Tensor]:
     count = ordered.shape[1]
     low = torch.arange(1, count, device=values.device) / count
     below = ordered.cumsum(1) / count
-    between, place = ((below[:, :-1] - low * below[:, -1:]).square() / (low * (1 - low))).max(1)
+    between, place = (
+        (below[:, :-1] - low * below[:, -1:]).square() / (low * (1 - low))
+    ).max(1)
     within = (ordered.var(1, correction=0) - between).clamp(min=0)
     sides = ordered.gather(1, torch.stack([place, place + 1], 1))
-    ratio = ((between + SETTINGS.grey_variance) / (within + SETTINGS.grey_variance)).log()
+    ratio = (
+        (between + SETTINGS.grey_variance) / (within + SETTINGS.grey_variance)
+    ).log()
     return ratio, sides.mean(1)
 
 
@@ -51,9 +57,15 @@ def alignment(cells: Tensor, bright: Tensor, limit: Tensor) -> Tensor:
     at = (torch.arange(samples, device=cells.device) + 0.5) / samples - 0.5
     total = light.sum((2, 4)).clamp(min=1e-9)
     middles = (
-        torch.stack([(light.sum(2) * at).sum(3), (light.sum(4) * at[:, None]).sum(2)], -1) / total[..., None]
+        torch.stack(
+            [(light.sum(2) * at).sum(3), (light.sum(4) * at[:, None]).sum(2)], -1
+        )
+        / total[..., None]
     )
-    v, u = torch.meshgrid(*(torch.linspace(-1, 1, leds).double() for leds in bright.shape[1:]), indexing="ij")
+    v, u = torch.meshgrid(
+        *(torch.linspace(-1, 1, leds).double() for leds in bright.shape[1:]),
+        indexing="ij",
+    )
     fields = torch.stack([torch.ones_like(u), u, v, u * v], -1).view(1, -1, 4)
     chosen = bright.reshape(count, -1, 1).double()
     lit = fields * chosen
@@ -80,7 +92,11 @@ def randomness(bits: Tensor) -> tuple[Tensor, Tensor]:
         first = bits[:, down:, max(right, 0) : max(right, 0) + columns]
         second = bits[:, :rows, max(-right, 0) : max(-right, 0) + columns]
         share = (first != second).flatten(1).double().mean(1).clamp(1e-6, 1 - 1e-6)
-        rule += rows * columns * (math.log(2) + share * share.log() + (1 - share) * (1 - share).log())
+        rule += (
+            rows
+            * columns
+            * (math.log(2) + share * share.log() + (1 - share) * (1 - share).log())
+        )
     usual = _usual_unlikeness(bits.shape[1], bits.shape[2])
     lines = [
         ((_unlikeness(one) + 1) / (mean + 1)).clamp(max=1)
@@ -93,7 +109,9 @@ def _unlikeness(bits: Tensor) -> Tensor:
     """Sum over rows of the LEDs in which each differs from the likest other row, its opposite, or none."""
     sign = 2 * bits.double() - 1
     columns = bits.shape[2]
-    alike = (sign @ sign.mT).abs() - 2 * columns * torch.eye(bits.shape[1], device=bits.device)
+    alike = (sign @ sign.mT).abs() - 2 * columns * torch.eye(
+        bits.shape[1], device=bits.device
+    )
     nearest = torch.maximum(alike.amax(2), sign.sum(2).abs())
     return ((columns - nearest) / 2).sum(1)
 
@@ -101,7 +119,12 @@ def _unlikeness(bits: Tensor) -> Tensor:
 @lru_cache(maxsize=64)
 def _usual_unlikeness(rows: int, columns: int) -> tuple[float, float]:
     """Give the mean of :func:`_unlikeness` for the rows and for the columns of random bits."""
-    draws = torch.rand(SETTINGS.draws, rows, columns, generator=torch.Generator().manual_seed(0)) < 0.5
+    draws = (
+        torch.rand(
+            SETTINGS.draws, rows, columns, generator=torch.Generator().manual_seed(0)
+        )
+        < 0.5
+    )
     return float(_unlikeness(draws).mean()), float(_unlikeness(draws.mT).mean())
 
 
@@ -120,4 +143,6 @@ def clues_of(patches: Tensor, shape: PanelShape, samples: int) -> Tensor:
     aligned = alignment(cells, bright, limit)
     pairs, lines = randomness(bright)
     share = bright.double().mean((1, 2))
-    return torch.stack([by_mean, by_peak, aligned, pairs, lines, (share - 0.5).square()], 1)
+    return torch.stack(
+        [by_mean, by_peak, aligned, pairs, lines, (share - 0.5).square()], 1
+    )

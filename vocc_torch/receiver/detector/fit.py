@@ -18,7 +18,9 @@ class FitSettings:
     cell_px: int = 6  # a cell's side in the level that is fitted, nearly
     steps: int = 5
     blurs: tuple[float, ...] = (0.2, 0.35)  # of spots, cells, to begin with
-    least_share: float = 0.3  # of the picture that a lattice explains, for its corners to be taken
+    least_share: float = (
+        0.3  # of the picture that a lattice explains, for its corners to be taken
+    )
     most_move_cells: float = 0.8  # farther, and the fit has slipped
 
 
@@ -37,7 +39,10 @@ def fitted(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, 
     for row, number in enumerate(level.tolist()):
         start = quads[row].numpy() / 2.0**number
         grey, origin = pyramid.window(number, start, shape)
-        fits = [frame_fit.fit(grey, start - origin, shape, blur, SETTINGS.steps) for blur in SETTINGS.blurs]
+        fits = [
+            frame_fit.fit(grey, start - origin, shape, blur, SETTINGS.steps)
+            for blur in SETTINGS.blurs
+        ]
         corners, _, share = max(fits, key=lambda one: one[2])
         shares[row] = share
         side = np.sqrt(abs(frame_fit.area(start)) / shape.leds)

@@ -17,7 +17,9 @@ class JudgeSettings:
 
     samples: int = 4  # along a cell's side
     context: int = 2  # cells around a placing
-    most: float = 4.0  # standard deviations from the mean, beyond which grey values are cut
+    most: float = (
+        4.0  # standard deviations from the mean, beyond which grey values are cut
+    )
     reach: int = 2  # cells by which corners are sought
 
 
@@ -45,10 +47,14 @@ class Judge(nn.Module):
         self.side = nn.Conv2d(width, 4 * side, 1)
         self.corner = nn.Conv2d(width, 12, 1)
         self.score = nn.Sequential(
-            nn.Conv2d(2 * width + 4 * side + 4, hidden, 1), nn.ReLU(), nn.Conv2d(hidden, 1, 1)
+            nn.Conv2d(2 * width + 4 * side + 4, hidden, 1),
+            nn.ReLU(),
+            nn.Conv2d(hidden, 1, 1),
         )
 
-    def forward(self, patches: Tensor, pitch_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, patches: Tensor, pitch_px: Tensor, shape: PanelShape
+    ) -> tuple[Tensor, Tensor]:
         """Judge placings.
 
         Args:
@@ -64,7 +70,9 @@ class Judge(nn.Module):
         reach = (patches.shape[1] // samples - high) // 2 - SETTINGS.context
         placings = 2 * reach + 1
         edge = (reach + SETTINGS.context - 1) * samples
-        middle = patches[:, edge : patches.shape[1] - edge, edge : patches.shape[2] - edge]
+        middle = patches[
+            :, edge : patches.shape[1] - edge, edge : patches.shape[2] - edge
+        ]
         spread, mean = torch.var_mean(middle.flatten(1), 1, correction=0)
         contrast = (spread + 1).sqrt()
         seen = ((patches - mean[:, None, None]) / contrast[:, None, None]).clamp(
@@ -73,8 +81,12 @@ class Judge(nn.Module):
         cells = nn.functional.pixel_unshuffle(seen[:, None], samples)
         cells = self.cell(cells.contiguous(memory_format=torch.channels_last)).relu()
         cells = self.far(self.near(cells).relu()).relu()
-        sizes = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(len(patches), 2)
-        facts = torch.cat([sizes, pitch_px.log2()[:, None] / 4, contrast.log2()[:, None] / 4], 1)
+        sizes = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(
+            len(patches), 2
+        )
+        facts = torch.cat(
+            [sizes, pitch_px.log2()[:, None] / 4, contrast.log2()[:, None] / 4], 1
+        )
         facts = facts[..., None, None].expand(-1, -1, placings, placings)
         inside = box_means(torch.cat([cells, cells.square()], 1), high, wide)
         sides = self.side(cells).relu().chunk(4, 1)
@@ -106,7 +118,9 @@ def corner_moves(planes: Tensor, reach: int) -> Tensor:
     low = torch.arange(side, device=planes.device) + 0.5 - reach
     high = low.flip(0).neg()
     moves = []
-    for number, (right, bottom) in enumerate(((False, False), (True, False), (True, True), (False, True))):
+    for number, (right, bottom) in enumerate(
+        ((False, False), (True, False), (True, True), (False, True))
+    ):
         window = planes[:, 3 * number : 3 * number + 3]
         window = window[:, :, -side:] if bottom else window[:, :, :side]
         window = window[..., -side:] if right else window[..., :side]
@@ -137,7 +151,9 @@ def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
     return pitch.nan_to_num(1.0).clamp(0.3, 300)
 
 
-def judged(net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor, Tensor]:
+def judged(
+    net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor, Tensor]:
     """Judge candidates, shift them to their likeliest placing, and find their corners.
 
     Args:
@@ -150,10 +166,18 @@ def judged(net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> tu
         (n,) logits of the likeliest placings, (n,4,2) these placings, and (n,4,2) the corners as seen.
     """
     reach = SETTINGS.reach
-    patches = pyramid.read_cells(quads, shape, SETTINGS.samples, reach + SETTINGS.context)
+    patches = pyramid.read_cells(
+        quads, shape, SETTINGS.samples, reach + SETTINGS.context
+    )
     logits, moves = net(patches, pitch_of(quads, shape), shape)
     logit, place = logits.flatten(1).max(1)
     placings = 2 * reach + 1
-    shift = torch.stack([place % placings - reach, place // placings - reach], 1)[:, None].to(quads)
+    shift = torch.stack([place % placings - reach, place // placings - reach], 1)[
+        :, None
+    ].to(quads)
     cells = corner_cells(shape).to(quads)
-    return logit, map_points(quads, cells + shift, shape), map_points(quads, cells + moves.to(quads), shape)
+    return (
+        logit,
+        map_points(quads, cells + shift, shape),
+        map_points(quads, cells + moves.to(quads), shape),
+    )

@@ -21,7 +21,11 @@ from vocc_torch.types import Frames, PanelShape
 class DetectorSettings:
     """How many candidates go how far."""
 
-    judged: tuple[int, ...] = (12, 8, 3)  # candidates that are left when the judge has moved their corners
+    judged: tuple[int, ...] = (
+        12,
+        8,
+        3,
+    )  # candidates that are left when the judge has moved their corners
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
 
@@ -37,7 +41,9 @@ class Fitted:
     clues: Tensor
 
 
-def detected(networks: Networks, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tensor]:
+def detected(
+    networks: Networks, frame: Frames, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
     """Detect the panels of one frame.
 
     Returns:
@@ -56,7 +62,9 @@ def with_surround(frame: Frames) -> tuple[Tensor, Tensor]:
     if frame.surround is None:
         return frame.grey, frame.origin_px[0]
     beyond = SETTINGS.surround_px
-    grey = functional.pad(frame.grey, (beyond,) * 4, value=float(frame.surround[0].round()))
+    grey = functional.pad(
+        frame.grey, (beyond,) * 4, value=float(frame.surround[0].round())
+    )
     return grey, frame.origin_px[0] - beyond
 
 
@@ -69,7 +77,9 @@ def candidates(networks: Networks, pyramid: Pyramid, shape: PanelShape) -> Fitte
         quads, proposal, logit = quads[order], proposal[order], logit[order]
     _, quads, _ = judged(networks.judge, pyramid, quads, shape)
     quads, share = fitted(pyramid, quads, shape)
-    return Fitted(quads, weighed(networks, pyramid, quads, shape, proposal, logit, share))
+    return Fitted(
+        quads, weighed(networks, pyramid, quads, shape, proposal, logit, share)
+    )
 
 
 def weighed(
@@ -101,7 +111,11 @@ def weighed(
     size = torch.full_like(pitch, math.log2(shape.leds))
     facts = [proposal, logit, last, share, pitch.log2(), size]
     return torch.cat(
-        [torch.stack([one.float() for one in facts], 1), clues_of(inside, shape, options.samples).float()], 1
+        [
+            torch.stack([one.float() for one in facts], 1),
+            clues_of(inside, shape, options.samples).float(),
+        ],
+        1,
     )
 
 
@@ -111,7 +125,10 @@ def apart(quads: Tensor, odds: Tensor) -> list[int]:
     centre, size = quads.mean(1), (quads[:, 0] - quads[:, 2]).norm(dim=1)
     rows: list[int] = []
     for row in order:
-        near = [float((centre[row] - centre[other]).norm() / size[other].clamp(min=1e-6)) for other in rows]
+        near = [
+            float((centre[row] - centre[other]).norm() / size[other].clamp(min=1e-6))
+            for other in rows
+        ]
         if all(distance >= SETTINGS.apart for distance in near):
             rows.append(row)
     return rows

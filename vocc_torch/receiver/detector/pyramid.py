@@ -24,7 +24,9 @@ class PyramidSettings:
     margin_px: int = 16  # around a tile, for the scout's field of view
     tiles: int = 64  # of the finest level, always: the time is constant
     block_px: int = 32  # the gate averages ranges over this side
-    cell_px: float = 4.0  # a cell is read in the level where its side is nearest to this
+    cell_px: float = (
+        4.0  # a cell is read in the level where its side is nearest to this
+    )
 
 
 SETTINGS = PyramidSettings()
@@ -47,12 +49,17 @@ class Pyramid:
         """Halve one frame (1,1,H,W) until its shorter side is below the limit."""
         level = grey.float()
         levels = [level[0, 0]]
-        while min(level.shape[2:]) >= 2 * SETTINGS.least_side_px and len(levels) < SETTINGS.most_levels:
+        while (
+            min(level.shape[2:]) >= 2 * SETTINGS.least_side_px
+            and len(levels) < SETTINGS.most_levels
+        ):
             level = functional.avg_pool2d(level, 2)
             levels.append(level[0, 0])
         return cls(tuple(levels))
 
-    def read_cells(self, quads: Tensor, shape: PanelShape, samples: int, margin: int) -> Tensor:
+    def read_cells(
+        self, quads: Tensor, shape: PanelShape, samples: int, margin: int
+    ) -> Tensor:
         """Read the cells of quadrilaterals bilinearly; the frame's edges go on beyond it.
 
         Args:
@@ -66,18 +73,29 @@ class Pyramid:
         """
         level = self.level_of(quads, shape, samples)
         down, across = (
-            (torch.arange((leds + 2 * margin) * samples, dtype=torch.float64, device=quads.device) + 0.5)
+            (
+                torch.arange(
+                    (leds + 2 * margin) * samples,
+                    dtype=torch.float64,
+                    device=quads.device,
+                )
+                + 0.5
+            )
             / samples
             - margin
             for leds in (shape.rows, shape.columns)
         )
-        cells = torch.stack(torch.meshgrid(across, down, indexing="xy"), -1).view(1, -1, 2)
+        cells = torch.stack(torch.meshgrid(across, down, indexing="xy"), -1).view(
+            1, -1, 2
+        )
         places = map_points(quads, cells.expand(len(quads), -1, 2), shape)
         out = quads.new_empty(len(quads), len(down), len(across), dtype=torch.float32)
         for number in sorted(set(level.tolist())):
             rows = level == number
             at = (places[rows] / 2.0**number).float()
-            out[rows] = bilinear(self.levels[number], at).view(-1, len(down), len(across))
+            out[rows] = bilinear(self.levels[number], at).view(
+                -1, len(down), len(across)
+            )
         return out
 
     def window(
@@ -112,8 +130,14 @@ def bilinear(plane: Tensor, at: Tensor) -> Tensor:
         [[4.0]]
     """
     high, wide = plane.shape
-    x, y = ((at[..., axis] - 0.5).clamp(0, side - 1) for axis, side in ((0, wide), (1, high)))
-    left, top = x.floor().clamp(max=max(wide - 2, 0)), y.floor().clamp(max=max(high - 2, 0))
+    x, y = (
+        (at[..., axis] - 0.5).clamp(0, side - 1)
+        for axis, side in ((0, wide), (1, high))
+    )
+    left, top = (
+        x.floor().clamp(max=max(wide - 2, 0)),
+        y.floor().clamp(max=max(high - 2, 0)),
+    )
     x, y = x - left, y - top
     first = (top * wide + left).long()
     flat = plane.reshape(-1)
@@ -134,10 +158,19 @@ def gate(plane: Tensor) -> Tensor:
     """
     high, wide = (side // 2 * 2 for side in plane.shape)
     pairs = plane[:high, :wide].reshape(high // 2, 2, wide)
-    most, least = torch.maximum(pairs[:, 0], pairs[:, 1]), torch.minimum(pairs[:, 0], pairs[:, 1])
-    spread = torch.maximum(most[:, ::2], most[:, 1::2]) - torch.minimum(least[:, ::2], least[:, 1::2])
+    most, least = (
+        torch.maximum(pairs[:, 0], pairs[:, 1]),
+        torch.minimum(pairs[:, 0], pairs[:, 1]),
+    )
+    spread = torch.maximum(most[:, ::2], most[:, 1::2]) - torch.minimum(
+        least[:, ::2], least[:, 1::2]
+    )
     block = SETTINGS.block_px // 2
-    means = functional.avg_pool2d(spread[None], block, ceil_mode=True, count_include_pad=False)
-    strength = functional.max_pool2d(means, SETTINGS.tile_px // SETTINGS.block_px, ceil_mode=True)[0]
+    means = functional.avg_pool2d(
+        spread[None], block, ceil_mode=True, count_include_pad=False
+    )
+    strength = functional.max_pool2d(
+        means, SETTINGS.tile_px // SETTINGS.block_px, ceil_mode=True
+    )[0]
     order = strength.flatten().topk(min(SETTINGS.tiles, strength.numel())).indices
     return torch.stack([order // strength.shape[1], order % strength.shape[1]], 1)

@@ -61,12 +61,16 @@ class Scout(nn.Module):
         )
         last = nn.Conv2d(16, OUTPUTS, 1)
         self.head = nn.Sequential(nn.Conv2d(16, 16, 3, 1, 1), nn.ReLU(), last)
-        last.bias = nn.Parameter(torch.tensor([SETTINGS.rare_logit, *[0.0] * (OUTPUTS - 1)]))
+        last.bias = nn.Parameter(
+            torch.tensor([SETTINGS.rare_logit, *[0.0] * (OUTPUTS - 1)])
+        )
 
     def forward(self, grey: Tensor) -> Tensor:
         """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,9,H/8,W/8)."""
         blocks = functional.pixel_unshuffle(grey * (1 / 64) - 1, 4)
-        fine = self.fine(self.block(blocks.contiguous(memory_format=torch.channels_last)).relu())
+        fine = self.fine(
+            self.block(blocks.contiguous(memory_format=torch.channels_last)).relu()
+        )
         coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0)
         out: Tensor = self.head((fine + coarse).relu())
         return out
@@ -81,19 +85,30 @@ def quads_of(outputs: Tensor, places: Tensor) -> Tensor:
 def peaks(outputs: Tensor, most: int) -> tuple[Tensor, Tensor, Tensor]:
     """Take the best local maxima of outputs (B,9,h,w): picture (n,), corners (n,4,2) px and scores (n,)."""
     score = outputs[:, :1]
-    best = functional.max_pool2d(score, SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2)
+    best = functional.max_pool2d(
+        score, SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
+    )
     flat = score.masked_fill(score < best, -torch.inf).flatten()
     values, order = flat.topk(min(most, len(flat)))
     picture = order // (score.shape[2] * score.shape[3])
     row, column = order // score.shape[3] % score.shape[2], order % score.shape[3]
-    return picture, quads_of(outputs[picture, :, row, column], torch.stack([column, row], 1)), values
+    return (
+        picture,
+        quads_of(outputs[picture, :, row, column], torch.stack([column, row], 1)),
+        values,
+    )
 
 
 def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
     """Give the rows of at most so many candidates, the best first, one of those at nearly the same place."""
     order = score.argsort(descending=True, stable=True)
-    centre, size = quads.mean(1)[order], (quads[:, 0] - quads[:, 2]).norm(dim=1)[order].clamp(min=1e-6)
-    near = torch.cdist(centre, centre) < SETTINGS.same * torch.minimum(size[:, None], size)
+    centre, size = (
+        quads.mean(1)[order],
+        (quads[:, 0] - quads[:, 2]).norm(dim=1)[order].clamp(min=1e-6),
+    )
+    near = torch.cdist(centre, centre) < SETTINGS.same * torch.minimum(
+        size[:, None], size
+    )
     ratio = size[:, None] / size
     same = (near & (ratio < SETTINGS.alike) & (ratio > 1 / SETTINGS.alike)).numpy()
     chosen: list[int] = []
@@ -127,10 +142,14 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
 
 def _in_level(net: Scout, plane: Tensor) -> tuple[Tensor, Tensor]:
     """Look at all of a level (H,W), with a margin of its mean grey value around."""
-    high, wide = (-(-(side + 2 * SETTINGS.margin_px) // 16) * 16 for side in plane.shape)
+    high, wide = (
+        -(-(side + 2 * SETTINGS.margin_px) // 16) * 16 for side in plane.shape
+    )
     canvas = plane.mean().expand(1, 1, high, wide).contiguous()
     margin = SETTINGS.margin_px
-    canvas[0, 0, margin : margin + plane.shape[0], margin : margin + plane.shape[1]] = plane
+    canvas[0, 0, margin : margin + plane.shape[0], margin : margin + plane.shape[1]] = (
+        plane
+    )
     _, quads, score = peaks(net(canvas), 2 * SETTINGS.candidates)
     return quads - margin, score
 
@@ -140,7 +159,12 @@ def _in_tiles(net: Scout, plane: Tensor) -> tuple[Tensor, Tensor]:
     tile, margin = pyramids.SETTINGS.tile_px, pyramids.SETTINGS.margin_px
     row, column = gate(plane).unbind(1)
     high, wide = (-(-side // tile) * tile for side in plane.shape)
-    beyond = (margin, margin + wide - plane.shape[1], margin, margin + high - plane.shape[0])
+    beyond = (
+        margin,
+        margin + wide - plane.shape[1],
+        margin,
+        margin + high - plane.shape[0],
+    )
     canvas = functional.pad(plane, beyond, value=float(plane.mean()))
     side = tile + 2 * margin
     views = canvas.unfold(0, side, tile).unfold(1, side, tile)

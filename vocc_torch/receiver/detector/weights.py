@@ -38,7 +38,9 @@ class Verdict(nn.Module):
         self.register_buffer("mean", torch.zeros(CLUES))
         self.register_buffer("spread", torch.ones(CLUES))
         self.direct = nn.Linear(CLUES, 1)
-        self.layer = nn.Sequential(nn.Linear(CLUES, hidden), nn.Tanh(), nn.Linear(hidden, 1))
+        self.layer = nn.Sequential(
+            nn.Linear(CLUES, hidden), nn.Tanh(), nn.Linear(hidden, 1)
+        )
 
     def forward(self, clues: Tensor) -> Tensor:
         """Give the log odds (n,) of clues (n,CLUES)."""
@@ -66,7 +68,9 @@ class Networks:
 
     def parts(self) -> nn.ModuleDict:
         """Give them as one module, for its state."""
-        return nn.ModuleDict({"scout": self.scout, "judge": self.judge, "verdict": self.verdict})
+        return nn.ModuleDict(
+            {"scout": self.scout, "judge": self.judge, "verdict": self.verdict}
+        )
 
     def save(self, path: Path) -> None:
         """Write the weights.
@@ -85,16 +89,24 @@ def load_networks(path: Path | None, device: torch.device) -> Networks:
         VoccError: a file that is missing, damaged or of another kind.
     """
     if path is None:
-        with resources.as_file(resources.files("vocc_torch.receiver.detector") / SHIPPED) as shipped:
+        with resources.as_file(
+            resources.files("vocc_torch.receiver.detector") / SHIPPED
+        ) as shipped:
             return load_networks(shipped, device)
-    settings, state = read_model(path, "weights", "a file that task=train_detector wrote")
+    settings, state = read_model(
+        path, "weights", "a file that task=train_detector wrote"
+    )
     with torch.inference_mode(False):
         networks = Networks.fresh()
         try:
-            if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
+            if settings["kind"] != _KIND or not all(
+                bool(one.isfinite().all()) for one in state.values()
+            ):
                 raise ValueError
             networks.parts().load_state_dict(state)
         except (KeyError, RuntimeError, ValueError):
-            raise VoccError(f"weights {path} hold no detector: train it again") from None
+            raise VoccError(
+                f"weights {path} hold no detector: train it again"
+            ) from None
         networks.parts().eval().requires_grad_(False).to(device)
     return networks

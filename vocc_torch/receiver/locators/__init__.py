@@ -14,5 +14,18 @@ from .registry import (
     plugged_locator,
 )
 
-__all__ = ["LOCATORS", "LearnedLocator", "OutsideLocator", "PanelLocator", "PaperLocator", "RefinedLocator"]
-__all__ += ["locator_from", "locator_named", "locator_settings", "locator_words", "plugged_locator"]
+__all__ = [
+    "LOCATORS",
+    "LearnedLocator",
+    "OutsideLocator",
+    "PanelLocator",
+    "PaperLocator",
+    "RefinedLocator",
+]
+__all__ += [
+    "locator_from",
+    "locator_named",
+    "locator_settings",
+    "locator_words",
+    "plugged_locator",
+]

@@ -71,7 +71,9 @@ class DetectorLocator(PanelLocator):
 
     def networks(self, device: torch.device) -> Networks:
         """Give the networks on a device."""
-        return load_networks(None if self.weights is None else Path(self.weights), device)
+        return load_networks(
+            None if self.weights is None else Path(self.weights), device
+        )
 
     def demand_shape(self, shape: PanelShape) -> None:
         """Refuse a panel so small that no false alarms are stated of it."""
@@ -139,13 +141,24 @@ class DetectorLocator(PanelLocator):
             # Frame by frame: what is found does not depend on how many come together.
             for number in range(len(exact) if exact.grey.numel() else 0):
                 quads, odds = detected(networks, exact[number : number + 1], shape)
-                alarms = torch.full_like(odds, math.inf) if table is None else table.expected(odds)
+                alarms = (
+                    torch.full_like(odds, math.inf)
+                    if table is None
+                    else table.expected(odds)
+                )
                 if self.weights:
                     sure = odds >= (-math.inf if self.false_alarms == math.inf else 0.0)
-                    quads, odds, alarms = quads[sure], odds[sure], alarms[sure] * math.nan
+                    quads, odds, alarms = (
+                        quads[sure],
+                        odds[sure],
+                        alarms[sure] * math.nan,
+                    )
                 corners = (quads * PARTS_PER_PX).round() / PARTS_PER_PX
                 rows = torch.full_like(odds, number, dtype=torch.int64)
                 found.append(Candidates(rows, corners, odds.sigmoid(), alarms))
         names = Candidates.__dataclass_fields__
-        joined = {name: torch.cat([getattr(part, name) for part in found]).clone() for name in names}
+        joined = {
+            name: torch.cat([getattr(part, name) for part in found]).clone()
+            for name in names
+        }
         return Candidates(**joined)

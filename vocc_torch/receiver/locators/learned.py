@@ -19,7 +19,13 @@ from vocc_torch.receiver.lattice_search import MOST_CELLS, Pyramid, lattice_hypo
 from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.receiver.panel_evidence import SURE_SHARES, clues_of, evidence
-from vocc_torch.receiver.panel_net import CONTEXT, SAMPLES, SHIPPED, PanelNet, load_weights
+from vocc_torch.receiver.panel_net import (
+    CONTEXT,
+    SAMPLES,
+    SHIPPED,
+    PanelNet,
+    load_weights,
+)
 from vocc_torch.receiver.resample import map_points
 from vocc_torch.receiver.spot_fit import fitted_spots
 from vocc_torch.types import Candidates, Frames, Images, PanelShape
@@ -96,7 +102,9 @@ class LearnedLocator(PanelLocator):
         """Give the network on a device."""
         if self.weights is not None:
             return load_weights(Path(self.weights), device)
-        with resources.as_file(resources.files("vocc_torch.receiver") / SHIPPED) as path:
+        with resources.as_file(
+            resources.files("vocc_torch.receiver") / SHIPPED
+        ) as path:
             return load_weights(path, device)
 
     def demand_shape(self, shape: PanelShape) -> None:
@@ -167,16 +175,28 @@ class LearnedLocator(PanelLocator):
             # Frame by frame: what is found must not depend on how many are computed together.
             for i in range(len(exact) if exact.grey.numel() else 0):
                 quads, logit = sighted(net, exact[i : i + 1], shape)
-                alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
-                if self.weights:  # of which nothing is stated, so only what is likelier than not
-                    kept = logit >= (-math.inf if self.false_alarms == math.inf else 0.0)
+                alarms = (
+                    torch.full_like(logit, torch.inf)
+                    if table is None
+                    else table.expected(logit)
+                )
+                if (
+                    self.weights
+                ):  # of which nothing is stated, so only what is likelier than not
+                    kept = logit >= (
+                        -math.inf if self.false_alarms == math.inf else 0.0
+                    )
                     quads, logit = quads[kept], logit[kept]
                     alarms = torch.full_like(logit, torch.nan)
                 rows = torch.full_like(logit, i, dtype=torch.int64)
                 seen.append(Candidates(rows, quads, logit.sigmoid(), alarms))
             names = Candidates.__dataclass_fields__
-            found = Candidates(*(torch.cat([getattr(one, name) for one in seen]) for name in names))
-            found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
+            found = Candidates(
+                *(torch.cat([getattr(one, name) for one in seen]) for name in names)
+            )
+            found.corners_px[:] = (
+                found.corners_px * _PARTS_PER_PX
+            ).round() / _PARTS_PER_PX
         return Candidates(*(getattr(found, name).clone() for name in names))
 
 
@@ -188,7 +208,9 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     """
     frame = surrounded(frame)
     scales = Pyramid.of(frame.grey, 3 * min(shape.rows, shape.columns) // 2)
-    quads, logit = placings(net, scales, spectral_places(scales, shape), shape, reach(shape))
+    quads, logit = placings(
+        net, scales, spectral_places(scales, shape), shape, reach(shape)
+    )
     quads, logit = distinct(quads, logit, shape, _KEPT)
     if not len(quads):
         return quads, logit.double()
@@ -209,7 +231,9 @@ def sighted(net: PanelNet, frame: Frames, shape: PanelShape) -> tuple[Tensor, Te
     return quads + frame.origin_px, logit.double()
 
 
-def with_missed_lines(scales: Pyramid, quads: Tensor, spots: Tensor, shape: PanelShape) -> Tensor:
+def with_missed_lines(
+    scales: Pyramid, quads: Tensor, spots: Tensor, shape: PanelShape
+) -> Tensor:
     """Move sides of sure fits of round spots by a cell where those explain far more: a line may be all Off.
 
     How likely they are stays as it is: what is known of false alarms is known of the places as they were.
@@ -218,7 +242,9 @@ def with_missed_lines(scales: Pyramid, quads: Tensor, spots: Tensor, shape: Pane
     # Left, right, top and bottom, each out or in.
     sides = torch.cat([torch.eye(4), -torch.eye(4)]).to(quads)
     starts = cells + torch.stack([sides[:, [0, 1, 1, 0]], sides[:, [2, 2, 3, 3]]], 2)
-    for row in ((spots > SURE_SHARES[0]) & (spots < SURE_SHARES[1])).nonzero()[:, 0].tolist():
+    for row in (
+        ((spots > SURE_SHARES[0]) & (spots < SURE_SHARES[1])).nonzero()[:, 0].tolist()
+    ):
         again = map_points(quads[row].expand(len(starts), 4, 2), starts, shape)
         far_more = 1 - _FAR_MORE * (1 - float(spots[row]))
         found, share = fitted_spots(scales, again, shape, far_more)
@@ -232,7 +258,9 @@ def surrounded(frame: Frames) -> Frames:
     """Lay around a crop of one frame some of what is around it: else its grain is taken from the panel."""
     if frame.surround is None:
         return frame
-    grey = nn.functional.pad(frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0]))
+    grey = nn.functional.pad(
+        frame.grey, (_AROUND_PX,) * 4, value=float(frame.surround[0])
+    )
     return Frames(grey, frame.origin_px - _AROUND_PX, frame.sensor_px)
 
 
@@ -248,22 +276,32 @@ def _better_fitted(
     if len(best) and max(shape.rows, shape.columns) <= _MOST_LEDS:
         again, share = fitted_spots(scales, quads[best], shape)
         sure = share > SURE_SHARES[0]
-        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
+        quads[best], logit[best] = _likelier(
+            net, scales, (quads[best], logit[best]), again, shape, sure
+        )
         kept = (again == quads[best]).flatten(1).all(1)
         spots[best] = share.where(kept, 0.0).to(spots)
         best = best[spots[best] == 0]
     if len(best):
-        cells = best_places(scales, Cells.at(scales, quads[best], shape), shape, 0, by_light=True)
+        cells = best_places(
+            scales, Cells.at(scales, quads[best], shape), shape, 0, by_light=True
+        )
         fit = fit_cells(scales, cells, shape, _CELL_STEPS, most_random=0.0)
         again = fit.corners_px * 2.0 ** fit.level.double()[:, None, None]
         sure = torch.zeros_like(best, dtype=torch.bool)
-        quads[best], logit[best] = _likelier(net, scales, (quads[best], logit[best]), again, shape, sure)
+        quads[best], logit[best] = _likelier(
+            net, scales, (quads[best], logit[best]), again, shape, sure
+        )
     return quads, logit, spots
 
 
 def is_whole(scales: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
     """Whether panels (n,4,2) px lie in the picture, but for half a cell: of LEDs beyond nothing is known."""
-    beyond = torch.maximum(-quads, quads - quads.new_tensor(scales.levels[0].shape[::-1])).flatten(1).amax(1)
+    beyond = (
+        torch.maximum(-quads, quads - quads.new_tensor(scales.levels[0].shape[::-1]))
+        .flatten(1)
+        .amax(1)
+    )
     return beyond <= _HIDDEN * torch.maximum(*resample.cell_size_px(quads, shape))
 
 
@@ -274,9 +312,14 @@ def reach(shape: PanelShape) -> tuple[int, int]:
 
 def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
     """Give quadrilaterals (n,4,2) px of lattices in the spectra of windows, about the windows' middles."""
-    guess = lattice_hypotheses(scales, shape, _TURNED if shape.leds >= _LARGE_LEDS else 0)
+    guess = lattice_hypotheses(
+        scales, shape, _TURNED if shape.leds >= _LARGE_LEDS else 0
+    )
     scale = 2.0 ** guess.level.float()
-    centre, basis = guess.centre_px * scale[:, None], guess.basis_px * scale[:, None, None]
+    centre, basis = (
+        guess.centre_px * scale[:, None],
+        guess.basis_px * scale[:, None, None],
+    )
     # As many cells as a window shows.
     core = PanelShape(min(shape.rows, MOST_CELLS), min(shape.columns, MOST_CELLS))
     middle = centre.new_tensor([core.columns // 2, core.rows // 2])
@@ -286,8 +329,12 @@ def spectral_places(scales: Pyramid, shape: PanelShape) -> Tensor:
         return quads
     cells = best_places(scales, Cells.at(scales, quads, core), core, 0, by_light=True)
     fit = fit_cells(scales, cells, core, _CELL_STEPS, most_random=0.0)
-    more = fit.level.new_tensor([(shape.columns - core.columns) // 2, (shape.rows - core.rows) // 2])
-    quads = map_points(fit.corners_px, resample.corner_cells(shape).to(quads) - more, core)
+    more = fit.level.new_tensor(
+        [(shape.columns - core.columns) // 2, (shape.rows - core.rows) // 2]
+    )
+    quads = map_points(
+        fit.corners_px, resample.corner_cells(shape).to(quads) - more, core
+    )
     return quads * 2.0 ** fit.level.double()[:, None, None]
 
 
@@ -310,16 +357,26 @@ def placings(
         return quads, quads.new_zeros(0)
     cells = Cells.at(scales, quads, shape)
     down, right = (reach, reach) if isinstance(reach, int) else reach
-    patches = read_cells(scales, cells, shape, SAMPLES, (down + CONTEXT, right + CONTEXT))
+    patches = read_cells(
+        scales, cells, shape, SAMPLES, (down + CONTEXT, right + CONTEXT)
+    )
     pitch = torch.stack(resample.cell_size_px(quads, shape)).prod(0).sqrt()
-    judged = net(patches, pitch.float().nan_to_num().clamp(0.3, 300), shape, moved).flatten(2)
+    judged = net(
+        patches, pitch.float().nan_to_num().clamp(0.3, 300), shape, moved
+    ).flatten(2)
     logit, place = judged[:, 0].max(1)
     wide = 2 * right + 1
-    shift = torch.stack([place % wide - right, place // wide - down], 1)[:, None].to(quads)
+    shift = torch.stack([place % wide - right, place // wide - down], 1)[:, None].to(
+        quads
+    )
     if moved:
-        moves = judged[torch.arange(len(place), device=place.device), 1:, place].view(-1, 4, 2)
+        moves = judged[torch.arange(len(place), device=place.device), 1:, place].view(
+            -1, 4, 2
+        )
         shift = shift + moves.clamp(-_MOST_MOVE, _MOST_MOVE)
-    return map_points(quads, resample.corner_cells(shape).to(quads) + shift, shape), logit
+    return map_points(
+        quads, resample.corner_cells(shape).to(quads) + shift, shape
+    ), logit
 
 
 def distinct(
@@ -384,4 +441,6 @@ def _likelier(
     good = ((logit > before[1] - _MOST_LOST) | sure) & (
         (safe - before[0]).norm(dim=2).amax(1) < _MOST_MOVE * cell
     )
-    return torch.where(good[:, None, None], safe, before[0]), torch.where(good, logit, before[1])
+    return torch.where(good[:, None, None], safe, before[0]), torch.where(
+        good, logit, before[1]
+    )

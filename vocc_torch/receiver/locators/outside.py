@@ -10,7 +10,15 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.locators.protocol import PanelLocator
-from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape, StatedPanels, holds
+from vocc_torch.types import (
+    Candidates,
+    Frames,
+    Images,
+    Panels,
+    PanelShape,
+    StatedPanels,
+    holds,
+)
 
 UNSTATED_LIMIT = 1e-3
 """False alarms at which a panel is found by a function that states them."""
@@ -36,7 +44,9 @@ class OutsideLocator(PanelLocator):
     @property
     def _locator(self) -> PanelLocator | None:
         """The object where it follows the protocol itself."""
-        return self.plug_in.made if isinstance(self.plug_in.made, PanelLocator) else None
+        return (
+            self.plug_in.made if isinstance(self.plug_in.made, PanelLocator) else None
+        )
 
     @property
     def finds_several(self) -> bool:  # type: ignore[override]  # it is asked of the object
@@ -60,7 +70,9 @@ class OutsideLocator(PanelLocator):
         Raises:
             VoccError: a locator whose own limit is no number above 0.
         """
-        limit: Any = UNSTATED_LIMIT if self._locator is None else self._locator.most_false_alarms
+        limit: Any = (
+            UNSTATED_LIMIT if self._locator is None else self._locator.most_false_alarms
+        )
         if isinstance(limit, bool) or not isinstance(limit, int | float) or limit <= 0:
             key = f"locator {self.plug_in.name}: its most_false_alarms"
             raise VoccError.of(key, shown(limit), "a number above 0, or NaN")
@@ -80,20 +92,33 @@ class OutsideLocator(PanelLocator):
         frames = Frames.of(frames)
         if self._locator is None:
             return Candidates.of_panels(self(frames, shape))
-        found: Candidates = self._answer(self._locator.locate, frames, shape, Candidates)
+        found: Candidates = self._answer(
+            self._locator.locate, frames, shape, Candidates
+        )
         alarms = found.false_alarms
         count = len(alarms) if isinstance(alarms, Tensor) and alarms.ndim == 1 else -1
         if count < 0 or (alarms < 0).any():
             rule = "it must be a tensor (n,) of numbers from 0 on, or NaN where nothing is stated"
-            raise VoccError(f"locator {self.plug_in.name} gave false_alarms of {shown(alarms)}: {rule}")
+            raise VoccError(
+                f"locator {self.plug_in.name} gave false_alarms of {shown(alarms)}: {rule}"
+            )
         sizes = {"frame": (count,), "corners_px": (count, 4, 2), "score": (count,)}
         for part, size in sizes.items():
             self._demand(part, getattr(found, part), size)
-        if count and not 0 <= int(found.frame.min()) <= int(found.frame.max()) < len(frames):
-            raise VoccError(f"locator {self.plug_in.name} saw panels in frames that it was not given")
-        self._demand_area(found.corners_px, torch.ones(count, dtype=torch.bool, device=alarms.device))
+        if count and not 0 <= int(found.frame.min()) <= int(found.frame.max()) < len(
+            frames
+        ):
+            raise VoccError(
+                f"locator {self.plug_in.name} saw panels in frames that it was not given"
+            )
+        self._demand_area(
+            found.corners_px, torch.ones(count, dtype=torch.bool, device=alarms.device)
+        )
         return Candidates(
-            found.frame.long(), found.corners_px.double(), found.score.double(), alarms.double()
+            found.frame.long(),
+            found.corners_px.double(),
+            found.score.double(),
+            alarms.double(),
         )
 
     def __call__(self, frames: Images, shape: PanelShape) -> Panels:
@@ -112,12 +137,17 @@ class OutsideLocator(PanelLocator):
             size = (len(frames), *(() if part in kinds else (4, 2)))
             self._demand(part, getattr(panels, part), size)
         self._demand_area(panels.corners_px, panels.found.bool())
-        parts = {name: getattr(panels, name).to(kinds.get(name, torch.float64)) for name in Panels.__slots__}
+        parts = {
+            name: getattr(panels, name).to(kinds.get(name, torch.float64))
+            for name in Panels.__slots__
+        }
         if isinstance(panels, StatedPanels):
             return StatedPanels(**parts, false_alarms=panels.false_alarms)
         return Panels(**parts)
 
-    def _answer(self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type) -> Any:
+    def _answer(
+        self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type
+    ) -> Any:
         """Give what it answers, of a kind.
 
         Raises:
@@ -135,8 +165,16 @@ class OutsideLocator(PanelLocator):
 
     def _demand(self, part: str, value: object, size: tuple[int, ...]) -> None:
         """Refuse a part of an answer that is no finite tensor of a size."""
-        if not isinstance(value, Tensor) or value.shape != size or not holds(value.isfinite()):
-            got = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
+        if (
+            not isinstance(value, Tensor)
+            or value.shape != size
+            or not holds(value.isfinite())
+        ):
+            got = (
+                tuple(value.shape)
+                if isinstance(value, Tensor)
+                else type(value).__name__
+            )
             rule = f"it must be a finite tensor of {size}"
             raise VoccError(f"locator {self.plug_in.name} gave {part} of {got}: {rule}")
 

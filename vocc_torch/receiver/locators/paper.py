@@ -26,7 +26,9 @@ class LadderSettings:
     small_mask_px: int = 1 << 15  # up to this size masks are tried without the ladder
     most_side_px: int = 1 << 15  # columns of a blob are counted in 16 bits
     merge_ratio: float = 0.75  # of the best score so far: a merged blob explains more, so it may score less
-    whole_share: float = 0.99  # of the foreground: a blob that holds it leaves nothing worth merging
+    whole_share: float = (
+        0.99  # of the foreground: a blob that holds it leaves nothing worth merging
+    )
     reach_pitches: float = 1.4  # LED pitches that span one Off LED between two On ones
     last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
 
@@ -63,9 +65,13 @@ def quantised(grey: Tensor) -> Tensor:
     if grey.dtype == torch.uint8:
         return grey
     if not grey.is_floating_point():
-        raise VoccError(f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating")
+        raise VoccError(
+            f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating"
+        )
     if not bool(grey.isfinite().all()):
-        raise VoccError("frames.grey holds NaN or infinity: it must be grey values, 0 to 255")
+        raise VoccError(
+            "frames.grey holds NaN or infinity: it must be grey values, 0 to 255"
+        )
     return grey.round().clamp(0, 255).to(torch.uint8)
 
 
@@ -101,7 +107,9 @@ class Choice(Panels):
         count = torch.zeros(masks, dtype=torch.int64, device=device)
         corners = count.new_zeros(masks, 4, 2, dtype=torch.float64)
         score = corners[:, 0, 0].clone()
-        return cls(corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone())
+        return cls(
+            corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone()
+        )
 
 
 @dataclass(frozen=True)
@@ -182,11 +190,17 @@ class PaperLocator(LocatorLimits, PanelLocator):
         exact = foreground.trimmed(exact)
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
         levels = (
-            () if exact.surround is None else zip(exact.surround.tolist(), threshold.tolist(), strict=True)
+            ()
+            if exact.surround is None
+            else zip(exact.surround.tolist(), threshold.tolist(), strict=True)
         )
-        bright = [row for row, (level, limit) in enumerate(levels) if round(level) > limit]
+        bright = [
+            row for row, (level, limit) in enumerate(levels) if round(level) > limit
+        ]
         choice = self.choose(
-            exact, threshold.index_fill(0, torch.tensor(bright), 255) if bright else threshold, shape
+            exact,
+            threshold.index_fill(0, torch.tensor(bright), 255) if bright else threshold,
+            shape,
         )
         for at in (slice(row, row + 1) for row in bright):
             choice.put(at, self.choose(_on_sensor(exact[at]), threshold[at], shape))
@@ -208,9 +222,14 @@ class PaperLocator(LocatorLimits, PanelLocator):
                     return part
                 choice = choice or Choice.none(len(boxes), grey.device)
                 choice.put(torch.from_numpy(some[made]), part)
-                mask, some = mask[np.delete(np.arange(len(some)), made)], np.delete(some, made)
+                mask, some = (
+                    mask[np.delete(np.arange(len(some)), made)],
+                    np.delete(some, made),
+                )
             if len(some):
-                rows, at = (torch.from_numpy(one).to(grey.device) for one in (some, place[some]))
+                rows, at = (
+                    torch.from_numpy(one).to(grey.device) for one in (some, place[some])
+                )
                 part = climb(mask, shape, self)
                 part.corners_px.add_((at * part.found[:, None])[:, None])
                 choice = choice or Choice.none(len(boxes), grey.device)
@@ -235,14 +254,22 @@ def exact_frames(frames: Images) -> Frames:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
     if max(shape[2:]) > LADDER.most_side_px:
         raise VoccError.of(
-            "frames.grey", f"{shape[2]} x {shape[3]} px", f"at most {LADDER.most_side_px} px a side"
+            "frames.grey",
+            f"{shape[2]} x {shape[3]} px",
+            f"at most {LADDER.most_side_px} px a side",
         )
     if surround is not None:
         if not bool(surround.isfinite().all()):
-            raise VoccError("frames.surround holds NaN or infinity: it must be grey values, 0 to 255")
-        room = frames.origin_px.new_tensor(frames.sensor_px[::-1]) - frames.origin_px.new_tensor(shape[:1:-1])
+            raise VoccError(
+                "frames.surround holds NaN or infinity: it must be grey values, 0 to 255"
+            )
+        room = frames.origin_px.new_tensor(
+            frames.sensor_px[::-1]
+        ) - frames.origin_px.new_tensor(shape[:1:-1])
         if not bool(((frames.origin_px >= 0) & (frames.origin_px <= room)).all()):
-            raise VoccError(f"frames.origin_px lays a crop, {shape[2:]}, off its sensor, {frames.sensor_px}")
+            raise VoccError(
+                f"frames.origin_px lays a crop, {shape[2:]}, off its sensor, {frames.sensor_px}"
+            )
     return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
 
 
@@ -250,7 +277,9 @@ def _on_sensor(crop: Frames) -> Frames:
     """Fill one crop up to its whole sensor with its surround."""
     assert crop.surround is not None
     level = int(crop.surround.round().clamp(0, 255))
-    grey = torch.full((1, 1, *crop.sensor_px), level, dtype=torch.uint8, device=crop.grey.device)
+    grey = torch.full(
+        (1, 1, *crop.sensor_px), level, dtype=torch.uint8, device=crop.grey.device
+    )
     x, y = crop.origin_px[0].tolist()
     height, width = crop.grey.shape[-2:]
     grey[..., y : y + height, x : x + width] = crop.grey
@@ -265,11 +294,15 @@ def _foreground_boxes(grey: Tensor, threshold: Tensor) -> NDArray[np.int64]:
     limit = threshold.cpu().numpy()[:, None]
     for place, axis in enumerate((1, 2) if grey.numel() else ()):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
-        most = np.amax(planes, axis) if on_host else torch.amax(planes, axis).cpu().numpy()
+        most = (
+            np.amax(planes, axis) if on_host else torch.amax(planes, axis).cpu().numpy()
+        )
         lit = most > limit
         first = lit.argmax(1)
         boxes[:, place] = first
-        boxes[:, place + 2] = (lit.shape[1] - lit[:, ::-1].argmax(1) - first) * lit.any(1)
+        boxes[:, place + 2] = (lit.shape[1] - lit[:, ::-1].argmax(1) - first) * lit.any(
+            1
+        )
     return boxes
 
 
@@ -283,7 +316,9 @@ def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]
     begin = width = height = own = 0
     for index, (wide, high) in enumerate(sizes):
         padded = (index + 1 - begin) * max(width, wide) * max(height, high)
-        if index > begin and padded > min(LADDER.pass_px, max(LADDER.small_pass_px, 4 * (own + wide * high))):
+        if index > begin and padded > min(
+            LADDER.pass_px, max(LADDER.small_pass_px, 4 * (own + wide * high))
+        ):
             passes.append((order[begin:index], width, height))
             begin, width, height, own = index, 0, 0, 0
         width, height, own = max(width, wide), max(height, high), own + wide * high
@@ -307,7 +342,9 @@ def _cut(
         for mask, row, (left, top, wide, high) in zip(
             masks, some.tolist(), boxes[some].tolist(), strict=True
         ):
-            mask[:high, :wide] = planes[row, top : top + high, left : left + wide] > limits[row]
+            mask[:high, :wide] = (
+                planes[row, top : top + high, left : left + wide] > limits[row]
+            )
         return torch.from_numpy(masks)
     rows, box = (torch.from_numpy(one).to(grey.device) for one in (some, boxes[some]))
     down = torch.arange(height, device=grey.device)
@@ -316,7 +353,11 @@ def _cut(
     inside_y, inside_x = y < grey.shape[-2], x < grey.shape[-1]
     y, x = y.clamp(max=grey.shape[-2] - 1), x.clamp(max=grey.shape[-1] - 1)
     values = grey[rows[:, None, None], 0, y[:, :, None], x[:, None, :]]
-    return (values > threshold[rows, None, None]) & inside_y[:, :, None] & inside_x[:, None, :]
+    return (
+        (values > threshold[rows, None, None])
+        & inside_y[:, :, None]
+        & inside_x[:, None, :]
+    )
 
 
 def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
@@ -344,23 +385,43 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
         closed = components.close_mask(coarse[:, None], search.closing_px)[:, 0]
         labelled = components.label_components(closed)
         runs = components.joined(mask, labelled.runs) if runs is None else runs
-        blobs = components.collect_blobs(runs, labelled, min_area_px=search.min_area_px, level=level)
+        blobs = components.collect_blobs(
+            runs, labelled, min_area_px=search.min_area_px, level=level
+        )
         now, pitch, label = _level_choice(blobs, len(active), shape, search)
         before = choice[active]
         column, row = (before.first_px >> level).unbind(1)
-        holds = labelled.at(torch.arange(len(active), device=mask.device), row, column) == label
+        holds = (
+            labelled.at(torch.arange(len(active), device=mask.device), row, column)
+            == label
+        )
         # A blob that holds the chosen one and more may score a little less; the same blob may not.
-        bar = torch.where(now.mask_px > before.mask_px, LADDER.merge_ratio * peak[active], before.score)
-        better = torch.where(holds, now.score >= bar, now.score > before.score) | ~before.found
+        bar = torch.where(
+            now.mask_px > before.mask_px,
+            LADDER.merge_ratio * peak[active],
+            before.score,
+        )
+        better = (
+            torch.where(holds, now.score >= bar, now.score > before.score)
+            | ~before.found
+        )
         better &= now.found
         choice.put(active[better], now[better])
-        peak[active[better]] = torch.where(holds, torch.maximum(peak[active], now.score), now.score)[better]
+        peak[active[better]] = torch.where(
+            holds, torch.maximum(peak[active], now.score), now.score
+        )[better]
         whole = choice.mask_px[active] >= LADDER.whole_share * foreground[active]
         pitches = torch.where(whole, LADDER.reach_pitches, LADDER.last_pitches)
-        on = ((blobs.components > 1) & ~whole) | ((search.closing_px << level) < pitches * pitch)
+        on = ((blobs.components > 1) & ~whole) | (
+            (search.closing_px << level) < pitches * pitch
+        )
         if not bool(on.any()):
             return choice
-        active, runs, coarse = active[on], runs.of(on), components.halve_mask(coarse[on][:, None])[:, 0]
+        active, runs, coarse = (
+            active[on],
+            runs.of(on),
+            components.halve_mask(coarse[on][:, None])[:, 0],
+        )
         level += 1
 
 
@@ -368,17 +429,29 @@ def _level_choice(
     blobs: components.Blobs, masks: int, shape: PanelShape, search: LocatorLimits
 ) -> tuple[Choice, Tensor, Tensor]:
     """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
-    blobs_of = (blobs.first, blobs.last, blobs.area_px, blobs.left_px, blobs.first_px[:, 1])
+    blobs_of = (
+        blobs.first,
+        blobs.last,
+        blobs.area_px,
+        blobs.left_px,
+        blobs.first_px[:, 1],
+    )
     first, last, area_px, left, top = (one.cpu().numpy() for one in blobs_of)
-    measures = measure_blobs(first, last, area_px, np.stack([left, top], 1), shape, search)
+    measures = measure_blobs(
+        first, last, area_px, np.stack([left, top], 1), shape, search
+    )
     parts = (measures.corners_px, measures.within, measures.score, measures.pitch_px)
-    corners_px, passed, score, pitch_px = (torch.from_numpy(one).to(blobs.frame.device) for one in parts)
+    corners_px, passed, score, pitch_px = (
+        torch.from_numpy(one).to(blobs.frame.device) for one in parts
+    )
     chosen = []
     # Each mask's allowed blob of highest score, the first of equals, M if there is none.
     for allowed in (passed, torch.ones_like(passed)):
         frame = blobs.frame[allowed]
         highest = score.new_zeros(masks)
-        highest = highest.scatter_reduce(0, frame, score[allowed], "amax", include_self=False)
+        highest = highest.scatter_reduce(
+            0, frame, score[allowed], "amax", include_self=False
+        )
         top_blob = (allowed & (score == highest[blobs.frame])).nonzero()[:, 0]
         none = torch.full_like(blobs.components, len(blobs))
         chosen.append(none.scatter_reduce(0, blobs.frame[top_blob], top_blob, "amin"))
@@ -386,7 +459,13 @@ def _level_choice(
     found = (best < len(blobs)).nonzero()[:, 0]
     blob = best[found]
     candidates = torch.bincount(blobs.frame[passed], minlength=masks)[found]
-    values = (corners_px[blob], score[blob] > 0, score[blob], candidates, blobs.first_px[blob])
+    values = (
+        corners_px[blob],
+        score[blob] > 0,
+        score[blob],
+        candidates,
+        blobs.first_px[blob],
+    )
     choice = Choice.none(masks, best.device)
     choice.put(found, Choice(*values, blobs.mask_px[blob]))
     label = torch.zeros_like(best).index_copy(0, found, blobs.label[blob])
@@ -402,11 +481,16 @@ def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.in
 
 def _is_sure(measures: Measures, search: LocatorLimits) -> NDArray[np.bool_]:
     """Say of blobs that are alone in their masks whether the ladder would stop at them."""
-    return measures.within & (search.closing_px >= LADDER.reach_pitches * measures.pitch_px)
+    return measures.within & (
+        search.closing_px >= LADDER.reach_pitches * measures.pitch_px
+    )
 
 
 def choose_single(
-    mask: NDArray[np.bool_], place_px: NDArray[np.int64], shape: PanelShape, search: LocatorLimits
+    mask: NDArray[np.bool_],
+    place_px: NDArray[np.int64],
+    shape: PanelShape,
+    search: LocatorLimits,
 ) -> tuple[NDArray[np.int64], Choice]:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
@@ -428,17 +512,31 @@ def choose_single(
         >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
         ([0], [50.0, 20.0])
     """
-    closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[:, 0].numpy()
+    closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[
+        :, 0
+    ].numpy()
     (first, last), area_px = _row_ends(closed), closed.sum((1, 2))
     # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
-    touching = (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
-    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
-    several = [r for r in (~plain).nonzero()[0] if scipy.ndimage.label(closed[r], _TOUCHING)[1] != 1]
+    touching = (
+        (first[:, 1:] <= last[:, :-1] + 1)
+        & (first[:, :-1] <= last[:, 1:] + 1)
+        & (last[:, :-1] >= 0)
+    )
+    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(
+        1
+    )
+    several = [
+        r
+        for r in (~plain).nonzero()[0]
+        if scipy.ndimage.label(closed[r], _TOUCHING)[1] != 1
+    ]
     area_px[several] = 0
     single = (area_px >= search.min_area_px).nonzero()[0]
     lit = mask[single]
     first, last = _row_ends(lit)
-    measures = measure_blobs(first, last, area_px[single], place_px[single], shape, search)
+    measures = measure_blobs(
+        first, last, area_px[single], place_px[single], shape, search
+    )
     sure = _is_sure(measures, search)
     score, ones = measures.score, np.ones_like(single)
     seed = np.zeros((len(single), 2), dtype=np.int64)

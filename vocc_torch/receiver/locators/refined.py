@@ -18,12 +18,20 @@ from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 class RefinedSettings:
     """How the region and the lattice are judged."""
 
-    most_leds: int = 16  # in a row or a column; larger panels are left to the paper's locator
-    clean_rise_dn: float = 1.5  # rise over the background that is light where nothing else varies
+    most_leds: int = (
+        16  # in a row or a column; larger panels are left to the paper's locator
+    )
+    clean_rise_dn: float = (
+        1.5  # rise over the background that is light where nothing else varies
+    )
     least_rise_dn: float = 3.0  # the same in noise, at least
     rise_sigmas: float = 5.0  # the same in noise, in its standard deviations
-    good_share: float = 0.9992  # below this share a fit is tried again from other starts
-    usual_blur_cells: float = 0.45  # of a spot where the fit starts from the edges of the face
+    good_share: float = (
+        0.9992  # below this share a fit is tried again from other starts
+    )
+    usual_blur_cells: float = (
+        0.45  # of a spot where the fit starts from the edges of the face
+    )
     sizes: tuple[float, ...] = (
         0.89,
         1.12,
@@ -116,12 +124,20 @@ class RefinedLocator(PanelLocator):
         # In half precision a fit would find no lattice.
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
-        with torch.inference_mode(), torch.autocast(exact.grey.device.type, enabled=False):
+        with (
+            torch.inference_mode(),
+            torch.autocast(exact.grey.device.type, enabled=False),
+        ):
             panels: Panels
-            if max(shape.rows, shape.columns) > REFINED.most_leds or not exact.grey.numel():
+            if (
+                max(shape.rows, shape.columns) > REFINED.most_leds
+                or not exact.grey.numel()
+            ):
                 panels = self.paper(exact, shape)
             else:
-                choice = (self._in_whole if exact.surround is None else self._in_crops)(exact, shape)
+                choice = (self._in_whole if exact.surround is None else self._in_crops)(
+                    exact, shape
+                )
                 left = (~choice.found).nonzero()[:, 0]
                 self._left_to_paper(choice, left, exact[left], shape)
                 panels = choice
@@ -145,7 +161,9 @@ class RefinedLocator(PanelLocator):
         regions = foreground.bright_regions(frames.grey)
         found = Choice.none(len(regions.frame), frames.grey.device)
         size = 2, len(regions.frame)
-        background, noise = torch.zeros(size, dtype=torch.float32, device=frames.grey.device)
+        background, noise = torch.zeros(
+            size, dtype=torch.float32, device=frames.grey.device
+        )
         for side, rows in _by_side(regions.side_px):
             windows = foreground.cut_windows(frames, regions, rows, side)
             background[rows], noise[rows] = foreground.ring_statistics(windows.grey)
@@ -159,22 +177,31 @@ class RefinedLocator(PanelLocator):
                 poor[self._refit(found, seen, windows, background, noise, shape)] = True
         for side, rows in _by_side(regions.side_px):
             rest = rows[poor[rows]]
-            windows = replace(foreground.cut_windows(frames, regions, rest, side), surround=background[rest])
+            windows = replace(
+                foreground.cut_windows(frames, regions, rest, side),
+                surround=background[rest],
+            )
             self._left_to_paper(found, rest, windows, shape)
         # The panel of most merit in each frame, the first of equals.
         merit = (likeness * found.score**2).masked_fill(~found.found, 0.0)
-        most = merit.new_zeros(len(frames)).scatter_reduce(0, regions.frame, merit, "amax")
+        most = merit.new_zeros(len(frames)).scatter_reduce(
+            0, regions.frame, merit, "amax"
+        )
         panels = Choice.none(len(frames), frames.grey.device)
         for row in (found.found & (merit == most[regions.frame])).nonzero().flip(0):
             panels.put(regions.frame[row], found[row])
         return panels
 
-    def _left_to_paper(self, panels: Choice, rows: Tensor, frames: Frames, shape: PanelShape) -> None:
+    def _left_to_paper(
+        self, panels: Choice, rows: Tensor, frames: Frames, shape: PanelShape
+    ) -> None:
         """Give some panels the paper's places, in frames of theirs."""
         if len(rows):
             panels.put(rows, self.paper(frames, shape))
 
-    def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Choice:
+    def _chosen(
+        self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape
+    ) -> Choice:
         """Choose the paper's blobs among the pixels that are brighter than the background."""
         rise = (
             (REFINED.rise_sigmas * noise)
@@ -184,7 +211,13 @@ class RefinedLocator(PanelLocator):
         return self.paper.choose(crops, (background + rise).floor().long(), shape)
 
     def _refit(
-        self, panels: Choice, rows: Tensor, frames: Frames, level: Tensor, noise: Tensor, shape: PanelShape
+        self,
+        panels: Choice,
+        rows: Tensor,
+        frames: Frames,
+        level: Tensor,
+        noise: Tensor,
+        shape: PanelShape,
     ) -> Tensor:
         """Fit lattices to ``rows`` of the panels, keep the good ones, and return the rows of the others."""
         corners_px, noise = panels.corners_px[rows], noise[rows]
@@ -192,7 +225,9 @@ class RefinedLocator(PanelLocator):
         good = lattice.share + _noise_share(lattice, noise) >= self.min_share
         good &= _is_sane(lattice, corners_px)
         corners = _upright(lattice.corners_px[good], shape)
-        panels.corners_px[rows[good]] = (corners * REFINED.parts_per_px).round() / REFINED.parts_per_px
+        panels.corners_px[rows[good]] = (
+            corners * REFINED.parts_per_px
+        ).round() / REFINED.parts_per_px
         panels.score[rows[good]] = lattice.share[good].clamp(0, 1)
         return rows[~good]
 
@@ -223,7 +258,9 @@ def _fitted(
     if len(rows := poor()):
         # The edge of a face that is brighter than the background is found by the paper's threshold.
         face = paper(frames[rows], shape)
-        edges_px = torch.where(face.found[:, None, None], face.corners_px.to(start), start[rows])
+        edges_px = torch.where(
+            face.found[:, None, None], face.corners_px.to(start), start[rows]
+        )
         width = torch.full_like(blur[rows], REFINED.usual_blur_cells)
         retry(rows, edges_px, width, REFINED.face_light)
     if len(rows := poor()):
@@ -248,10 +285,14 @@ def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
 def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
     """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
     cell = torch.maximum(*resample.cell_size_px(corners_px, lattice.shape))
-    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > REFINED.farthest_cells * cell
+    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(
+        1
+    ) > REFINED.farthest_cells * cell
     pitch = torch.minimum(*resample.cell_size_px(lattice.corners_px, lattice.shape))
     sane: Tensor = (
-        lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= REFINED.least_pitch_px)
+        lattice.corners_px.isfinite().flatten(1).all(1)
+        & ~strayed
+        & (pitch >= REFINED.least_pitch_px)
     )
     return sane
 
@@ -263,7 +304,9 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     degrees it begins with its topmost corner.
     """
     x, y = (corners_px[:, 1] - corners_px[:, 0]).unbind(1)
-    quarter = torch.ceil((torch.atan2(y, x).rad2deg() - 45 - REFINED.tie_deg) / 90).long()
+    quarter = torch.ceil(
+        (torch.atan2(y, x).rad2deg() - 45 - REFINED.tie_deg) / 90
+    ).long()
     if shape.rows != shape.columns:
         quarter = torch.where(quarter.abs() == 2, 2, 0)
     index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4
@@ -272,4 +315,7 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
 
 def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
     """Group windows by their sides (W,): each side, px, and the indices of its windows."""
-    return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
+    return [
+        (side, (side_px == side).nonzero()[:, 0])
+        for side in sorted(set(side_px.tolist()))
+    ]

@@ -18,7 +18,9 @@ LOCATORS: dict[str, type[PanelLocator]] = {
 """The locators that ship, by name."""
 
 
-def locator_named(name: str, paper: PaperLocator, false_alarms: float = 1e-3) -> PanelLocator:
+def locator_named(
+    name: str, paper: PaperLocator, false_alarms: float = 1e-3
+) -> PanelLocator:
     """Return the locator of a name, with what a configuration says of all of them.
 
     Args:
@@ -57,7 +59,9 @@ def plugged_locator(plug_in: PlugIn) -> PanelLocator:
 
 def ships(locator: object) -> bool:
     """Whether a locator is one of the package's own."""
-    return isinstance(locator, PanelLocator) and LOCATORS.get(locator.name) is type(locator)
+    return isinstance(locator, PanelLocator) and LOCATORS.get(locator.name) is type(
+        locator
+    )
 
 
 def locator_settings(locator: PanelLocator) -> dict[str, Any]:
@@ -76,7 +80,9 @@ def locator_settings(locator: PanelLocator) -> dict[str, Any]:
     return locator.settings
 
 
-def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> PanelLocator:
+def locator_from(
+    settings: Mapping[str, Any], admitted: Sequence[str] = ()
+) -> PanelLocator:
     """Build a locator from what :func:`locator_settings` gave.
 
     Args:
@@ -126,6 +132,11 @@ def _described(part: Any) -> dict[str, object]:
     """Describe a dataclass by its class and the arguments that are not its defaults."""
     kind = type(part)
     values = {field.name: getattr(part, field.name) for field in fields(part)}
-    changed = {name: value for name, value in values.items() if value != getattr(kind(), name)}
-    inner = {name: _described(value) if is_dataclass(value) else value for name, value in changed.items()}
+    changed = {
+        name: value for name, value in values.items() if value != getattr(kind(), name)
+    }
+    inner = {
+        name: _described(value) if is_dataclass(value) else value
+        for name, value in changed.items()
+    }
     return {TARGET: f"{kind.__module__}.{kind.__name__}", **inner}

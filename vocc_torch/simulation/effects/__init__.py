@@ -21,22 +21,65 @@ from vocc_torch.simulation.effects import (
     street,
     view,
 )
-from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, PointEffect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    Backdrop,
+    Context,
+    Effect,
+    PointEffect,
+    Quantity,
+    within,
+)
 from vocc_torch.simulation.scene import LARGEST, Distribution
 
-__all__ = ["CAMERA_STEPS", "PHYSICAL_ORDER", "Backdrop", "Context", "Effect", "Effects", "Parameters"]
-__all__ += ["Quantity", "build_effects", "check_chain", "kinds_of", "plug_ins", "within"]
+__all__ = [
+    "CAMERA_STEPS",
+    "PHYSICAL_ORDER",
+    "Backdrop",
+    "Context",
+    "Effect",
+    "Effects",
+    "Parameters",
+]
+__all__ += [
+    "Quantity",
+    "build_effects",
+    "check_chain",
+    "kinds_of",
+    "plug_ins",
+    "within",
+]
 
-SURROUNDINGS: tuple[type[Effect], ...] = (background.BackgroundTexture, street.Scenery, *backdrops.EFFECTS)
-SURROUNDINGS += (street.Clutter, background.Lamps, background.SecondPanel, *housing.AROUND)
+SURROUNDINGS: tuple[type[Effect], ...] = (
+    background.BackgroundTexture,
+    street.Scenery,
+    *backdrops.EFFECTS,
+)
+SURROUNDINGS += (
+    street.Clutter,
+    background.Lamps,
+    background.SecondPanel,
+    *housing.AROUND,
+)
 """What stands behind the panel, the farthest first."""
 
-PHYSICAL_ORDER: tuple[type[Effect], ...] = (*view.EFFECTS, *light.AT_THE_LEDS, *housing.AT_THE_LEDS)
-PHYSICAL_ORDER += (*SURROUNDINGS, *light.ON_THE_WAY, *optics.EFFECTS, *sensor.EFFECTS, *coding.EFFECTS)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = (
+    *view.EFFECTS,
+    *light.AT_THE_LEDS,
+    *housing.AT_THE_LEDS,
+)
+PHYSICAL_ORDER += (
+    *SURROUNDINGS,
+    *light.ON_THE_WAY,
+    *optics.EFFECTS,
+    *sensor.EFFECTS,
+    *coding.EFFECTS,
+)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 BY_EFFECTS = (Quantity.ELECTRONS, Quantity.BOUNDED_GREY, Quantity.DIGITAL)
-CAMERA_STEPS: tuple[Quantity, ...] = tuple(step for step in Quantity if step not in BY_EFFECTS)
+CAMERA_STEPS: tuple[Quantity, ...] = tuple(
+    step for step in Quantity if step not in BY_EFFECTS
+)
 """The quantities that every camera passes through by itself: projection, lens, gamma encoding."""
 
 Parameters = Mapping[str, float | Sequence[object]]
@@ -52,7 +95,10 @@ SEEN = list(Quantity)[list(Quantity).index(Quantity.LUMINANCE) :]
 CHANGES = {*itertools.combinations(SEEN, 2), (Quantity.ELECTRONS, Quantity.EXPOSURE)}
 """What an effect may make of what: what the lens sees becomes what comes later, or electrons are read out."""
 
-OF_POINTS_AND_SYMBOLS = {Quantity.IMAGE_POINTS: PointEffect, Quantity.SYMBOLS: light.RollingShutter}
+OF_POINTS_AND_SYMBOLS = {
+    Quantity.IMAGE_POINTS: PointEffect,
+    Quantity.SYMBOLS: light.RollingShutter,
+}
 """What an effect on these must be, for the renderer asks it for more than its call gives."""
 
 AFTER = "after"
@@ -62,24 +108,44 @@ AFTER = "after"
 @functools.cache
 def _named(kind: type[Effect], **stated: str | None) -> type[Effect]:
     """Make the kind of effect from outside that a configuration names: the same settings, the same kind."""
-    made = type(kind.__name__, (kind,), {"__doc__": kind.__doc__, "__module__": kind.__module__, **stated})
+    made = type(
+        kind.__name__,
+        (kind,),
+        {"__doc__": kind.__doc__, "__module__": kind.__module__, **stated},
+    )
     assert issubclass(made, Effect)
     return made
 
 
 def plug_ins(named: Mapping[str, object]) -> dict[str, PlugIn]:
     """Give the effects from outside, by name, as their settings describe them."""
-    described = {name: one for name, one in named.items() if isinstance(one, Mapping) and TARGET in one}
-    return {name: PlugIn.of(f"scene.effects.{name}", one, str(name)) for name, one in described.items()}
+    described = {
+        name: one
+        for name, one in named.items()
+        if isinstance(one, Mapping) and TARGET in one
+    }
+    return {
+        name: PlugIn.of(f"scene.effects.{name}", one, str(name))
+        for name, one in described.items()
+    }
 
 
 def _found(plug_in: PlugIn) -> type[Effect]:
     """Import the class of an effect from outside, and give it the name and place of its settings."""
     kind = plug_in.found()
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
-        raise VoccError.of(f"{plug_in.key}.{TARGET}", shown(plug_in.target), "a class of vocc_torch's Effect")
+        raise VoccError.of(
+            f"{plug_in.key}.{TARGET}",
+            shown(plug_in.target),
+            "a class of vocc_torch's Effect",
+        )
     after = plug_in.arguments.get(AFTER, kind.after)
-    return _named(kind, name=plug_in.name, target=plug_in.target, after=None if after is None else str(after))
+    return _named(
+        kind,
+        name=plug_in.name,
+        target=plug_in.target,
+        after=None if after is None else str(after),
+    )
 
 
 def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
@@ -108,12 +174,20 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
             continue
         key = f"scene.effects.{name}"
         if name in ours:
-            raise VoccError(f"{key} is an effect of the package: give yours another name")
-        if {*inspect.signature(kind).parameters} != {one.name for one in fields(kind) if one.init}:
-            raise VoccError(f"{key}: {kind.__name__} must be a dataclass, its parameters being its fields")
+            raise VoccError(
+                f"{key} is an effect of the package: give yours another name"
+            )
+        if {*inspect.signature(kind).parameters} != {
+            one.name for one in fields(kind) if one.init
+        }:
+            raise VoccError(
+                f"{key}: {kind.__name__} must be a dataclass, its parameters being its fields"
+            )
         after = _last_of(kind.takes) if kind.after is None else kind.after
         if after not in ours:
-            raise VoccError(f"{key}.{AFTER} is {shown(after)}: {told_known(after, ours)}")
+            raise VoccError(
+                f"{key}.{AFTER} is {shown(after)}: {told_known(after, ours)}"
+            )
         kinds[name], places[name] = kind, (places[after][0], name)
     return {name: kinds[name] for name in sorted(kinds, key=places.__getitem__)}
 
@@ -121,8 +195,14 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
 def _last_of(quantity: Quantity) -> str:
     """Name the effect of ours that one from outside follows by itself."""
     kinds = [kind for kind in PHYSICAL_ORDER if kind.takes == quantity]
-    keeping = [kind for kind in kinds if kind.gives == quantity and kind.__module__ == kinds[0].__module__]
-    return (keeping[-1] if keeping else PHYSICAL_ORDER[PHYSICAL_ORDER.index(kinds[0]) - 1]).name
+    keeping = [
+        kind
+        for kind in kinds
+        if kind.gives == quantity and kind.__module__ == kinds[0].__module__
+    ]
+    return (
+        keeping[-1] if keeping else PHYSICAL_ORDER[PHYSICAL_ORDER.index(kinds[0]) - 1]
+    ).name
 
 
 def build_effects(named: Effects) -> tuple[Effect, ...]:
@@ -145,18 +225,30 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
     given: dict[str, Any] = {}
     if isinstance(named, Mapping):
         given = dict(named)
-    elif isinstance(named, list | tuple) and all(isinstance(one, Effect) for one in named):
+    elif isinstance(named, list | tuple) and all(
+        isinstance(one, Effect) for one in named
+    ):
         given = {one.name: one for one in named}
         if len(given) < len(named):
-            raise VoccError.of("scene.effects", [one.name for one in named], "effects of different names")
+            raise VoccError.of(
+                "scene.effects",
+                [one.name for one in named],
+                "effects of different names",
+            )
     else:
-        raise VoccError.of("scene.effects", shown(named), "effects by name, or a list of effects")
+        raise VoccError.of(
+            "scene.effects", shown(named), "effects by name, or a list of effects"
+        )
     kinds = kinds_of(given)
     for name in given:
         if name not in kinds:
-            raise VoccError(f"scene.effects.{name} is not a known effect; {told_known(name, kinds)}")
+            raise VoccError(
+                f"scene.effects.{name} is not a known effect; {told_known(name, kinds)}"
+            )
     ordered = [(kinds[name], given[name]) for name in kinds if name in given]
-    effects = [one if isinstance(one, Effect) else _built(kind, one) for kind, one in ordered]
+    effects = [
+        one if isinstance(one, Effect) else _built(kind, one) for kind, one in ordered
+    ]
     check_chain(effects)
     return tuple(effects)
 
@@ -166,7 +258,9 @@ def _built(kind: type[Effect], given: object) -> Effect:
     key = f"scene.effects.{kind.name}"
     read: dict[str, Any] = {}
     if given is None:
-        raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
+        raise VoccError(
+            f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}"
+        )
     demand_kind(key, given, Mapping)
     assert isinstance(given, Mapping)
     signature = inspect.signature(kind).parameters
@@ -178,10 +272,16 @@ def _built(kind: type[Effect], given: object) -> Effect:
             raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
         kept = str(signature[parameter].annotation)
         if "Distribution" in kept:
-            read[parameter] = Distribution.parse(own, f"effects.{kind.name}.{parameter}")
+            read[parameter] = Distribution.parse(
+                own, f"effects.{kind.name}.{parameter}"
+            )
         elif isinstance(own, str) and "str" in kept:
             read[parameter] = own
-        elif isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < math.inf:
+        elif (
+            isinstance(own, bool)
+            or not isinstance(own, int | float)
+            or LARGEST < abs(own) < math.inf
+        ):
             raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
         else:
             read[parameter] = own
@@ -206,11 +306,17 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
     """
     current = CAMERA_STEPS[0]
     for effect in effects:
-        ahead = CAMERA_STEPS[CAMERA_STEPS.index(current) :] if current in CAMERA_STEPS else (current,)
+        ahead = (
+            CAMERA_STEPS[CAMERA_STEPS.index(current) :]
+            if current in CAMERA_STEPS
+            else (current,)
+        )
         if effect.takes not in ahead:
             wanted = f"scene.effects.{effect.name} needs {effect.takes.value}"
             if effect.takes in CAMERA_STEPS and current != Quantity.ELECTRONS:
-                raise VoccError(f"{wanted}, which is gone at its place: give another {AFTER}")
+                raise VoccError(
+                    f"{wanted}, which is gone at its place: give another {AFTER}"
+                )
             raise VoccError(f"{wanted}, which {_leads('makes', effect.takes, current)}")
         kind = OF_POINTS_AND_SYMBOLS.get(effect.takes, Effect)
         acts = f"scene.effects.{effect.name} acts on {effect.takes.value}"
@@ -223,13 +329,19 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
         ends = _leads("reads out", Quantity.EXPOSURE, current)
         raise VoccError(f"scene.effects ends at electrons, and {ends}")
     named = {effect.name: effect for effect in effects}
-    fog, dims, depth = (named.get(name) for name in ("airlight", "attenuation", "quantization"))
+    fog, dims, depth = (
+        named.get(name) for name in ("airlight", "attenuation", "quantization")
+    )
     if isinstance(fog, light.Airlight):
         if not isinstance(dims, light.Attenuation):
             rule = "which dims the LEDs' own light in the same air: name it too"
-            raise VoccError(f"scene.effects.airlight needs scene.effects.attenuation, {rule}")
+            raise VoccError(
+                f"scene.effects.airlight needs scene.effects.attenuation, {rule}"
+            )
         if fog.visibility_m != dims.visibility_m:
-            raise fog.refusal("visibility_m", f"{dims.visibility_m:g} as in scene.effects.attenuation")
+            raise fog.refusal(
+                "visibility_m", f"{dims.visibility_m:g} as in scene.effects.attenuation"
+            )
     if isinstance(depth, coding.Quantization) and depth.bits != 8 and "jpeg" in named:
         rule = f"scene.effects.quantization.bits is {depth.bits}"
         raise VoccError(f"scene.effects.jpeg codes 8-bit frames: {rule}")

@@ -53,7 +53,9 @@ class Photographs(Backdrop):
     name = "backdrop"
     folder: str
     gamma: float = within(0.1, 10, default=2.2)
-    level: Distribution | float = within(0, 100, above=True, default=Distribution("log_uniform", (0.5, 2.0)))
+    level: Distribution | float = within(
+        0, 100, above=True, default=Distribution("log_uniform", (0.5, 2.0))
+    )
     sampled = True
 
     def __post_init__(self) -> None:
@@ -64,7 +66,10 @@ class Photographs(Backdrop):
     @property
     def digest(self) -> str:
         """What tells these pictures from others: their names and sizes."""
-        told = "".join(f"{path.name}/{size}/" for path, size in pictures_of(self.folder, Path.cwd()))
+        told = "".join(
+            f"{path.name}/{size}/"
+            for path, size in pictures_of(self.folder, Path.cwd())
+        )
         return hashlib.sha256(told.encode()).hexdigest()
 
     def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
@@ -75,16 +80,25 @@ class Photographs(Backdrop):
             path, _ = pictures[int(generator.integers(len(pictures)))]
             light = light_of(path, self.gamma, 2 * max(height, width), context.channel)
             sides = light.shape[0] - 1, light.shape[1] - 1
-            scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
+            scale = (
+                min(max(height / sides[0], width / sides[1]), 1.0)
+                * 2 ** generator.random()
+            )
             starts, mirrored = generator.random(2), bool(generator.random() < 0.5)
             places = []
-            for at, full, side, start in zip((y[i], x[i]), (height, width), sides, starts, strict=True):
-                along = (at.flatten().cpu().numpy() + 0.5) / scale + start * max(side - full / scale, 0)
+            for at, full, side, start in zip(
+                (y[i], x[i]), (height, width), sides, starts, strict=True
+            ):
+                along = (at.flatten().cpu().numpy() + 0.5) / scale + start * max(
+                    side - full / scale, 0
+                )
                 along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
                 places.append((along - 0.5).clip(0, side - 1))
             places[1] = sides[1] - 1 - places[1] if mirrored else places[1]
             level = np.float32(self.drawn("level", generator))
-            shades.append(torch.from_numpy(street.between(light, places[1], places[0]) * level))
+            shades.append(
+                torch.from_numpy(street.between(light, places[1], places[0]) * level)
+            )
         return torch.stack(shades).unsqueeze(1)
 
 
@@ -99,11 +113,19 @@ def pictures_of(folder: str, here: Path) -> tuple[tuple[Path, int], ...]:
     if not path.is_dir():
         package, _, inside = folder.partition("/")
         spec = importlib.util.find_spec(package) if package.isidentifier() else None
-        path = Path(((spec and spec.submodule_search_locations) or [folder])[0]) / inside
+        path = (
+            Path(((spec and spec.submodule_search_locations) or [folder])[0]) / inside
+        )
     if not path.is_dir():
-        rule = "a folder of pictures, or one in an installed package, such as skimage/data"
+        rule = (
+            "a folder of pictures, or one in an installed package, such as skimage/data"
+        )
         raise VoccError.of(key, repr(folder), rule)
-    found = [one for one in path.iterdir() if one.suffix.lower() in PICTURE_SUFFIXES and _opens(one)]
+    found = [
+        one
+        for one in path.iterdir()
+        if one.suffix.lower() in PICTURE_SUFFIXES and _opens(one)
+    ]
     if not found:
         rule = f"a folder with a picture that can be read, {' '.join(PICTURE_SUFFIXES)}"
         raise VoccError.of(key, repr(folder), rule)
@@ -120,7 +142,9 @@ def _opens(path: Path) -> bool:
 
 
 @functools.lru_cache(maxsize=32)
-def light_of(path: Path, gamma: float, most_px: int, channel: int | None = None) -> street.Plane:
+def light_of(
+    path: Path, gamma: float, most_px: int, channel: int | None = None
+) -> street.Plane:
     """Read a picture's light, (H+1,W+1), its last row and column repeated; larger ones shrink.
 
     Of its luma, which has a mean of 1, or of one channel over the luma's mean.
@@ -129,12 +153,17 @@ def light_of(path: Path, gamma: float, most_px: int, channel: int | None = None)
         VoccError: a picture that cannot be read.
     """
     try:
-        with ordinary_file(path) as file, Image.open(file, formats=PICTURE_FORMATS) as picture:
+        with (
+            ordinary_file(path) as file,
+            Image.open(file, formats=PICTURE_FORMATS) as picture,
+        ):
             shown = ImageOps.exif_transpose(picture.convert("L"))
             shown.thumbnail((most_px, most_px))
             grey = np.asarray(shown, dtype=np.float32)
             if channel is not None:
-                own = ImageOps.exif_transpose(picture.convert("RGB")).getchannel(channel)
+                own = ImageOps.exif_transpose(picture.convert("RGB")).getchannel(
+                    channel
+                )
                 own.thumbnail((most_px, most_px))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         rule = f"holds {path.name}, which cannot be read ({error})"
@@ -142,7 +171,9 @@ def light_of(path: Path, gamma: float, most_px: int, channel: int | None = None)
     light = (grey / np.float32(255)) ** np.float32(gamma)
     mean = max(float(light.mean()), 1e-9)
     if channel is not None:
-        light = (np.asarray(own, dtype=np.float32) / np.float32(255)) ** np.float32(gamma)
+        light = (np.asarray(own, dtype=np.float32) / np.float32(255)) ** np.float32(
+            gamma
+        )
     scaled: street.Plane = np.pad(light / mean, (0, 1), mode="edge")
     return scaled.astype(np.float32)
 
@@ -183,8 +214,15 @@ class Leaves(street.Sketched):
     def draw(self, layer: street.Layer, generator: Generator) -> None:
         """Draw one frame's shapes."""
         context, window = layer.seen.context, layer.window
-        plain = float(context.scene.ambient_lx[0]) * context.panel.background_reflectance / math.pi
-        low, high = max(context.camera.sensor_px) / 120, max(context.camera.sensor_px) / 2.5
+        plain = (
+            float(context.scene.ambient_lx[0])
+            * context.panel.background_reflectance
+            / math.pi
+        )
+        low, high = (
+            max(context.camera.sensor_px) / 120,
+            max(context.camera.sensor_px) / 2.5,
+        )
         drawn = generator.random((self.count, 3))
         radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
         radii[: self.count // 20] = high * (0.3 + 0.7 * drawn[: self.count // 20, 0])
@@ -194,15 +232,24 @@ class Leaves(street.Sketched):
         for leaf in np.flatnonzero(far < 2 * radii):
             own = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
             turn, squeeze = own.uniform(0, 2 * math.pi), own.uniform(0.4, 1.0)
-            axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+            axes = np.array(
+                [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+            )
             axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
             parts = self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts
-            layer.lay(parts, functools.partial(_moved, axes, middles[leaf]), seed=int(seeds[leaf]))
+            layer.lay(
+                parts,
+                functools.partial(_moved, axes, middles[leaf]),
+                seed=int(seeds[leaf]),
+            )
 
     def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
         """Draw one shape, about 1 in size; those that shine are small."""
         made, lamp = Sketch(), bool(g.random() < self.lamps) and small
-        shade, ink = (max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6) for _ in range(2))
+        shade, ink = (
+            max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6)
+            for _ in range(2)
+        )
         shade = spread(g, 300, 1e5) if lamp else shade
         corners = int(g.choice([3, 4, 4, 5, 16]))
         angles = np.arange(2 * corners) * (math.pi / corners)
@@ -221,7 +268,9 @@ class Leaves(street.Sketched):
             case 1:
                 for angle in np.arange(rows) * (2 * math.pi / rows):
                     ends = np.array([[angle - 0.4 / rows], [angle + 0.4 / rows]])
-                    made.polygon([(0, 0), *np.hstack([np.cos(ends), np.sin(ends)])], ink)
+                    made.polygon(
+                        [(0, 0), *np.hstack([np.cos(ends), np.sin(ends)])], ink
+                    )
             case 2:
                 made.grid(-0.7, -0.7, 0.7, 0.7, 1, columns, fill, ink)
             case 3:
@@ -231,9 +280,23 @@ class Leaves(street.Sketched):
                     made.polygon([*pen, *(pen + np.array([0.02, 0.04]))[::-1]], ink)
             case _:
                 lit = np.broadcast_to(g.random(columns) < 0.6, (rows, columns))
-                lit = lit ^ (np.arange(rows)[:, None] % 2 > 0) if g.random() < 0.3 else lit
+                lit = (
+                    lit ^ (np.arange(rows)[:, None] % 2 > 0)
+                    if g.random() < 0.3
+                    else lit
+                )
                 bright = np.where(lit, ink * g.uniform(1, 8), ink)
-                made.grid(-0.7, -0.7, 0.7, 0.7, rows, columns, fill, bright.ravel(), round=round)
+                made.grid(
+                    -0.7,
+                    -0.7,
+                    0.7,
+                    0.7,
+                    rows,
+                    columns,
+                    fill,
+                    bright.ravel(),
+                    round=round,
+                )
         return made
 
 

@@ -13,7 +13,13 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import photometry, raster
 from vocc_torch.simulation.effects import colour, light, view
-from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    BRIGHTEST,
+    Context,
+    Effect,
+    Quantity,
+    within,
+)
 
 MOST_LAMPS = 1000
 """Most lamps in a frame."""
@@ -84,23 +90,35 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
         2.0
     """
 
-    contrast: float = within(0, 1, above=True, hint="leave the effect out for a uniform background")
+    contrast: float = within(
+        0, 1, above=True, hint="leave the effect out for a uniform background"
+    )
     beta: float = within(0, 4, default=2.0)
     sampled = fills_sensor = True
 
-    def texture(self, generator: np.random.Generator, sensor_px: tuple[int, int]) -> NDArray[np.float32]:
+    def texture(
+        self, generator: np.random.Generator, sensor_px: tuple[int, int]
+    ) -> NDArray[np.float32]:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
         log_sigma = np.float32(math.sqrt(math.log1p(self.contrast**2)))
-        texture: NDArray[np.float32] = np.exp(log_sigma * power_law_noise(generator, sensor_px, self.beta))
+        texture: NDArray[np.float32] = np.exp(
+            log_sigma * power_law_noise(generator, sensor_px, self.beta)
+        )
         return texture * np.float32(1 / texture.mean(dtype=np.float64))
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance by each frame's texture."""
         height, width = value.shape[-2:]
-        frames = zip(context.generators(self.name, of_scene=True), context.first_px.tolist(), strict=True)
+        frames = zip(
+            context.generators(self.name, of_scene=True),
+            context.first_px.tolist(),
+            strict=True,
+        )
         parts = []
         for generator, (x, y) in frames:
-            texture = torch.from_numpy(self.texture(generator, context.camera.sensor_px))
+            texture = torch.from_numpy(
+                self.texture(generator, context.camera.sensor_px)
+            )
             parts.append(texture[y : y + height, x : x + width])
         return value * torch.stack(parts).unsqueeze(1).to(value)
 
@@ -140,26 +158,50 @@ class Lamps(Effect, on=Quantity.BACKGROUND):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Paint each frame's lamps onto its (B,1,H,W) background luminance."""
         camera, painted = context.camera, value.clone()
-        radii = (self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)).tolist()
-        shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
+        radii = (
+            self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)
+        ).tolist()
+        shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(
+            -1, 1, 1
+        )
         luminances = light.dimmed_once(shining, context).flatten().tolist()
         generators = context.generators(self.name, of_scene=True)
-        frames = zip(radii, context.first_px.tolist(), luminances, generators, strict=True)
+        frames = zip(
+            radii, context.first_px.tolist(), luminances, generators, strict=True
+        )
         for frame, (radius, origin, luminance, generator) in enumerate(frames):
             plane = painted[frame, 0]
-            for centre in (generator.random((self.count, 2)) * (camera.width_px, camera.height_px)).tolist():
+            for centre in (
+                generator.random((self.count, 2)) * (camera.width_px, camera.height_px)
+            ).tolist():
                 # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
                 sides = zip(centre, origin, plane.shape[::-1], strict=True)
-                disc = [(math.floor(c - radius), math.ceil(c + radius), at, at + n) for c, at, n in sides]
-                ends = [(max(low, first), min(high, last)) for low, high, first, last in disc]
+                disc = [
+                    (math.floor(c - radius), math.ceil(c + radius), at, at + n)
+                    for c, at, n in sides
+                ]
+                ends = [
+                    (max(low, first), min(high, last))
+                    for low, high, first, last in disc
+                ]
                 (left, right), (top, bottom) = ends
                 if left >= right or top >= bottom:
                     continue
-                steps = (torch.arange(low, high + 1, device=plane.device).double() for low, high in ends)
-                x, y = ((step - c) / radius for step, c in zip(steps, centre, strict=True))
-                area = raster.disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
+                steps = (
+                    torch.arange(low, high + 1, device=plane.device).double()
+                    for low, high in ends
+                )
+                x, y = (
+                    (step - c) / radius for step, c in zip(steps, centre, strict=True)
+                )
+                area = (
+                    raster.disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
+                )
                 cover = area.clamp(0, 1).to(plane.dtype)
-                window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
+                window = plane[
+                    top - origin[1] : bottom - origin[1],
+                    left - origin[0] : right - origin[0],
+                ]
                 window.mul_(1 - cover).add_(cover * luminance)
         return painted
 
@@ -198,34 +240,68 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
 
     offset_x_m: float = within(-FARTHEST_M, FARTHEST_M)
     offset_y_m: float = within(-FARTHEST_M, FARTHEST_M, default=0.0)
-    luminance_share: float = within(0, 10, default=1.0, above=True, hint="leave the effect out for none")
+    luminance_share: float = within(
+        0, 10, default=1.0, above=True, hint="leave the effect out for none"
+    )
     sampled = fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
         panel, scene = context.panel, context.scene
-        width_m, height_m = panel.shape.columns * panel.pitch_m, panel.shape.rows * panel.pitch_m
+        width_m, height_m = (
+            panel.shape.columns * panel.pitch_m,
+            panel.shape.rows * panel.pitch_m,
+        )
         near = 1 - 1e-9
-        if abs(self.offset_x_m) < width_m * near and abs(self.offset_y_m) < height_m * near:
-            shown = f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
+        if (
+            abs(self.offset_x_m) < width_m * near
+            and abs(self.offset_y_m) < height_m * near
+        ):
+            shown = (
+                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
+            )
             rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
-            raise VoccError(f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}")
+            raise VoccError(
+                f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}"
+            )
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         leds_m = (offset_m + view.led_centres_m(panel)).to(scene.distance_m.device)
         size = panel.shape.rows, panel.shape.columns
-        bits = np.stack([g.integers(2, size=size, dtype=np.uint8) for g in context.generators(self.name)])
+        bits = np.stack(
+            [
+                g.integers(2, size=size, dtype=np.uint8)
+                for g in context.generators(self.name)
+            ]
+        )
         full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        own = light.dimmed_once(colour.of_leds(torch.from_numpy(bits).to(full) * full, context), context)
-        surface = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        own = light.dimmed_once(
+            colour.of_leds(torch.from_numpy(bits).to(full) * full, context), context
+        )
+        surface = photometry.reflected_luminance_cd_m2(
+            scene.ambient_lx, panel.led_reflectance
+        )
         shining, canvas = surface.view(-1, 1, 1) + own, value.squeeze(1)
         if panel.board_reflectance is not None:
-            board = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+            board = photometry.reflected_luminance_cd_m2(
+                scene.ambient_lx, panel.board_reflectance
+            )
             boards = board.repeat_interleave(panel.shape.leds)
-            cells = cell_patches(leds_m, panel.pitch_m / 2, (canvas.shape[1], canvas.shape[2]), context, None)
+            cells = cell_patches(
+                leds_m,
+                panel.pitch_m / 2,
+                (canvas.shape[1], canvas.shape[2]),
+                context,
+                None,
+            )
             covered, added = laid(canvas, boards, cells)
             # What an LED covers is board, also in a pixel that the board's edge crosses.
-            canvas, shining = canvas * (1 - covered) + added, shining - board.view(-1, 1, 1)
-        covered, added = laid(canvas, shining.flatten(), led_patches(leds_m, canvas, context))
+            canvas, shining = (
+                canvas * (1 - covered) + added,
+                shining - board.view(-1, 1, 1),
+            )
+        covered, added = laid(
+            canvas, shining.flatten(), led_patches(leds_m, canvas, context)
+        )
         hidden = covered if panel.board_reflectance is None else 0.0
         return (canvas * (1 - hidden) + added).unsqueeze(1)
 
@@ -240,7 +316,9 @@ def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, T
     for which, cover, left, top in patches:
         frame = which // (len(luminance) // len(canvas))
         raster.add_patches(covered, cover, frame, left, top)
-        raster.add_patches(added, cover * luminance[which].view(-1, 1, 1), frame, left, top)
+        raster.add_patches(
+            added, cover * luminance[which].view(-1, 1, 1), frame, left, top
+        )
     return covered, added
 
 
@@ -250,15 +328,31 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     height, width = canvas.shape[1:]
     has_image = seen.has_image(leds_m, radius_m)
     # Our panel's centre, which has an image, stands in the place of points that have none.
-    centre, spread = seen.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
-    centre, spread = (centre - context.first_px.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
+    centre, spread = seen.discs_px(
+        torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m
+    )
+    centre, spread = (
+        (centre - context.first_px.unsqueeze(1)).flatten(0, 1),
+        spread.flatten(0, 1),
+    )
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    for which, side in raster.by_size(centre - reach, centre + reach, (height, width), has_image.flatten()):
-        yield which, *raster.ellipse_cover(centre[which], spread[which], side, canvas_px=(height, width))
+    for which, side in raster.by_size(
+        centre - reach, centre + reach, (height, width), has_image.flatten()
+    ):
+        yield (
+            which,
+            *raster.ellipse_cover(
+                centre[which], spread[which], side, canvas_px=(height, width)
+            ),
+        )
 
 
 def cell_patches(
-    leds_m: Tensor, half_m: float | Tensor, size: tuple[int, int], context: Context, drawn: Tensor | None
+    leds_m: Tensor,
+    half_m: float | Tensor,
+    size: tuple[int, int],
+    context: Context,
+    drawn: Tensor | None,
 ) -> Patches:
     """Cover squares about LEDs (N,2) of half a side, one or (B,1,1,1): cells are a board's parts.
 
@@ -270,7 +364,11 @@ def cell_patches(
     has_image = seen.has_image(squares_m, 0.0)
     corners = seen.points_px(torch.where(has_image.unsqueeze(-1), squares_m, 0.0))
     corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
-    low, high, chosen = corners.amin(dim=1), corners.amax(dim=1), has_image.view(-1, 4).all(dim=1)
+    low, high, chosen = (
+        corners.amin(dim=1),
+        corners.amax(dim=1),
+        has_image.view(-1, 4).all(dim=1),
+    )
     if drawn is not None:
         chosen = chosen & drawn.repeat_interleave(len(leds_m))
     for which, side in raster.by_size(low, high, (height, width), chosen):
@@ -278,4 +376,9 @@ def cell_patches(
         last = low.new_tensor([width - across, height - down])
         begin = torch.minimum(torch.floor(low[which]).clamp(min=0), last)
         left, top = begin.long().unbind(dim=-1)
-        yield which, raster.polygon_cover(corners[which] - begin.unsqueeze(1), down, across), left, top
+        yield (
+            which,
+            raster.polygon_cover(corners[which] - begin.unsqueeze(1), down, across),
+            left,
+            top,
+        )

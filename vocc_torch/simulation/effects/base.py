@@ -86,10 +86,14 @@ class Context:
             VoccError: frames without keys, which have no randomness to draw from.
         """
         if len(self.keys) != len(self.scene):
-            raise VoccError(f"scene.effects.{stream} draws random numbers: give render() keys, one a frame")
+            raise VoccError(
+                f"scene.effects.{stream} draws random numbers: give render() keys, one a frame"
+            )
         return self.keys
 
-    def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
+    def generators(
+        self, stream: str, *, of_scene: bool = False
+    ) -> list[np.random.Generator]:
         """Each frame's random stream of an effect; what other effects draw does not change it.
 
         Args:
@@ -100,7 +104,10 @@ class Context:
         Raises:
             VoccError: frames without keys.
         """
-        return [key.generator(f"effect.{stream}", of_scene=of_scene) for key in self.keys_for(stream)]
+        return [
+            key.generator(f"effect.{stream}", of_scene=of_scene)
+            for key in self.keys_for(stream)
+        ]
 
     @property
     def first_px(self) -> torch.Tensor:
@@ -111,7 +118,9 @@ class Context:
         return self.origin_px.to(device)
 
 
-def within(low: float, high: float = math.inf, *, default: object = MISSING, **more: str | bool) -> Any:
+def within(
+    low: float, high: float = math.inf, *, default: object = MISSING, **more: str | bool
+) -> Any:
     """Declare a parameter of an effect with its range; values outside it are refused by name.
 
     Args:
@@ -122,7 +131,14 @@ def within(low: float, high: float = math.inf, *, default: object = MISSING, **m
         **more: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
             value is ``low``; ``whole``, whether it is a whole number.
     """
-    rule = {"low": low, "high": high, "above": False, "hint": "", "whole": False, **more}
+    rule = {
+        "low": low,
+        "high": high,
+        "above": False,
+        "hint": "",
+        "whole": False,
+        **more,
+    }
     return field(default=default, metadata=rule)
 
 
@@ -163,7 +179,9 @@ class Effect(ABC):
     unbounded: ClassVar[bool] = False
     """True where a pixel may depend on any other, so that a window would not do."""
 
-    def __init_subclass__(cls, on: Quantity | None = None, to: Quantity | None = None) -> None:
+    def __init_subclass__(
+        cls, on: Quantity | None = None, to: Quantity | None = None
+    ) -> None:
         """Take the name from the class where it states none, and the quantities from its head."""
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
@@ -172,16 +190,22 @@ class Effect(ABC):
         if _is_ours(cls) or "target" in cls.__dict__:
             return
         cls.target = f"{cls.__module__}.{cls.__qualname__}"
-        called = next(place for place, base in enumerate(cls.__mro__) if "__call__" in vars(base))
+        called = next(
+            place for place, base in enumerate(cls.__mro__) if "__call__" in vars(base)
+        )
         if _is_ours(cls.__mro__[called]):
             return
         # What is stated for another __call__ need not hold for this one.
         stated = {name for base in cls.__mro__[: called + 1] for name in vars(base)}
         told, takes = "fills_sensor" in stated, getattr(cls, "takes", None)
-        bounded = {"reach_in_px", "size_in_px"} & stated or (told and not cls.fills_sensor)
+        bounded = {"reach_in_px", "size_in_px"} & stated or (
+            told and not cls.fills_sensor
+        )
         cls.unbounded = takes != Quantity.LED_LUMINANCE and not bounded
         if not told:
-            cls.fills_sensor = cls.fills_sensor or cls.unbounded or takes == Quantity.BACKGROUND
+            cls.fills_sensor = (
+                cls.fills_sensor or cls.unbounded or takes == Quantity.BACKGROUND
+            )
 
     def __post_init__(self) -> None:
         """Refuse by name a parameter outside its range; where a distribution may stand, a number is one."""
@@ -189,8 +213,12 @@ class Effect(ABC):
             rule, given = parameter.metadata, getattr(self, parameter.name)
             if not rule or (given is None and parameter.default is None):
                 continue
-            if "Distribution" in str(parameter.type) and not isinstance(given, Distribution):
-                given = Distribution.parse(given, f"effects.{self.name}.{parameter.name}")
+            if "Distribution" in str(parameter.type) and not isinstance(
+                given, Distribution
+            ):
+                given = Distribution.parse(
+                    given, f"effects.{self.name}.{parameter.name}"
+                )
                 object.__setattr__(self, parameter.name, given)
             low, high, above = rule["low"], rule["high"], rule["above"]
             for value in given.bounds if isinstance(given, Distribution) else (given,):
@@ -199,7 +227,11 @@ class Effect(ABC):
                     raise VoccError.of(key, "None", "a number")
                 if rule["whole"]:
                     whole_number(key, value, low, high)
-                elif not (low < value if above else low <= value) or value > high or not math.isfinite(value):
+                elif (
+                    not (low < value if above else low <= value)
+                    or value > high
+                    or not math.isfinite(value)
+                ):
                     allowed = f"{'above' if above else 'at least'} {low:g}"
                     allowed += "" if math.isinf(high) else f" and at most {high:g}"
                     hint = f" ({rule['hint']})" if rule["hint"] and value == low else ""
@@ -220,10 +252,14 @@ class Effect(ABC):
         """Draw one value of a parameter that is a distribution."""
         return float(getattr(self, parameter).draw(generator, 1)[0])
 
-    def refusal(self, parameter: str, rule: str, value: float | None = None) -> VoccError:
+    def refusal(
+        self, parameter: str, rule: str, value: float | None = None
+    ) -> VoccError:
         """The error that names a parameter, its value and what it must be."""
         shown = getattr(self, parameter) if value is None else value
-        return VoccError.of(f"scene.effects.{self.name}.{parameter}", f"{shown:g}", rule)
+        return VoccError.of(
+            f"scene.effects.{self.name}.{parameter}", f"{shown:g}", rule
+        )
 
     @abstractmethod
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
@@ -243,16 +279,32 @@ class Effect(ABC):
             given = self(value.clone(), context)
         if not torch.equal(drawn, torch.get_rng_state()):
             rule = "it must draw from context.generators(self.name), which is the same in every run"
-            raise VoccError(f"scene.effects.{self.name} drew from torch's own generator: {rule}")
+            raise VoccError(
+                f"scene.effects.{self.name} drew from torch's own generator: {rule}"
+            )
         if not isinstance(given, torch.Tensor) or given.shape != value.shape:
-            shown = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
-            raise VoccError(f"{said} {shown}: it must give a tensor of shape {tuple(value.shape)}")
+            shown = (
+                tuple(given.shape)
+                if isinstance(given, torch.Tensor)
+                else type(given).__name__
+            )
+            raise VoccError(
+                f"{said} {shown}: it must give a tensor of shape {tuple(value.shape)}"
+            )
         if self.gives == self.takes:
             given = given.to(value)
-        low, high = (float(end) for end in given.detach().aminmax()) if given.numel() else (0.0, 0.0)
+        low, high = (
+            (float(end) for end in given.detach().aminmax())
+            if given.numel()
+            else (0.0, 0.0)
+        )
         if not math.isfinite(high - low):
             raise VoccError(f"{said} a value that is not finite")
-        if self.gives in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.ELECTRONS) or low >= 0:
+        if (
+            self.gives
+            in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.ELECTRONS)
+            or low >= 0
+        ):
             return given
         if low < -1e-6 * high:
             raise VoccError(f"{said} {low:g}: {self.gives.value} must be at least 0")
@@ -267,7 +319,9 @@ class Effect(ABC):
         except Exception as error:
             if not cls.target or isinstance(error, VoccError):
                 raise
-            raise VoccError(f"scene.effects.{cls.name} failed ({one_line(error)})") from error
+            raise VoccError(
+                f"scene.effects.{cls.name} failed ({one_line(error)})"
+            ) from error
 
 
 class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
@@ -307,5 +361,7 @@ class Backdrop(Effect, on=Quantity.BACKGROUND):
         """Multiply (B,1,H,W) background luminance."""
         left, top = context.first_px.unbind(dim=-1)
         x = left.view(-1, 1, 1, 1) + torch.arange(value.shape[3], device=left.device)
-        y = top.view(-1, 1, 1, 1) + torch.arange(value.shape[2], device=left.device).unsqueeze(-1)
+        y = top.view(-1, 1, 1, 1) + torch.arange(
+            value.shape[2], device=left.device
+        ).unsqueeze(-1)
         return value * self.shade(x, y, context).to(value)

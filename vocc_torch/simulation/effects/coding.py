@@ -68,13 +68,17 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
         for name in ("width_px", "height_px"):
             if getattr(context.camera, name) < CELL_PX:
                 rule = f"it must be at least {CELL_PX}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
-                raise VoccError(f"camera.{name} is {getattr(context.camera, name)}: {rule}")
+                raise VoccError(
+                    f"camera.{name} is {getattr(context.camera, name)}: {rule}"
+                )
         raw = value.to(torch.float64)
         for effect in context.effects:
             if isinstance(effect, Bayer):
                 raw = raw / effect.filters(raw, context)
         phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
-        coloured = context.channel is None and {"colour", "bayer"} <= {one.name for one in context.effects}
+        coloured = context.channel is None and {"colour", "bayer"} <= {
+            one.name for one in context.effects
+        }
         seen = raw.new_empty(len(raw), 3 if coloured else 1, *raw.shape[2:])
         for phase in set(phases):
             alike = [frame for frame, its in enumerate(phases) if its == phase]
@@ -95,7 +99,9 @@ def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
     for top in range(0, height, MOSAIC_ROWS):
         above = min(top, CELL_PX)
         strip = raw[..., top - above : top + MOSAIC_ROWS + CELL_PX, :]
-        even = nn.functional.pad(strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect")
+        even = nn.functional.pad(
+            strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect"
+        )
         rgb = raw_to_rgb(even, pattern)
         seen = (rgb if coloured else rgb_to_grayscale(rgb))[..., :width]
         strips.append(seen[..., above : above + min(MOSAIC_ROWS, height - top), :])
@@ -144,7 +150,9 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
         0.0
     """
 
-    bar: Distribution | float = within(0, 0.5, default=Distribution("uniform", (0.02, 0.15)))
+    bar: Distribution | float = within(
+        0, 0.5, default=Distribution("uniform", (0.02, 0.15))
+    )
     share: float = within(0, 1, default=0.2)
     lettering: float = within(0, 1, default=0.0)
     sampled = fills_sensor = True
@@ -152,24 +160,44 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Cover a part of each frame's (B,1,H,W) grey values."""
         frames, (height, width) = list(value), context.camera.sensor_px
-        generators, firsts = context.generators(self.name, of_scene=True), context.first_px.tolist()
-        for i, (generator, (left, top)) in enumerate(zip(generators, firsts, strict=True)):
-            rows, columns = top + np.arange(value.shape[2]), left + np.arange(value.shape[3])
+        generators, firsts = (
+            context.generators(self.name, of_scene=True),
+            context.first_px.tolist(),
+        )
+        for i, (generator, (left, top)) in enumerate(
+            zip(generators, firsts, strict=True)
+        ):
+            rows, columns = (
+                top + np.arange(value.shape[2]),
+                left + np.arange(value.shape[3]),
+            )
             bar = self.drawn("bar", generator) * (generator.random() < self.share)
-            along, full = ((rows[:, None], height), (columns, width))[int(generator.random() < 0.5)]
+            along, full = ((rows[:, None], height), (columns, width))[
+                int(generator.random() < 0.5)
+            ]
             mask = letters_mask(words_of(generator, int(generator.integers(8, 24))))
             times = max(1, round(height * generator.uniform(0.01, 0.04) / len(mask)))
             x, y, white = *generator.random(2), 255.0 * (generator.random() < 0.8)
             y = (0.01 if y < 0.5 else 0.98) * (height - times * len(mask))
             if bar:
-                black = torch.from_numpy((along < bar * full) | (along >= (1 - bar) * full))
+                black = torch.from_numpy(
+                    (along < bar * full) | (along >= (1 - bar) * full)
+                )
                 frames[i] = frames[i].masked_fill(black.to(value.device), 0.0)
             if generator.random() < self.lettering:
-                row, column = (rows - round(y)) // times, (columns - round(x * width * 0.5)) // times
-                shown = (row >= 0) & (row < len(mask)), (column >= 0) & (column < mask.shape[1])
+                row, column = (
+                    (rows - round(y)) // times,
+                    (columns - round(x * width * 0.5)) // times,
+                )
+                shown = (
+                    (row >= 0) & (row < len(mask)),
+                    (column >= 0) & (column < mask.shape[1]),
+                )
                 lit = np.zeros(value.shape[2:], dtype=bool)
                 lit[np.ix_(*shown)] = mask[np.ix_(row[shown[0]], column[shown[1]])]
-                frames[i] = frames[i].masked_fill(torch.from_numpy(lit).to(value.device), white)
+                frames[i] = frames[i].masked_fill(
+                    torch.from_numpy(lit).to(value.device), white
+                )
         return torch.stack(frames)
 
 
@@ -249,9 +277,14 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         """
         for at in context.first_px.tolist():
             if at[0] % JPEG_BLOCK_PX or at[1] % JPEG_BLOCK_PX:
-                raise VoccError(f"scene.effects.jpeg got a crop at {at}, off the grid of {JPEG_BLOCK_PX} px")
+                raise VoccError(
+                    f"scene.effects.jpeg got a crop at {at}, off the grid of {JPEG_BLOCK_PX} px"
+                )
         height, width = value.shape[-2:]
-        coded, quality = torch.empty_like(value), torch.tensor([float(self.quality)], device=value.device)
+        coded, quality = (
+            torch.empty_like(value),
+            torch.tensor([float(self.quality)], device=value.device),
+        )
         # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach
         # the luma. So the strips are tinted to the chroma that the codec takes for none.
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
@@ -260,12 +293,20 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         coloured = value.shape[1] == len(CHANNELS)
         for first in range(0, len(value), several):
             for top in range(0, height, JPEG_ROWS):
-                part = slice(first, first + several), slice(None), slice(top, top + JPEG_ROWS)
+                part = (
+                    slice(first, first + several),
+                    slice(None),
+                    slice(top, top + JPEG_ROWS),
+                )
                 if coloured:
-                    rgb = jpeg_codec_differentiable(value[part].to(torch.float32) / 255.0, quality)
+                    rgb = jpeg_codec_differentiable(
+                        value[part].to(torch.float32) / 255.0, quality
+                    )
                     coded[part] = torch.round(rgb * 255.0).clamp(0, 255).to(torch.uint8)
                     continue
-                rgb = jpeg_codec_differentiable(value[part].to(torch.float32) / 255.0 + tint, quality)
+                rgb = jpeg_codec_differentiable(
+                    value[part].to(torch.float32) / 255.0 + tint, quality
+                )
                 # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
                 red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
                 luma = torch.where(green > 0.5, green, red) * 255.0

@@ -43,7 +43,9 @@ def luminous_efficiency(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float6
         [0.5, 1.0, 0.5]
     """
     lobes = (0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)
-    widths = (np.where(wavelength_nm < peak, below, above) for _, peak, below, above in lobes)
+    widths = (
+        np.where(wavelength_nm < peak, below, above) for _, peak, below, above in lobes
+    )
     return sum(
         height * np.exp(-0.5 * ((wavelength_nm - peak) / width) ** 2)
         for (height, peak, _, _), width in zip(lobes, widths, strict=True)
@@ -65,7 +67,9 @@ def channel_shares(peak_nm: float, width_nm: float) -> tuple[float, float, float
     nm = WAVELENGTHS_NM
     led = np.exp(-4 * math.log(2) * ((nm - peak_nm) / width_nm) ** 2)
     day = nm**-5.0 / np.expm1(1.438777e7 / (nm * DAYLIGHT_K))
-    seen = np.stack([np.exp(-0.5 * ((nm - peak) / sigma) ** 2) for peak, sigma in SENSITIVITIES_NM])
+    seen = np.stack(
+        [np.exp(-0.5 * ((nm - peak) / sigma) ** 2) for peak, sigma in SENSITIVITIES_NM]
+    )
     eye = luminous_efficiency(nm)
     red, green, blue = (seen @ led) / (eye @ led) / ((seen @ day) / (eye @ day))
     return float(red), float(green), float(blue)
@@ -129,7 +133,10 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
             rule = f"one of luma, {', '.join(CHANNELS)}"
             raise VoccError.of(f"scene.effects.{self.name}.grey", repr(self.grey), rule)
         for one in FURTHER:
-            if getattr(self, f"{one}_nm") is None and getattr(self, f"{one}_share") != 1:
+            if (
+                getattr(self, f"{one}_nm") is None
+                and getattr(self, f"{one}_share") != 1
+            ):
                 raise self.refusal(f"{one}_share", f"left out without {one}_nm")
 
     @property
@@ -140,7 +147,10 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     def sent(self, context: Context) -> Tensor:
         """Draw bits of the context's further LEDs, (B,R,C) bool; a preamble has them all On or all Off."""
         shape, stream = context.panel.shape, f"{self.name}.bits{context.leds}"
-        drawn = [one.integers(2, size=(shape.rows, shape.columns)) for one in context.generators(stream)]
+        drawn = [
+            one.integers(2, size=(shape.rows, shape.columns))
+            for one in context.generators(stream)
+        ]
         bits = torch.from_numpy(np.stack(drawn)).bool()
         for i, key in enumerate(context.keys):
             if key.take in ("on", "off"):
@@ -187,8 +197,12 @@ def luma_of(colour: Tensor) -> Tensor:
     """
     if colour.dtype != torch.uint8:
         return (colour * colour.new_tensor(LUMA).view(3, 1, 1)).sum(dim=1, keepdim=True)
-    weights = torch.tensor(LUMA_16, dtype=torch.int32, device=colour.device).view(3, 1, 1)
-    return ((colour.int() * weights).sum(dim=1, keepdim=True).add_(1 << 15) >> 16).to(torch.uint8)
+    weights = torch.tensor(LUMA_16, dtype=torch.int32, device=colour.device).view(
+        3, 1, 1
+    )
+    return ((colour.int() * weights).sum(dim=1, keepdim=True).add_(1 << 15) >> 16).to(
+        torch.uint8
+    )
 
 
 def tints(seed: int, parts: int, channel: int) -> NDArray[np.float64]:

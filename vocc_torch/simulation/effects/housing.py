@@ -36,7 +36,11 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
     """
 
     share: float = within(
-        0, 1, default=1.0, above=True, hint="leave the effect out for a panel in every frame"
+        0,
+        1,
+        default=1.0,
+        above=True,
+        hint="leave the effect out for a panel in every frame",
     )
     sampled = True
 
@@ -46,7 +50,9 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
 
     def present(self, context: Context) -> Tensor:
         """Which frames have a panel, (B,) bool."""
-        draws = np.array([g.random() for g in context.generators(self.name, of_scene=True)])
+        draws = np.array(
+            [g.random() for g in context.generators(self.name, of_scene=True)]
+        )
         return torch.from_numpy(draws >= self.share).to(context.scene.distance_m.device)
 
 
@@ -87,9 +93,13 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
         0.3
     """
 
-    fill: Distribution | float = within(0.02, 1, default=Distribution("uniform", (0.15, 0.95)))
+    fill: Distribution | float = within(
+        0.02, 1, default=Distribution("uniform", (0.15, 0.95))
+    )
     square: float = within(0, 1, default=0.3)
-    reflectance: Distribution | float = within(0, 1, default=Distribution("uniform", (0.05, 0.7)))
+    reflectance: Distribution | float = within(
+        0, 1, default=Distribution("uniform", (0.05, 0.7))
+    )
     invisible: float = within(0, 1, default=0.25)
     sampled = True
 
@@ -101,7 +111,10 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
     def look(self, context: Context) -> Look:
         """Draw each frame's look."""
         streams = context.generators(self.name, of_scene=True)
-        drawn = [(self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2)) for g in streams]
+        drawn = [
+            (self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2))
+            for g in streams
+        ]
         each = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device)
         fill, reflectance, shape, seen = each.unbind(1)
         radius = fill * (context.panel.pitch_m / 2)
@@ -134,16 +147,25 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
     groups: int = within(2, 64, whole=True)
     refresh_hz: Distribution | float = within(1, 1e6)
-    share: float = within(0, 1, default=1.0, above=True, hint="leave the effect out for none")
+    share: float = within(
+        0, 1, default=1.0, above=True, hint="leave the effect out for none"
+    )
     sampled = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply each row's (B,R,C) luminance by what the exposure catches of its pulses."""
-        drawn = [(self.drawn("refresh_hz", g), *g.random(2)) for g in context.generators(self.name)]
+        drawn = [
+            (self.drawn("refresh_hz", g), *g.random(2))
+            for g in context.generators(self.name)
+        ]
         each = torch.tensor(drawn, dtype=torch.float64).to(value.device)
         rate, phase, chosen = each.unsqueeze(-1).unbind(1)
         length = rate * context.camera.exposure_time_s
-        begin = torch.arange(value.shape[1], device=value.device) % self.groups / self.groups
+        begin = (
+            torch.arange(value.shape[1], device=value.device)
+            % self.groups
+            / self.groups
+        )
         caught = self._lit(phase + length, begin) - self._lit(phase, begin)
         factor = torch.where(chosen < self.share, caught * self.groups / length, 1.0)
         return value * factor.to(value).unsqueeze(-1)
@@ -180,15 +202,26 @@ class Housing(street.Sketched):
         True
     """
 
-    board: Distribution | float = within(0, 1, default=Distribution("log_uniform", (0.02, 0.6)))
+    board: Distribution | float = within(
+        0, 1, default=Distribution("log_uniform", (0.02, 0.6))
+    )
     boardless: float = within(0, 1, default=0.25)
-    rim: Distribution | float = within(0, 10, default=Distribution("choice", (0.0, 0.1, 0.3, 0.6, 1.5)))
-    rim_reflectance: Distribution | float = within(0, 1, default=Distribution("log_uniform", (0.02, 0.8)))
-    cables: Distribution | float = within(0, 20, default=Distribution("choice", (0.0, 0.0, 1.0, 3.0)))
+    rim: Distribution | float = within(
+        0, 10, default=Distribution("choice", (0.0, 0.1, 0.3, 0.6, 1.5))
+    )
+    rim_reflectance: Distribution | float = within(
+        0, 1, default=Distribution("log_uniform", (0.02, 0.8))
+    )
+    cables: Distribution | float = within(
+        0, 20, default=Distribution("choice", (0.0, 0.0, 1.0, 3.0))
+    )
 
     def draw(self, layer: street.Layer, generator: np.random.Generator) -> None:
         """Draw one frame's board, rim and cables, where it has a panel."""
-        parts, there = self.sketch(generator, layer.seen.context).parts, present(layer.seen.context)
+        parts, there = (
+            self.sketch(generator, layer.seen.context).parts,
+            present(layer.seen.context),
+        )
         if parts and (there is None or bool(there)):
             layer.lay(parts, functools.partial(street.onto, layer.seen))
 
@@ -196,7 +229,9 @@ class Housing(street.Sketched):
         """Draw one frame's parts, m from the panel's middle."""
         panel, made = context.panel, Sketch()
         parts = ("board", "rim", "rim_reflectance", "cables")
-        board, rim, reflectance, cables = (self.drawn(name, generator) for name in parts)
+        board, rim, reflectance, cables = (
+            self.drawn(name, generator) for name in parts
+        )
         white = float(context.scene.ambient_lx[0]) / math.pi
         x, y = (n * panel.pitch_m / 2 for n in (panel.shape.columns, panel.shape.rows))
         rim, shade = rim * panel.pitch_m, max(white * reflectance, 1e-6)
@@ -205,14 +240,21 @@ class Housing(street.Sketched):
             thick = generator.uniform(0.1, 0.8) * panel.pitch_m
             steps = np.arange(9) / 8 * generator.uniform(0.5, 3)
             bend = np.cumsum(generator.normal(0, 0.3, 9)) + generator.uniform(-1, 1)
-            line = np.stack([bend * x, y * (0.9 + steps)], axis=-1) * generator.choice([-1, 1])
+            line = np.stack([bend * x, y * (0.9 + steps)], axis=-1) * generator.choice(
+                [-1, 1]
+            )
             side = np.array([thick / 2, 0.0])
             outline = [*(line - side), *(line + side)[::-1]]
             made.polygon(outline, max(white * generator.uniform(0.02, 0.7), 1e-6))
         if rim and not bare:
             made.box(-x - rim, -y - rim, x + rim, y + rim, shade)
         elif rim:
-            for left, top, right, bottom in ((-x, -y, x, -y), (-x, y, x, y), (-x, -y, -x, y), (x, -y, x, y)):
+            for left, top, right, bottom in (
+                (-x, -y, x, -y),
+                (-x, y, x, y),
+                (-x, -y, -x, y),
+                (x, -y, x, y),
+            ):
                 made.box(left - rim, top - rim, right + rim, bottom + rim, shade)
         if not bare:
             made.box(-x, -y, x, y, max(white * board, 1e-6))
@@ -226,12 +268,21 @@ def replaces_board(context: Context) -> bool:
 
 def look(context: Context) -> Look | None:
     """How each frame's LEDs look, or None where all are as the panel says."""
-    return next((one.look(context) for one in context.effects if isinstance(one, LedLook)), None)
+    return next(
+        (one.look(context) for one in context.effects if isinstance(one, LedLook)), None
+    )
 
 
 def present(context: Context) -> Tensor | None:
     """Which frames have a panel, (B,) bool, or None where all have."""
-    return next((one.present(context) for one in context.effects if isinstance(one, PanelAbsent)), None)
+    return next(
+        (
+            one.present(context)
+            for one in context.effects
+            if isinstance(one, PanelAbsent)
+        ),
+        None,
+    )
 
 
 AT_THE_LEDS = (LedLook, Multiplexing, PanelAbsent)

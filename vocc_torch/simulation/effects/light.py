@@ -12,7 +12,14 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import photometry, raster
 from vocc_torch.simulation.effects import colour, view
-from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Extent, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    BRIGHTEST,
+    Context,
+    Effect,
+    Extent,
+    Quantity,
+    within,
+)
 
 MOST_SYMBOLS = 1001
 """Most symbols that a panel may show during its readout."""
@@ -62,7 +69,9 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         0.016
     """
 
-    readout_s: float = within(0, LONGEST_S, above=True, hint="leave the effect out for a global shutter")
+    readout_s: float = within(
+        0, LONGEST_S, above=True, hint="leave the effect out for a global shutter"
+    )
     symbol_s: float = within(0, LONGEST_S, above=True)
     sampled = True
 
@@ -73,11 +82,15 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             (B,K,R,C) bool, K odd, in the order in which they show; the truth is number ``K // 2``.
         """
         edges_s, _, generators = self._timing(context)
-        drawn = np.empty((len(value), edges_s.shape[1] // 2 - 1, 2, *value.shape[1:]), dtype=np.uint8)
+        drawn = np.empty(
+            (len(value), edges_s.shape[1] // 2 - 1, 2, *value.shape[1:]), dtype=np.uint8
+        )
         for symbols, generator in zip(drawn, generators, strict=True):
             symbols[:] = generator.integers(2, size=symbols.shape, dtype=np.uint8)
         data = torch.from_numpy(drawn).to(value.device).bool()
-        return torch.cat([data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1)
+        return torch.cat(
+            [data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1
+        )
 
     def row_shares(self, context: Context, height: int) -> torch.Tensor:
         """The share of each pixel row's exposure during which each symbol shows.
@@ -90,28 +103,47 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             (B,K,height) float64, 0 to 1; they add to 1 in each row. The symbols are those of a call.
         """
         edges_s, centre_row, _ = self._timing(context)
-        rows = torch.arange(height, device=edges_s.device) + context.first_px[:, 1:].double()
+        rows = (
+            torch.arange(height, device=edges_s.device)
+            + context.first_px[:, 1:].double()
+        )
         begins = self._begins_s(rows - centre_row.unsqueeze(-1), context)
         # The share of the exposure that is over when a symbol begins: telescopes to 1 over all symbols.
-        over = (edges_s.unsqueeze(-1) - begins.unsqueeze(1)) / context.camera.exposure_time_s
+        over = (
+            edges_s.unsqueeze(-1) - begins.unsqueeze(1)
+        ) / context.camera.exposure_time_s
         return over.clamp_(0, 1).diff(dim=1)
 
     def _begins_s(self, rows: torch.Tensor, context: Context) -> torch.Tensor:
         """When a row so many below the panel's centre is first exposed; 0 is mid exposure of the centre."""
         camera = context.camera
-        return rows * (self.readout_s / max(camera.height_px - 1, 1)) - camera.exposure_time_s / 2
+        return (
+            rows * (self.readout_s / max(camera.height_px - 1, 1))
+            - camera.exposure_time_s / 2
+        )
 
-    def _timing(self, context: Context) -> tuple[torch.Tensor, torch.Tensor, Sequence[Any]]:
+    def _timing(
+        self, context: Context
+    ) -> tuple[torch.Tensor, torch.Tensor, Sequence[Any]]:
         """Draw each frame's phase, and find the symbols that show during the readout of its panel.
 
         Returns:
             (B,K+1) where one symbol follows the other, s from the middle of the centre row's exposure; (B,)
             the sensor's row that the panel's centre lies in; what tells each frame's neighbours.
         """
-        scene, camera, leds = context.scene, context.camera, view.led_centres_m(context.panel)
+        scene, camera, leds = (
+            context.scene,
+            context.camera,
+            view.led_centres_m(context.panel),
+        )
         if self.symbol_s < camera.exposure_time_s:
-            raise self.refusal("symbol_s", f"at least camera.exposure_time_s, {camera.exposure_time_s:g}")
-        points = torch.cat([torch.zeros_like(leds[:1]), leds]).to(scene.distance_m.device)
+            raise self.refusal(
+                "symbol_s",
+                f"at least camera.exposure_time_s, {camera.exposure_time_s:g}",
+            )
+        points = torch.cat([torch.zeros_like(leds[:1]), leds]).to(
+            scene.distance_m.device
+        )
         y = view.view_of(context).points_px(points)[..., 1]
         cell = context.panel.pitch_m * camera.pixels_per_metre(scene.distance_m)
         # The panel with a cell around it.
@@ -119,14 +151,21 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         top, centre, bottom = torch.floor(rows).clamp(0, camera.height_px - 1)
         shown_s, told = self._shown_s(context)
         truth_s = -torch.tensor(shown_s, dtype=torch.float64, device=top.device)
-        begins, ends = self._begins_s(top - centre, context), self._begins_s(bottom - centre, context)
+        begins, ends = (
+            self._begins_s(top - centre, context),
+            self._begins_s(bottom - centre, context),
+        )
         first = torch.floor((begins - truth_s) / self.symbol_s)
         last = torch.ceil((ends + camera.exposure_time_s - truth_s) / self.symbol_s) - 1
         around = int(torch.maximum(-first, last).max())
         if 2 * around + 1 > MOST_SYMBOLS:
             shown = f"the panel shows {2 * around + 1} symbols during its readout, at most {MOST_SYMBOLS}"
-            raise VoccError(f"scene.effects.{self.name}.symbol_s is {self.symbol_s:g}: {shown} are allowed")
-        steps = torch.arange(-around, around + 2, dtype=torch.float64, device=top.device)
+            raise VoccError(
+                f"scene.effects.{self.name}.symbol_s is {self.symbol_s:g}: {shown} are allowed"
+            )
+        steps = torch.arange(
+            -around, around + 2, dtype=torch.float64, device=top.device
+        )
         edges = truth_s.unsqueeze(-1) + steps * self.symbol_s
         # A frame's own symbols end its timeline, not the batch's: so the batch cannot change a frame.
         edges = edges.masked_fill(steps <= first.unsqueeze(-1), -torch.inf)
@@ -136,7 +175,9 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         """Draw for how long each frame's truth has shown, s, and give the streams of its neighbours."""
         generators = context.generators(self.name)
         shown_s = [generator.random() * self.symbol_s for generator in generators]
-        return shown_s, context.generators(self.name + context.leds) if context.leds else generators
+        return shown_s, context.generators(
+            self.name + context.leds
+        ) if context.leds else generators
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +225,9 @@ class Playback(RollingShutter):
         takes = [key.take for key in context.keys_for(self.name)]
         numbers = [self.symbol_at(take) for take in takes]
         pairs = zip(takes, numbers, strict=True)
-        return [self.middles_s[take] - number * self.symbol_s for take, number in pairs], numbers
+        return [
+            self.middles_s[take] - number * self.symbol_s for take, number in pairs
+        ], numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,8 +264,14 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
         Effect.__post_init__(self)
         together = self.off_share + self.on_share
         if not 0 < together <= 1:
-            rule = "at most 1" if together else "above 0 (leave the effect out for no stuck LEDs)"
-            raise VoccError.of(f"scene.effects.{self.name}.off_share + on_share", f"{together:g}", rule)
+            rule = (
+                "at most 1"
+                if together
+                else "above 0 (leave the effect out for no stuck LEDs)"
+            )
+            raise VoccError.of(
+                f"scene.effects.{self.name}.off_share + on_share", f"{together:g}", rule
+            )
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Overrule (B,R,C) LED luminance where an LED is stuck."""
@@ -260,14 +309,21 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
         'led_scatter'
     """
 
-    coefficient_of_variation: float = within(0, 2, above=True, hint="leave the effect out for no scatter")
+    coefficient_of_variation: float = within(
+        0, 2, above=True, hint="leave the effect out for no scatter"
+    )
     sampled = True
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Multiply (B,R,C) LED luminance by each LED's factor."""
         sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
         generators = context.generators(self.name + context.leds, of_scene=True)
-        draws = np.stack([generator.standard_normal(tuple(value.shape[1:])) for generator in generators])
+        draws = np.stack(
+            [
+                generator.standard_normal(tuple(value.shape[1:]))
+                for generator in generators
+            ]
+        )
         return value * torch.from_numpy(np.exp(sigma * draws - sigma**2 / 2)).to(value)
 
 
@@ -294,7 +350,9 @@ class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
-        return value * photometry.transmission(context.scene.distance_m, self.visibility_m).view(-1, 1, 1)
+        return value * photometry.transmission(
+            context.scene.distance_m, self.visibility_m
+        ).view(-1, 1, 1)
 
 
 def dimmed_once(light_cd_m2: torch.Tensor, context: Context) -> torch.Tensor:
@@ -357,10 +415,16 @@ class Airlight(Effect, on=Quantity.UNLIT):
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
         scene = context.scene
-        depth = scene.distance_m * (math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m)
-        horizon = photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.horizon_factor)
+        depth = scene.distance_m * (
+            math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m
+        )
+        horizon = photometry.reflected_luminance_cd_m2(
+            scene.ambient_lx, self.horizon_factor
+        )
         kept, added = torch.exp(depth), horizon * -torch.expm1(depth)
-        return value * kept.to(value.dtype).view(-1, 1, 1, 1) + added.to(value.dtype).view(-1, 1, 1, 1)
+        return value * kept.to(value.dtype).view(-1, 1, 1, 1) + added.to(
+            value.dtype
+        ).view(-1, 1, 1, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,23 +464,33 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
-        corners_m = view.panel_corners_m(context.panel).to(context.scene.distance_m.device)
+        corners_m = view.panel_corners_m(context.panel).to(
+            context.scene.distance_m.device
+        )
         corners = view.view_of(context).points_px(corners_m)
         low, high = corners.amin(dim=1), corners.amax(dim=1)
-        draws = np.stack([g.random(2) for g in context.generators(self.name, of_scene=True)])
+        draws = np.stack(
+            [g.random(2) for g in context.generators(self.name, of_scene=True)]
+        )
         centre = low + torch.from_numpy(draws).to(low) * (high - low)
-        shares = torch.tensor([self.width_share, self.height_share], dtype=torch.float64).to(low)
+        shares = torch.tensor(
+            [self.width_share, self.height_share], dtype=torch.float64
+        ).to(low)
         reach = (high - low) * shares / 2
         low, high = centre - reach, centre + reach
         covers = []
-        for axis, side in enumerate((context.camera.width_px, context.camera.height_px)):
+        for axis, side in enumerate(
+            (context.camera.width_px, context.camera.height_px)
+        ):
             # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
             steps = torch.arange(value.shape[3 - axis], device=low.device)
             whole = raster.interval_cover(low[:, axis], high[:, axis], side)
             covers.append(whole.gather(1, context.first_px[:, axis : axis + 1] + steps))
         across, down = covers
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
-        surface = photometry.reflected_luminance_cd_m2(context.scene.ambient_lx, self.reflectance)
+        surface = photometry.reflected_luminance_cd_m2(
+            context.scene.ambient_lx, self.reflectance
+        )
         return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
 
 
@@ -446,17 +520,28 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
         4000.0
     """
 
-    luminance_cd_m2: float | None = within(0, BRIGHTEST, default=None, above=True, hint=NO_GLARE)
-    glare_illuminance_lx: float | None = within(0, BRIGHTEST, default=None, above=True, hint=NO_GLARE)
+    luminance_cd_m2: float | None = within(
+        0, BRIGHTEST, default=None, above=True, hint=NO_GLARE
+    )
+    glare_illuminance_lx: float | None = within(
+        0, BRIGHTEST, default=None, above=True, hint=NO_GLARE
+    )
     angle_deg: float | None = within(1, 30, default=None)
 
     metered = True
 
     def __post_init__(self) -> None:
         """Check that the veil is given in one way, and the ranges."""
-        missing = [name for name in ("glare_illuminance_lx", "angle_deg") if getattr(self, name) is None]
+        missing = [
+            name
+            for name in ("glare_illuminance_lx", "angle_deg")
+            if getattr(self, name) is None
+        ]
         if self.luminance_cd_m2 is not None and len(missing) < 2:
-            raise self.refusal("luminance_cd_m2", "left out where glare_illuminance_lx or angle_deg is given")
+            raise self.refusal(
+                "luminance_cd_m2",
+                "left out where glare_illuminance_lx or angle_deg is given",
+            )
         if self.luminance_cd_m2 is None and missing:
             first = missing[0] if len(missing) == 1 else "luminance_cd_m2"
             rule = "give luminance_cd_m2, or glare_illuminance_lx with angle_deg"

@@ -71,7 +71,9 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
         Effect.__post_init__(self)
         if self.velocity_x_m_s == self.velocity_y_m_s == 0:
             rest = "one of the two must not be 0 (leave the effect out for no motion)"
-            raise VoccError(f"scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: {rest}")
+            raise VoccError(
+                f"scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: {rest}"
+            )
 
     def shift_px(self, camera: Camera, distance_m: Tensor) -> tuple[Tensor, Tensor]:
         """Motion in the image during the exposure, right and down, px, shapes of ``distance_m`` (m)."""
@@ -89,7 +91,9 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
         _, taps = streak_taps(shift_x, shift_y)
         return max((max(abs(row), abs(column)) for row, column, _ in taps), default=0)
 
-    def _checked_shifts(self, camera: Camera, distance_m: Tensor) -> list[tuple[float, float]]:
+    def _checked_shifts(
+        self, camera: Camera, distance_m: Tensor
+    ) -> list[tuple[float, float]]:
         """Each frame's motion as plain numbers, refused where it is too long."""
         x, y = (shift.tolist() for shift in self.shift_px(camera, distance_m))
         longest = max(abs(shift) for shift in (*x, *y))
@@ -140,7 +144,9 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
     def __post_init__(self) -> None:
         """Check the range."""
         if not self.focus_distance_m > 0:
-            raise self.refusal("focus_distance_m", "above 0 (.inf for focus at infinity)")
+            raise self.refusal(
+                "focus_distance_m", "above 0 (.inf for focus at infinity)"
+            )
 
     def diameter_px(self, camera: Camera, distance_m: Tensor) -> Tensor:
         """Diameter of the blur disc, px, shape of ``distance_m`` (m, above 0).
@@ -150,11 +156,18 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
         """
         focal_m = camera.focal_length_mm / 1000
         if self.focus_distance_m <= focal_m:
-            raise self.refusal("focus_distance_m", f"above the camera's focal length, {focal_m:g} m")
+            raise self.refusal(
+                "focus_distance_m", f"above the camera's focal length, {focal_m:g} m"
+            )
         # Divided through by s, so that s may be infinite.
         inverse = 1 / self.focus_distance_m
         aperture_px = camera.focal_length_px / camera.f_number
-        return aperture_px * focal_m / (1 - focal_m * inverse) * (inverse - 1 / distance_m).abs()
+        return (
+            aperture_px
+            * focal_m
+            / (1 - focal_m * inverse)
+            * (inverse - 1 / distance_m).abs()
+        )
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Half width of the widest kernel at ``nearest_m`` or farther, px.
@@ -181,9 +194,14 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        quarters = disc_quarters(self.radii_px(context.camera, context.scene.distance_m))
+        quarters = disc_quarters(
+            self.radii_px(context.camera, context.scene.distance_m)
+        )
         frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
-        blurred = [convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
+        blurred = [
+            convolve_symmetric(plane, quarter.to(plane.device))
+            for plane, quarter in frames
+        ]
         return torch.stack(blurred).unsqueeze(1).to(value.dtype)
 
 
@@ -206,7 +224,9 @@ def airy_quarter(lambda_n_px: float, reach_px: int) -> Tensor:
         (0.882, 0.016)
     """
     points = 8 + math.ceil(0.75 * math.pi / lambda_n_px)
-    nodes, weights = (torch.from_numpy(values) for values in np.polynomial.legendre.leggauss(points))
+    nodes, weights = (
+        torch.from_numpy(values) for values in np.polynomial.legendre.leggauss(points)
+    )
     middles = torch.arange(reach_px + 1, dtype=torch.float64)
     at = (middles.unsqueeze(-1) + nodes / 2).flatten() * (math.pi / lambda_n_px)
     v = torch.hypot(at.unsqueeze(-1), at).clamp(min=1e-9)
@@ -271,9 +291,15 @@ class Diffraction(Effect, on=Quantity.EXPOSURE):
         reach = self.reach_in_px(context.camera, 1.0)
         if reach == 0:
             return value
-        quarter = airy_quarter(self._lambda_n_px(context.camera), reach).to(value.device)
+        quarter = airy_quarter(self._lambda_n_px(context.camera), reach).to(
+            value.device
+        )
         planes = value[:, 0].to(torch.float64)
-        return torch.stack([convolve_symmetric(p, quarter) for p in planes]).unsqueeze(1).to(value.dtype)
+        return (
+            torch.stack([convolve_symmetric(p, quarter) for p in planes])
+            .unsqueeze(1)
+            .to(value.dtype)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,7 +322,9 @@ class Blooming(Effect, on=Quantity.EXPOSURE):
         6
     """
 
-    sigma_px: float = within(0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming")
+    sigma_px: float = within(
+        0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming"
+    )
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Half width of the kernel, px; any distance has the same."""
@@ -304,7 +332,11 @@ class Blooming(Effect, on=Quantity.EXPOSURE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Blur (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        return blurred(value, max(self.sigma_px, LEAST_SIGMA_PX), self.reach_in_px(context.camera, 1.0))
+        return blurred(
+            value,
+            max(self.sigma_px, LEAST_SIGMA_PX),
+            self.reach_in_px(context.camera, 1.0),
+        )
 
 
 def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
@@ -332,11 +364,21 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
     missing = max(0, -(-PLANE_PX // (height * wide)) - len(value))
     # cuDNN would round the factors of float32 convolutions to 10 bits.
     working = value if value.device.type == "cpu" else value.to(torch.float64)
-    margined = nn.functional.pad(working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate")
-    plane = nn.functional.pad(margined, (0, 0, 0, 0, 0, missing)).transpose(0, 1).reshape(1, 1, height, -1)
+    margined = nn.functional.pad(
+        working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate"
+    )
+    plane = (
+        nn.functional.pad(margined, (0, 0, 0, 0, 0, missing))
+        .transpose(0, 1)
+        .reshape(1, 1, height, -1)
+    )
     with torch.autocast(value.device.type, enabled=False):
-        done = gaussian_blur2d(plane, 2 * reach_px + 1, (sigma_px, sigma_px), "replicate")
-    frames = done.view(height, -1, 1, wide)[:, : len(value), :, reach_px : reach_px + width]
+        done = gaussian_blur2d(
+            plane, 2 * reach_px + 1, (sigma_px, sigma_px), "replicate"
+        )
+    frames = done.view(height, -1, 1, wide)[
+        :, : len(value), :, reach_px : reach_px + width
+    ]
     return frames.permute(1, 2, 0, 3).to(value.dtype).contiguous()
 
 
@@ -391,7 +433,11 @@ class Vignetting(Effect, on=Quantity.EXPOSURE):
         square = (y.unsqueeze(-1) + x.unsqueeze(-2)).to(value.dtype).unsqueeze(1)
         gain = 1 / (1 + square).square()
         if self.corner_loss > 0:
-            corner = math.hypot(camera.width_px, camera.height_px) / 2 / camera.focal_length_px
+            corner = (
+                math.hypot(camera.width_px, camera.height_px)
+                / 2
+                / camera.focal_length_px
+            )
             gain = gain * (1 - square.sqrt() * (self.corner_loss / corner))
         return value * gain
 
@@ -427,7 +473,9 @@ def checked_reach(reach_px: float, cause: str) -> int:
     """
     if not reach_px <= MOST_REACH_PX:
         limit = f"at most {MOST_REACH_PX} px is offered"
-        raise VoccError(f"{cause}: it spreads light over {reach_px:.0f} px on each side, {limit}")
+        raise VoccError(
+            f"{cause}: it spreads light over {reach_px:.0f} px on each side, {limit}"
+        )
     return int(reach_px)
 
 
@@ -451,15 +499,26 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     reach = quarter.shape[-1] - 1
     if reach == 0:
         return plane * quarter[0, 0]
-    padded = nn.functional.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
+    padded = nn.functional.pad(
+        plane[None, None], (reach, reach, reach, reach), mode="replicate"
+    )[0, 0]
     fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
     rows = max(fit, 2 * reach + 1)
-    columns = max(MOST_STRIP_VALUES // ((reach + 1) * (min(rows, plane.shape[0]) + 2 * reach)), 1)
+    columns = max(
+        MOST_STRIP_VALUES // ((reach + 1) * (min(rows, plane.shape[0]) + 2 * reach)), 1
+    )
     strips = []
     for top in range(0, plane.shape[0], rows):
         strip = padded[top : top + rows + 2 * reach]
-        blocks = (strip[:, left : left + columns + 2 * reach] for left in range(0, plane.shape[1], columns))
-        strips.append(torch.cat([convolve_strip(block, quarter, reach) for block in blocks], dim=1))
+        blocks = (
+            strip[:, left : left + columns + 2 * reach]
+            for left in range(0, plane.shape[1], columns)
+        )
+        strips.append(
+            torch.cat(
+                [convolve_strip(block, quarter, reach) for block in blocks], dim=1
+            )
+        )
     return torch.cat(strips)
 
 
@@ -476,7 +535,9 @@ def convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
     # The middle is its own mirror image and so is counted twice.
     once = torch.ones(reach + 1, dtype=quarter.dtype, device=quarter.device)
     once[0] = 0.5
-    rows = ((quarter * once * once.unsqueeze(-1)) @ pairs.flatten(1)).view(-1, width)[reach:]
+    rows = ((quarter * once * once.unsqueeze(-1)) @ pairs.flatten(1)).view(-1, width)[
+        reach:
+    ]
     # Row i of the kernel starts at row i of its own plane, counted up or down from the border's end.
     above = rows.unfold(0, height, tall - 1)[: reach + 1].transpose(1, 2)
     below = rows.unfold(0, height, tall + 1).transpose(1, 2)
@@ -502,11 +563,17 @@ def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
     height, width = plane.shape
     down = max((abs(row) for row, _, _ in taps), default=0)
     across = max((abs(column) for _, column, _ in taps), default=0)
-    padded = nn.functional.pad(plane[None, None], (across, across, down, down), mode="replicate")[0, 0]
+    padded = nn.functional.pad(
+        plane[None, None], (across, across, down, down), mode="replicate"
+    )[0, 0]
     total = plane * middle
     for row, column, weight in taps:
-        ahead = padded[down + row : down + row + height, across + column : across + column + width]
-        behind = padded[down - row : down - row + height, across - column : across - column + width]
+        ahead = padded[
+            down + row : down + row + height, across + column : across + column + width
+        ]
+        behind = padded[
+            down - row : down - row + height, across - column : across - column + width
+        ]
         total = total + (ahead + behind) * weight
     return total
 
@@ -531,14 +598,19 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
     """
     wanted = diameter_px * diameter_px / 16
     low, high = torch.full_like(diameter_px, 0.5), diameter_px / 2 + 1
-    steps = torch.arange(math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device)
+    steps = torch.arange(
+        math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device
+    )
     for _ in range(36):
         middle = (low + high) / 2
         u = ((steps + 0.5) / middle.unsqueeze(-1)).clamp(max=1)
         beyond = 1 - (2 / math.pi) * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
         # A running sum adds a frame's terms in the same order whatever else is in the batch.
         moment = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1]
-        low, high = torch.where(moment < wanted, middle, low), torch.where(moment < wanted, high, middle)
+        low, high = (
+            torch.where(moment < wanted, middle, low),
+            torch.where(moment < wanted, high, middle),
+        )
     return low
 
 
@@ -558,11 +630,17 @@ def disc_quarters(radius_px: Tensor) -> list[Tensor]:
         ([1, 2], [[1.0]])
     """
     reaches = torch.ceil(radius_px - 0.5).long().tolist()
-    steps = torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device) - 0.5
+    steps = (
+        torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device)
+        - 0.5
+    )
     edges = steps / radius_px.unsqueeze(-1)
     area = raster.disc_quadrant_area(edges, edges)
     shares = raster.per_pixel(area).clamp(min=0) / math.pi
-    return [share[: reach + 1, : reach + 1] for share, reach in zip(shares, reaches, strict=True)]
+    return [
+        share[: reach + 1, : reach + 1]
+        for share, reach in zip(shares, reaches, strict=True)
+    ]
 
 
 def streak_length_px(length_px: float) -> float:
@@ -604,7 +682,10 @@ def streak_taps(shift_x_px: float, shift_y_px: float) -> tuple[float, list[Tap]]
         >>> round(middle, 6), [(row, column, round(weight, 6)) for row, column, weight in taps]
         (0.9925, [(0, 1, 0.00375)])
     """
-    reach = [math.copysign(streak_length_px(abs(shift)), shift) / 2 for shift in (shift_x_px, shift_y_px)]
+    reach = [
+        math.copysign(streak_length_px(abs(shift)), shift) / 2
+        for shift in (shift_x_px, shift_y_px)
+    ]
     cuts = {0.0, 1.0}
     for half in reach:
         cuts.update((k + 0.5) / abs(half) for k in range(math.ceil(abs(half) - 0.5)))

@@ -77,18 +77,30 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
         Returns:
             (B,1,H,W).
         """
-        return self._laid([[self.red, self.green], [self.green, self.blue]], like, context)
+        return self._laid(
+            [[self.red, self.green], [self.green, self.blue]], like, context
+        )
 
     @staticmethod
-    def _laid(cell_of: Sequence[Sequence[float]], like: torch.Tensor, context: Context) -> torch.Tensor:
+    def _laid(
+        cell_of: Sequence[Sequence[float]], like: torch.Tensor, context: Context
+    ) -> torch.Tensor:
         """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
         height, width = like.shape[-2:]
         cell = torch.tensor(cell_of, dtype=like.dtype)
         places = context.first_px.tolist()
         alike = len({(x % 2, y % 2) for x, y in places}) == 1
         cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
-        planes = [one.repeat(height // 2 + 1, width // 2 + 1)[:height, :width] for one in cells]
-        return torch.stack(planes).unsqueeze(1).to(like.device).expand(len(like), 1, height, width)
+        planes = [
+            one.repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
+            for one in cells
+        ]
+        return (
+            torch.stack(planes)
+            .unsqueeze(1)
+            .to(like.device)
+            .expand(len(like), 1, height, width)
+        )
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Filter (B,1,H,W) luminous exposure; of (B,3,H,W) each filter takes its own channel."""
@@ -126,7 +138,9 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
 
     quantum_efficiency: float = within(0, 1, above=True)
     wavelength_nm: float = within(380, 780, default=555.0)
-    luminous_efficacy_lm_w: float = within(0, LUMENS_PER_WATT, default=LUMENS_PER_WATT, above=True)
+    luminous_efficacy_lm_w: float = within(
+        0, LUMENS_PER_WATT, default=LUMENS_PER_WATT, above=True
+    )
 
     def electrons_per_lx_s(self, camera: Camera) -> float:
         """Electrons that one lx s of luminous exposure yields in a pixel of this camera.
@@ -140,7 +154,9 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
         electrons, (fewest, most) = self.quantum_efficiency * photons, CONVERSIONS
         if not fewest <= electrons <= most:
             made = f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
-            raise VoccError(f"scene.effects.photoelectrons {made}: it must be {fewest:g} to {most:g}")
+            raise VoccError(
+                f"scene.effects.photoelectrons {made}: it must be {fewest:g} to {most:g}"
+            )
         return electrons
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
@@ -189,7 +205,11 @@ def _cuts(start: int, length: int) -> Iterator[tuple[int, slice, slice]]:
     for index in range(start // TILE_PX, -(-(start + length) // TILE_PX)):
         first = index * TILE_PX
         begin, end = max(start, first), min(start + length, first + TILE_PX)
-        yield index, slice(begin - start, end - start), slice(begin - first, end - first)
+        yield (
+            index,
+            slice(begin - start, end - start),
+            slice(begin - first, end - first),
+        )
 
 
 def picture_tiles(
@@ -205,10 +225,15 @@ def picture_tiles(
     Raises:
         VoccError: frames without keys.
     """
-    for key, origin in zip(context.keys_for(stream), context.first_px.tolist(), strict=True):
+    for key, origin in zip(
+        context.keys_for(stream), context.first_px.tolist(), strict=True
+    ):
         generator = key.tiles(f"effect.{stream}{context.sensor}")
         # All before the first is drawn from: taking turns costs a tenth of the drawing.
-        yield [(part, generator(part.row, part.column)) for part in tile_parts(origin, size)]
+        yield [
+            (part, generator(part.row, part.column))
+            for part in tile_parts(origin, size)
+        ]
 
 
 class ElectronNoise(Effect, on=Quantity.ELECTRONS):
@@ -229,7 +254,9 @@ class SensorPattern(ElectronNoise):
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Leave what has been drawn behind."""
-        return type(self), tuple(getattr(self, one.name) for one in fields(self) if one.init)
+        return type(self), tuple(
+            getattr(self, one.name) for one in fields(self) if one.init
+        )
 
     @abstractmethod
     def tile(self, generator: np.random.Generator) -> Plane:
@@ -242,15 +269,21 @@ class SensorPattern(ElectronNoise):
             VoccError: frames without keys.
         """
         planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
-        frames = zip(planes, context.keys_for(self.name), context.first_px.tolist(), strict=True)
+        frames = zip(
+            planes, context.keys_for(self.name), context.first_px.tolist(), strict=True
+        )
         for plane, key, origin in frames:
             for part in tile_parts(origin, plane.shape):
                 place = key.block.seed, part.row, part.column, context.sensor
                 if place not in self._tiles:
                     if self._tiles and next(iter(self._tiles))[0] != key.block.seed:
                         self._tiles.clear()
-                    stream = f"effect.{self.name}{context.sensor}/{part.row}/{part.column}"
-                    self._tiles[place] = self.tile(sensor_generator(key.block.seed, stream))
+                    stream = (
+                        f"effect.{self.name}{context.sensor}/{part.row}/{part.column}"
+                    )
+                    self._tiles[place] = self.tile(
+                        sensor_generator(key.block.seed, stream)
+                    )
                 plane[part.in_window] = self._tiles[place][part.in_tile]
         return torch.from_numpy(planes).unsqueeze(1).to(value)
 
@@ -399,7 +432,9 @@ class ShotNoise(ElectronNoise):
                 # Rounding in an earlier effect may leave a black pixel a hair below zero.
                 np.maximum(tile, 0.0, out=tile)
                 if np.isnan(tile).any():
-                    raise VoccError(f"scene.effects.{self.name} got a mean of electrons that is not a number")
+                    raise VoccError(
+                        f"scene.effects.{self.name} got a mean of electrons that is not a number"
+                    )
                 count[part.in_window] = poisson_quantile(tile, normals[part.in_tile])
         return torch.from_numpy(counts).unsqueeze(1).to(value)
 
@@ -458,7 +493,9 @@ class Dsnu(SensorPattern):
 
     def tile(self, generator: np.random.Generator) -> Plane:
         """Draw each pixel's offset, electrons."""
-        return np.float32(self.electrons) * generator.standard_normal(TILE, dtype=np.float32)
+        return np.float32(self.electrons) * generator.standard_normal(
+            TILE, dtype=np.float32
+        )
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add each pixel's offset to (B,1,H,W) electrons."""
@@ -492,8 +529,13 @@ class RowNoise(ElectronNoise):
         height, sensor_rows = value.shape[-2], context.camera.height_px
         streams = context.generators(f"{self.name}{context.sensor}")
         frames = zip(streams, context.first_px.tolist(), strict=True)
-        rows = [g.standard_normal(sensor_rows, dtype=np.float32)[y : y + height] for g, (_, y) in frames]
-        return value + self.electrons * torch.from_numpy(np.stack(rows)).view(-1, 1, height, 1).to(value)
+        rows = [
+            g.standard_normal(sensor_rows, dtype=np.float32)[y : y + height]
+            for g, (_, y) in frames
+        ]
+        return value + self.electrons * torch.from_numpy(np.stack(rows)).view(
+            -1, 1, height, 1
+        ).to(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -522,10 +564,18 @@ class ReadNoise(ElectronNoise):
         """Add noise, drawn in float32, to (B,1,H,W) electrons."""
         planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
         normals = np.empty(TILE, dtype=np.float32)
-        for plane, tiles in zip(planes, picture_tiles(context, self.name, planes.shape[1:]), strict=True):
+        for plane, tiles in zip(
+            planes, picture_tiles(context, self.name, planes.shape[1:]), strict=True
+        ):
             for part, generator in tiles:
-                generator.standard_normal(out=normals[: part.in_tile[0].stop], dtype=np.float32)
-                np.multiply(normals[part.in_tile], np.float32(self.electrons), out=plane[part.in_window])
+                generator.standard_normal(
+                    out=normals[: part.in_tile[0].stop], dtype=np.float32
+                )
+                np.multiply(
+                    normals[part.in_tile],
+                    np.float32(self.electrons),
+                    out=plane[part.in_window],
+                )
         return value + torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
@@ -550,11 +600,23 @@ class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Turn (B,1,H,W) electrons into luminous exposure."""
-        maker = next(effect for effect in context.effects if isinstance(effect, Photoelectrons))
+        maker = next(
+            effect for effect in context.effects if isinstance(effect, Photoelectrons)
+        )
         return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)
 
 
-ELECTRONS = (Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
+ELECTRONS = (
+    Photoelectrons,
+    Prnu,
+    DarkCurrent,
+    HotPixels,
+    ShotNoise,
+    FullWell,
+    Dsnu,
+    RowNoise,
+    ReadNoise,
+)
 EFFECTS = (Bayer, *ELECTRONS, Gain)
 """In physical order."""
 
@@ -657,11 +719,17 @@ def refined_quantile(mean: Array, normal: Array) -> Array:
     exact += 2.0 / 135.0 * size * size - size / (81.0 * root) - 1.0 / (45.0 * mean)
     counts, nearest = np.floor(exact), np.rint(exact)
     doubtful = np.flatnonzero(np.abs(exact - nearest) < THIRD_ORDER * size**3)
-    mean, count, target = mean[doubtful], np.maximum(nearest[doubtful], 0.0), special.ndtr(normal[doubtful])
+    mean, count, target = (
+        mean[doubtful],
+        np.maximum(nearest[doubtful], 0.0),
+        special.ndtr(normal[doubtful]),
+    )
     for _ in range(MOST_STEPS if doubtful.size else 0):
         # Walk to the least count whose distribution function reaches the target.
         short = special.pdtr(count, mean) < target
-        beyond = (count > 0) & (special.pdtr(np.maximum(count - 1.0, 0.0), mean) >= target)
+        beyond = (count > 0) & (
+            special.pdtr(np.maximum(count - 1.0, 0.0), mean) >= target
+        )
         if not (short | beyond).any():
             break
         count = count + short - beyond
@@ -677,7 +745,9 @@ def _summed(mean: Array, normal: Array) -> Array:
     return _counted(0, mean, target, term, term.copy()).astype(np.float64)
 
 
-def _counted(first: int, mean: Array, target: Array, term: Array, total: Array) -> NDArray[np.uint8]:
+def _counted(
+    first: int, mean: Array, target: Array, term: Array, total: Array
+) -> NDArray[np.uint8]:
     """Count the terms after ``first`` until their sum reaches the target; the few that lag go on alone."""
     counts = np.zeros(mean.shape, dtype=np.uint8)
     last = 2 * first + 2
@@ -688,5 +758,7 @@ def _counted(first: int, mean: Array, target: Array, term: Array, total: Array) 
         total += term
     left = np.flatnonzero(total < target)
     if left.size and last < MOST_OF_FEW:
-        counts[left] += _counted(last, mean[left], target[left], term[left], total[left])
+        counts[left] += _counted(
+            last, mean[left], target[left], term[left], total[left]
+        )
     return counts

@@ -37,7 +37,9 @@ def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> P
     nodes = np.zeros((height, width), dtype=np.float32)
     for octave in range(7):
         step = 1 << octave
-        coarse = generator.standard_normal((height // step + 3, width // step + 3), dtype=np.float32)
+        coarse = generator.standard_normal(
+            (height // step + 3, width // step + 3), dtype=np.float32
+        )
         x, y = np.arange(width) / step, np.arange(height) / step
         nodes += between(coarse, x, y)
     return nodes / np.float32(math.sqrt(7))
@@ -67,7 +69,9 @@ def down(lines: Plane, y: NDArray[np.float64]) -> Plane:
     return filled
 
 
-def in_strips(value: Tensor, change: Callable[[int, Tensor, int], Tensor], context: Context) -> Tensor:
+def in_strips(
+    value: Tensor, change: Callable[[int, Tensor, int], Tensor], context: Context
+) -> Tensor:
     """Change (B,1,H,W) strip by strip of rows, whose working arrays stay in the cache.
 
     Args:
@@ -77,7 +81,11 @@ def in_strips(value: Tensor, change: Callable[[int, Tensor, int], Tensor], conte
     """
     strips = []
     for frame, (_, first) in enumerate(context.first_px.tolist()):
-        cuts = [0, *range(STRIP_PX - first % STRIP_PX, value.shape[2], STRIP_PX), value.shape[2]]
+        cuts = [
+            0,
+            *range(STRIP_PX - first % STRIP_PX, value.shape[2], STRIP_PX),
+            value.shape[2],
+        ]
         for begin, end in itertools.pairwise(cuts):
             strips.append(change(frame, value[frame, 0, begin:end], first + begin))
     return torch.cat(strips).view(value.shape)
@@ -124,29 +132,48 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         return in_strips(value, change, context)
 
     def sky(
-        self, generator: Generator, left: int, sensor_px: tuple[int, int], width: int, blue: float
+        self,
+        generator: Generator,
+        left: int,
+        sensor_px: tuple[int, int],
+        width: int,
+        blue: float,
     ) -> Callable[[int, int], Plane]:
         """Draw one frame's scenery: what gives some rows' luminance over that of the plain background."""
         ranges = (2, 7), (0.15, 1.5), (0.3, 2)
-        sky, far, ground = (roadside.spread(generator, low, high) for low, high in ranges)
+        sky, far, ground = (
+            roadside.spread(generator, low, high) for low, high in ranges
+        )
         sky *= blue
         horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
-        skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(0.02, 0.12)
+        skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(
+            0.02, 0.12
+        )
         x = (left + np.arange(width) + 0.5) / NODE_PX
         lines = across(noise_nodes(generator, sensor_px), x)
-        height = np.maximum(between(np.repeat(skyline, 2, axis=0), x, np.zeros(1)) + np.float32(0.05), 0)
+        height = np.maximum(
+            between(np.repeat(skyline, 2, axis=0), x, np.zeros(1)) + np.float32(0.05), 0
+        )
         edge = horizon - height * sensor_px[0]
 
         def rows_from(top: int, count: int) -> Plane:
             rows = top + np.arange(count) + 0.5
             # Where all of a row is sky, or all is not, one number stands for it.
-            at = edge if rows[0] < edge.max() + 1 and rows[-1] > edge.min() - 1 else edge[:, :1]
+            at = (
+                edge
+                if rows[0] < edge.max() + 1 and rows[-1] > edge.min() - 1
+                else edge[:, :1]
+            )
             above = np.clip(at - rows[:, None].astype(np.float32) + 0.5, 0, 1)
             below = np.clip(rows - horizon + 0.5, 0, 1).astype(np.float32)[:, None]
             # Brighter towards the horizon, and the ground darker towards the camera.
             lift = (1 + 0.4 * (rows / sensor_px[0] - 0.5)).astype(np.float32)[:, None]
             middle = 1 - above - below
-            base = above * (sky * lift) + middle * np.float32(far) + below * (ground / lift)
+            base = (
+                above * (sky * lift)
+                + middle * np.float32(far)
+                + below * (ground / lift)
+            )
             depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
             wave: Plane = down(lines, rows / NODE_PX) * depth
             # The exponential's first terms: the same numbers wherever a pixel lies in its array.
@@ -186,7 +213,10 @@ class Layer:
         """Lay a sketch before what is there: a mirror's ``share`` of it, in the colours of a ``seed``."""
         if seed is not None and self.seen.context.channel is not None:
             seen = colour.tints(seed, len(parts), self.seen.context.channel)
-            parts = [(points, light * tint) for (points, light), tint in zip(parts, seen, strict=True)]
+            parts = [
+                (points, light * tint)
+                for (points, light), tint in zip(parts, seen, strict=True)
+            ]
         if thing := sketch.Drawing.on_sensor(parts, place, share):
             self.things.append(thing)
 
@@ -217,26 +247,42 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
         for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
             row = slice(frame, frame + 1)
             keys, origin = context.keys[row], context.first_px[row]
-            alone = replace(context, scene=context.scene[row], keys=keys, origin_px=origin)
-            (left, top), seen = origin[0].tolist(), view.View(every.placement[row], alone, every.effects)
+            alone = replace(
+                context, scene=context.scene[row], keys=keys, origin_px=origin
+            )
+            (left, top), seen = (
+                origin[0].tolist(),
+                view.View(every.placement[row], alone, every.effects),
+            )
             layers.append(Layer(seen, (left, top, left + width, top + height)))
             self.draw(layers[-1], generator)
         if not any(one.things for one in layers):
             return value
-        drawn = [{rows[0] // sketch.TILE_PX: rows for rows in one.drawn()} for one in layers]
+        drawn = [
+            {rows[0] // sketch.TILE_PX: rows for rows in one.drawn()} for one in layers
+        ]
 
         def change(frame: int, strip: Tensor, top: int) -> Tensor:
             if top // sketch.TILE_PX not in drawn[frame]:
                 return strip
             first, stays, light = drawn[frame][top // sketch.TILE_PX]
             rows = slice(top - first, top - first + len(strip))
-            keep, added = (torch.from_numpy(one[rows]).to(strip) for one in (stays, light))
+            keep, added = (
+                torch.from_numpy(one[rows]).to(strip) for one in (stays, light)
+            )
             return strip * keep + added
 
         return in_strips(value, change, context)
 
 
-Placed = tuple[float, roadside.Thing, Callable[[sketch.Array], sketch.Array], int, tuple[float, float], float]
+Placed = tuple[
+    float,
+    roadside.Thing,
+    Callable[[sketch.Array], sketch.Array],
+    int,
+    tuple[float, float],
+    float,
+]
 """Distance m, what is drawn, how it lies on the sensor, its seed, its middle on the sensor, its reach, px."""
 
 
@@ -272,7 +318,9 @@ class Clutter(Sketched):
         0.3
     """
 
-    things: Distribution | float = within(0, 200, default=Distribution("uniform", (6.0, 20.0)))
+    things: Distribution | float = within(
+        0, 200, default=Distribution("uniform", (6.0, 20.0))
+    )
     lit: float = within(0, 1, default=0.3)
     carried: float = within(0, 1, default=0.6)
     wet: float = within(0, 1, default=0.2)
@@ -281,7 +329,10 @@ class Clutter(Sketched):
         """Draw one frame's things."""
         seen, (left, top, right, bottom) = layer.seen, layer.window
         scene = seen.context.scene
-        white, led = float(scene.ambient_lx[0]) / math.pi, float(scene.led_luminance_cd_m2[0])
+        white, led = (
+            float(scene.ambient_lx[0]) / math.pi,
+            float(scene.led_luminance_cd_m2[0]),
+        )
         light = roadside.Light(white, led, self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
         for _, thing, place, seed, (x, y), reach in self.placed(generator, seen):
@@ -289,7 +340,12 @@ class Clutter(Sketched):
                 continue
             parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
             if wet and thing is not roadside.marks:
-                layer.lay([(points * (1, -1), luminance) for points, luminance in parts], place, wet, seed)
+                layer.lay(
+                    [(points * (1, -1), luminance) for points, luminance in parts],
+                    place,
+                    wet,
+                    seed,
+                )
             layer.lay(parts, place, seed=seed)
         # No surface is of one shade: dirt, and what it mirrors.
         layer.dirt = noise_nodes(generator, seen.context.camera.sensor_px)
@@ -302,26 +358,51 @@ class Clutter(Sketched):
         count = round(self.drawn("things", generator))
         kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
         depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
-        columns, turns = generator.uniform(0, width, count).tolist(), generator.standard_normal((count, 2))
-        along, seeds = generator.random(count) < 0.5, generator.integers(1 << 62, size=count + 2).tolist()
-        slope, carried = generator.uniform(-0.03, 0.03), bool(generator.random() < self.carried)
+        columns, turns = (
+            generator.uniform(0, width, count).tolist(),
+            generator.standard_normal((count, 2)),
+        )
+        along, seeds = (
+            generator.random(count) < 0.5,
+            generator.integers(1 << 62, size=count + 2).tolist(),
+        )
+        slope, carried = (
+            generator.uniform(-0.03, 0.03),
+            bool(generator.random() < self.carried),
+        )
         at = generator.uniform((-0.25, 0.3), (0.25, 0.75))
         corners = seen.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
         centre = corners.mean(axis=0)
         extent = float(np.abs(corners - centre).max())
         road = plane_onto(camera, (1, 0, 0), (0, slope, 1), (0, 1.3, 0))
-        things: list[Placed] = [(1e9, roadside.marks, road, seeds[-1], (width / 2, height / 2), math.inf)]
-        for i, (kind, depth, column) in enumerate(zip(kinds, depths, columns, strict=True)):
-            thing, reach = roadside.BESIDE[kind], roadside.REACH_M[roadside.BESIDE[kind]]
+        things: list[Placed] = [
+            (1e9, roadside.marks, road, seeds[-1], (width / 2, height / 2), math.inf)
+        ]
+        for i, (kind, depth, column) in enumerate(
+            zip(kinds, depths, columns, strict=True)
+        ):
+            thing, reach = (
+                roadside.BESIDE[kind],
+                roadside.REACH_M[roadside.BESIDE[kind]],
+            )
             yaw, roll = 0.15 * float(turns[i, 0]), 0.03 * float(turns[i, 1])
             if along[i] and thing is roadside.house:
                 yaw += math.copysign(0.9, width / 2 - column)
-            across = (math.cos(yaw) * math.cos(roll), math.sin(roll), -math.sin(yaw) * math.cos(roll))
+            across = (
+                math.cos(yaw) * math.cos(roll),
+                math.sin(roll),
+                -math.sin(yaw) * math.cos(roll),
+            )
             foot = (column - width / 2) / focal * depth, 1.3 + slope * depth, depth
-            place = plane_onto(camera, across, (-math.sin(roll), math.cos(roll), 0), foot)
+            place = plane_onto(
+                camera, across, (-math.sin(roll), math.cos(roll), 0), foot
+            )
             middle = column, height / 2 + foot[1] / depth * focal
             reach *= focal / max(depth - reach * abs(math.sin(yaw)), 2.0)
-            before = max(abs(middle[0] - centre[0]), abs(middle[1] - centre[1])) < reach + extent
+            before = (
+                max(abs(middle[0] - centre[0]), abs(middle[1] - centre[1]))
+                < reach + extent
+            )
             if depth > panel_m or not before:
                 things.append((depth, thing, place, seeds[i], middle, reach))
         if carried:
@@ -329,7 +410,9 @@ class Clutter(Sketched):
             host = functools.partial(roadside.vehicle, least_m=least)
             reach = 12 * max(1.0, least) * focal / panel_m
             behind = functools.partial(on_vehicle, seen, at)
-            things.append((panel_m, host, behind, seeds[-2], (centre[0], centre[1]), reach))
+            things.append(
+                (panel_m, host, behind, seeds[-2], (centre[0], centre[1]), reach)
+            )
         return iter(sorted(things, key=lambda one: -one[0]))
 
 
@@ -348,7 +431,10 @@ def onto(seen: view.View, points: sketch.Array) -> sketch.Array:
 
 
 def plane_onto(
-    camera: Camera, across: tuple[float, ...], down: tuple[float, ...], origin: tuple[float, ...]
+    camera: Camera,
+    across: tuple[float, ...],
+    down: tuple[float, ...],
+    origin: tuple[float, ...],
 ) -> Callable[[sketch.Array], sketch.Array]:
     """Give the pinhole's map of points (M,2) on a plane, m, onto the sensor, px."""
     axes, foot = np.array([across, down]), np.array(origin, dtype=np.float64)
@@ -356,7 +442,9 @@ def plane_onto(
 
     def place(points: sketch.Array) -> sketch.Array:
         seen = points @ axes + foot
-        onto: sketch.Array = middle + camera.focal_length_px * seen[:, :2] / np.maximum(seen[:, 2:], 0.5)
+        onto: sketch.Array = middle + camera.focal_length_px * seen[:, :2] / np.maximum(
+            seen[:, 2:], 0.5
+        )
         return onto
 
     return place

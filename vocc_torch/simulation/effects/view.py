@@ -10,7 +10,14 @@ from numpy.polynomial import Polynomial
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.simulation.effects.base import Context, Effect, Extent, PointEffect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    Context,
+    Effect,
+    Extent,
+    PointEffect,
+    Quantity,
+    within,
+)
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 
@@ -76,7 +83,9 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         Effect.__post_init__(self)
         if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
             rest = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
-            raise VoccError(f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rest}")
+            raise VoccError(
+                f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rest}"
+            )
 
     def _angles_deg(self) -> list[Distribution]:
         """Yaw, pitch and roll."""
@@ -87,21 +96,36 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         """Turn the panels of (B,3,3) placements about their centres."""
         angles = self._angles_deg()
         if all(angle.kind == "constant" for angle in angles):
-            degrees = torch.tensor([angle.values for angle in angles], dtype=torch.float64)
+            degrees = torch.tensor(
+                [angle.values for angle in angles], dtype=torch.float64
+            )
             degrees = degrees.expand(3, len(value))
         else:
             # A stream an angle: how one is drawn does not change the others' draws.
-            streams = (generator.spawn(3) for generator in context.generators(self.name, of_scene=True))
-            drawn = [[one.draw(own, 1) for one, own in zip(angles, three, strict=True)] for three in streams]
+            streams = (
+                generator.spawn(3)
+                for generator in context.generators(self.name, of_scene=True)
+            )
+            drawn = [
+                [one.draw(own, 1) for one, own in zip(angles, three, strict=True)]
+                for three in streams
+            ]
             degrees = torch.from_numpy(np.array(drawn))[..., 0].mT
-        (cy, cp, cr), (sy, sp, sr) = (f(torch.deg2rad(degrees.to(value))) for f in (torch.cos, torch.sin))
+        (cy, cp, cr), (sy, sp, sr) = (
+            f(torch.deg2rad(degrees.to(value))) for f in (torch.cos, torch.sin)
+        )
         one, zero = torch.ones_like(cy), torch.zeros_like(cy)
         yaw = [[cy, zero, -sy], [zero, one, zero], [sy, zero, cy]]
         pitch = [[one, zero, zero], [zero, cp, sp], [zero, -sp, cp]]
         roll = [[cr, -sr, zero], [sr, cr, zero], [zero, zero, one]]
-        about = (torch.stack([torch.stack(row, -1) for row in rows], -2) for rows in (yaw, pitch, roll))
+        about = (
+            torch.stack([torch.stack(row, -1) for row in rows], -2)
+            for rows in (yaw, pitch, roll)
+        )
         turned, raised, rolled = about
-        return torch.cat([turned @ raised @ rolled @ value[..., :2], value[..., 2:]], dim=-1)
+        return torch.cat(
+            [turned @ raised @ rolled @ value[..., :2], value[..., 2:]], dim=-1
+        )
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """Bound the image of what is ``size_px`` when it faces the camera, its centre being on the sensor.
@@ -113,8 +137,13 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         Raises:
             VoccError: a nearest distance at which the panel could reach the camera's plane.
         """
-        yaw, pitch, roll = ([math.radians(bound) for bound in angle.bounds] for angle in self._angles_deg())
-        down, across = (side * nearest_m / camera.focal_length_px / 2 for side in size_px)
+        yaw, pitch, roll = (
+            [math.radians(bound) for bound in angle.bounds]
+            for angle in self._angles_deg()
+        )
+        down, across = (
+            side * nearest_m / camera.focal_length_px / 2 for side in size_px
+        )
         radius = math.hypot(down, across)
         # Roll, pitch and yaw in turn: the farthest along each axis, from the farthest before.
         across, down = _farthest(across, down, roll), _farthest(down, across, roll)
@@ -124,10 +153,15 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         across, down, depth = min(across, radius), min(down, radius), min(depth, radius)
         if nearest_m <= depth:
             reach = f"scene.effects.pose can bring the panel's edge {depth:.3g} m nearer to the camera"
-            raise VoccError(f"{reach}: scene.distance_m is {nearest_m:g} and must stay above that")
+            raise VoccError(
+                f"{reach}: scene.distance_m is {nearest_m:g} and must stay above that"
+            )
         scale = 2 * camera.focal_length_px / (nearest_m - depth)
         pairs = zip((down, across), camera.sensor_px, strict=True)
-        height, width = (scale * (reach + side / 2 / camera.focal_length_px * depth) for reach, side in pairs)
+        height, width = (
+            scale * (reach + side / 2 / camera.focal_length_px * depth)
+            for reach, side in pairs
+        )
         return height, width
 
 
@@ -185,7 +219,9 @@ class LensDistortion(PointEffect):
                 raise self.refusal(name, f"0, or at least {SMALLEST:g} either way")
         if self.k1 == self.k2 == self.k3 == 0:
             rest = "one of the three must not be 0 (leave the effect out for no distortion)"
-            raise VoccError(f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rest}")
+            raise VoccError(
+                f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rest}"
+            )
 
     @property
     def _along(self) -> Polynomial:
@@ -207,7 +243,9 @@ class LensDistortion(PointEffect):
         limit = math.sqrt(min(turns)) if turns else math.inf
         if turns and self._reach(limit) <= _corner(camera):
             turn = f"the image turns back {self._reach(limit):.3g} focal lengths from the middle"
-            raise VoccError(f"{self._given}: {turn}, before the sensor's corner at {_corner(camera):.3g}")
+            raise VoccError(
+                f"{self._given}: {turn}, before the sensor's corner at {_corner(camera):.3g}"
+            )
         return limit
 
     def corner_radius(self, camera: Camera) -> float:
@@ -222,7 +260,11 @@ class LensDistortion(PointEffect):
             high *= 2
         for _ in range(60):
             middle = (low + high) / 2
-            low, high = (middle, high) if self._reach(middle) < _corner(camera) else (low, middle)
+            low, high = (
+                (middle, high)
+                if self._reach(middle) < _corner(camera)
+                else (low, middle)
+            )
         return high
 
     def _reach(self, radius: float) -> float:
@@ -246,7 +288,12 @@ class LensDistortion(PointEffect):
         bounds = []
         for side in size_px:
             stretches = [mean * side + half * sign * diagonal for sign in (-1, 1)]
-            turns = (root for stretch in stretches for root in _roots(stretch.deriv()) if 0 < root < edge)
+            turns = (
+                root
+                for stretch in stretches
+                for root in _roots(stretch.deriv())
+                if 0 < root < edge
+            )
             places = np.array([0.0, edge, *turns])
             bounds.append(float(max(stretch(places).max() for stretch in stretches)))
         return bounds[0], bounds[1]
@@ -263,7 +310,9 @@ class LensDistortion(PointEffect):
         outer = arm.unsqueeze(-1) * (arm * slope).unsqueeze(-2)
         return outer + torch.diag_embed((1 + self._excess(square)).expand_as(arm))
 
-    def _arm(self, value: torch.Tensor, context: Context) -> tuple[torch.Tensor, torch.Tensor]:
+    def _arm(
+        self, value: torch.Tensor, context: Context
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Points relative to the middle in focal lengths, (B,N,2), and their squared length, (B,N,1)."""
         camera = context.camera
         middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(value)
@@ -272,7 +321,9 @@ class LensDistortion(PointEffect):
         limit = self.limit(camera)
         if limit < math.inf and square.numel() and not bool((square < limit**2).all()):
             place = f"a point of the panel lies {math.sqrt(float(square.max())):.3g} focal lengths out"
-            raise VoccError(f"{self._given}: {place}, beyond {limit:.3g}, where the image turns back")
+            raise VoccError(
+                f"{self._given}: {place}, beyond {limit:.3g}, where the image turns back"
+            )
         return arm, square
 
     def _excess(self, square: torch.Tensor) -> torch.Tensor:
@@ -293,7 +344,10 @@ def _roots(polynomial: Polynomial) -> list[float]:
 
 def in_perspective(effects: Sequence[Effect]) -> bool:
     """Whether LEDs are more than discs of one size on an upright grid."""
-    return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
+    return any(
+        effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS)
+        for effect in effects
+    )
 
 
 def led_centres_m(panel: LedPanel) -> torch.Tensor:
@@ -304,7 +358,10 @@ def led_centres_m(panel: LedPanel) -> torch.Tensor:
         [[-0.21, -0.21], [-0.15, -0.21]]
     """
     sides = (panel.shape.rows, panel.shape.columns)
-    rows, columns = ((torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * panel.pitch_m for n in sides)
+    rows, columns = (
+        (torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * panel.pitch_m
+        for n in sides
+    )
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1).view(-1, 2)
 
 
@@ -329,8 +386,12 @@ def placement_m(scene: Scene) -> torch.Tensor:
         >>> placement_m(Scene.of(distance_m=50.0, offset_x_m=1.0))[0].tolist()
         [[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 50.0]]
     """
-    centre = torch.stack([scene.offset_x_m, scene.offset_y_m, scene.distance_m], dim=-1).to(torch.float64)
-    axes = torch.eye(3, 2, dtype=torch.float64, device=centre.device).expand(len(scene), 3, 2)
+    centre = torch.stack(
+        [scene.offset_x_m, scene.offset_y_m, scene.distance_m], dim=-1
+    ).to(torch.float64)
+    axes = torch.eye(3, 2, dtype=torch.float64, device=centre.device).expand(
+        len(scene), 3, 2
+    )
     return torch.cat([axes, centre.unsqueeze(-1)], dim=-1)
 
 
@@ -416,7 +477,9 @@ class View:
         across = focal * (self.placement[:, None, :2, :2] - leaning)
         strength = radius_m**2 / (depth.square() - radius_m**2 * slant.unsqueeze(-1))
         shift = -strength * (across * rise.unsqueeze(1)).sum(dim=-1)
-        spread = strength.unsqueeze(-1) * (across @ across.mT) + shift.unsqueeze(-1) * shift.unsqueeze(-2)
+        spread = strength.unsqueeze(-1) * (across @ across.mT) + shift.unsqueeze(
+            -1
+        ) * shift.unsqueeze(-2)
         centre = self._pinhole_px(points) + shift
         for effect in self.effects:
             with effect.blamed():
@@ -436,15 +499,23 @@ class View:
             (B,N) bool.
         """
         points = self._in_camera_m(points_m)
-        limits = [e.limit(self.context.camera) for e in self.effects if isinstance(e, LensDistortion)]
+        limits = [
+            e.limit(self.context.camera)
+            for e in self.effects
+            if isinstance(e, LensDistortion)
+        ]
         depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
         # A disc that touches the plane of the camera has no ellipse for its image.
-        return torch.logical_and(depth > radius_m, off_axis < depth * min(limits, default=math.inf))
+        return torch.logical_and(
+            depth > radius_m, off_axis < depth * min(limits, default=math.inf)
+        )
 
     def _in_camera_m(self, points_m: torch.Tensor) -> torch.Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
         points = points_m.to(self.placement)
-        return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(-2)
+        return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(
+            -2
+        )
 
     def _pinhole_px(self, points: torch.Tensor) -> torch.Tensor:
         """Project points in the camera's coordinates, (B,N,3) m to (B,N,2) px."""
@@ -457,7 +528,9 @@ class View:
         """Refuse what has no image."""
         if depth_m.numel() and not bool((depth_m > 0).all()):
             value = f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m"
-            raise VoccError(f"{value}: it must be above 0, before the camera (tilt less, or go farther away)")
+            raise VoccError(
+                f"{value}: it must be above 0, before the camera (tilt less, or go farther away)"
+            )
 
 
 def view_of(context: Context) -> View:
@@ -486,8 +559,14 @@ def view_of(context: Context) -> View:
     if before_m.numel() and not bool((before_m > 0).all()):
         frame = int(before_m.argmin())
         value = f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch"
-        raise VoccError(f"{value}: yaw_deg, pitch_deg and the scene's offset must leave its face in view")
-    return View(placement, context, tuple(e for e in context.effects if isinstance(e, PointEffect)))
+        raise VoccError(
+            f"{value}: yaw_deg, pitch_deg and the scene's offset must leave its face in view"
+        )
+    return View(
+        placement,
+        context,
+        tuple(e for e in context.effects if isinstance(e, PointEffect)),
+    )
 
 
 EFFECTS = (Pose, LensDistortion)

@@ -9,7 +9,12 @@ from statistics import median_high
 from vocc_torch.measure import curve, estimate, train
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.genie import GenieReference
-from vocc_torch.measure.paired import PairedCounts, mover_ratio, paired_interval, rate_ratio
+from vocc_torch.measure.paired import (
+    PairedCounts,
+    mover_ratio,
+    paired_interval,
+    rate_ratio,
+)
 from vocc_torch.report import page, styles
 
 GENIE = "genie"
@@ -35,12 +40,17 @@ class GeniePoint:
     def best(self) -> tuple[str, ...]:
         """The receivers with the fewest wrong bits on these frames."""
         least = min((one.half_errors for one in self.receivers.values()), default=0)
-        return tuple(name for name, one in self.receivers.items() if one.half_errors == least)
+        return tuple(
+            name for name, one in self.receivers.items() if one.half_errors == least
+        )
 
     @property
     def unbeaten(self) -> bool:
         """Whether no receiver has fewer wrong bits than the genie."""
-        return all(self.genie.counts.half_errors <= one.half_errors for one in self.receivers.values())
+        return all(
+            self.genie.counts.half_errors <= one.half_errors
+            for one in self.receivers.values()
+        )
 
 
 @dataclass(frozen=True)
@@ -74,7 +84,10 @@ class Transfer:
         Args:
             comparisons: how many are stated together, at least 1.
         """
-        return paired_interval(self.paired, estimate.joint_confidence(comparisons)).high < 0
+        return (
+            paired_interval(self.paired, estimate.joint_confidence(comparisons)).high
+            < 0
+        )
 
 
 @dataclass(frozen=True)
@@ -115,7 +128,15 @@ class Comparison:
         tables = {}
         for name, curves in self.curves.items():
             genies = [
-                curve.Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
+                curve.Point(
+                    name,
+                    curves.axis,
+                    value,
+                    GENIE,
+                    curves.locator,
+                    one.genie.counts,
+                    "frames",
+                )
                 for value, one in sorted(self.genie.get(name, {}).items())
             ]
             tables[name] = curve.BerTable([*curves.points(), *genies])
@@ -123,21 +144,31 @@ class Comparison:
 
     def row(self, experiment: str, receiver: str, value: float) -> curve.Row | None:
         """Find a point."""
-        return next((row for row in self.tables[experiment].of(receiver) if row.value == value), None)
+        return next(
+            (row for row in self.tables[experiment].of(receiver) if row.value == value),
+            None,
+        )
 
     @property
     def trainings(self) -> int:
         """How often every receiver was trained."""
-        return max((row.trainings for table in self.tables.values() for row in table), default=1)
+        return max(
+            (row.trainings for table in self.tables.values() for row in table),
+            default=1,
+        )
 
-    def rate(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
+    def rate(
+        self, experiment: str, receiver: str, value: float
+    ) -> estimate.Estimate | None:
         """Give a receiver's rate at a point: the algorithm's where it was trained several times."""
         row = self.row(experiment, receiver, value)
         if row is None:
             return None
         return row.algorithm or estimate.Estimate(row.ber, row.ber_low, row.ber_high)
 
-    def ratio(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
+    def ratio(
+        self, experiment: str, receiver: str, value: float
+    ) -> estimate.Estimate | None:
         """Give a receiver's rate over the reference's at a point; None where that one made no error.
 
         After several trainings it is that of the algorithms, by the intervals of both, which takes no credit
@@ -146,16 +177,27 @@ class Comparison:
         if receiver in (self.reference, GENIE):
             return None
         if self.trainings > 1:
-            own, reference = (self.rate(experiment, name, value) for name in (receiver, self.reference))
-            return mover_ratio(own, reference) if own and reference and reference.value else None
+            own, reference = (
+                self.rate(experiment, name, value)
+                for name in (receiver, self.reference)
+            )
+            return (
+                mover_ratio(own, reference)
+                if own and reference and reference.value
+                else None
+            )
         return self.first_ratio(experiment, receiver, value)
 
-    def first_ratio(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
+    def first_ratio(
+        self, experiment: str, receiver: str, value: float
+    ) -> estimate.Estimate | None:
         """Give the same of the first training alone."""
         if receiver in (self.reference, GENIE):
             return None
         curves = self.curves[experiment]
-        own, reference = (curves.counts[name, value] for name in (receiver, self.reference))
+        own, reference = (
+            curves.counts[name, value] for name in (receiver, self.reference)
+        )
         return rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
 
     @cached_property
@@ -165,8 +207,15 @@ class Comparison:
         After several trainings they are those of all of them.
         """
         names = next(iter(self.curves.values())).receivers
-        points = [(curves, value) for curves in self.curves.values() for value in curves.values]
-        total = {name: sum(one.tested(name, at).half_errors for one, at in points) for name in names}
+        points = [
+            (curves, value)
+            for curves in self.curves.values()
+            for value in curves.values
+        ]
+        total = {
+            name: sum(one.tested(name, at).half_errors for one, at in points)
+            for name in names
+        }
         return dict(sorted(total.items(), key=lambda one: one[1]))
 
     @property
@@ -176,7 +225,11 @@ class Comparison:
 
     def point_label(self, experiment: str) -> str:
         """Write the value that the summary states, with its unit, such as "70 m"."""
-        unit = styles.axis_label(self.curves[experiment].axis).partition("(")[2].rstrip(")")
+        unit = (
+            styles.axis_label(self.curves[experiment].axis)
+            .partition("(")[2]
+            .rstrip(")")
+        )
         return f"{styles.value_text(self.points[experiment])} {unit}".rstrip()
 
 
@@ -197,7 +250,11 @@ def ratio_text(ratio: estimate.Estimate, most: bool = False) -> str:
     if value > 0.95:
         return f"{limit}{value:.2g} x" if value < 99.5 else f"{limit}{value:.0f} x"
     part = 1 / value
-    return f"{limit}1/{part:.2g}" if part < 9.95 else f"{limit}1/{float(f'{part:.2g}'):.0f}"
+    return (
+        f"{limit}1/{part:.2g}"
+        if part < 9.95
+        else f"{limit}1/{float(f'{part:.2g}'):.0f}"
+    )
 
 
 def summary(comparison: Comparison, width: int = 100) -> str:
@@ -207,23 +264,57 @@ def summary(comparison: Comparison, width: int = 100) -> str:
         comparison: what was measured.
         width: columns that a line may take.
     """
-    ranked, reference, wrong = comparison.ranked, comparison.reference, comparison.half_errors
-    learners = [name for name in ranked if comparison.costs[name].frames and name != reference]
+    ranked, reference, wrong = (
+        comparison.ranked,
+        comparison.reference,
+        comparison.half_errors,
+    )
+    learners = [
+        name for name in ranked if comparison.costs[name].frames and name != reference
+    ]
     best = learners[0] if learners and comparison.points else None
     apart = [one for one in comparison.transfers if one.trained_on != one.tested_on]
     moved = [name for name in ranked if any(one.receiver == name for one in apart)]
-    stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
+    stated = list(
+        dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)])
+    )
     apart = [one for one in apart if one.receiver in stated]
     apart.sort(key=lambda one: -one.ratio.value if one.ratio else -float("inf"))
-    points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
-    told: dict[str, object] = {"best": best, "stated": stated, "knows": KNOWS, "comparisons": len(apart)}
-    told["tied"] = [name for name in learners[1:] if best and wrong[name] == wrong[best]]
+    points = [
+        (name, value, one)
+        for name, some in comparison.genie.items()
+        for value, one in some.items()
+    ]
+    told: dict[str, object] = {
+        "best": best,
+        "stated": stated,
+        "knows": KNOWS,
+        "comparisons": len(apart),
+    }
+    told["tied"] = [
+        name for name in learners[1:] if best and wrong[name] == wrong[best]
+    ]
     told["worse"] = [one for one in apart if one.surely_worse(len(apart))]
     told["genie"] = sum((one.genie.counts for *_, one in points), Counts())
-    told["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
+    told["genie_ms"] = 1e3 * median_high(
+        [one.genie.seconds_a_frame for *_, one in points] or [0.0]
+    )
     there = [one.receivers for *_, one in points]
-    told["on_its_frames"] = {name: sum(one[name].bit_errors for one in there) for name in ranked}
-    words = {"ratio_text": ratio_text, "value_text": styles.value_text, "comparison": comparison}
-    text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **words)
+    told["on_its_frames"] = {
+        name: sum(one[name].bit_errors for one in there) for name in ranked
+    }
+    words = {
+        "ratio_text": ratio_text,
+        "value_text": styles.value_text,
+        "comparison": comparison,
+    }
+    text = page.render(
+        __package__, "summary.txt.j2", genie_points=points, **told, **words
+    )
     parts = text.strip().split("\n\n")
-    return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"
+    return (
+        "\n\n".join(
+            textwrap.fill(part, width, break_on_hyphens=False) for part in parts
+        )
+        + "\n"
+    )

@@ -67,22 +67,42 @@ class ClassifierStudy:
     def __post_init__(self) -> None:
         """Check names and numbers."""
         if not self.plans:
-            raise VoccError("rivals.experiments is empty: it must hold at least one experiment")
+            raise VoccError(
+                "rivals.experiments is empty: it must hold at least one experiment"
+            )
         for name, plan in self.plans.items():
             if plan.experiment.axis == "contrast":
-                raise VoccError.of(f"rivals.experiments.{name}", "over contrast", "over a value of a scene")
+                raise VoccError.of(
+                    f"rivals.experiments.{name}",
+                    "over contrast",
+                    "over a value of a scene",
+                )
         if self.config.reference not in self.base.receiver.names:
             known = ", ".join(self.base.receiver.names)
-            raise VoccError.of("rivals.reference", repr(self.config.reference), f"one of {known}")
+            raise VoccError.of(
+                "rivals.reference", repr(self.config.reference), f"one of {known}"
+            )
         for name, value in self.config.points.items():
             if name not in self.plans:
-                raise VoccError(f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}")
+                raise VoccError(
+                    f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}"
+                )
             if value not in (values := self.plans[name].experiment.values):
                 allowed = ", ".join(f"{one:g}" for one in values)
-                raise VoccError.of(f"rivals.points.{name}", f"{value:g}", f"one of {allowed}")
-        demand_least("rivals.", self.config, genie_frames=0, scene_frames=0, scene_training_frames=2)
+                raise VoccError.of(
+                    f"rivals.points.{name}", f"{value:g}", f"one of {allowed}"
+                )
+        demand_least(
+            "rivals.",
+            self.config,
+            genie_frames=0,
+            scene_frames=0,
+            scene_training_frames=2,
+        )
         if self.home in self.scenes:
-            raise VoccError(f"rivals.scenes.{self.home} is the scene of the experiments: leave it out")
+            raise VoccError(
+                f"rivals.scenes.{self.home} is the scene of the experiments: leave it out"
+            )
 
     @property
     def base(self) -> Plan:
@@ -92,13 +112,19 @@ class ClassifierStudy:
     @property
     def studies(self) -> list[sweep.Study]:
         """The experiments as they are measured."""
-        return [sweep.Study(name, one, (one.receiver.locator,)) for name, one in self.plans.items()]
+        return [
+            sweep.Study(name, one, (one.receiver.locator,))
+            for name, one in self.plans.items()
+        ]
 
     @property
     def scene_studies(self) -> list[sweep.Study]:
         """The scenes as they are measured."""
         plans = self.scene_plans.items()
-        return [sweep.Study(f"scenes-{name}", one, (one.receiver.locator,)) for name, one in plans]
+        return [
+            sweep.Study(f"scenes-{name}", one, (one.receiver.locator,))
+            for name, one in plans
+        ]
 
     @property
     def scene_plans(self) -> dict[str, Plan]:
@@ -116,18 +142,28 @@ class ClassifierStudy:
                 frames = None if one.frames is None else min(most, one.frames)
                 # A classifier's own mix of scenes is of those at home.
                 scene = one.scene if name == self.home else {}
-                learners.append(replace(one, training=recipe, frames=frames, scene=scene))
+                learners.append(
+                    replace(one, training=recipe, frames=frames, scene=scene)
+                )
             # Receivers that need preambles learn nothing.
             learn = {*FLDA_FEATURES, *(one.name for one in learners)}
             names = tuple(one for one in plan.receiver.names if one in learn)
             receiver = replace(plan.receiver, names=names, classifiers=tuple(learners))
-            budget = Budget(self.config.scene_frames, min(most, plan.budget.training_frames))
-            experiment = Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,))
-            plans[name] = replace(plan, receiver=receiver, budget=budget, experiment=experiment)
+            budget = Budget(
+                self.config.scene_frames, min(most, plan.budget.training_frames)
+            )
+            experiment = Experiment(
+                f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,)
+            )
+            plans[name] = replace(
+                plan, receiver=receiver, budget=budget, experiment=experiment
+            )
         return plans
 
 
-def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, folder: Path) -> ClassifierStudy:
+def build_classifier_study(
+    settings: config.Settings, rivals: RivalsConfig, folder: Path
+) -> ClassifierStudy:
     """Build the study that ``task=classifiers`` makes.
 
     Raises:
@@ -139,7 +175,9 @@ def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, fold
     for name, experiment in rivals.experiments.items():
         key = f"rivals.experiments.{name}"
         if experiment.row_axis is not None:
-            raise VoccError(f"{key} is a grid over {experiment.row_axis}: it must have one axis")
+            raise VoccError(
+                f"{key} is a grid over {experiment.row_axis}: it must have one axis"
+            )
         with section(key, before="experiment"):
             plans[name] = replace(plan, receiver=receiver, experiment=experiment)
     for name, scene in rivals.scenes.items():
@@ -152,7 +190,11 @@ def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, fold
 
 
 def compare_classifiers(
-    study: ClassifierStudy, ledgers: Stores, pool: executors.Workers, stage: Stage, view: ProgressView
+    study: ClassifierStudy,
+    ledgers: Stores,
+    pool: executors.Workers,
+    stage: Stage,
+    view: ProgressView,
 ) -> tuple[Comparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
@@ -176,33 +218,54 @@ def compare_classifiers(
     with stage("training"):
         # FLDA is always trained: the receiver that is kept is one.
         wanted = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))
-        every = [replace(one, receiver=replace(one.receiver, names=wanted)) for one in study.plans.values()]
+        every = [
+            replace(one, receiver=replace(one.receiver, names=wanted))
+            for one in study.plans.values()
+        ]
         trained = train_alone(every, pool, KeptTrainings(ledgers.values()))
-    banks = {name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)}
+    banks = {
+        name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)
+    }
     found: dict[str, Any] = {}
     with stage("bit error rates"):
-        outcomes: dict[str, dict[float, runner.Outcome]] = {name: {} for name in study.plans}
+        outcomes: dict[str, dict[float, runner.Outcome]] = {
+            name: {} for name in study.plans
+        }
         here = {name: {at: bank} for name, bank in banks.items()}
 
         def told(one: sweep.Study, value: float, frames: int, _: object) -> None:
             view.advance(f"{one.key} {value:g}", frames)
 
-        for experiment, value, outcome in sweep.run_studies(study.studies, here, ledgers, pool, told):
+        for experiment, value, outcome in sweep.run_studies(
+            study.studies, here, ledgers, pool, told
+        ):
             outcomes[experiment.key][value] = outcome
             view.say(f"{experiment.key} {value:g} is measured")
-        curves = {one.key: sweep.measured(one, outcomes[one.key]).curves[at] for one in study.studies}
+        curves = {
+            one.key: sweep.measured(one, outcomes[one.key]).curves[at]
+            for one in study.studies
+        }
     if study.config.genie_frames:
         with stage("the genie"):
-            found["genie"], found["no_genie"] = genie_points(study, banks, pool, view.advance, ledgers)
+            found["genie"], found["no_genie"] = genie_points(
+                study, banks, pool, view.advance, ledgers
+            )
     if scene_plans := study.scene_plans:
         with stage("other scenes"):
-            found["transfers"], found["lost_scenes"] = across_scenes(scene_plans, pool, view.advance, ledgers)
+            found["transfers"], found["lost_scenes"] = across_scenes(
+                scene_plans, pool, view.advance, ledgers
+            )
     with stage("times"):
         found["decision_ms"] = decision_times(study.base, trained[0])
     found["costs"] = {name: trained[0].making(name) for name in names}
-    found["most_training_frames"], found["left_out"] = study.config.scene_training_frames, study.left_out
+    found["most_training_frames"], found["left_out"] = (
+        study.config.scene_training_frames,
+        study.left_out,
+    )
     points, reference = study.config.points, study.config.reference
-    return Comparison(reference, points=points, curves=curves, home=study.home, **found), trained[0]
+    return Comparison(
+        reference, points=points, curves=curves, home=study.home, **found
+    ), trained[0]
 
 
 def genie_points(
@@ -237,10 +300,15 @@ def genie_points(
                 point = sweep.point_name(plan.experiment, value)
                 opened = ledgers.get(name)
                 genie = genie_reference(few, model, point, frames, pool, opened)
-                job = job_of(few, model, point, [banks[name]], f"{point}/beside the genie")
-                (outcome,) = runner.count([runner.Point(job, Budget(frames), opened)], pool)
+                job = job_of(
+                    few, model, point, [banks[name]], f"{point}/beside the genie"
+                )
+                (outcome,) = runner.count(
+                    [runner.Point(job, Budget(frames), opened)], pool
+                )
                 points[value] = GeniePoint(
-                    genie, dict(zip(banks[name].names, outcome.errors.counts, strict=True))
+                    genie,
+                    dict(zip(banks[name].names, outcome.errors.counts, strict=True)),
                 )
             found[name] = points
         except UnknownLikelihoodError as error:
@@ -250,16 +318,25 @@ def genie_points(
 
 
 def job_of(
-    plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], name: str = ""
+    plan: Plan,
+    model: SceneModel,
+    point: str,
+    banks: Sequence[ReceiverBank],
+    name: str = "",
 ) -> runner.Job:
     """Give what counts a point: the receivers of each bank, in order."""
     locator = plan.receiver.locator
-    receivers = runner.Banks([(locator, bank, number) for number, bank in enumerate(banks)])
+    receivers = runner.Banks(
+        [(locator, bank, number) for number, bank in enumerate(banks)]
+    )
     return runner.Job(plan, model, point, receivers, name=name)
 
 
 def across_scenes(
-    plans: Mapping[str, Plan], pool: executors.Workers, advance: Advance, ledgers: Stores = NO_STORES
+    plans: Mapping[str, Plan],
+    pool: executors.Workers,
+    advance: Advance,
+    ledgers: Stores = NO_STORES,
 ) -> tuple[list[Transfer], dict[str, str]]:
     """Train in every kind of scenes; test at home what was trained elsewhere, and elsewhere what was at home.
 
@@ -277,7 +354,9 @@ def across_scenes(
     home = next(iter(plans))
     advance("training in other scenes", 0)
     with executors.worker_losses_told():
-        calls = {name: pool.submit(train_or_say_why, plan) for name, plan in plans.items()}
+        calls = {
+            name: pool.submit(train_or_say_why, plan) for name, plan in plans.items()
+        }
         trained = {name: call.result() for name, call in calls.items()}
     lost = {name: why for name, why in trained.items() if isinstance(why, str)}
     banks = {name: bank for name, bank in trained.items() if not isinstance(bank, str)}
@@ -290,18 +369,26 @@ def across_scenes(
         plan = plans[name]
         rows = f"{plan.experiment.name} trained on {', '.join(places)}"
         model = plan.experiment.training_model(plan.world)
-        job = job_of(plan, model, plan.experiment.name, [banks[place] for place in places], rows)
+        job = job_of(
+            plan, model, plan.experiment.name, [banks[place] for place in places], rows
+        )
         points.append(runner.Point(job, plan.budget, ledgers.get(f"scenes-{name}")))
     outcomes = runner.count(points, pool, plans[home].batch_frames)
-    errors = {name: outcome.errors for name, outcome in zip(sources, outcomes, strict=True)}
+    errors = {
+        name: outcome.errors for name, outcome in zip(sources, outcomes, strict=True)
+    }
     names, transfers = banks[home].names, []
     for tested_on, places in sources.items():
         # On the frames of one kind of scenes, the receivers trained there are compared with the others.
         own = places.index(tested_on) * len(names)
-        for (place, scenes), (row, name) in product(enumerate(places), enumerate(names)):
+        for (place, scenes), (row, name) in product(
+            enumerate(places), enumerate(names)
+        ):
             two = errors[tested_on].of([own + row, place * len(names) + row])
             at_home, counts = two.counts
-            transfers.append(Transfer(name, scenes, tested_on, counts, at_home, two.pairs[0, 1]))
+            transfers.append(
+                Transfer(name, scenes, tested_on, counts, at_home, two.pairs[0, 1])
+            )
     return transfers, lost
 
 
@@ -312,7 +399,9 @@ def train_or_say_why(plan: Plan) -> ReceiverBank | str:
             training = train(plan, keep=True)
     except VoccError as error:
         return str(error)
-    return training.bank([name for name in plan.receiver.names if training.making(name).frames])
+    return training.bank(
+        [name for name in plan.receiver.names if training.making(name).frames]
+    )
 
 
 def decision_times(plan: Plan, training: Training) -> dict[str, float]:
@@ -328,11 +417,24 @@ def decision_times(plan: Plan, training: Training) -> dict[str, float]:
         ms a frame, by receiver.
     """
     names, link = plan.receiver.names, Link.of(plan)
-    model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
-    receivers = {name: StagedReceiver(training.bank([name]), link.reader, link.locator) for name in names}
+    model, key = (
+        plan.experiment.training_model(plan.world),
+        BlockKey(plan.seed, "times", 0),
+    )
+    receivers = {
+        name: StagedReceiver(training.bank([name]), link.reader, link.locator)
+        for name in names
+    }
     with timing.threads(1):
-        exposure = stage_times.Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
+        exposure = stage_times.Exposure.of(
+            plan.world, model, [key], preambles=needs_preambles(names)
+        )
         # A time is a median over 9 rounds.
-        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, 9, link.simulator.device)
-    spent = {name: one.summed(("features", "classify")) for name, one in timed.by_receiver.items()}
+        timed = stage_times.time_stages(
+            receivers, exposure, BLOCK_FRAMES, 9, link.simulator.device
+        )
+    spent = {
+        name: one.summed(("features", "classify"))
+        for name, one in timed.by_receiver.items()
+    }
     return {name: stage_times.median_of(one).value for name, one in spent.items()}

@@ -47,15 +47,21 @@ class DecodeConfig:
     def __post_init__(self) -> None:
         """Check the channel, the numbers and the word."""
         if self.channel not in CHANNELS:
-            raise VoccError.of("decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
+            raise VoccError.of(
+                "decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}"
+            )
         if not 1 <= self.scale <= MOST_SCALE:
             raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")
         if self.follow is not None:
             self.follow = self.follow.lower()  # true and false are written by YAML too
             if self.follow not in FOLLOWS:
-                raise VoccError.of("decode.follow", repr(self.follow), "true, false or auto")
+                raise VoccError.of(
+                    "decode.follow", repr(self.follow), "true, false or auto"
+                )
         if self.scale > 1 and not self.annotate:
-            raise VoccError.of("decode.scale", self.scale, "1 where decode.annotate is false")
+            raise VoccError.of(
+                "decode.scale", self.scale, "1 where decode.annotate is false"
+            )
         if not 1 <= self.most <= MOST_PANELS:
             raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")
         if self.turn not in TURNS:

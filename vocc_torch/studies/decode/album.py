@@ -39,11 +39,15 @@ class Album:
         frame = reading.frame.source, reading.frame.index, reading.frame.light
         if frame != self._frame or self._picture is None:
             self._frame = frame
-            self._picture = annotated(reading.frame.colour, reading.corners_px, reading.bits, self.scale)
+            self._picture = annotated(
+                reading.frame.colour, reading.corners_px, reading.bits, self.scale
+            )
             self._name = self._free_name(reading.frame.source, reading.frame.light)
         else:
             corners_px = reading.corners_px * self.scale
-            self._picture = annotated(np.asarray(self._picture), corners_px, reading.bits, 1)
+            self._picture = annotated(
+                np.asarray(self._picture), corners_px, reading.bits, 1
+            )
         with atomic_file(self.folder / f"{self._name}.png") as temporary:
             self._picture.save(temporary, format="PNG")
 

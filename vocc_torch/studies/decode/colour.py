@@ -52,15 +52,22 @@ class Mix(NamedTuple):
         if not self.weights:
             return to_grey(colour, self.name)
         light = LIGHT_OF_GREY[colour] if self.linear else colour
-        mixed = np.float32(self.offset) + light @ np.array(self.weights, dtype=np.float32)
+        mixed = np.float32(self.offset) + light @ np.array(
+            self.weights, dtype=np.float32
+        )
         if self.linear:
             mixed = 255 * (mixed / 255).clip(0, 1) ** (1 / GAMMA)
         return mixed.round().clip(0, 255).astype(np.uint8)
 
     def __str__(self) -> str:
         """Name it, with its weights."""
-        parts = [f"{w:+.3g} {name}" for w, name in zip(self.weights, CHANNELS[2:5], strict=False)]
-        return self.name + f" ({' '.join([*parts, f'{self.offset:+.3g}'])})" * bool(parts)
+        parts = [
+            f"{w:+.3g} {name}"
+            for w, name in zip(self.weights, CHANNELS[2:5], strict=False)
+        ]
+        return self.name + f" ({' '.join([*parts, f'{self.offset:+.3g}'])})" * bool(
+            parts
+        )
 
 
 FIXED = (
@@ -73,7 +80,9 @@ FIXED = (
 """What is tried before any panel is known."""
 
 
-def channel_of(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[Mix, float, int]:
+def channel_of(
+    receiver: Receiver, colours: Sequence[NDArray[np.uint8]]
+) -> tuple[Mix, float, int]:
     """Find the plane in which a receiver parts On from Off best, how far, and in how many frames surely.
 
     Every plane of :data:`FIXED` is located and decoded. At the panels of the best one, mixes by
@@ -94,8 +103,13 @@ def channel_of(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tupl
     _, _, panels, bits = judged[best]
     planes = torch.from_numpy(np.stack(colours)).permute(3, 0, 1, 2).to(receiver.device)
     takes = [Frames.whole(plane.contiguous()) for plane in planes]
-    for name, margin in (("On against Off", False), ("On against Off and surround", True)):
-        if (found := fisher_mix(takes, panels, bits, receiver.shape, margin)) is not None:
+    for name, margin in (
+        ("On against Off", False),
+        ("On against Off and surround", True),
+    ):
+        if (
+            found := fisher_mix(takes, panels, bits, receiver.shape, margin)
+        ) is not None:
             mix = Mix(name, *found)
             judged[mix] = _judged(receiver, [mix(one) for one in colours])
     best = _best(judged, receiver.shape)
@@ -118,7 +132,9 @@ def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
         off = (one.panels.corners_px - luma.panels.corners_px).norm(dim=-1).amax(dim=-1)
         near = off <= torch.maximum(*cell_size_px(luma.panels.corners_px, shape))
         same = bool(near[one.panels.found].all())
-        clearly = 0 if one.sure > luma.sure else luma.apart * (CLEARLY if same else ELSEWHERE)
+        clearly = (
+            0 if one.sure > luma.sure else luma.apart * (CLEARLY if same else ELSEWHERE)
+        )
         if one.sure >= luma.sure and one.apart >= max(LEAST_PARTED, clearly):
             best = max(best, mix, key=lambda two: (judged[two].sure, judged[two].apart))
     return best
@@ -134,7 +150,11 @@ def _judged(receiver: Receiver, greys: Sequence[NDArray[np.uint8]]) -> _Judged:
 
 
 def fisher_mix(
-    channels: Sequence[Frames], panels: Panels, bits: torch.Tensor, shape: PanelShape, margin: bool
+    channels: Sequence[Frames],
+    panels: Panels,
+    bits: torch.Tensor,
+    shape: PanelShape,
+    margin: bool,
 ) -> tuple[tuple[float, ...], float] | None:
     """Weigh channels by Fisher's discriminant of the colours of On cells and of Off ones, in float64.
 
@@ -153,7 +173,9 @@ def fisher_mix(
         where there are no two groups.
     """
     patches = rectify_takes(channels, panels, shape, 8)
-    cells = torch.stack([cell_means(one, shape).double() for one in patches], dim=-1)[panels.found]
+    cells = torch.stack([cell_means(one, shape).double() for one in patches], dim=-1)[
+        panels.found
+    ]
     on = torch.nn.functional.pad(bits[panels.found], (1, 1, 1, 1))
     if not margin:
         cells, on = cells[:, 1:-1, 1:-1], on[:, 1:-1, 1:-1]
@@ -169,7 +191,9 @@ def fisher_mix(
     return tuple((direction * gain).tolist()), 63.75 - low * gain
 
 
-def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[Mix, tuple[Mix, ...]]:
+def unmixed(
+    receiver: Receiver, colours: Sequence[NDArray[np.uint8]]
+) -> tuple[Mix, tuple[Mix, ...]]:
     """Find what part of each channel's light is of which colour of LEDs, where three send bits of their own.
 
     The panel is located in the plane of :data:`FIXED` that shows it best. Light of a cell is that of its Off
@@ -188,10 +212,16 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
     judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
     best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
     panels = judged[best].panels
-    planes = torch.from_numpy(LIGHT_OF_GREY[np.stack(colours)]).permute(3, 0, 1, 2).to(receiver.device)
+    planes = (
+        torch.from_numpy(LIGHT_OF_GREY[np.stack(colours)])
+        .permute(3, 0, 1, 2)
+        .to(receiver.device)
+    )
     takes = [Frames.whole(plane.contiguous()) for plane in planes]
     patches = rectify_takes(takes, panels, receiver.shape, 8)
-    cells = torch.stack([cell_means(one, receiver.shape).double() for one in patches], dim=-1)[panels.found]
+    cells = torch.stack(
+        [cell_means(one, receiver.shape).double() for one in patches], dim=-1
+    )[panels.found]
     rows = cells[:, 1:-1, 1:-1].reshape(-1, 3)
     if not len(rows):
         return best, ()
@@ -209,12 +239,19 @@ def unmixed(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[M
     own = own * strength
     offsets = (light[0, channel] - light[0] @ own).tolist()
     each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
-    mixes = tuple(Mix(name, tuple(weights), offset, True) for name, weights, offset in each)
-    parts = all(_apart(receiver, [mix(one) for one in colours], panels) >= _CHANCE for mix in mixes)
+    mixes = tuple(
+        Mix(name, tuple(weights), offset, True) for name, weights, offset in each
+    )
+    parts = all(
+        _apart(receiver, [mix(one) for one in colours], panels) >= _CHANCE
+        for mix in mixes
+    )
     return best, mixes if parts else ()
 
 
-def _apart(receiver: Receiver, greys: Sequence[NDArray[np.uint8]], panels: Panels) -> float:
+def _apart(
+    receiver: Receiver, greys: Sequence[NDArray[np.uint8]], panels: Panels
+) -> float:
     """Say how far apart On and Off lie in grey planes of one size, at panels: the mean of those found."""
     with torch.inference_mode():
         read = receiver(torch.from_numpy(np.stack(greys)).to(receiver.device), panels)

@@ -53,7 +53,11 @@ class LiveRun:
 
 
 def decode_live(
-    readings: Iterator[Reading], stream: LiveStream, path: Path, console: Console, viewer: Viewer | None
+    readings: Iterator[Reading],
+    stream: LiveStream,
+    path: Path,
+    console: Console,
+    viewer: Viewer | None,
 ) -> LiveRun:
     """Print and write readings as they come; Ctrl-C ends them in order.
 
@@ -76,13 +80,20 @@ def decode_live(
                 table.writerow(reading.row())
                 file.flush()
                 run.add(reading)
-                console.print(line_of(reading), soft_wrap=True, markup=False, highlight=False)
+                console.print(
+                    line_of(reading), soft_wrap=True, markup=False, highlight=False
+                )
                 if viewer is not None:
                     viewer.show(reading)
         except KeyboardInterrupt:
             pass
         finally:
-            console.print(run.summary(stream.dropped), soft_wrap=True, markup=False, highlight=False)
+            console.print(
+                run.summary(stream.dropped),
+                soft_wrap=True,
+                markup=False,
+                highlight=False,
+            )
     if not run.frames:
         raise VoccError(f"input {stream.source}: no frame arrived")
     return run
@@ -92,4 +103,8 @@ def line_of(reading: Reading) -> str:
     """One line of the terminal for a frame: its time, its bits and their smallest margin."""
     time_s = reading.frame.time_s
     place = f"frame {reading.frame.index:6d}" if time_s is None else f"{time_s:9.3f} s"
-    return f"{place}  {reading.text}  margin {reading.margin:.3g}" if reading.found else f"{place}  no panel"
+    return (
+        f"{place}  {reading.text}  margin {reading.margin:.3g}"
+        if reading.found
+        else f"{place}  no panel"
+    )

@@ -20,8 +20,25 @@ from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames, StatedPanels
 
 COLUMNS = (
-    *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
-    *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
+    *(
+        "source",
+        "frame",
+        "time_s",
+        "found",
+        "x_top_left",
+        "y_top_left",
+        "x_top_right",
+        "y_top_right",
+    ),
+    *(
+        "x_bottom_right",
+        "y_bottom_right",
+        "x_bottom_left",
+        "y_bottom_left",
+        "bits",
+        "margin",
+        "panel_score",
+    ),
     *("candidates", "expected_errors", "panel", "false_alarms", "light"),
 )
 """Columns of ``bits.csv``."""
@@ -66,7 +83,11 @@ class Reading:
     @property
     def text(self) -> str:
         """The bits as 0 and 1 in raster order; empty where no panel was found."""
-        return "".join("1" if bit else "0" for bit in self.bits.ravel()) if self.found else ""
+        return (
+            "".join("1" if bit else "0" for bit in self.bits.ravel())
+            if self.found
+            else ""
+        )
 
     @property
     def place(self) -> str:
@@ -79,19 +100,25 @@ class Reading:
         """How sure the reading is, in words."""
         doubt = ", which may be no panel" if self.is_doubtful else ""
         doubt += ", of one level of light" * self.one_level
-        others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
+        others = (
+            f"; {self.candidates} blobs could have been the panel"
+            if self.candidates > 1
+            else ""
+        )
         if not math.isnan(self.false_alarms):
             others = f"; {self.false_alarms:.2g} false alarms expected in a frame without a panel"
-        return (
-            f"{self.place}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
-        )
+        return f"{self.place}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
 
     def row(self) -> list[str]:
         """The frame's row of ``bits.csv``."""
         frame = self.frame
         time_s = "" if frame.time_s is None else f"{frame.time_s:.6f}"
         corners = [f"{c:.2f}" if self.found else "" for c in self.corners_px.ravel()]
-        judged = [f"{self.margin:.4g}", f"{self.panel_score:.3f}"] if self.found else ["", ""]
+        judged = (
+            [f"{self.margin:.4g}", f"{self.panel_score:.3f}"]
+            if self.found
+            else ["", ""]
+        )
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
         expected = f"{self.expected_errors:.3g}" if self.found else ""
         stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
@@ -127,30 +154,51 @@ def decode(
         size = max(1, min(frames_at_once, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
-            images, whose = Frames.whole(greys.to(receiver.device)), [*range(len(batch))]
+            images, whose = (
+                Frames.whole(greys.to(receiver.device)),
+                [*range(len(batch))],
+            )
             tracks: list[int] = []
             if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
                 with torch.inference_mode():
                     whose, tracks, followed = tracker.panels(greys, most)
-                    read = receiver(images[torch.tensor(whose)], followed.to(receiver.device))
+                    read = receiver(
+                        images[torch.tensor(whose)], followed.to(receiver.device)
+                    )
             elif most > 1:
                 whose, read = receiver.decode_several(images.grey, most)
             else:
                 read = receiver.decode(images)
             frames = [batch[place] for place in whose]
             each = [] if lights else [_readings(receiver, frames, read)]
-            panels = read.corners_px, read.found, read.panel_score, read.candidates, read.false_alarms
+            panels = (
+                read.corners_px,
+                read.found,
+                read.panel_score,
+                read.candidates,
+                read.false_alarms,
+            )
             for mix in lights:
-                planes = torch.from_numpy(np.stack([mix(frame.colour) for frame in frames]))
+                planes = torch.from_numpy(
+                    np.stack([mix(frame.colour) for frame in frames])
+                )
                 with torch.inference_mode():
                     own = receiver(planes.to(receiver.device), StatedPanels(*panels))
-                each.append(_readings(receiver, [replace(one, light=mix.name) for one in frames], own))
-            numbers = tracks or [row - whose.index(frame) for row, frame in enumerate(whose)]
+                each.append(
+                    _readings(
+                        receiver, [replace(one, light=mix.name) for one in frames], own
+                    )
+                )
+            numbers = tracks or [
+                row - whose.index(frame) for row, frame in enumerate(whose)
+            ]
             rows = zip(whose, numbers, zip(*each, strict=True), strict=True)
             for _, panels_of in groupby(rows, key=lambda row: row[0]):
                 several = [(number, one) for _, number, one in panels_of]
                 for light in range(len(each)):
-                    yield from (replace(one[light], panel=number) for number, one in several)
+                    yield from (
+                        replace(one[light], panel=number) for number, one in several
+                    )
 
 
 def demand_several(locator: PanelLocator | None, most: int) -> None:
@@ -169,14 +217,23 @@ def is_adjustable(locator: PanelLocator) -> bool:
     return LOCATORS.get(locator.name) is type(locator) and locator.states_false_alarms
 
 
-def _readings(receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded) -> Iterator[Reading]:
+def _readings(
+    receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded
+) -> Iterator[Reading]:
     """Say what was read at the panel of each frame, and how surely."""
     least = read.scores.abs().amin(dim=(1, 2))
     corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
     looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
     expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
     one_level = parted(read.scores, read.bits) < LEAST_PARTED
-    given = read.found, least, read.panel_score, read.candidates, is_doubtful(read), expected
+    given = (
+        read.found,
+        least,
+        read.panel_score,
+        read.candidates,
+        is_doubtful(read),
+        expected,
+    )
     columns = (one.tolist() for one in (*given, one_level, read.false_alarms))
     for i, (frame, found, *judged) in enumerate(zip(frames, *columns, strict=True)):
         names = [name for name, far in beyond.items() if far[i] and found]

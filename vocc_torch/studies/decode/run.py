@@ -25,7 +25,12 @@ from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.live import decode_live
-from vocc_torch.studies.decode.reading import COLUMNS, decode, demand_several, is_adjustable
+from vocc_torch.studies.decode.reading import (
+    COLUMNS,
+    decode,
+    demand_several,
+    is_adjustable,
+)
 from vocc_torch.studies.decode.summary import Summary
 from vocc_torch.studies.decode.viewer import Viewer
 from vocc_torch.types import PanelShape
@@ -48,9 +53,13 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         return
     failures: list[str] = []
     recording = turned(
-        readable(read_recording(Path(settings.input), channel), failures), config.turn, config.mirror
+        readable(read_recording(Path(settings.input), channel), failures),
+        config.turn,
+        config.mirror,
     )
-    first = list(islice(recording, 1))  # a file that cannot be read is refused before a receiver is trained
+    first = list(
+        islice(recording, 1)
+    )  # a file that cannot be read is refused before a receiver is trained
     if not first:
         raise VoccError(failures[0])
     run_files(settings, config, folder, chain(first, recording), failures)
@@ -75,7 +84,9 @@ def run_files(
     album = Album(folder, config.scale)
     viewer = Viewer() if config.show else None
     try:
-        for reading in decode(receiver, recording, config.most, config.follow or "false", lights):
+        for reading in decode(
+            receiver, recording, config.most, config.follow or "false", lights
+        ):
             summary.add(reading)
             if reading.found and config.annotate and reading.frame.time_s is None:
                 album.add(reading)
@@ -87,10 +98,12 @@ def run_files(
     is_trained = settings.model is None
     if summary.best is None:
         size = f"{receiver.shape.rows} x {receiver.shape.columns} LEDs"
-        nothing = (
-            f"input {settings.input} shows no panel of {size} in {summary.frames} of {summary.frames} frames"
+        nothing = f"input {settings.input} shows no panel of {size} in {summary.frames} of {summary.frames} frames"
+        raise VoccError(
+            "; ".join(
+                [f"{nothing}: {summary.hint(config, is_trained, receiver)}", *failures]
+            )
         )
-        raise VoccError("; ".join([f"{nothing}: {summary.hint(config, is_trained, receiver)}", *failures]))
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *summary.rows])
     write_receiver(settings, receiver, folder)
     summary.print_best(console, config.most)
@@ -102,10 +115,14 @@ def run_files(
     run_folder.print_places(console, folder, places)
     summary.warn(receiver)
     if failures:
-        raise VoccError(f"{failures[0]}; bits.csv has the {summary.frames} frames that could be read")
+        raise VoccError(
+            f"{failures[0]}; bits.csv has the {summary.frames} frames that could be read"
+        )
 
 
-def run_live(settings: Settings, config: DecodeConfig, folder: Path, stream: LiveStream) -> None:
+def run_live(
+    settings: Settings, config: DecodeConfig, folder: Path, stream: LiveStream
+) -> None:
     """Decode a live source until it ends or Ctrl-C.
 
     Raises:
@@ -114,9 +131,19 @@ def run_live(settings: Settings, config: DecodeConfig, folder: Path, stream: Liv
     console = Console()
     receiver = receiver_of(settings, config, folder)
     recording, lights = in_channel(
-        receiver, turned(iter(stream), config.turn, config.mirror), config.channel, console
+        receiver,
+        turned(iter(stream), config.turn, config.mirror),
+        config.channel,
+        console,
     )
-    readings = decode(receiver, recording, config.most, config.follow or "true", lights, frames_at_once=1)
+    readings = decode(
+        receiver,
+        recording,
+        config.most,
+        config.follow or "true",
+        lights,
+        frames_at_once=1,
+    )
     viewer = Viewer() if config.show else None
     folder.mkdir(parents=True, exist_ok=True)
     write_receiver(settings, receiver, folder)
@@ -133,7 +160,9 @@ def receiver_of(settings: Settings, config: DecodeConfig, folder: Path) -> Recei
     """
     if settings.model in SHIPPED:
         panel = asdict(settings.panel)
-        receiver = shipped_receiver(settings.model, PanelShape(panel["rows"], panel["columns"]))
+        receiver = shipped_receiver(
+            settings.model, PanelShape(panel["rows"], panel["columns"])
+        )
     else:
         receiver = trained_or_loaded(settings, config, folder)
     if settings.model is not None and settings.receiver.false_alarms is not None:
@@ -141,7 +170,9 @@ def receiver_of(settings: Settings, config: DecodeConfig, folder: Path) -> Recei
     return receiver
 
 
-def trained_or_loaded(settings: Settings, config: DecodeConfig, folder: Path) -> Receiver:
+def trained_or_loaded(
+    settings: Settings, config: DecodeConfig, folder: Path
+) -> Receiver:
     """Load the receiver of a model file, or train one."""
     # Loaded here because a receiver that ships needs no simulation.
     from vocc_torch.measure.build import build_plan
@@ -149,7 +180,11 @@ def trained_or_loaded(settings: Settings, config: DecodeConfig, folder: Path) ->
 
     model = None if settings.model is None else Path(settings.model)
     # A model brings a locator of its own.
-    named = settings.receiver if model is None else replace(settings.receiver, locator="truth")
+    named = (
+        settings.receiver
+        if model is None
+        else replace(settings.receiver, locator="truth")
+    )
     plan = build_plan(replace(settings, receiver=named), folder)
     (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
     if model is None:
@@ -183,7 +218,10 @@ def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
 
 
 def in_channel(
-    receiver: Receiver, recording: Iterator[RecordedFrame], channel: str, console: Console
+    receiver: Receiver,
+    recording: Iterator[RecordedFrame],
+    channel: str,
+    console: Console,
 ) -> tuple[Iterator[RecordedFrame], tuple[Mix, ...]]:
     """Choose the grey plane, or the planes of several colours, by the first frames where that is asked for.
 
@@ -207,7 +245,11 @@ def in_best_channel(
     """Give a recording the grey plane that its first frames are read best in, and say which."""
     shown, every = first_colours(recording)
     mix, far, sure = channel_of(receiver, shown)
-    frames = every if mix.name == "luma" else (replace(one, grey=mix(one.colour)) for one in every)
+    frames = (
+        every
+        if mix.name == "luma"
+        else (replace(one, grey=mix(one.colour)) for one in every)
+    )
     why = f"On and Off lie {far:.3g} standard deviations apart in the first {len(shown)} frames"
     why += f", {sure} of them without doubt"
     if math.isnan(far):
@@ -228,7 +270,9 @@ def in_each_colour(
     shown, every = first_colours(recording)
     best, mixes = unmixed(receiver, shown)
     if not mixes:
-        none = f"the first {len(shown)} frames show no panel on which three colours differ"
+        none = (
+            f"the first {len(shown)} frames show no panel on which three colours differ"
+        )
         raise VoccError.of("decode.channel", "unmix", f"auto, or one channel: {none}")
     frames = (replace(one, grey=best(one.colour)) for one in every)
     told = f"decode.channel=unmix: {'; '.join(map(str, mixes))}, of linear light; located in {best.name}"
@@ -240,4 +284,6 @@ def first_colours(
 ) -> tuple[list[NDArray[np.uint8]], Iterator[RecordedFrame]]:
     """Give the pictures of one size that decide for all of a recording, and the whole recording."""
     first = list(islice(recording, SEEN_FRAMES))
-    return [one.colour for one in first if one.colour.shape == first[0].colour.shape], chain(first, recording)
+    return [
+        one.colour for one in first if one.colour.shape == first[0].colour.shape
+    ], chain(first, recording)

@@ -59,7 +59,10 @@ class Summary:
         if reading.frame.note and reading.frame.note not in self.notes:
             self.notes.append(reading.frame.note)
         if not reading.found:
-            if reading.false_alarms > 0 and not self.least_alarms <= reading.false_alarms:
+            if (
+                reading.false_alarms > 0
+                and not self.least_alarms <= reading.false_alarms
+            ):
                 self.least_alarms, self.likeliest = reading.false_alarms, reading.place
             return
         self.found += 1
@@ -82,8 +85,13 @@ class Summary:
         if self.best is None:
             return
         on, off = ("#", ".") if console.options.ascii_only else ("●", "·")
-        grid = ["  " + " ".join(on if bit else off for bit in bits) for bits in self.best.bits]
-        judged = f"{self.best.judged}; {self.shown} of {self.frames} frames show a panel"
+        grid = [
+            "  " + " ".join(on if bit else off for bit in bits)
+            for bits in self.best.bits
+        ]
+        judged = (
+            f"{self.best.judged}; {self.shown} of {self.frames} frames show a panel"
+        )
         judged += f", {self.found} readings" * (self.found > self.shown)
         if self.most > most:
             judged += f"; a frame shows {self.most}: decode.most={self.most} reads them"
@@ -94,33 +102,60 @@ class Summary:
     def hint(self, config: DecodeConfig, is_trained: bool, receiver: Receiver) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
         tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
-        if config.follow == "true" or (config.follow == "auto" and math.isnan(self.least_alarms)):
-            return " or ".join(["try decode.follow=false, which searches every frame,", *tries])
+        if config.follow == "true" or (
+            config.follow == "auto" and math.isnan(self.least_alarms)
+        ):
+            return " or ".join(
+                ["try decode.follow=false, which searches every frame,", *tries]
+            )
         if math.isnan(self.least_alarms) and not receiver.locator.finds_several:
-            return " and ".join(["see receiver.location for the locator's limits", *tries])
-        tries += ["receiver=recommended for one bright panel that is surely there"] * is_trained
+            return " and ".join(
+                ["see receiver.location for the locator's limits", *tries]
+            )
+        tries += [
+            "receiver=recommended for one bright panel that is surely there"
+        ] * is_trained
         expected, frames = self.least_alarms * self.frames, self.frames
         if not expected < BY_CHANCE or not is_adjustable(receiver.locator):
             tries = ["check panel.rows and panel.columns", *tries]
             return "no place looks like one surely enough: " + ", or try ".join(tries)
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
-        enough = f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
+        enough = (
+            f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
+        )
         told = f"{self.least_alarms:.2g} false alarms are expected in a frame without a panel"
         told += f", {expected:.2g} in {frames}" * (frames > 1)
-        sized = f"if the panel has {receiver.shape.rows} x {receiver.shape.columns} LEDs"
+        sized = (
+            f"if the panel has {receiver.shape.rows} x {receiver.shape.columns} LEDs"
+        )
         return f"at the likeliest place, in {self.likeliest}, {told}: give {enough} to have it read, {sized}"
 
     def warn(self, receiver: Receiver) -> None:
         """Warn of what makes the bits doubtful."""
         if self.doubtful:
             look = "look where it was found, at panel_score and at margin before you believe the bits"
-            warnings.warn(f"{self.doubtful} of {self.counted} may show no panel: {look}", stacklevel=2)
+            warnings.warn(
+                f"{self.doubtful} of {self.counted} may show no panel: {look}",
+                stacklevel=2,
+            )
         if self.alike:
             look = "where all are On or all Off, their bits mean nothing"
-            warnings.warn(f"LEDs look alike in {self.alike} of {self.counted}: {look}", stacklevel=2)
+            warnings.warn(
+                f"LEDs look alike in {self.alike} of {self.counted}: {look}",
+                stacklevel=2,
+            )
         if self.strange:
             learned = receiver.trained_on
-            limits = {name: "{:.3g} to {:.3g}".format(*learned[name][:2]) for name in self.unlike}
-            far = [f"{name} {value:.3g}, not {limits[name]}" for name, value in self.unlike.items()]
+            limits = {
+                name: "{:.3g} to {:.3g}".format(*learned[name][:2])
+                for name in self.unlike
+            }
+            far = [
+                f"{name} {value:.3g}, not {limits[name]}"
+                for name, value in self.unlike.items()
+            ]
             which = f"{self.strange} of {self.counted} are unlike what {receiver.name} learned from"
-            warnings.warn(f"{which} ({'; '.join(far)}): expected_errors may be too low", stacklevel=2)
+            warnings.warn(
+                f"{which} ({'; '.join(far)}): expected_errors may be too low",
+                stacklevel=2,
+            )

@@ -30,7 +30,9 @@ class Viewer:
         try:
             rerun.spawn()
         except Exception as error:  # of the viewer's process
-            raise VoccError(f"decode.show is true: the viewer does not start ({error})") from None
+            raise VoccError(
+                f"decode.show is true: the viewer does not start ({error})"
+            ) from None
 
     def show(self, reading: Reading) -> None:
         """Send a frame, and the corners and bits of its panel."""
@@ -44,10 +46,15 @@ class Viewer:
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
         colours = [ON_COLOUR if bit else OFF_COLOUR for bit in reading.bits.ravel()]
         points = led_centres_px(reading.corners_px, reading.bits.shape)
-        rerun.log("frame/panel/bits", rerun.Points2D(points, colors=colours, radii=LED_RADIUS_PX))
+        rerun.log(
+            "frame/panel/bits",
+            rerun.Points2D(points, colors=colours, radii=LED_RADIUS_PX),
+        )
 
 
-def led_centres_px(corners_px: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+def led_centres_px(
+    corners_px: np.ndarray[Any, Any], shape: tuple[int, ...]
+) -> np.ndarray[Any, Any]:
     """Centres (R*C,2) of LEDs in raster order, bilinear between the corners (4,2).
 
     Example:
@@ -56,7 +63,9 @@ def led_centres_px(corners_px: np.ndarray[Any, Any], shape: tuple[int, ...]) -> 
     """
     rows, columns = shape
     down, along = np.meshgrid(
-        (np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij"
+        (np.arange(rows) + 0.5) / rows,
+        (np.arange(columns) + 0.5) / columns,
+        indexing="ij",
     )
     v = down.reshape(-1, 1)
     u = along.reshape(-1, 1)

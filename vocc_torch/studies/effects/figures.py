@@ -39,12 +39,23 @@ _WITHOUT = Style("trained without the effect", "#D55E00", "o", "-")
 _WITH = Style("trained with it", "#0072B2", "D", "--")
 _PARTS = {
     "Cost": _COSTS,
-    "Change of BER, true corners": {"true_corners": (_WITHOUT, -0.16), "retrained": (_WITH, 0.16)},
+    "Change of BER, true corners": {
+        "true_corners": (_WITHOUT, -0.16),
+        "retrained": (_WITH, 0.16),
+    },
     "Change of BER, paper's locator": {"located": (_WITHOUT, 0.0)},
 }
 """The figure's parts: how each series is drawn, and how many rows below the middle of its row."""
 
-_UNITS = {"_deg": "°", "_m": "m", "_s": "s", "_px": "px", "_nm": "nm", "_lx": "lx", "_cd_m2": "cd/m²"}
+_UNITS = {
+    "_deg": "°",
+    "_m": "m",
+    "_s": "s",
+    "_px": "px",
+    "_nm": "nm",
+    "_lx": "lx",
+    "_cd_m2": "cd/m²",
+}
 _UNITS |= {"_m_s": "m/s", "electrons_per_s": "electrons/s", "electrons": "electrons"}
 """Units by the end of a parameter's name; the longest end that fits counts."""
 
@@ -69,10 +80,21 @@ def ms_text(rounds: Rounds) -> str:
     if not one.real:
         return "~0"
     size = abs(one.value)
-    return f"{one.value:.0f}" if size >= 9.95 else f"{one.value:.1f}" if size >= 0.995 else f"{one.value:.2g}"
+    return (
+        f"{one.value:.0f}"
+        if size >= 9.95
+        else f"{one.value:.1f}"
+        if size >= 0.995
+        else f"{one.value:.2g}"
+    )
 
 
-def written(template: str, results: EffectResults, signs: Mapping[str, str] = SIGNS, **values: object) -> str:
+def written(
+    template: str,
+    results: EffectResults,
+    signs: Mapping[str, str] = SIGNS,
+    **values: object,
+) -> str:
     """Fill in one of the study's templates.
 
     Args:
@@ -83,7 +105,15 @@ def written(template: str, results: EffectResults, signs: Mapping[str, str] = SI
     """
     shown = results.study.shown
     label = receiver_styles([shown])[shown].label
-    return page.render(__package__, template, results=results, label=label, signs=signs, ms=ms_text, **values)
+    return page.render(
+        __package__,
+        template,
+        results=results,
+        label=label,
+        signs=signs,
+        ms=ms_text,
+        **values,
+    )
 
 
 def effects_figure(results: EffectResults) -> Figure:
@@ -95,9 +125,19 @@ def effects_figure(results: EffectResults) -> Figure:
     rows, parts = results.every_row, dict(_PARTS)
     if "located" not in results.readings:
         parts.popitem()
-    cell_in, margins_in = (_WIDE_IN, _ROW_IN * len(rows)), (_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN)
-    figure, grid = canvas.new_grid(len(parts), len(parts), cell_in, (_GAP_IN, 0), margins_in)
-    look: dict[str, Any] = {"loc": "lower left", "fontsize": 8.3, "borderaxespad": 0.15, "handlelength": 1.6}
+    cell_in, margins_in = (
+        (_WIDE_IN, _ROW_IN * len(rows)),
+        (_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN),
+    )
+    figure, grid = canvas.new_grid(
+        len(parts), len(parts), cell_in, (_GAP_IN, 0), margins_in
+    )
+    look: dict[str, Any] = {
+        "loc": "lower left",
+        "fontsize": 8.3,
+        "borderaxespad": 0.15,
+        "handlelength": 1.6,
+    }
     for axes, (head, series) in zip(grid, parts.items(), strict=True):
         canvas.quiet_axes(axes)
         if head == "Cost":
@@ -105,11 +145,18 @@ def effects_figure(results: EffectResults) -> Figure:
         else:
             draw_changes(axes, results, series)
         set_rows(axes, rows, named=head == "Cost")
-        axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
-        signs = [drawing.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
+        axes.set_title(
+            head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26
+        )
+        signs = [
+            drawing.receiver_line(replace(style, line="-"), size=0.7)
+            for style, _ in series.values()
+        ]
         box = axes.get_position()
         at = box.x0 - 0.02 * box.width, box.y1
-        canvas.write_legend(figure, signs, at, 2, handletextpad=0.5, columnspacing=1.0, **look)
+        canvas.write_legend(
+            figure, signs, at, 2, handletextpad=0.5, columnspacing=1.0, **look
+        )
     title, *notes = written("effects.txt.j2", results, linear=_LINEAR).splitlines()
     canvas.write_title(figure, title, "\n".join(notes))
     return figure
@@ -118,13 +165,20 @@ def effects_figure(results: EffectResults) -> Figure:
 def draw_costs(axes: Axes, results: EffectResults) -> None:
     """Draw what each effect adds to the time of a frame, or a note where it cannot be told from nothing."""
     rows = results.every_row
-    sums = {kind: stage_times.median_of(rounds) for kind, rounds in results.sums.items()}
-    costs = [{kind: stage_times.median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
+    sums = {
+        kind: stage_times.median_of(rounds) for kind, rounds in results.sums.items()
+    }
+    costs = [
+        {kind: stage_times.median_of(row.costs[kind]) for kind in _COSTS}
+        for row in rows
+    ]
     shown = [one for row in (*costs, sums) for one in row.values() if one.low > 0]
     shown.append(stage_times.median_of(results.base_costs["near"]))
     across = axes.get_yaxis_transform()
     axes.set_xscale("log")
-    axes.set_xlim(min(one.value for one in shown) / 2.2, max(one.high for one in shown) * 1.6)
+    axes.set_xlim(
+        min(one.value for one in shown) / 2.2, max(one.high for one in shown) * 1.6
+    )
     axes.xaxis.set(major_formatter="{x:g}", minor_formatter=ticker.NullFormatter())
     axes.set_xlabel("ms a frame, added")
     for number, (row, own) in enumerate(zip(rows, costs, strict=True)):
@@ -134,22 +188,42 @@ def draw_costs(axes: Axes, results: EffectResults) -> None:
             if own[kind].low > 0 and (row.fills_sensor or kind == "near"):
                 _bar(axes, own[kind], y, style)
             elif row.fills_sensor or kind == "near":
-                note = axes.text(0.012, y, "<0" if own[kind].real else "~0", transform=across)
+                note = axes.text(
+                    0.012, y, "<0" if own[kind].real else "~0", transform=across
+                )
                 note.set(color=style.colour, fontsize=8, va="center")
     for kind, total in sums.items():
         if total.low > 0:
             style, shift = _COSTS[kind]
-            (mark,) = axes.plot([total.value], [len(rows) - 1 + shift], "|", color=style.colour, zorder=4)
+            (mark,) = axes.plot(
+                [total.value],
+                [len(rows) - 1 + shift],
+                "|",
+                color=style.colour,
+                zorder=4,
+            )
             mark.set(markersize=11, markeredgewidth=2.2)
 
 
-def draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[Style, float]]) -> None:
+def draw_changes(
+    axes: Axes, results: EffectResults, series: Mapping[str, tuple[Style, float]]
+) -> None:
     """Draw the change of the bit error rate with its interval; all axes of changes have the same limits."""
     rows, shown = results.every_row, results.study.shown
-    every = [change.estimate for row in rows for (_, name), change in row.changes.items() if name == shown]
-    low, high = min((one.low for one in every), default=0.0), max((one.high for one in every), default=0.0)
+    every = [
+        change.estimate
+        for row in rows
+        for (_, name), change in row.changes.items()
+        if name == shown
+    ]
+    low, high = (
+        min((one.low for one in every), default=0.0),
+        max((one.high for one in every), default=0.0),
+    )
     ticks = (-0.1, -0.01, -0.001, 0.0, 0.001, 0.01, 0.1)
-    names = [f"{tick:+g}".replace("-", "\N{MINUS SIGN}") if tick else "0" for tick in ticks]
+    names = [
+        f"{tick:+g}".replace("-", "\N{MINUS SIGN}") if tick else "0" for tick in ticks
+    ]
     axes.set_xscale("symlog", linthresh=_LINEAR, linscale=0.55)
     axes.set_xticks(ticks, names)
     axes.set_xlim(min(-1.5 * _LINEAR, low * 1.4), max(high * 1.4, 12 * _LINEAR))
@@ -159,13 +233,23 @@ def draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[
     for number, row in enumerate(rows):
         for reading, (style, shift) in series.items():
             if change := row.changes.get((reading, shown)):
-                _bar(axes, change.estimate, number + shift, style, full=change.estimate.real)
+                _bar(
+                    axes,
+                    change.estimate,
+                    number + shift,
+                    style,
+                    full=change.estimate.real,
+                )
 
 
-def _bar(axes: Axes, one: estimate.Estimate, y: float, style: Style, *, full: bool = True) -> None:
+def _bar(
+    axes: Axes, one: estimate.Estimate, y: float, style: Style, *, full: bool = True
+) -> None:
     """Draw a number with its interval."""
     axes.plot([one.low, one.high], [y, y], color=style.colour, linewidth=1.5, zorder=2)
-    (mark,) = axes.plot([one.value], [y], style.marker, color=style.colour, markersize=5, zorder=3)
+    (mark,) = axes.plot(
+        [one.value], [y], style.marker, color=style.colour, markersize=5, zorder=3
+    )
     mark.set(markerfacecolor=style.colour if full else "white", markeredgewidth=1.2)
 
 
@@ -178,28 +262,54 @@ def set_rows(axes: Axes, rows: Sequence[EffectRow], *, named: bool) -> None:
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
     across, first = axes.get_yaxis_transform(), 0
-    for number, (group, some) in enumerate(itertools.groupby(rows, key=lambda row: row.group)):
+    for number, (group, some) in enumerate(
+        itertools.groupby(rows, key=lambda row: row.group)
+    ):
         last = first + len(members := list(some)) - 1
         if number % 2 == 0:
-            axes.axhspan(first - 0.5, last + 0.5, color="#F6F7F9", zorder=0, linewidth=0)
+            axes.axhspan(
+                first - 0.5, last + 0.5, color="#F6F7F9", zorder=0, linewidth=0
+            )
         if named:
-            head = axes.text(-_NAME_IN / _WIDE_IN, (first + last) / 2, group, transform=across, va="center")
+            head = axes.text(
+                -_NAME_IN / _WIDE_IN,
+                (first + last) / 2,
+                group,
+                transform=across,
+                va="center",
+            )
             head.set(fontsize=9.5, fontweight="bold", color=QUIET)
         for place, row in enumerate(members if named else (), first):
-            words = row.label + " \N{BLACK SQUARE}" * row.fills_sensor + " *" * row.pair.in_scene
-            name = axes.text(-0.1 / _WIDE_IN, place, words, transform=across, ha="right", va="center")
-            name.set(fontsize=9, color=INK, fontweight="normal" if row.group else "bold")
+            words = (
+                row.label
+                + " \N{BLACK SQUARE}" * row.fills_sensor
+                + " *" * row.pair.in_scene
+            )
+            name = axes.text(
+                -0.1 / _WIDE_IN, place, words, transform=across, ha="right", va="center"
+            )
+            name.set(
+                fontsize=9, color=INK, fontweight="normal" if row.group else "bold"
+            )
         first = last + 1
 
 
 def severity_figure(results: EffectResults) -> Figure:
     """Draw one small axes for each effect with severities, from harmless at the left to harsh."""
-    study, facets = results.study, [(name, _table(results, name)) for name in results.severities]
-    rows = [dict(facets[first : first + _FACETS_A_ROW]) for first in range(0, len(facets), _FACETS_A_ROW)]
+    study, facets = (
+        results.study,
+        [(name, _table(results, name)) for name in results.severities],
+    )
+    rows = [
+        dict(facets[first : first + _FACETS_A_ROW])
+        for first in range(0, len(facets), _FACETS_A_ROW)
+    ]
     title, *notes = written("severity.txt.j2", results).splitlines()
     retrained = replace(_WITH, label=f"{_WITH.label}, as the table of effects has it")
     styles = {"true_corners": _WITHOUT, "retrained": retrained}
-    figure = plots.facet_figure(rows, title, "\n".join(notes), axes_alike=False, styles=styles)
+    figure = plots.facet_figure(
+        rows, title, "\n".join(notes), axes_alike=False, styles=styles
+    )
     base = results.base.get(("truth", study.shown))
     for axes, name in zip(figure.axes, results.severities, strict=True):
         values, usual = study.severities[name], study.usual(name)
@@ -208,7 +318,9 @@ def severity_figure(results: EffectResults) -> Figure:
         if base is not None and base.half_errors:
             axes.axhline(base.ber, color=QUIET, linewidth=1.0, alpha=0.55, zorder=1)
         if usual is not None and min(values) <= usual <= max(values):
-            axes.axvline(usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
+            axes.axvline(
+                usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1
+            )
     return figure
 
 
@@ -247,7 +359,9 @@ def gallery_figure(study: EffectStudy) -> Figure:
     gap_in = (0.08, 0.5)
     # The title needs five inches.
     margins_in = (0.18, max(0.2, 4.9 - columns * (_TILE_IN + 0.08)), 0.98, 0.48)
-    figure, grid = canvas.new_grid(len(pictures), columns, (_TILE_IN, _TILE_IN), gap_in, margins_in)
+    figure, grid = canvas.new_grid(
+        len(pictures), columns, (_TILE_IN, _TILE_IN), gap_in, margins_in
+    )
     for axes, (name, picture) in zip(grid, pictures.items(), strict=True):
         axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes.set_title(name, fontsize=9.5, color=INK, pad=3)
@@ -270,11 +384,15 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
     """
     world, model = study.plan.world, study.model
     light = ("ambient_lx", "led_luminance_cd_m2")
-    middle: dict[str, Any] = {name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light}
+    middle: dict[str, Any] = {
+        name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light
+    }
     scene = Scene.of(distance_m=model.nearest_m, **middle)
     key = FrameKey(BlockKey(study.plan.seed, "gallery", 0), 0)
     shape = world.panel.shape.rows, world.panel.shape.columns
-    bits = torch.from_numpy(key.block.generator("bits").random(shape) < 0.5).unsqueeze(0)
+    bits = torch.from_numpy(key.block.generator("bits").random(shape) < 0.5).unsqueeze(
+        0
+    )
     corners = panel_corners_px(scene, world.camera, world.panel)[0]
     side = round(_SHOWN_SHARE * float((corners.amax(0) - corners.amin(0)).max()))
     left, top = (int(c) for c in (corners.mean(0) - side / 2).round().tolist())
@@ -289,7 +407,11 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
     pictures = {"the scene itself": plain[place]}
     for one in study.pairs:
         severity, name = study.config.severity.get(one.name), " + ".join(one.own)
-        cases = [study.at(one.name, value) for value in severity.values] if severity else [one.present]
+        cases = (
+            [study.at(one.name, value) for value in severity.values]
+            if severity
+            else [one.present]
+        )
         while (frame := rendered(cases.pop()))[place].std() < _LEAST_SEEN and cases:
             pass
         apart, shown = frame.astype(int) - plain, frame[place]
@@ -300,6 +422,9 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
             name = f"{name}\nno visible change"
         elif near.mean() < _FAINT:
             times = 100 // near.max()
-            name, shown = f"{name}\ndifference x {times}", (128 + times * apart[place]).astype(np.uint8)
+            name, shown = (
+                f"{name}\ndifference x {times}",
+                (128 + times * apart[place]).astype(np.uint8),
+            )
         pictures[name] = shown
     return pictures

@@ -24,7 +24,14 @@ from vocc_torch.report.terminal import Stage
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.simulation.simulator import Framing
-from vocc_torch.studies.effects.plan import POINT, Effects, EffectStudy, Key, ScenePair, fills
+from vocc_torch.studies.effects.plan import (
+    POINT,
+    Effects,
+    EffectStudy,
+    Key,
+    ScenePair,
+    fills,
+)
 from vocc_torch.studies.effects.results import (
     KINDS,
     READINGS,
@@ -52,19 +59,25 @@ def measure_costs(study: EffectStudy) -> Costs:
     world, device = study.plan.world, resolve_device(study.plan.world.device)
     scenes: dict[Key, Effects] = {build_effects(study.scene): study.scene}
     for pair in study.every_pair:
-        scenes |= {build_effects(effects): effects for effects in (pair.absent, pair.present)}
+        scenes |= {
+            build_effects(effects): effects for effects in (pair.absent, pair.present)
+        }
     key = link.block_keys(study.plan.seed, POINT, 1)[0]
     scene, bits = study.model.draw(key, world.panel.shape)
     frames: dict[tuple[str, Key], int] = {}
     calls: dict[str, Callable[[], Frames]] = {}
     for kind, (built, effects) in itertools.product(KINDS, scenes.items()):
         cropped = kind == "near" or (kind == "located" and not fills(built))
-        count = frames[kind, built] = min(study.plan.batch_frames, NEAR_FRAMES) if cropped else WHOLE_FRAMES
+        count = frames[kind, built] = (
+            min(study.plan.batch_frames, NEAR_FRAMES) if cropped else WHOLE_FRAMES
+        )
         framing: Framing = "full" if kind == "whole" else "crop"
         render = replace(world, effects=effects, framing=framing).simulator().render
         # The same frames at each call.
         drawn = scene[:count].to(device), bits[:count].to(device)
-        names: dict[str, Any] = {"keys": [FrameKey(key, frame) for frame in range(count)]}
+        names: dict[str, Any] = {
+            "keys": [FrameKey(key, frame) for frame in range(count)]
+        }
         names |= {"nearest_m": study.model.nearest_m, "panel_only": kind == "near"}
         calls[str(len(calls))] = functools.partial(render, *drawn, **names)
     with timing.threads(1):
@@ -73,7 +86,10 @@ def measure_costs(study: EffectStudy) -> Costs:
         waited = 1 - (time.thread_time() - processor) / (time.perf_counter() - clock)
         machine = timing.describe_machine(device)
     spent = [1000 * np.array(one.seconds) for one in timed.values()]
-    times = {place: one / count for (place, count), one in zip(frames.items(), spent, strict=True)}
+    times = {
+        place: one / count
+        for (place, count), one in zip(frames.items(), spent, strict=True)
+    }
     return Costs(times, machine, max(0.0, waited))
 
 
@@ -94,7 +110,9 @@ def wanted_of(study: EffectStudy) -> Places:
     """List what is read, each scene once; slow ones first, so that no worker ends long after the others."""
     wanted: dict[tuple[Key, Locator], Wanted] = {}
 
-    def want(effects: Effects, locator: Locator, frames: int, *trained_on: Effects) -> None:
+    def want(
+        effects: Effects, locator: Locator, frames: int, *trained_on: Effects
+    ) -> None:
         if frames:
             one = wanted.setdefault((build_effects(effects), locator), Wanted(effects))
             one.frames = max(one.frames, frames)
@@ -102,21 +120,40 @@ def wanted_of(study: EffectStudy) -> Places:
 
     for locator in ("paper", "truth"):
         for pair in study.every_pair:
-            with_it = (pair.absent, pair.present) if locator == "truth" else (pair.absent,)
-            want(pair.present, locator, study.frames_with(locator, pair.present), *with_it)
-            want(pair.absent, locator, study.frames_with(locator, pair.absent), pair.absent)
+            with_it = (
+                (pair.absent, pair.present) if locator == "truth" else (pair.absent,)
+            )
+            want(
+                pair.present,
+                locator,
+                study.frames_with(locator, pair.present),
+                *with_it,
+            )
+            want(
+                pair.absent,
+                locator,
+                study.frames_with(locator, pair.absent),
+                pair.absent,
+            )
         want(study.scene, locator, study.frames_with(locator, study.scene), study.scene)
     for name, values in study.severities.items():
         pair, frames = study.pair(name), study.config.severity_frames
         for value in values:
             want(study.at(name, value), "truth", frames, pair.absent, pair.present)
     slow = {place: place[1] == "paper" and fills(place[0]) for place in wanted}
-    return {place: wanted[place] for place in sorted(wanted, key=slow.__getitem__, reverse=True)}
+    return {
+        place: wanted[place]
+        for place in sorted(wanted, key=slow.__getitem__, reverse=True)
+    }
 
 
 def _trainings(wanted: Places) -> dict[tuple[Key, Locator], Effects]:
     """List the scenes that some reading needs training on, with its locator, in the order of the readings."""
-    return {(key, at): of for (_, at), one in wanted.items() for key, of in one.trained_on.items()}
+    return {
+        (key, at): of
+        for (_, at), one in wanted.items()
+        for key, of in one.trained_on.items()
+    }
 
 
 def frames_to_do(study: EffectStudy) -> int:
@@ -140,17 +177,24 @@ class ReadScenes:
     wanted: Places
     errors: Mapping[tuple[Key, Locator], FrameErrors]
 
-    def of(self, scene: Effects, locator: Locator, trained_on: Effects, frames: int) -> FrameErrors:
+    def of(
+        self, scene: Effects, locator: Locator, trained_on: Effects, frames: int
+    ) -> FrameErrors:
         """Return the errors in the first frames of a scene by receivers of one training, a row a receiver."""
         place, names = (build_effects(scene), locator), self.study.plan.receiver.names
-        first = list(self.wanted[place].trained_on).index(build_effects(trained_on)) * len(names)
+        first = list(self.wanted[place].trained_on).index(
+            build_effects(trained_on)
+        ) * len(names)
         return self.errors[place].of(slice(first, first + len(names)), slice(frames))
 
     def changes(self, pair: ScenePair) -> dict[tuple[str, str], Change]:
         """Compare a scene with the one without the effect, as far as frames were read."""
         changes, names = {}, self.study.plan.receiver.names
         for reading, locator in READINGS.items():
-            frames = min(self.study.frames_with(locator, effects) for effects in (pair.present, pair.absent))
+            frames = min(
+                self.study.frames_with(locator, effects)
+                for effects in (pair.present, pair.absent)
+            )
             if not frames:
                 continue
             trained_on = pair.present if reading == "retrained" else pair.absent
@@ -160,8 +204,13 @@ class ReadScenes:
             # Where panels are located, the frame that has not come yet may be one whose panel is lost.
             lost = 1.0 if locator == "truth" else both.leds / 2
             for own, name in enumerate(names):
-                wrong, other = both.paired(own, own + len(names)), both.counts[own + len(names)]
-                estimate = paired.paired_interval(wrong, errors_per_discordant_frame=lost)
+                wrong, other = (
+                    both.paired(own, own + len(names)),
+                    both.counts[own + len(names)],
+                )
+                estimate = paired.paired_interval(
+                    wrong, errors_per_discordant_frame=lost
+                )
                 changes[reading, name] = Change(both.counts[own], other, estimate)
         return changes
 
@@ -170,10 +219,14 @@ class ReadScenes:
         pair, frames = self.study.pair(name), self.study.config.severity_frames
         trained = {"true_corners": pair.absent, "retrained": pair.present}
         found: dict[tuple[float, str, str], Counts] = {}
-        for value, (reading, scene) in itertools.product(self.study.severities[name], trained.items()):
+        for value, (reading, scene) in itertools.product(
+            self.study.severities[name], trained.items()
+        ):
             counts = self.of(self.study.at(name, value), "truth", scene, frames).counts
             receivers = zip(self.study.plan.receiver.names, counts, strict=True)
-            found |= {(float(value), reading, receiver): one for receiver, one in receivers}
+            found |= {
+                (float(value), reading, receiver): one for receiver, one in receivers
+            }
         return found
 
     @property
@@ -184,7 +237,9 @@ class ReadScenes:
         for at in dict.fromkeys(READINGS.values()):
             if frames := self.study.frames_with(at, scene):
                 counts = self.of(scene, at, scene, frames).counts
-                base |= {(at, name): one for name, one in zip(names, counts, strict=True)}
+                base |= {
+                    (at, name): one for name, one in zip(names, counts, strict=True)
+                }
         return base
 
 
@@ -214,14 +269,23 @@ def read_scenes(
 
     def cost_ms(training: tuple[tuple[Key, Locator], Effects]) -> float:
         (key, locator), _ = training
-        return float(np.median(costs.times["near" if locator == "truth" else "located", key]))
+        return float(
+            np.median(costs.times["near" if locator == "truth" else "located", key])
+        )
 
     with stage("training"):
         # The longest training begins first.
         scenes = dict(sorted(_trainings(wanted).items(), key=cost_ms, reverse=True))
-        plans = [study.plan_of(effects, locator) for (_, locator), effects in scenes.items()]
-        trained = train.train_alone(plans, pool, kept, functools.partial(tell, "training"))
-        fldas = {place: training.flda.cpu() for place, training in zip(scenes, trained, strict=True)}
+        plans = [
+            study.plan_of(effects, locator) for (_, locator), effects in scenes.items()
+        ]
+        trained = train.train_alone(
+            plans, pool, kept, functools.partial(tell, "training")
+        )
+        fldas = {
+            place: training.flda.cpu()
+            for place, training in zip(scenes, trained, strict=True)
+        }
 
     def points() -> Iterator[runner.Point]:
         for (_, at), one in wanted.items():
@@ -231,14 +295,26 @@ def read_scenes(
                     for number, scene in enumerate(one.trained_on)
                 ]
             )
-            described = {"scene": one.effects, "locator": at, "trained_on": list(one.trained_on.values())}
+            described = {
+                "scene": one.effects,
+                "locator": at,
+                "trained_on": list(one.trained_on.values()),
+            }
             plan = study.plan_of(one.effects, at)
             job = runner.Job(plan, study.model, POINT, banks, name=canonical(described))
-            yield runner.Point(job, Budget(one.frames), store, lambda frames, _: tell("reading", frames))
+            yield runner.Point(
+                job,
+                Budget(one.frames),
+                store,
+                lambda frames, _: tell("reading", frames),
+            )
 
     with stage("bit errors"):
         counted = runner.count(points(), pool, study.plan.batch_frames)
-        read = {place: outcome.errors for place, outcome in zip(wanted, counted, strict=True)}
+        read = {
+            place: outcome.errors
+            for place, outcome in zip(wanted, counted, strict=True)
+        }
     return ReadScenes(study, wanted, read)
 
 
@@ -267,8 +343,12 @@ def run_effects(
 
     def row(pair: ScenePair) -> EffectRow:
         """Put one effect's costs and changes together."""
-        return EffectRow(pair, {kind: costs.added(kind, pair) for kind in KINDS}, read.changes(pair))
+        return EffectRow(
+            pair, {kind: costs.added(kind, pair) for kind in KINDS}, read.changes(pair)
+        )
 
     together = row(study.together) if study.together else None
     severities = {name: read.over_severity(name) for name in study.severities}
-    return EffectResults(study, tuple(map(row, study.pairs)), together, costs, read.base, severities)
+    return EffectResults(
+        study, tuple(map(row, study.pairs)), together, costs, read.base, severities
+    )

@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, demand_least, finite_number, section, shown, told_known
+from vocc_torch.errors import (
+    VoccError,
+    demand_least,
+    finite_number,
+    section,
+    shown,
+    told_known,
+)
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
@@ -29,7 +36,12 @@ POINT = "effects"
 
 TOGETHER = "all together"
 
-_FIRST = {"view": "pose", "LEDs": "stuck_leds", "surroundings": "attenuation", "optics": "motion_blur"}
+_FIRST = {
+    "view": "pose",
+    "LEDs": "stuck_leds",
+    "surroundings": "attenuation",
+    "optics": "motion_blur",
+}
 _FIRST |= {"sensor": "bayer", "encoding": "saturation"}
 """The first effect of each part of the chain."""
 
@@ -41,7 +53,11 @@ def group_of(name: str, order: Sequence[str] = ORDER) -> str:
         >>> group_of("defocus"), group_of("bayer"), group_of("jpeg")
         ('optics', 'sensor', 'encoding')
     """
-    return [group for group, first in _FIRST.items() if order.index(first) <= order.index(name)][-1]
+    return [
+        group
+        for group, first in _FIRST.items()
+        if order.index(first) <= order.index(name)
+    ][-1]
 
 
 def fills(effects: Key) -> bool:
@@ -70,7 +86,11 @@ class ScenePair:
     @property
     def own(self) -> tuple[str, ...]:
         """Names of the effects in which the two differ."""
-        return tuple(name for name in self.order if name in self.present and name not in self.absent)
+        return tuple(
+            name
+            for name in self.order
+            if name in self.present and name not in self.absent
+        )
 
     @property
     def order(self) -> tuple[str, ...]:
@@ -124,7 +144,9 @@ class EffectStudy:
             if TARGET not in (part.get(name) or ()):
                 _check_name(name, ORDER, "effects.parts has")
             if name not in part:
-                raise VoccError(f"effects.parts.{name} has no {name}: it must name the effect itself")
+                raise VoccError(
+                    f"effects.parts.{name} has no {name}: it must name the effect itself"
+                )
             self._check(self._with_part(name), f"effects.parts.{name}")
         known = self._known
         for name in config.names:
@@ -135,7 +157,11 @@ class EffectStudy:
             self._check(one.present, f"effects.parts.{one.name}", shown=True)
         for name, severity in config.severity.items():
             _check_name(name, known, "effects.severity has")
-            key, values, scene = f"effects.severity.{name}", list(severity.values), self.pair(name).present
+            key, values, scene = (
+                f"effects.severity.{name}",
+                list(severity.values),
+                self.pair(name).present,
+            )
             effect, dot, _ = severity.parameter.partition(".")
             if not dot or effect not in scene:
                 rule = f"effect.parameter of one of {', '.join(scene)}"
@@ -154,7 +180,9 @@ class EffectStudy:
         with section(key, before="scene.effects"):
             chain.build_effects(effects)
             if shown:
-                self.plan_of(effects, "truth").world.simulator().crop_px(self.model.nearest_m)
+                self.plan_of(effects, "truth").world.simulator().crop_px(
+                    self.model.nearest_m
+                )
 
     @property
     def scene(self) -> Effects:
@@ -164,7 +192,11 @@ class EffectStudy:
     @cached_property
     def pairs(self) -> tuple[ScenePair, ...]:
         """The scenes with and without each effect to look at, in physical order."""
-        return tuple(self.pair(name) for name in self._known if name in (self.config.names or self._known))
+        return tuple(
+            self.pair(name)
+            for name in self._known
+            if name in (self.config.names or self._known)
+        )
 
     @property
     def identity(self) -> dict[str, object]:
@@ -177,12 +209,21 @@ class EffectStudy:
     @property
     def every_scene(self) -> list[Effects]:
         """The scene, and those with and without each effect."""
-        return [self.scene, *(scene for pair in self.every_pair for scene in (pair.absent, pair.present))]
+        return [
+            self.scene,
+            *(
+                scene
+                for pair in self.every_pair
+                for scene in (pair.absent, pair.present)
+            ),
+        ]
 
     @cached_property
     def _known(self) -> tuple[str, ...]:
         """Names of the effects of the scene and of the parts, in physical order."""
-        given = {name: part[name] for name, part in self.config.parts.items()} | dict(self.scene)
+        given = {name: part[name] for name, part in self.config.parts.items()} | dict(
+            self.scene
+        )
         return tuple(name for name in chain.kinds_of(given) if name in given)
 
     def pair(self, name: str) -> ScenePair:
@@ -194,7 +235,11 @@ class EffectStudy:
         scene = self._with_part(name)
         taken = needing(scene, name)
         absent = {key: value for key, value in scene.items() if key not in taken}
-        alone = {key: value for key, value in scene.items() if key == name or key not in taken}
+        alone = {
+            key: value
+            for key, value in scene.items()
+            if key == name or key not in taken
+        }
         present = alone if _buildable(alone) else scene
         rest = present.keys() - {*self.scene, name}
         companions = tuple(key for key in chain.kinds_of(present) if key in rest)
@@ -213,10 +258,14 @@ class EffectStudy:
                     scene[name] = parameters
                 elif parameters not in (scene[name], self.scene.get(name)):
                     both = f"{dict(parameters)}: another part has {dict(scene[name])}"
-                    raise VoccError(f"effects.parts.{one.name}.{name} is {both}, and all together need one")
+                    raise VoccError(
+                        f"effects.parts.{one.name}.{name} is {both}, and all together need one"
+                    )
         own = {name for one in added for name in one.own}
         present = {name: scene[name] for name in chain.kinds_of(scene) if name in scene}
-        absent = {name: parameters for name, parameters in present.items() if name not in own}
+        absent = {
+            name: parameters for name, parameters in present.items() if name not in own
+        }
         with section("effects.parts", before="scene.effects"):
             chain.build_effects(present)
         rest = tuple(name for name in absent if name not in self.scene)
@@ -231,7 +280,9 @@ class EffectStudy:
     def severities(self) -> dict[str, list[float]]:
         """The severities to measure, by effect in physical order."""
         known = self.config.severity if self.config.severity_frames else {}
-        return {one.name: known[one.name].values for one in self.pairs if one.name in known}
+        return {
+            one.name: known[one.name].values for one in self.pairs if one.name in known
+        }
 
     def at(self, name: str, value: float) -> Effects:
         """Return the scene with one effect at a severity."""
@@ -255,7 +306,9 @@ class EffectStudy:
         """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
         part = self.config.parts.get(name, {})
         scene = {**part, **self.scene}
-        return scene if name in self.scene or _buildable(scene) else {**self.scene, **part}
+        return (
+            scene if name in self.scene or _buildable(scene) else {**self.scene, **part}
+        )
 
     @property
     def model(self) -> SceneModel:
@@ -266,12 +319,20 @@ class EffectStudy:
     def shown(self) -> str:
         """The receiver that tables and figures show: the saved one where it runs, else the last."""
         names = self.plan.receiver.names
-        return self.plan.receiver.reference if self.plan.receiver.reference in names else names[-1]
+        return (
+            self.plan.receiver.reference
+            if self.plan.receiver.reference in names
+            else names[-1]
+        )
 
     def plan_of(self, effects: Effects, locator: Locator) -> Plan:
         """Return the plan of one scene, read with one locator."""
         world = replace(self.plan.world, effects=effects)
-        return replace(self.plan, world=world, receiver=replace(self.plan.receiver, locator=locator))
+        return replace(
+            self.plan,
+            world=world,
+            receiver=replace(self.plan.receiver, locator=locator),
+        )
 
     def frames_with(self, locator: Locator, effects: Effects) -> int:
         """Count the test frames of a scene that are read with a locator."""
@@ -281,7 +342,9 @@ class EffectStudy:
         return frames if locator == "truth" or located else 0
 
 
-def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) -> EffectStudy:
+def build_effect_study(
+    settings: Settings, config: EffectsConfig, folder: Path
+) -> EffectStudy:
     """Build the study that ``task=effects`` makes.
 
     Raises:
@@ -294,13 +357,20 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
     for name, part in config.parts.items():
         key = f"effects.parts.{name}"
         if not isinstance(part, dict):
-            raise VoccError.of(key, repr(part), "a mapping of effects, each with its parameters")
+            raise VoccError.of(
+                key, repr(part), "a mapping of effects, each with its parameters"
+            )
         effect_settings(part, key)
-    severities = {name: _severity(f"effects.severity.{name}", one) for name, one in config.severity.items()}
+    severities = {
+        name: _severity(f"effects.severity.{name}", one)
+        for name, one in config.severity.items()
+    }
     config = replace(config, severity=severities)
     # All frames are of the scene itself: no experiment narrows them.
     experiment = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
-    return EffectStudy(replace(plan, experiment=experiment), config, settings.scene.name)
+    return EffectStudy(
+        replace(plan, experiment=experiment), config, settings.scene.name
+    )
 
 
 def _severity(key: str, given: object) -> Severity:
@@ -308,7 +378,9 @@ def _severity(key: str, given: object) -> Severity:
     match given:
         case {"parameter": str(parameter), "values": list(values), **rest} if not rest:
             return Severity(parameter, values)
-    raise VoccError.of(key, shown(given), "a mapping of parameter, a text, and values, a list")
+    raise VoccError.of(
+        key, shown(given), "a mapping of parameter, a text, and values, a list"
+    )
 
 
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
@@ -334,7 +406,9 @@ def needing(scene: Effects, name: str) -> set[str]:
         rest = [kind for kind in kinds if kind.name not in taken]
         made = {kind.gives for kind in rest if kind.gives != kind.takes}
         left = {kind.takes for kind in rest if kind.gives != kind.takes}
-        stuck = [kind for kind in rest if kind.takes not in (*chain.CAMERA_STEPS, *made)]
+        stuck = [
+            kind for kind in rest if kind.takes not in (*chain.CAMERA_STEPS, *made)
+        ]
         if chain.Quantity.ELECTRONS not in left:
             # Electrons that nothing reads out are no picture.
             stuck += [kind for kind in rest if kind.gives == chain.Quantity.ELECTRONS]

@@ -18,7 +18,11 @@ from vocc_torch.studies.effects.plan import EffectStudy, Key, ScenePair, fills, 
 KINDS = ("near", "located", "whole")
 """What is rendered: the panel's surroundings, what a locator needs, or whole frames from the start."""
 
-READINGS: dict[str, Locator] = {"true_corners": "truth", "retrained": "truth", "located": "paper"}
+READINGS: dict[str, Locator] = {
+    "true_corners": "truth",
+    "retrained": "truth",
+    "located": "paper",
+}
 """How the bits are read, and the locator: at the true corners by a receiver that never met the effect; the
 same by one that trained with it; and by the first where the paper's locator finds the panel."""
 
@@ -79,7 +83,11 @@ class EffectRow:
     @property
     def group(self) -> str:
         """What it belongs to, such as optics; empty for many together."""
-        return group_of(self.pair.name, self.pair.order) if self.pair.name in self.pair.own else ""
+        return (
+            group_of(self.pair.name, self.pair.order)
+            if self.pair.name in self.pair.own
+            else ""
+        )
 
     @property
     def label(self) -> str:
@@ -148,13 +156,21 @@ class EffectResults:
 
     def base_counts(self, receiver: str) -> dict[str, Counts]:
         """A receiver's errors in the scene itself, by reading; retraining has no meaning there."""
-        found = {one: self.base.get((READINGS[one], receiver)) for one in ("true_corners", "located")}
-        return {reading: counts for reading, counts in found.items() if counts is not None}
+        found = {
+            one: self.base.get((READINGS[one], receiver))
+            for one in ("true_corners", "located")
+        }
+        return {
+            reading: counts for reading, counts in found.items() if counts is not None
+        }
 
     @functools.cached_property
     def base_costs(self) -> dict[str, Rounds]:
         """The scene itself, ms a frame, by kind."""
-        return {kind: self.costs.times[kind, build_effects(self.study.scene)] for kind in KINDS}
+        return {
+            kind: self.costs.times[kind, build_effects(self.study.scene)]
+            for kind in KINDS
+        }
 
     @functools.cached_property
     def sums(self) -> dict[str, Rounds]:
@@ -170,7 +186,10 @@ class EffectResults:
         if any(row.fills_sensor for row in added):
             to_whole = self.base_costs["whole"] - self.base_costs["located"]
             located = [to_whole, *(row.costs["whole"] for row in added)]
-        return {"near": np.sum([row.costs["near"] for row in added], 0), "located": np.sum(located, 0)}
+        return {
+            "near": np.sum([row.costs["near"] for row in added], 0),
+            "located": np.sum(located, 0),
+        }
 
     @property
     def ratios(self) -> list[float] | None:
@@ -178,9 +197,18 @@ class EffectResults:
 
         None where there are no two, or where a sum cannot be told from nothing.
         """
-        alone = {kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()}
+        alone = {
+            kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()
+        }
         single = sum(not row.pair.in_scene for row in self.rows) < 2
-        if self.together is None or single or min(one.low for one in alone.values()) <= 0:
+        if (
+            self.together is None
+            or single
+            or min(one.low for one in alone.values()) <= 0
+        ):
             return None
         both = self.together.costs
-        return [stage_times.median_of(both[kind]).value / one.value for kind, one in alone.items()]
+        return [
+            stage_times.median_of(both[kind]).value / one.value
+            for kind, one in alone.items()
+        ]

@@ -44,8 +44,13 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     run_folder.refuse_results(folder, IDENTITY)
     plan, console = build.build_plan(settings, folder), terminal.Console()
     simulator = plan.world.simulator()
-    if not any(isinstance(effect, Quantization) and effect.bits == 8 for effect in simulator.effects):
-        raise VoccError("scene.effects.quantization must be {bits: 8}: task=export writes greys of 8 bits")
+    if not any(
+        isinstance(effect, Quantization) and effect.bits == 8
+        for effect in simulator.effects
+    ):
+        raise VoccError(
+            "scene.effects.quantization must be {bits: 8}: task=export writes greys of 8 bits"
+        )
     kind: sweep.Kind = "test" if config.points == "test" else "train"
     scenes = sweep.scenes_of(plan, kind).items()
     shards = [
@@ -61,12 +66,20 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         samples.write_samples(folder, plan, [kind])
         complete = render(shards, executors.Workers.of(settings), console)
         if complete:
-            console.print(f"resuming: {complete} of {len(shards)} folders are complete", highlight=False)
+            console.print(
+                f"resuming: {complete} of {len(shards)} folders are complete",
+                highlight=False,
+            )
         tables = [folder / shard.place / truth.NAME for shard in shards]
         truth.write_truth(folder / truth.NAME, tables)
         truth.write_coco(folder / "coco.json", tables, simulator.panel.shape)
     console.print(f"{config.frames * len(scenes)} frames", highlight=False)
-    places = {"frames": FRAMES, "truth": truth.NAME, "COCO": "coco.json", "samples": run_folder.SAMPLES}
+    places = {
+        "frames": FRAMES,
+        "truth": truth.NAME,
+        "COCO": "coco.json",
+        "samples": run_folder.SAMPLES,
+    }
     run_folder.print_places(console, folder, places.items())
 
 
@@ -83,11 +96,17 @@ def nothing_half_written(folder: Path) -> Iterator[None]:
         raise
 
 
-def render(shards: Sequence["Shard"], pool: executors.Workers, console: terminal.Console) -> int:
+def render(
+    shards: Sequence["Shard"], pool: executors.Workers, console: terminal.Console
+) -> int:
     """Write the shards that are not complete, shared out over workers; give how many were complete."""
     complete = 0
     frames = sum(shard.frames for shard in shards)
-    with pool, terminal.ProgressView(frames, console, "rendering") as view, executors.worker_losses_told():
+    with (
+        pool,
+        terminal.ProgressView(frames, console, "rendering") as view,
+        executors.worker_losses_told(),
+    ):
         calls: deque[Any] = deque()
         waiting = deque(shards)
         while waiting or calls:
@@ -111,9 +130,13 @@ def demand_identity(path: Path, settings: dict[str, Any]) -> None:
         try:
             known = json.loads(read_file(path))
         except (ValueError, RecursionError):
-            raise VoccError(f"{path} is damaged: give another name=, or delete the folder") from None
+            raise VoccError(
+                f"{path} is damaged: give another name=, or delete the folder"
+            ) from None
         if changed := what_changed(known, json.loads(text)):
-            raise VoccError(f"{path} is of other settings: {', '.join(changed[:3])}: give another name=")
+            raise VoccError(
+                f"{path} is of other settings: {', '.join(changed[:3])}: give another name="
+            )
     write_atomically(path, text.encode())
 
 
@@ -122,7 +145,11 @@ def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
     study, experiment = identity(plan, ()), plan.experiment
     scenes = {"training": study["experiment"]["training"]}
     if config.points == "test":
-        axes = {"values": experiment.values, "row_axis": experiment.row_axis, "rows": experiment.rows}
+        axes = {
+            "values": experiment.values,
+            "row_axis": experiment.row_axis,
+            "rows": experiment.rows,
+        }
         scenes = {**study["experiment"], "training": None, **axes}
     kept = {name: study[name] for name in ("seed", "world", "made_with")}
     return {**kept, "experiment": scenes, "export": asdict(config)}
@@ -162,17 +189,26 @@ class Shard:
         if manifest.agrees(target):
             return False
         with atomic_folder(target) as folder:
-            run_folder.write_rows(folder / truth.NAME, [truth.COLUMNS, *self.render(folder)])
+            run_folder.write_rows(
+                folder / truth.NAME, [truth.COLUMNS, *self.render(folder)]
+            )
             manifest.write(folder)
         return True
 
     def render(self, folder: Path) -> Iterable[run_folder.Cells]:
         """Render the pictures into a folder; yield the row of each."""
         plan, number = self.plan, self.first
-        keys = block_keys(plan.seed, self.point, self.first + self.frames)[self.first // BLOCK_FRAMES :]
+        keys = block_keys(plan.seed, self.point, self.first + self.frames)[
+            self.first // BLOCK_FRAMES :
+        ]
         simulator = plan.world.simulator()
-        batches, crop = range(0, self.frames, plan.batch_frames), plan.world.framing == "crop"
-        for scene, bits, names, (seen,) in rendered(simulator, self.model, keys, batches, False, crop):
+        batches, crop = (
+            range(0, self.frames, plan.batch_frames),
+            plan.world.framing == "crop",
+        )
+        for scene, bits, names, (seen,) in rendered(
+            simulator, self.model, keys, batches, False, crop
+        ):
             panels = simulator.true_panels(scene, names, rendered=True)
             further = simulator.further_bits(scene, names).items()
             sent = {"bits": bits} | {f"bits_{name}": values for name, values in further}

@@ -23,14 +23,28 @@ CORNERS = tuple(f"{axis}_{corner}" for corner in KEYPOINTS for axis in "xy")
 FURTHER = tuple(f"bits_{name}" for name in colour.FURTHER)
 WORDS = ("file", "point", "bits", *FURTHER)
 COLUMNS = (
-    *("file", "seed", "point", "block", "frame", "width_px", "height_px", "origin_x_px", "origin_y_px"),
+    *(
+        "file",
+        "seed",
+        "point",
+        "block",
+        "frame",
+        "width_px",
+        "height_px",
+        "origin_x_px",
+        "origin_y_px",
+    ),
     *("surround_grey", *CORNERS, "bits", *SCENE_FIELDS, *FURTHER),
 )
 """Columns of ``truth.csv``."""
 
 
 def rows_of(
-    scene: Scene, bits: Mapping[str, Tensor], names: Sequence[FrameKey], seen: Frames, panels: Panels
+    scene: Scene,
+    bits: Mapping[str, Tensor],
+    names: Sequence[FrameKey],
+    seen: Frames,
+    panels: Panels,
 ) -> Iterator[Cells]:
     """Give the cells after ``file`` of each frame of a batch.
 
@@ -42,7 +56,10 @@ def rows_of(
         panels: the true corners.
     """
     height, width = seen.grey.shape[-2:]
-    heads = ((one.block.seed, one.block.point, one.block.block, one.frame, width, height) for one in names)
+    heads = (
+        (one.block.seed, one.block.point, one.block.block, one.frame, width, height)
+        for one in names
+    )
     corners = (panels.corners_px - seen.origin_px[:, None]).flatten(1).tolist()
     surround = [None] * len(scene) if seen.surround is None else seen.surround.tolist()
     texts = {
@@ -51,7 +68,16 @@ def rows_of(
     }
     sent, *further = (texts.get(name, [""] * len(scene)) for name in ("bits", *FURTHER))
     values = zip(*(getattr(scene, name).tolist() for name in SCENE_FIELDS), strict=True)
-    every = zip(heads, seen.origin_px.tolist(), surround, corners, sent, values, *further, strict=True)
+    every = zip(
+        heads,
+        seen.origin_px.tolist(),
+        surround,
+        corners,
+        sent,
+        values,
+        *further,
+        strict=True,
+    )
     for head, origin, rest, at, text, scenes, *more in every:
         yield (*head, *origin, rest, *at, text, *scenes, *more)
 
@@ -61,7 +87,11 @@ def read_truth(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
     for path in files:
         with path.open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
-                numbers = {name: json.loads(row[name] or "null") for name in COLUMNS if name not in WORDS}
+                numbers = {
+                    name: json.loads(row[name] or "null")
+                    for name in COLUMNS
+                    if name not in WORDS
+                }
                 yield row | numbers
 
 
@@ -87,14 +117,24 @@ def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
         files: the shards' tables.
         shape: rows and columns of the panel.
     """
-    category = {"id": 1, "name": "led_panel", "rows": shape.rows, "columns": shape.columns}
+    category = {
+        "id": 1,
+        "name": "led_panel",
+        "rows": shape.rows,
+        "columns": shape.columns,
+    }
     category |= {"keypoints": KEYPOINTS, "skeleton": [[1, 2], [2, 3], [3, 4], [4, 1]]}
-    head = {"info": {"description": "simulated by vocc_torch"}, "categories": [category]}
+    head = {
+        "info": {"description": "simulated by vocc_torch"},
+        "categories": [category],
+    }
     with atomic_file(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(json.dumps(head).removesuffix("}"))
         for name, made in (("images", image_of), ("annotations", annotation_of)):
             file.write(f',\n"{name}": [')
-            every = (made(number, row) for number, row in enumerate(read_truth(files), 1))
+            every = (
+                made(number, row) for number, row in enumerate(read_truth(files), 1)
+            )
             for index, one in enumerate(one for one in every if one is not None):
                 file.write(f"{',' * (index > 0)}\n{json.dumps(one)}")
             file.write("]")
@@ -103,7 +143,12 @@ def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
 
 def image_of(number: int, row: dict[str, Any]) -> dict[str, Any]:
     """Describe a picture: what COCO asks for, and everything of the row that is not the panel's."""
-    known = {"id": number, "file_name": row["file"], "width": row["width_px"], "height": row["height_px"]}
+    known = {
+        "id": number,
+        "file_name": row["file"],
+        "width": row["width_px"],
+        "height": row["height_px"],
+    }
     own = {"file", "width_px", "height_px", "bits", *FURTHER, *CORNERS}
     return known | {name: value for name, value in row.items() if name not in own}
 
@@ -112,7 +157,10 @@ def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
     """Describe a picture's panel; None where it lies outside."""
     corners = np.array([row[name] for name in CORNERS]).reshape(4, 2)
     inside = corners.clip(0, (row["width_px"], row["height_px"]))
-    (left, top), (right, bottom) = inside.min(axis=0).tolist(), inside.max(axis=0).tolist()
+    (left, top), (right, bottom) = (
+        inside.min(axis=0).tolist(),
+        inside.max(axis=0).tolist(),
+    )
     if left == right or top == bottom:
         return None
     x, y = inside.T

@@ -31,19 +31,29 @@ def setup_numbers(plan: Plan) -> dict[str, Estimate]:
     ]
     numbers = {
         "kbps": plan.world.panel.shape.leds * FRAMES_PER_S / 1000,
-        "transmission": float(photometry.transmission(torch.tensor(70.0, dtype=torch.float64), 40_000.0)),
+        "transmission": float(
+            photometry.transmission(torch.tensor(70.0, dtype=torch.float64), 40_000.0)
+        ),
         "half_exposure_grey": photometry.MIDDLE_GREY * 0.5 ** (1 / gamma),
         # By Eq. 1 the ISO speed is in proportion to grey^gamma / illuminance, whatever N and K are.
         "iso_ratio": 32000 / 1000 * range_of_greys**gamma,
-        "worst_misfit": max(abs(found - stated) / rounding for found, stated, rounding in follow),
+        "worst_misfit": max(
+            abs(found - stated) / rounding for found, stated, rounding in follow
+        ),
     }
-    return {f"setup.{name}": Estimate(value, value, value) for name, value in numbers.items()}
+    return {
+        f"setup.{name}": Estimate(value, value, value)
+        for name, value in numbers.items()
+    }
 
 
 def bin_numbers(curves: curve.Curves) -> dict[str, Estimate]:
     """Upper edges of the lowest and the highest contrast bin with frames."""
     edges = {"lowest_bin_to": curves.values[0], "highest_bin_to": curves.values[-1]}
-    return {f"contrast.{name}": Estimate(*[value + BIN / 2] * 3) for name, value in edges.items()}
+    return {
+        f"contrast.{name}": Estimate(*[value + BIN / 2] * 3)
+        for name, value in edges.items()
+    }
 
 
 def dimming_numbers(cells: grid.Grid) -> dict[str, Estimate]:

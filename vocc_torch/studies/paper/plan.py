@@ -12,13 +12,24 @@ from vocc_torch.measure import config as configs
 from vocc_torch.measure import curve, grid, sweep
 from vocc_torch.measure.plan import Experiment, Plan
 from vocc_torch.studies.paper import FiguresConfig, numbers
-from vocc_torch.studies.paper.evidence import PaperFigure, Source, features, frames, panels
+from vocc_torch.studies.paper.evidence import (
+    PaperFigure,
+    Source,
+    features,
+    frames,
+    panels,
+)
 from vocc_torch.studies.paper.readings import Reading, load_readings
 from vocc_torch.studies.paper.rules import Evidence
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
-RATE_FIGURES = {"contrast": "fig21", "ambient": "fig22", "luminance": "fig23", "distance": "fig24"}
+RATE_FIGURES = {
+    "contrast": "fig21",
+    "ambient": "fig22",
+    "luminance": "fig23",
+    "distance": "fig24",
+}
 """The figures of bit error rates by experiment."""
 DIMMING = "dimming"
 """The experiment, and the figure, that is a grid: measured under the first reading only."""
@@ -66,7 +77,12 @@ class FigurePlan:
 
     def every_study(self) -> list[sweep.Study]:
         """The studies, each once, those of the first reading first."""
-        return list({study.key: study for study in (*self.studies.values(), *self.rows.values())}.values())
+        return list(
+            {
+                study.key: study
+                for study in (*self.studies.values(), *self.rows.values())
+            }.values()
+        )
 
     def evidence(self, campaign: sweep.Campaign) -> dict[str, Evidence]:
         """What was measured, by reading.
@@ -77,14 +93,20 @@ class FigurePlan:
         found = {}
         for reading in self.readings:
             curves = {
-                name: campaign.measured[self.studies[reading.name, name].key].curves[reading.locator]
+                name: campaign.measured[self.studies[reading.name, name].key].curves[
+                    reading.locator
+                ]
                 for name in self.experiments
             }
             if not all(one.values for one in curves.values()):
                 key = "figures.experiments.contrast.values"
-                edges = list(self.studies[reading.name, "contrast"].plan.experiment.values)
+                edges = list(
+                    self.studies[reading.name, "contrast"].plan.experiment.values
+                )
                 raise VoccError.of(key, edges, "bins that hold frames of these scenes")
-            known = numbers.bin_numbers(curves["contrast"]) if "contrast" in curves else {}
+            known = (
+                numbers.bin_numbers(curves["contrast"]) if "contrast" in curves else {}
+            )
             if len(self.names) == len(FIGURES):
                 known |= numbers.setup_numbers(reading.plan)
             found[reading.name] = Evidence(curves, known)
@@ -100,7 +122,9 @@ class FigurePlan:
         return grid.Grid("ambient_lx", tuple(self.rows), curves)
 
 
-def plan_figures(settings: configs.Settings, config: FiguresConfig, folder: Path) -> FigurePlan:
+def plan_figures(
+    settings: configs.Settings, config: FiguresConfig, folder: Path
+) -> FigurePlan:
     """Plan the wanted figures.
 
     Args:
@@ -117,9 +141,13 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig, folder: Path
     first = readings[0].plan
     if not {*first.receiver.names} & {*PAPER_RECEIVERS}:
         known = ", ".join(PAPER_RECEIVERS)
-        raise VoccError.of("receiver.names", list(first.receiver.names), f"at least one of {known}")
+        raise VoccError.of(
+            "receiver.names", list(first.receiver.names), f"at least one of {known}"
+        )
     rated = {
-        name: experiment for name, experiment in config.experiments.items() if RATE_FIGURES.get(name) in names
+        name: experiment
+        for name, experiment in config.experiments.items()
+        if RATE_FIGURES.get(name) in names
     }
     rows = {}
     if DIMMING in names and DIMMING in config.experiments:
@@ -155,11 +183,17 @@ def studies(
     """
     planned = {}
     for reading in readings:
-        alike = [other for other in readings if with_locator(other.plan, reading.locator) == reading.plan]
+        alike = [
+            other
+            for other in readings
+            if with_locator(other.plan, reading.locator) == reading.plan
+        ]
         locators = tuple(dict.fromkeys(other.locator for other in alike))
         for name, experiment in experiments.items():
             plan = rows_of(alike[0].plan, name, experiment)[0.0]
-            planned[reading.name, name] = sweep.Study(f"{name}-{alike[0].name}", plan, locators)
+            planned[reading.name, name] = sweep.Study(
+                f"{name}-{alike[0].name}", plan, locators
+            )
     return planned
 
 

@@ -40,7 +40,11 @@ def place(axis: str, value: float) -> str:
         >>> place("ambient_lx", 8000.0), place("contrast", 0.33)
         ('8000 lx', '33 % contrast')
     """
-    return f"{100 * value:.0f} % contrast" if axis == "contrast" else f"{value:g} {UNITS.get(axis, axis)}"
+    return (
+        f"{100 * value:.0f} % contrast"
+        if axis == "contrast"
+        else f"{value:g} {UNITS.get(axis, axis)}"
+    )
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,9 @@ class Comparison:
         (first, x), (second, y), curves = self.above, self.below, self.curves
         if x == y:
             found = curves.trained_pair(first, second, x, confidence)
-            return found or paired.paired_interval(curves.pair(first, second, x), confidence)
+            return found or paired.paired_interval(
+                curves.pair(first, second, x), confidence
+            )
         counts = curves.tested(first, x), curves.tested(second, y)
         apart = paired.difference_independent(*counts, confidence)
         if not curves.trained:
@@ -82,30 +88,40 @@ class Comparison:
 def measured_rate(curves: curve.Curves, receiver: str, value: float) -> Estimate:
     """A bit error rate with its interval; without errors the high end is the one-sided limit."""
     # The limit of a point without errors looks at the receiver's other points.
-    table = curve.BerTable(point for point in curves.points() if point.receiver == receiver)
+    table = curve.BerTable(
+        point for point in curves.points() if point.receiver == receiver
+    )
     row = next(row for row in table if row.value == value)
     return row.algorithm or Estimate(row.ber, row.ber_low, row.ber_high)
 
 
-def quoted_counts(curves: curve.Curves, receiver: str, value: float, ber: float) -> Counts:
+def quoted_counts(
+    curves: curve.Curves, receiver: str, value: float, ber: float
+) -> Counts:
     """The counts that a quoted rate stands for, its errors clustered by frame as ours are."""
     ours = curves.counts[receiver, value]
     like = ours if ours.half_errors else curves.total(receiver)
     return clustered_like(like, ber, paper_frames(curves, value))
 
 
-def quoted_difference(curves: curve.Curves, receiver: str, value: float, ber: float) -> Estimate:
+def quoted_difference(
+    curves: curve.Curves, receiver: str, value: float, ber: float
+) -> Estimate:
     """Our rate less a quoted one, which is that of a single training and scatters as each of ours does."""
     theirs = quoted_counts(curves, receiver, value, ber)
     several = curves.trained.get((receiver, value))
     if several is None:
         return paired.difference_independent(curves.counts[receiver, value], theirs)
-    ours = several.pooled if several.pooled.half_errors else curves.counts[receiver, value]
+    ours = (
+        several.pooled if several.pooled.half_errors else curves.counts[receiver, value]
+    )
     apart = paired.difference_independent(ours, theirs)
     return trainings.widened(apart, several.rates, against_one=True)
 
 
-def decades_apart(curves: curve.Curves, receiver: str, value: float, ber: float) -> Estimate:
+def decades_apart(
+    curves: curve.Curves, receiver: str, value: float, ber: float
+) -> Estimate:
     """Distance of our rate to a quoted one, ``|log10 (measured / quoted)|``.
 
     The interval takes either rate anywhere in its own. Without errors the distance is that of our limit
@@ -127,7 +143,9 @@ def paper_frames(curves: curve.Curves, value: float | None) -> float:
 
     A contrast bin is taken to have had the share of the paper's frames that it has here.
     """
-    counted = {at: curves.counts[curves.receivers[0], at].frames for at in curves.values}
+    counted = {
+        at: curves.counts[curves.receivers[0], at].frames for at in curves.values
+    }
     if curves.axis != "contrast":
         return PAPER.frames * (len(counted) if value is None else 1)
     share = 1.0 if value is None else counted[value] / sum(counted.values())
@@ -165,7 +183,10 @@ Features = tuple[Counts, Counts, paired.PairedCounts]
 
 def two_and_three(curves: curve.Curves, values: Sequence[float]) -> Features:
     """What the gain of three features over two is computed from, over some values together."""
-    two, three = (sum((curves.tested(name, at) for at in values), Counts()) for name in ("flda_2", "flda_3"))
+    two, three = (
+        sum((curves.tested(name, at) for at in values), Counts())
+        for name in ("flda_2", "flda_3")
+    )
     if curves.trained:
         pairs = (curves.trained_pairs["flda_2", "flda_3", at] for at in values)
     else:
@@ -202,14 +223,20 @@ def gain_by_training(curves: curve.Curves, value: float | None) -> list[float]:
     return means
 
 
-def gain_difference(curves: curve.Curves, found: Estimate, value: float | None, quoted: float) -> Estimate:
+def gain_difference(
+    curves: curve.Curves, found: Estimate, value: float | None, quoted: float
+) -> Estimate:
     """Our gain less a quoted one, whose interval is ours scaled by the numbers of frames."""
     two, *_ = two_and_three(curves, curves.values if value is None else [value])
     scale = math.sqrt(two.frames / paper_frames(curves, value))
     scatter = gain_by_training(curves, value)
     # The paper's two receivers come of one training.
     alone = trainings.t_reach(scatter) * math.sqrt(len(scatter)) if scatter else 0.0
-    below, above, apart = found.value - found.low, found.high - found.value, found.value - quoted
+    below, above, apart = (
+        found.value - found.low,
+        found.high - found.value,
+        found.value - quoted,
+    )
     low = apart - math.hypot(below, scale * above, alone)
     return Estimate(apart, low, apart + math.hypot(above, scale * below, alone))
 
@@ -221,4 +248,6 @@ def candidates(curves: curve.Curves, receiver: str) -> list[float]:
         first, second = ((receiver, curves.values[at]) for at in (a, b))
         return Comparison(curves, first, second).difference(confidence)
 
-    return [curves.values[at] for at in estimate.may_be_least(len(curves.values), apart)]
+    return [
+        curves.values[at] for at in estimate.may_be_least(len(curves.values), apart)
+    ]

@@ -38,7 +38,9 @@ class Reading:
         return self.plan.receiver.locator
 
 
-def load_readings(names: Sequence[str], settings: config.Settings, folder: Path) -> tuple[Reading, ...]:
+def load_readings(
+    names: Sequence[str], settings: config.Settings, folder: Path
+) -> tuple[Reading, ...]:
     """Give readings by name, and those of files, in order.
 
     Args:
@@ -49,14 +51,19 @@ def load_readings(names: Sequence[str], settings: config.Settings, folder: Path)
     Raises:
         VoccError: no reading, a reading given twice, an unknown name, or a file that has no readings.
     """
-    shipped = parsed(resources(__package__).joinpath("readings.yaml").read_text("utf-8"), "readings.yaml")
+    shipped = parsed(
+        resources(__package__).joinpath("readings.yaml").read_text("utf-8"),
+        "readings.yaml",
+    )
     chosen: list[tuple[str, dict[str, Any]]] = []
     for name in names:
         if name.endswith(".yaml"):
             try:
                 text = Path(name).read_text("utf-8")
             except (OSError, UnicodeDecodeError) as error:
-                raise VoccError(f"figures.readings: cannot read {name}: {error}") from None
+                raise VoccError(
+                    f"figures.readings: cannot read {name}: {error}"
+                ) from None
             chosen += parsed(text, name).items()
         elif name in shipped:
             chosen.append((name, shipped[name]))
@@ -64,16 +71,26 @@ def load_readings(names: Sequence[str], settings: config.Settings, folder: Path)
             rule = f"one of {', '.join(shipped)}, or a file that ends in .yaml"
             raise VoccError.of("figures.readings", repr(name), rule)
     if not chosen or len({name for name, _ in chosen}) < len(chosen):
-        raise VoccError.of("figures.readings", list(names), "at least one reading, each once")
+        raise VoccError.of(
+            "figures.readings", list(names), "at least one reading, each once"
+        )
     readings = []
     for name, entry in chosen:
         with section(f"figures.readings.{name}"):
             changed = settings
             for key, value in entry["set"].items():
                 if key.partition(".")[0] not in SECTIONS:
-                    raise VoccError.of("a key", repr(key), f"one that begins with {', '.join(SECTIONS)}")
+                    raise VoccError.of(
+                        "a key",
+                        repr(key),
+                        f"one that begins with {', '.join(SECTIONS)}",
+                    )
                 changed = with_value(changed, key, value)
-            readings.append(Reading(name, entry["set"], entry["why"], build.build_plan(changed, folder)))
+            readings.append(
+                Reading(
+                    name, entry["set"], entry["why"], build.build_plan(changed, folder)
+                )
+            )
     return tuple(readings)
 
 
@@ -91,12 +108,20 @@ def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
         entries = yaml.safe_load(text)
     except yaml.YAMLError:
         entries = None
-    for name, entry in entries.items() if isinstance(entries, dict) and entries else [(path, None)]:
+    for name, entry in (
+        entries.items() if isinstance(entries, dict) and entries else [(path, None)]
+    ):
         well_formed = (
-            isinstance(entry, dict) and {*entry} == {"why", "set"} and isinstance(entry["set"], dict)
+            isinstance(entry, dict)
+            and {*entry} == {"why", "set"}
+            and isinstance(entry["set"], dict)
         )
         if not well_formed:
-            raise VoccError.of(f"figures.readings: {path}", repr(name), "a name with why: and set: below it")
+            raise VoccError.of(
+                f"figures.readings: {path}",
+                repr(name),
+                "a name with why: and set: below it",
+            )
         config.demand_word(f"figures.readings: {path}", str(name))
     return dict(entries)
 
@@ -119,7 +144,11 @@ def with_value(node: Any, path: str, value: object) -> Any:
     """
     name, _, rest = path.partition(".")
     mapping = isinstance(node, dict)
-    children = node if mapping else {known.name: getattr(node, known.name) for known in fields(node)}
+    children = (
+        node
+        if mapping
+        else {known.name: getattr(node, known.name) for known in fields(node)}
+    )
     if name not in children and (rest or not mapping):
         raise VoccError.of("a key", repr(name), f"one of {', '.join(children)}")
     below = with_value(children[name], rest, value) if rest else value

@@ -19,7 +19,13 @@ from vocc_torch.report import heatmap, page, plots, tensorboard
 from vocc_torch.studies.paper import scorecard
 from vocc_torch.studies.paper.evidence import PaperFigure
 from vocc_torch.studies.paper.numbers import dimming_numbers
-from vocc_torch.studies.paper.plan import DIMMING, FIGURES, PAPER_RECEIVERS, RATE_FIGURES, FigurePlan
+from vocc_torch.studies.paper.plan import (
+    DIMMING,
+    FIGURES,
+    PAPER_RECEIVERS,
+    RATE_FIGURES,
+    FigurePlan,
+)
 from vocc_torch.studies.paper.rules import VERDICTS, Evidence
 
 LOCATION_COLUMNS = (
@@ -50,17 +56,25 @@ class Report:
     def add_rates(self, name: str) -> None:
         """Draw a figure of bit error rates under the first reading and under all, and write its points."""
         experiment = next(key for key, figure in RATE_FIGURES.items() if figure == name)
-        tables = {reading: found.experiments[experiment].table() for reading, found in self.evidence.items()}
+        tables = {
+            reading: found.experiments[experiment].table()
+            for reading, found in self.evidence.items()
+        }
         stars = scorecard.stars(experiment)
         sections = [
-            plots.table_panel(paper_rows(table), reading, stars=stars) for reading, table in tables.items()
+            plots.table_panel(paper_rows(table), reading, stars=stars)
+            for reading, table in tables.items()
         ]
         first, title = next(iter(tables)), FIGURES[name]["title"]
         note = plots.interval_note(tables[first])
-        alone = plots.curve_figure([replace(sections[0], title="")], f"{title} ({first})", note)
+        alone = plots.curve_figure(
+            [replace(sections[0], title="")], f"{title} ({first})", note
+        )
         self.drawn[name] = {name: alone}
         if len(sections) > 1:
-            every = plots.curve_figure(sections, f"{title}, {len(sections)} readings", note)
+            every = plots.curve_figure(
+                sections, f"{title}, {len(sections)} readings", note
+            )
             self.drawn[name][f"{name}_readings"] = every
         lines: list[run_folder.Cells] = [("reading", *curve.COLUMNS)]
         for reading, table in tables.items():
@@ -72,7 +86,9 @@ class Report:
         self.add_numbers(dimming_numbers(cells))
         grids = {cells.locator: cells}
         run_folder.write_grid(self.folder / "figures" / f"{DIMMING}.csv", grids)
-        self.drawn[DIMMING] = heatmap.grid_figures(grids, cells.locator, PAPER_RECEIVERS)
+        self.drawn[DIMMING] = heatmap.grid_figures(
+            grids, cells.locator, PAPER_RECEIVERS
+        )
 
     def add(self, name: str, figure: PaperFigure) -> None:
         """Draw one of the other figures, write its data and remember its numbers."""
@@ -80,7 +96,8 @@ class Report:
         self.add_numbers(estimates)
         self.drawn[name] = {name: figure.drawn(FIGURES[name]["title"])}
         self.texts[name] = {
-            key.partition(".")[2].replace("_", " "): f"{found.value:.4g}" for key, found in estimates.items()
+            key.partition(".")[2].replace("_", " "): f"{found.value:.4g}"
+            for key, found in estimates.items()
         }
         self.write_rows(f"figures/{name}.csv", figure.rows)
 
@@ -95,7 +112,10 @@ class Report:
         run_folder.write_rows(self.folder / name, rows, short=True)
 
     def write(
-        self, settings: configs.Settings, campaign: sweep.Campaign, seconds: Mapping[str, float]
+        self,
+        settings: configs.Settings,
+        campaign: sweep.Campaign,
+        seconds: Mapping[str, float],
     ) -> None:
         """Score the claims whose measurements are there, and write tables, board and report.
 
@@ -114,16 +134,24 @@ class Report:
         curves = self.evidence[first].experiments.values()
         run_folder.write_paired(self.folder / "paired.csv", curves)
         location = [
-            row for key, measured in campaign.measured.items() for row in location_rows(key, measured)
+            row
+            for key, measured in campaign.measured.items()
+            for row in location_rows(key, measured)
         ]
         if location:
             self.write_rows("location.csv", [LOCATION_COLUMNS, *location])
         pictures = {
-            f"figures/{stem}": figure for drawn in self.drawn.values() for stem, figure in drawn.items()
+            f"figures/{stem}": figure
+            for drawn in self.drawn.values()
+            for stem, figure in drawn.items()
         }
         tables = {first: [paper_rows(one.table()) for one in curves]}
         tensorboard.write_figures(settings, self.folder, pictures, tables)
-        given = HydraConfig.get().overrides.task if HydraConfig.initialized() else ["task=figures"]
+        given = (
+            HydraConfig.get().overrides.task
+            if HydraConfig.initialized()
+            else ["task=figures"]
+        )
         title = f"{figures_text(self.plan.names)} of Do and Yoo (2019): {len(card.judged())} claims"
         title += f" under {len(card.readings)} reading" + "s" * (len(card.readings) > 1)
         values: dict[str, Any] = {
@@ -146,7 +174,9 @@ class Report:
         html = page.html(text, title, self.folder)
         with atomic_file(self.folder / "report.md") as temporary:
             temporary.write_bytes(text.encode("utf-8", "replace"))
-            write_atomically(self.folder / "report.html", html.encode("utf-8", "replace"))
+            write_atomically(
+                self.folder / "report.html", html.encode("utf-8", "replace")
+            )
 
 
 def figures_text(names: Sequence[str]) -> str:
@@ -159,7 +189,8 @@ def figures_text(names: Sequence[str]) -> str:
     if len(names) == len(FIGURES):
         return "Figs 4 to 25"
     parts = [
-        name.removeprefix("fig").lstrip("0").replace("_0", " to ").replace("_", " to ") for name in names
+        name.removeprefix("fig").lstrip("0").replace("_0", " to ").replace("_", " to ")
+        for name in names
     ]
     return ("Figs " if len(names) > 1 else "Fig. ") + ", ".join(parts)
 
@@ -184,5 +215,7 @@ def location_rows(study: str, measured: curve.Measured) -> list[run_folder.Cells
             pairs = (measured.location[receiver, value] for value in located.values)
             share = paired.relative_gain(*both, sum(pairs, paired.PairedCounts()))
             ends = (share.value, share.low, share.high) if share else (None, None, None)
-            rows.append((study, receiver, both[0].frames, both[0].ber, both[1].ber, *ends))
+            rows.append(
+                (study, receiver, both[0].frames, both[0].ber, both[1].ber, *ends)
+            )
     return rows

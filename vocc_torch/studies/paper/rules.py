@@ -69,14 +69,20 @@ class Evidence:
     experiments: Mapping[str, curve.Curves]
     numbers: Mapping[str, Estimate]
 
-    def curves(self, experiment: str, receivers: Sequence[str], values: Sequence[float] = ()) -> curve.Curves:
+    def curves(
+        self, experiment: str, receivers: Sequence[str], values: Sequence[float] = ()
+    ) -> curve.Curves:
         """Give an experiment's curves.
 
         Raises:
             NotMeasuredError: the experiment, a receiver or a value of its axis is missing.
         """
         found = self.experiments.get(experiment)
-        if found is None or not {*receivers} <= {*found.receivers} or not {*values} <= {*found.values}:
+        if (
+            found is None
+            or not {*receivers} <= {*found.receivers}
+            or not {*values} <= {*found.values}
+        ):
             raise NotMeasuredError(experiment)
         return found
 
@@ -110,7 +116,10 @@ class Judgement:
 
 
 def order(
-    evidence: Evidence, experiments: Sequence[str], above: Sequence[str], below: Sequence[str]
+    evidence: Evidence,
+    experiments: Sequence[str],
+    above: Sequence[str],
+    below: Sequence[str],
 ) -> Judgement:
     """Judge whether some receivers have higher rates than others, at every value of these experiments."""
     found = [
@@ -142,7 +151,9 @@ def trend(
         first: the value where it begins; every two values between are compared. Without it the lowest value
             of the axis is compared with ``last`` alone.
     """
-    curves = evidence.curves(experiment, receivers, [last] if first is None else [first, last])
+    curves = evidence.curves(
+        experiment, receivers, [last] if first is None else [first, last]
+    )
     values = [curves.values[0], last]
     if first is not None:
         values = [value for value in curves.values if first <= value <= last]
@@ -165,17 +176,25 @@ def weighed(comparisons: Sequence[Comparison]) -> Judgement:
     confidence = estimate.joint_confidence(len(comparisons))
     differences = [comparison.difference(confidence) for comparison in comparisons]
     support = sum(difference.low > 0 for difference in differences)
-    against = [number for number, difference in enumerate(differences) if difference.high < 0]
-    measured = f"{support} of {len(comparisons)} comparisons for it, {len(against)} against"
+    against = [
+        number for number, difference in enumerate(differences) if difference.high < 0
+    ]
+    measured = (
+        f"{support} of {len(comparisons)} comparisons for it, {len(against)} against"
+    )
     if against:
         surest = min(against, key=lambda number: differences[number].high)
-        return Judgement("differ", measured, f"the other way round: {comparisons[surest].text()}")
+        return Judgement(
+            "differ", measured, f"the other way round: {comparisons[surest].text()}"
+        )
     if support >= STRICT.least_support * len(comparisons):
         return Judgement("agree", measured)
     return Judgement("cannot say", measured, "too few differences are beyond chance")
 
 
-def minimum(evidence: Evidence, experiment: str, receiver: str, at: float | None = None) -> Judgement:
+def minimum(
+    evidence: Evidence, experiment: str, receiver: str, at: float | None = None
+) -> Judgement:
     """Judge whether a receiver's rate is lowest at a value of the axis, or anywhere inside the axis."""
     curves = evidence.curves(experiment, [receiver], [] if at is None else [at])
     values, candidates = curves.values, rates.candidates(curves, receiver)
@@ -185,15 +204,21 @@ def minimum(evidence: Evidence, experiment: str, receiver: str, at: float | None
     measured = f"lowest at {named}; {len(candidates)} of {len(values)} values may be the lowest"
     if at is None:
         return valley(curves, receiver, measured)
-    interval = Estimate(lowest[0], min(candidates[0], lowest[0]), max(candidates[-1], lowest[0]))
+    interval = Estimate(
+        lowest[0], min(candidates[0], lowest[0]), max(candidates[-1], lowest[0])
+    )
     if at not in candidates:
         reason = f"{rate_text(ber[at])} at {place(curves.axis, at)}, {rate_text(ber[lowest[0]])} there"
         return Judgement("differ", measured, reason, interval)
     number = values.index(at)
     reasons = {
         "other values may be the lowest too": 2 * len(candidates) > len(values),
-        "no error was seen at several values": sum(not ber[value] for value in candidates) > 1,
-        "the lowest rate is elsewhere": not {*lowest} & {*values[max(0, number - 1) : number + 2]},
+        "no error was seen at several values": sum(
+            not ber[value] for value in candidates
+        )
+        > 1,
+        "the lowest rate is elsewhere": not {*lowest}
+        & {*values[max(0, number - 1) : number + 2]},
     }
     reason = next((text for text, holds in reasons.items() if holds), "")
     return Judgement("cannot say" if reason else "agree", measured, reason, interval)
@@ -208,17 +233,24 @@ def valley(curves: curve.Curves, receiver: str, measured: str) -> Judgement:
     surely_above = {
         (high, low)
         for high, low in itertools.permutations(values, 2)
-        if Comparison(curves, (receiver, high), (receiver, low)).difference(confidence).low > 0
+        if Comparison(curves, (receiver, high), (receiver, low))
+        .difference(confidence)
+        .low
+        > 0
     }
     first, *inside, last = values
     for end in (first, last):
         if all((value, end) in surely_above for value in inside):
-            return Judgement("differ", measured, f"lowest at an end, {place(curves.axis, end)}")
+            return Judgement(
+                "differ", measured, f"lowest at an end, {place(curves.axis, end)}"
+            )
     for number, value in enumerate(inside, start=1):
         sides = values[:number], values[number + 1 :]
         if all(any((other, value) in surely_above for other in side) for side in sides):
             return Judgement("agree", measured)
-    return Judgement("cannot say", measured, "a rise on both sides is not beyond chance")
+    return Judgement(
+        "cannot say", measured, "a rise on both sides is not beyond chance"
+    )
 
 
 def quoted(
@@ -259,7 +291,12 @@ def quoted(
         raise NotMeasuredError("a quoted number")
     if apart.real:
         return Judgement("differ", measured, gap, found)
-    return Judgement("cannot say" if wide else "agree", measured, "the interval is wide" * wide, found)
+    return Judgement(
+        "cannot say" if wide else "agree",
+        measured,
+        "the interval is wide" * wide,
+        found,
+    )
 
 
 def number(
@@ -291,9 +328,13 @@ def number(
         return Judgement("differ" if outside else "cannot say", measured, limits, found)
     groups = [[names] if isinstance(names, str) else list(names) for names in ascending]
     numbers = {name: evidence.number(name) for name in itertools.chain(*groups)}
-    measured = ", ".join(f"{name.partition('.')[2]} {found.value:.7g}" for name, found in numbers.items())
+    measured = ", ".join(
+        f"{name.partition('.')[2]} {found.value:.7g}" for name, found in numbers.items()
+    )
     pairs = [
-        pair for lower, higher in itertools.pairwise(groups) for pair in itertools.product(lower, higher)
+        pair
+        for lower, higher in itertools.pairwise(groups)
+        for pair in itertools.product(lower, higher)
     ]
     for lower, higher in pairs:
         if numbers[lower].low > numbers[higher].high:

@@ -11,11 +11,18 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import Source
-from vocc_torch.studies.paper.plan import EVIDENCE, RATE_FIGURES, FigurePlan, plan_figures
+from vocc_torch.studies.paper.plan import (
+    EVIDENCE,
+    RATE_FIGURES,
+    FigurePlan,
+    plan_figures,
+)
 from vocc_torch.studies.paper.report import Report
 
 
-def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path) -> None:
+def run_figures(
+    settings: configs.Settings, config: FiguresConfig, folder: Path
+) -> None:
     """Measure what the paper's figures and claims need, draw, score and report it.
 
     Args:
@@ -31,7 +38,9 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
         before = configs.read_flat(folder / run_folder.CONFIG)
         for key, value in (("names", config.names), ("readings", config.readings)):
             if before.get(f"figures.{key}") != value:
-                raise VoccError(f"name: {folder} holds a report of other figures.{key}: give another name=")
+                raise VoccError(
+                    f"name: {folder} holds a report of other figures.{key}: give another name="
+                )
     plan, console = plan_figures(settings, config, folder), terminal.Console()
     watch = terminal.Stopwatch(console)
     # The ledgers are open to the end: a second run would write over the same report.
@@ -88,7 +97,9 @@ def measure(
         def finished(study: sweep.Study, _: curve.Measured) -> None:
             view.say(f"{study.key} is measured")
 
-        campaign = sweep.run_campaign(ordered, pool, opened, advance=advance, finished=finished)
+        campaign = sweep.run_campaign(
+            ordered, pool, opened, advance=advance, finished=finished
+        )
     training = campaign.trainings[ordered[0].key][plan.readings[0].locator]
     run_folder.write_training(settings, ordered[0].plan, training, folder)
     return campaign

@@ -13,7 +13,13 @@ import yaml
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.studies.paper import rates
 from vocc_torch.studies.paper.readings import Reading
-from vocc_torch.studies.paper.rules import RULES, VERDICTS, Evidence, Judgement, NotMeasuredError
+from vocc_torch.studies.paper.rules import (
+    RULES,
+    VERDICTS,
+    Evidence,
+    Judgement,
+    NotMeasuredError,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +74,9 @@ def stars(experiment: str) -> dict[str, list[tuple[float, float]]]:
     for claim in QUOTED:
         quoted = claim.arguments
         if quoted["experiment"] == experiment and "ber" in quoted:
-            found.setdefault(quoted["receiver"], []).append((quoted["at"], quoted["ber"]))
+            found.setdefault(quoted["receiver"], []).append(
+                (quoted["at"], quoted["ber"])
+            )
     return found
 
 
@@ -114,21 +122,67 @@ class Scorecard:
 
     def rows(self) -> Iterable[tuple[str | float | None, ...]]:
         """The lines of ``scorecard.csv``, its head first."""
-        yield ("claim", "where", "text", "paper", "reading", "measured", "low", "high", "verdict", "reason")
+        yield (
+            "claim",
+            "where",
+            "text",
+            "paper",
+            "reading",
+            "measured",
+            "low",
+            "high",
+            "verdict",
+            "reason",
+        )
         for (claim, reading), judgement in self.judgements.items():
             interval = judgement.interval
             ends = (interval.low, interval.high) if interval else (None, None)
-            about = (claim.name, claim.where, claim.text, claim.paper, reading if claim.of_reading else "")
-            yield (*about, judgement.measured, *ends, judgement.verdict, judgement.reason)
+            about = (
+                claim.name,
+                claim.where,
+                claim.text,
+                claim.paper,
+                reading if claim.of_reading else "",
+            )
+            yield (
+                *about,
+                judgement.measured,
+                *ends,
+                judgement.verdict,
+                judgement.reason,
+            )
 
     def fit_rows(self) -> Iterable[tuple[str | float | None, ...]]:
         """The lines of ``readings.csv``, its head first."""
-        yield ("reading", *VERDICTS, "decades", "decades_low", "decades_high", "gain_points", "values", "why")
+        yield (
+            "reading",
+            *VERDICTS,
+            "decades",
+            "decades_low",
+            "decades_high",
+            "gain_points",
+            "values",
+            "why",
+        )
         for reading in self.readings:
-            fit, values = self.fits[reading.name], yaml.safe_dump(reading.values, default_flow_style=True)
-            ends = (fit.decades.value, fit.decades.low, fit.decades.high) if fit.decades else (None,) * 3
+            fit, values = (
+                self.fits[reading.name],
+                yaml.safe_dump(reading.values, default_flow_style=True),
+            )
+            ends = (
+                (fit.decades.value, fit.decades.low, fit.decades.high)
+                if fit.decades
+                else (None,) * 3
+            )
             counts = (fit.verdicts.get(verdict, 0) for verdict in VERDICTS)
-            yield (reading.name, *counts, *ends, fit.gain_points, values.strip(), reading.why)
+            yield (
+                reading.name,
+                *counts,
+                *ends,
+                fit.gain_points,
+                values.strip(),
+                reading.why,
+            )
 
 
 def score(readings: Sequence[Reading], evidence: Mapping[str, Evidence]) -> Scorecard:
@@ -164,12 +218,16 @@ def distances(evidence: Evidence) -> tuple[Estimate | None, float | None]:
             continue
         curves, value = evidence.experiments[quoted["experiment"]], quoted.get("at")
         if "ber" in quoted:
-            found = rates.decades_apart(curves, quoted["receiver"], quoted["at"], quoted["ber"])
+            found = rates.decades_apart(
+                curves, quoted["receiver"], quoted["at"], quoted["ber"]
+            )
             apart.append((found.value, found.low, found.high))
         elif (gain := rates.gain(curves, value)) is not None:
             points.append(100 * abs(gain.value - quoted["gain"]))
     means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
-    return Estimate(*means) if means else None, math.fsum(points) / len(points) if points else None
+    return Estimate(*means) if means else None, math.fsum(points) / len(
+        points
+    ) if points else None
 
 
 @dataclass(frozen=True)
@@ -193,18 +251,33 @@ def assumptions(card: Scorecard) -> list[Assumption]:
     """The assumptions in which readings differ, the one that moves the quoted rates most first."""
     changes: dict[str, list[tuple[float, int]]] = {}
     for first, second in itertools.combinations(card.readings, 2):
-        keys = [key for key, value in first.values.items() if second.values.get(key, value) != value]
+        keys = [
+            key
+            for key, value in first.values.items()
+            if second.values.get(key, value) != value
+        ]
         both = [card.fits[reading.name].decades for reading in (first, second)]
-        if len(keys) != 1 or {*first.values} != {*second.values} or both[0] is None or both[1] is None:
+        if (
+            len(keys) != 1
+            or {*first.values} != {*second.values}
+            or both[0] is None
+            or both[1] is None
+        ):
             continue
         changed = sum(
             judgement.verdict != card.judgements[claim, second.name].verdict
             for (claim, name), judgement in card.judgements.items()
             if name == first.name and (claim, second.name) in card.judgements
         )
-        changes.setdefault(keys[0], []).append((abs(both[0].value - both[1].value), changed))
+        changes.setdefault(keys[0], []).append(
+            (abs(both[0].value - both[1].value), changed)
+        )
     means = [
-        Assumption(key, len(pairs), *(math.fsum(column) / len(pairs) for column in zip(*pairs, strict=True)))
+        Assumption(
+            key,
+            len(pairs),
+            *(math.fsum(column) / len(pairs) for column in zip(*pairs, strict=True)),
+        )
         for key, pairs in changes.items()
     ]
     return sorted(means, key=lambda found: -found.decades)

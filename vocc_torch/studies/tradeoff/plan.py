@@ -10,7 +10,13 @@ from typing import Any
 from vocc_torch.errors import VoccError, demand_least, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Budget, Settings
-from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, resolve_device
+from vocc_torch.measure.plan import (
+    OWN_LOCATORS,
+    Experiment,
+    Locator,
+    Plan,
+    resolve_device,
+)
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient
@@ -31,7 +37,15 @@ MOST_BATCH = 1024
 VARIED = ("flda_3", "lmmse")
 """Receivers that are measured at further values, unless others are named: those of them that are compared."""
 
-LISTS = ("locators", "samples_per_led", "gradients", "dtypes", "devices", "batch_sizes", "frames")
+LISTS = (
+    "locators",
+    "samples_per_led",
+    "gradients",
+    "dtypes",
+    "devices",
+    "batch_sizes",
+    "frames",
+)
 """Lists of the configuration that hold at least one value, and each value once."""
 
 
@@ -93,9 +107,14 @@ class TradeoffStudy:
                 onnx_graph.demand_extra()
         for name in (*LISTS, "scenes"):
             if not getattr(config, name):
-                raise VoccError(f"tradeoff.{name} is empty: it must hold at least one value")
+                raise VoccError(
+                    f"tradeoff.{name} is empty: it must hold at least one value"
+                )
         allowed: dict[str, tuple[list[Any] | tuple[str, ...], tuple[str, ...]]] = {
-            "locators": (config.locators, (*OWN_LOCATORS, *self.plan.receiver.locators)),
+            "locators": (
+                config.locators,
+                (*OWN_LOCATORS, *self.plan.receiver.locators),
+            ),
             "dtypes": (config.dtypes, tuple(PRECISIONS)),
             "frames": (config.frames, tuple(FRAMINGS)),
             "combine": ([config.combine], ("one_at_a_time", "all")),
@@ -104,14 +123,29 @@ class TradeoffStudy:
         for name, (values, known) in allowed.items():
             for value in values:
                 if value not in known:
-                    raise VoccError.of(f"tradeoff.{name}", repr(value), f"of {', '.join(known)}", "has")
+                    raise VoccError.of(
+                        f"tradeoff.{name}", repr(value), f"of {', '.join(known)}", "has"
+                    )
         for batch in config.batch_sizes:
             if not 1 <= batch <= MOST_BATCH:
-                raise VoccError.of("tradeoff.batch_sizes", batch, f"from 1 to {MOST_BATCH}", "has")
-        demand_least("tradeoff.", config, repeats=1, threads=0, frames_a_preamble=1, genie_frames=0)
+                raise VoccError.of(
+                    "tradeoff.batch_sizes", batch, f"from 1 to {MOST_BATCH}", "has"
+                )
+        demand_least(
+            "tradeoff.",
+            config,
+            repeats=1,
+            threads=0,
+            frames_a_preamble=1,
+            genie_frames=0,
+        )
         for name, scene in config.scenes.items():
             if not name.isidentifier() or not isinstance(scene, dict):
-                raise VoccError.of(f"tradeoff.scenes.{name}", repr(scene), "a word with values of scenes")
+                raise VoccError.of(
+                    f"tradeoff.scenes.{name}",
+                    repr(scene),
+                    "a word with values of scenes",
+                )
             self.model(name)
         why = "task=tradeoff, which compares receivers on the same frames"
         self.plan.budget.demand_no_stop_rule(why)
@@ -121,7 +155,9 @@ class TradeoffStudy:
             patch = patches.get(setting.receiver)
             if patch and setting.samples_per_led % patch.samples:
                 rule = f"a multiple of classifiers.{setting.receiver}.inputs.patch.samples, {patch.samples}"
-                raise VoccError.of("tradeoff.samples_per_led", setting.samples_per_led, rule, "has")
+                raise VoccError.of(
+                    "tradeoff.samples_per_led", setting.samples_per_led, rule, "has"
+                )
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -138,11 +174,19 @@ class TradeoffStudy:
         """
         config, receiver = self.config, self.plan.receiver
         every: list[tuple[Any, ...]]
-        every = list(itertools.product(config.samples_per_led, config.gradients, config.dtypes))
+        every = list(
+            itertools.product(config.samples_per_led, config.gradients, config.dtypes)
+        )
         base = every[0]
         if config.combine == "one_at_a_time":
-            every = [one for one in every if sum(a != b for a, b in zip(one, base, strict=True)) <= 1]
-        features = FLDA_FEATURES | {one.name: one.inputs.features for one in receiver.classifiers}
+            every = [
+                one
+                for one in every
+                if sum(a != b for a, b in zip(one, base, strict=True)) <= 1
+            ]
+        features = FLDA_FEATURES | {
+            one.name: one.inputs.features for one in receiver.classifiers
+        }
         # Checked by name: locators in the constructor, gradients by the reader.
         locators: list[Any] = config.locators
         settings: dict[Setting, None] = {}
@@ -161,17 +205,31 @@ class TradeoffStudy:
             VoccError: a value that no reader has.
         """
         with (
-            section("tradeoff.samples_per_led has", before="receiver.samples_per_led is"),
+            section(
+                "tradeoff.samples_per_led has", before="receiver.samples_per_led is"
+            ),
             section("tradeoff.gradients has", before="receiver.gradient is"),
         ):
             own = self.plan.receiver.reader
-            return replace(own, samples_per_led=setting.samples_per_led, gradient=setting.gradient)
+            return replace(
+                own, samples_per_led=setting.samples_per_led, gradient=setting.gradient
+            )
 
     def training(self, setting: Setting) -> Plan:
         """The plan by which a setting's receiver is trained; precision has no part in it."""
-        own = tuple(one for one in self.plan.receiver.classifiers if one.name == setting.receiver)
+        own = tuple(
+            one
+            for one in self.plan.receiver.classifiers
+            if one.name == setting.receiver
+        )
         names, reader = (setting.receiver,), self.reader(setting)
-        receiver = replace(self.plan.receiver, names=names, classifiers=own, reader=reader, save="flda_3")
+        receiver = replace(
+            self.plan.receiver,
+            names=names,
+            classifiers=own,
+            reader=reader,
+            save="flda_3",
+        )
         return replace(self.plan, receiver=replace(receiver, locator=setting.locator))
 
     @property
@@ -185,7 +243,11 @@ class TradeoffStudy:
         Raises:
             VoccError: a value outside its range.
         """
-        return narrowed(self.plan.world.scene, self.config.scenes[scenes], f"tradeoff.scenes.{scenes}")
+        return narrowed(
+            self.plan.world.scene,
+            self.config.scenes[scenes],
+            f"tradeoff.scenes.{scenes}",
+        )
 
     def point(self, scenes: str) -> str:
         """The point that keys the draws of a kind of scenes."""
@@ -196,7 +258,9 @@ class TradeoffStudy:
         return max(self.config.repeats, -(-LEAST_FRAMES // batch))
 
 
-def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Path) -> TradeoffStudy:
+def build_tradeoff_study(
+    settings: Settings, config: TradeoffConfig, folder: Path
+) -> TradeoffStudy:
     """Build the study that ``task=tradeoff`` makes.
 
     Raises:
@@ -206,7 +270,9 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
     receiver, left_out = without_absent(plan.receiver)
     # All frames are of the study's own scenes: no experiment narrows them.
     experiment = Experiment("tradeoff", "distance_m", (plan.world.scene.nearest_m,))
-    once: dict[str, Any] = {name: list(dict.fromkeys(getattr(config, name))) for name in LISTS}
+    once: dict[str, Any] = {
+        name: list(dict.fromkeys(getattr(config, name))) for name in LISTS
+    }
     # What ${receiver.locator} brought goes by its name.
     own = {settings.receiver.locator: plan.receiver.locator}
     once["locators"] = [own.get(name, name) for name in once["locators"]]
@@ -220,6 +286,11 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
             if not name.startswith("cuda") or len(config.devices) == 1:
                 raise
             missing[name] = str(error).partition(", and ")[2].partition(":")[0]
-    once |= {"devices": list(dict.fromkeys(devices)), "batch_sizes": sorted(once["batch_sizes"])}
+    once |= {
+        "devices": list(dict.fromkeys(devices)),
+        "batch_sizes": sorted(once["batch_sizes"]),
+    }
     plan = replace(plan, receiver=receiver, experiment=experiment)
-    return TradeoffStudy(plan, replace(config, **once), settings.scene.name, missing, left_out)
+    return TradeoffStudy(
+        plan, replace(config, **once), settings.scene.name, missing, left_out
+    )

@@ -5,7 +5,15 @@ from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
-from vocc_torch.measure import estimate, frame_errors, genie, intervals, stage_times, train, trainings
+from vocc_torch.measure import (
+    estimate,
+    frame_errors,
+    genie,
+    intervals,
+    stage_times,
+    train,
+    trainings,
+)
 from vocc_torch.measure.counts import Counts
 from vocc_torch.studies.tradeoff.plan import Setting, TradeoffStudy
 
@@ -63,7 +71,13 @@ class OperatingPoint:
     @property
     def rank(self) -> Literal["frontier", "perhaps", "beaten"]:
         """Whether nothing beats it; or something does, perhaps by chance; or surely."""
-        return "frontier" if self.beaten_by is None else "beaten" if self.surely else "perhaps"
+        return (
+            "frontier"
+            if self.beaten_by is None
+            else "beaten"
+            if self.surely
+            else "perhaps"
+        )
 
     @property
     def error_free(self) -> bool:
@@ -90,13 +104,17 @@ def ranked(
         rivals = [place for place, other in enumerate(points) if other.beats(point)]
         sure = [place for place in rivals if surely_worse(own, place)]
         best = most_accurate([points[place] for place in sure or rivals])
-        found.append(replace(point, beaten_by=best.setting if best else None, surely=bool(sure)))
+        found.append(
+            replace(point, beaten_by=best.setting if best else None, surely=bool(sure))
+        )
     return found
 
 
 def most_accurate(points: Sequence[OperatingPoint]) -> OperatingPoint | None:
     """Choose the lowest rate; of equal rates the interval's end decides, then the time."""
-    return min(points, key=lambda one: (one.ber.value, one.ber.high, one.ms), default=None)
+    return min(
+        points, key=lambda one: (one.ber.value, one.ber.high, one.ms), default=None
+    )
 
 
 class Answer(NamedTuple):
@@ -116,7 +134,9 @@ class Answer(NamedTuple):
     other: OperatingPoint | None
 
 
-def answers(points: Sequence[OperatingPoint], alike: Callable[[int, int], bool]) -> list[Answer]:
+def answers(
+    points: Sequence[OperatingPoint], alike: Callable[[int, int], bool]
+) -> list[Answer]:
     """Choose within each time and below each rate; limits with the same answer are together.
 
     A receiver keeps within a time where its upper quartile does, and below a rate where its whole interval
@@ -129,16 +149,24 @@ def answers(points: Sequence[OperatingPoint], alike: Callable[[int, int], bool])
     quickest = min(points, key=lambda one: one.ms)
     nearest = min(points, key=lambda one: (one.ber.high, one.ms))
     found: dict[tuple[bool, Setting | None, bool], Answer] = {}
-    for timed, limit in [(True, speed) for speed in FRAMES_PER_S] + [(False, rate) for rate in RATES]:
+    for timed, limit in [(True, speed) for speed in FRAMES_PER_S] + [
+        (False, rate) for rate in RATES
+    ]:
         if timed:
-            taken = most_accurate([one for one in points if one.time_ms.high <= 1e3 / limit])
+            taken = most_accurate(
+                [one for one in points if one.time_ms.high <= 1e3 / limit]
+            )
         else:
             below = [one for one in points if one.ber.high < limit]
             taken = min(below, key=lambda one: (one.ms, one.ber.value), default=None)
         other = None if taken else quickest if timed else nearest
         if timed and taken:
             own = points.index(taken)
-            same = [one for place, one in enumerate(points) if place != own and alike(own, place)]
+            same = [
+                one
+                for place, one in enumerate(points)
+                if place != own and alike(own, place)
+            ]
             quicker = [one for one in same if one.time_ms.high < taken.time_ms.low]
             other = min(quicker, key=lambda one: one.ms, default=None)
         # Too few frames to show a rate are another answer than a rate that is too high.
@@ -166,16 +194,22 @@ class Algorithms:
 
     def trained(self, row: int) -> trainings.Trained:
         """One receiver's errors after each training."""
-        return trainings.Trained(tuple(one.counts[row] for one in self.each), self.pooled.counts[row])
+        return trainings.Trained(
+            tuple(one.counts[row] for one in self.each), self.pooled.counts[row]
+        )
 
-    def compared(self, a: int, b: int, confidence: float = estimate.CONFIDENCE) -> estimate.Estimate:
+    def compared(
+        self, a: int, b: int, confidence: float = estimate.CONFIDENCE
+    ) -> estimate.Estimate:
         """Estimate the rate of receiver a less that of b, by their rows, over trainings and frames."""
         rows = self.trained(a), self.trained(b)
         return trainings.mean_difference(*rows, self.pooled.paired(a, b), confidence)
 
     def surely_worse(self, a: int, b: int) -> bool:
         """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
-        together = estimate.joint_confidence(estimate.all_pairs(len(self.pooled.half_errors)))
+        together = estimate.joint_confidence(
+            estimate.all_pairs(len(self.pooled.half_errors))
+        )
         return self.compared(a, b, together).low > 0
 
 
@@ -239,7 +273,9 @@ class PriceList:
     @property
     def kinds(self) -> tuple[tuple[str, str], ...]:
         """Devices with kinds of frames, in order."""
-        return tuple(dict.fromkeys((place.device, place.frames) for place in self.places))
+        return tuple(
+            dict.fromkeys((place.device, place.frames) for place in self.places)
+        )
 
     def graph_of(self, setting: Setting, place: Place) -> estimate.Estimate | None:
         """Give the time of a setting's ONNX graph, ms a frame; None where it has none."""
@@ -249,7 +285,9 @@ class PriceList:
     def torch_of(self, receiver: str, place: Place) -> estimate.Estimate:
         """Give the time of the same work in torch, from corners to bits, of a receiver's first setting."""
         first = next(one for one in self.settings if one.receiver == receiver)
-        return stage_times.median_of(self.times[first, place].summed(stage_times.BIT_DETECTION))
+        return stage_times.median_of(
+            self.times[first, place].summed(stage_times.BIT_DETECTION)
+        )
 
     @property
     def counted_frames(self) -> int:
@@ -260,7 +298,9 @@ class PriceList:
         """Batch sizes that were timed, ascending."""
         return sorted(one.batch for one in self.places if one[:2] == (device, frames))
 
-    def points(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[OperatingPoint]:
+    def points(
+        self, scenes: str, device: str, frames: str, batch: int | None = None
+    ) -> list[OperatingPoint]:
         """Give every setting's operating point with batches of a size, or with its own quickest ones.
 
         Without errors, a wrong frame is taken to have as many wrong bits as in the other kinds of scenes.
@@ -272,31 +312,50 @@ class PriceList:
         if key in self._points:  # a comparison of all pairs
             return self._points[key]
         errors, mark = self.errors[scenes], self.references.get(scenes)
-        referenced = errors.first(mark.counts.frames).counts if mark else [None] * len(self.settings)
+        referenced = (
+            errors.first(mark.counts.frames).counts
+            if mark
+            else [None] * len(self.settings)
+        )
         points = []
-        for row, (setting, same) in enumerate(zip(self.settings, referenced, strict=True)):
+        for row, (setting, same) in enumerate(
+            zip(self.settings, referenced, strict=True)
+        ):
             sizes = [batch] if batch else self.batches(device, frames)
             places = [Place(device, frames, size) for size in sizes]
             timed = [(self.times[setting, place].total, place) for place in places]
             time_ms, best = min(timed, key=lambda one: one[0].value)
             rate = self.rate(scenes, row)
-            points.append(OperatingPoint(setting, best, time_ms, rate, errors.counts[row], same))
-        self._points[key] = ranked(points, self.algorithms.get(scenes, errors).surely_worse)
+            points.append(
+                OperatingPoint(setting, best, time_ms, rate, errors.counts[row], same)
+            )
+        self._points[key] = ranked(
+            points, self.algorithms.get(scenes, errors).surely_worse
+        )
         return self._points[key]
 
     def rate(self, scenes: str, row: int) -> estimate.Estimate:
         """Give a setting's rate with its interval: the algorithm's after several trainings."""
-        first = self.errors[scenes].counts[row], [one.counts[row] for one in self.errors.values()]
+        first = (
+            self.errors[scenes].counts[row],
+            [one.counts[row] for one in self.errors.values()],
+        )
         if scenes not in self.algorithms:
             return _rate(*first)
-        return self.algorithms[scenes].trained(row).interval(errors_per_frame_error=_typical(first[1]))
+        return (
+            self.algorithms[scenes]
+            .trained(row)
+            .interval(errors_per_frame_error=_typical(first[1]))
+        )
 
     @property
     def of_first_training(self) -> "PriceList":
         """The same as the first training alone shows it."""
         return replace(self, algorithms={})
 
-    def changed(self, scenes: str, device: str, frames: str) -> list[tuple[OperatingPoint, OperatingPoint]]:
+    def changed(
+        self, scenes: str, device: str, frames: str
+    ) -> list[tuple[OperatingPoint, OperatingPoint]]:
         """List the settings whose rank further trainings change: as the first has it, and as all have it."""
         if not self.algorithms:
             return []
@@ -304,7 +363,9 @@ class PriceList:
         both = zip(first, self.points(scenes, device, frames), strict=True)
         return [(one, other) for one, other in both if one.rank != other.rank]
 
-    def answers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Answer]:
+    def answers(
+        self, scenes: str, device: str, frames: str, batch: int | None = None
+    ) -> list[Answer]:
         """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
         points = self.points(scenes, device, frames, batch)
         errors = self.algorithms.get(scenes, self.errors[scenes])
@@ -314,7 +375,10 @@ class PriceList:
         """Give the rate of a decoder that knows the scene; None where it was not measured."""
         if scenes not in self.references:
             return None
-        return _rate(self.references[scenes].counts, [one.counts for one in self.references.values()])
+        return _rate(
+            self.references[scenes].counts,
+            [one.counts for one in self.references.values()],
+        )
 
 
 def _rate(counts: Counts, every: Sequence[Counts]) -> estimate.Estimate:

@@ -11,15 +11,30 @@ from vocc_torch.report.folder import write_rows
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.prices import Place, PriceList, most_accurate
 
-LOCATED_BY = styles.Words(truth="true corners", paper="paper's locator", refined="refined locator")
+LOCATED_BY = styles.Words(
+    truth="true corners", paper="paper's locator", refined="refined locator"
+)
 
-RANKS = {"frontier": "on the frontier", "perhaps": "beaten, perhaps by chance", "beaten": "surely beaten"}
+RANKS = {
+    "frontier": "on the frontier",
+    "perhaps": "beaten, perhaps by chance",
+    "beaten": "surely beaten",
+}
 
 Line = dict[str, str | int | float | None]
 """Cells by their columns."""
 
 COLUMNS = {
-    **{"": 0, "receiver": 0, "locator": 0, "other": 0, "ms": 0, "alone\nms": 0, "BER": 0, "95 %": 96},
+    **{
+        "": 0,
+        "receiver": 0,
+        "locator": 0,
+        "other": 0,
+        "ms": 0,
+        "alone\nms": 0,
+        "BER": 0,
+        "95 %": 96,
+    },
     **{"batch": 112, "training\ns": 112, "weights": 112},
 }
 """Columns on the terminal, and the least width at which they stand there."""
@@ -39,20 +54,32 @@ def written(template: str, prices: PriceList, **values: object) -> str:
         prices: what was measured.
         values: what it names besides.
     """
-    return page.render(__package__, template, prices=prices, study=prices.study, **values)
+    return page.render(
+        __package__, template, prices=prices, study=prices.study, **values
+    )
 
 
 def recommendation(prices: PriceList) -> str:
     """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
-    texts = {"receiver_text": receiver_text, "varied_text": varied_text, "ms": timing_figure.number_text}
-    given: dict[str, object] = {"located_by": LOCATED_BY, "most_accurate": most_accurate, "ranks": RANKS}
+    texts = {
+        "receiver_text": receiver_text,
+        "varied_text": varied_text,
+        "ms": timing_figure.number_text,
+    }
+    given: dict[str, object] = {
+        "located_by": LOCATED_BY,
+        "most_accurate": most_accurate,
+        "ranks": RANKS,
+    }
     given["apart"] = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
     given["pairs"] = estimate.all_pairs(len(prices.settings))
     lines = []
     for line in written("recommendation.txt.j2", prices, **texts, **given).splitlines():
         # What follows stands under a line's text.
         indent = " " * (len(line) - len(line.lstrip()) + 2)
-        lines.append(textwrap.fill(line, 110, subsequent_indent=indent, break_on_hyphens=False))
+        lines.append(
+            textwrap.fill(line, 110, subsequent_indent=indent, break_on_hyphens=False)
+        )
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -64,7 +91,9 @@ def receiver_text(name: str) -> str:
         ('lmmse (LMMSE equaliser)', 'center_greyscale')
     """
     title = styles.receiver_styles([name])[name].label
-    return name if title.lower() == name.replace("_", " ").lower() else f"{name} ({title})"
+    return (
+        name if title.lower() == name.replace("_", " ").lower() else f"{name} ({title})"
+    )
 
 
 def varied_text(setting: Setting, base: Setting) -> list[str]:
@@ -77,7 +106,11 @@ def varied_text(setting: Setting, base: Setting) -> list[str]:
     """
     written = {"samples_per_led": "K {}", "gradient": "{} gradient", "dtype": "{}"}
     own = {name: getattr(setting, name) for name in written}
-    return [written[name].format(value) for name, value in own.items() if value != getattr(base, name)]
+    return [
+        written[name].format(value)
+        for name, value in own.items()
+        if value != getattr(base, name)
+    ]
 
 
 def write_prices(path: str | Path, prices: PriceList) -> None:
@@ -93,7 +126,9 @@ def write_prices(path: str | Path, prices: PriceList) -> None:
         return f"{float(f'{value:.5g}'):.15g}" if isinstance(value, float) else value
 
     rows = list(price_rows(prices))
-    write_rows(path, [list(rows[0]), *(list(map(cell, map(row.get, rows[0]))) for row in rows)])
+    write_rows(
+        path, [list(rows[0]), *(list(map(cell, map(row.get, rows[0]))) for row in rows)]
+    )
 
 
 def price_rows(prices: PriceList) -> Iterator[Line]:
@@ -118,7 +153,10 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
     error_device = str(plan.resolve_device(prices.study.plan.world.device))
     for place in prices.places:
         points = {scenes: prices.points(scenes, *place) for scenes in prices.errors}
-        best = {scenes: prices.points(scenes, place.device, place.frames) for scenes in prices.errors}
+        best = {
+            scenes: prices.points(scenes, place.device, place.frames)
+            for scenes in prices.errors
+        }
         for row, setting in enumerate(prices.settings):
             times = prices.times[setting, place]
             in_best = best[prices.timed_scenes][row].place == place
@@ -126,29 +164,65 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
             line |= {"best_batch": int(in_best), **_ends("total{}_ms", times.total)}
             for stage in stage_times.STAGES:
                 line |= _ends(f"{stage}{{}}_ms", times.stage(stage))
-            line |= {"frames_per_s": 1e3 / times.total.value, **_ends("share_of_detection{}", times.share)}
+            line |= {
+                "frames_per_s": 1e3 / times.total.value,
+                **_ends("share_of_detection{}", times.share),
+            }
             for scenes, own in points.items():
-                point, mark, same = own[row], prices.references.get(scenes), own[row].referenced
+                point, mark, same = (
+                    own[row],
+                    prices.references.get(scenes),
+                    own[row].referenced,
+                )
                 counts, kept = point.counts, best[scenes][row].rank == "frontier"
-                cells: Line = {"test_frames": counts.frames, "bit_errors": f"{counts.bit_errors:.15g}"}
-                cells |= {"frame_errors": counts.frame_errors, "panels_missed": counts.panels_missed}
-                cells |= {**_ends("ber{}", point.ber), "frontier": int(point.rank == "frontier")}
+                cells: Line = {
+                    "test_frames": counts.frames,
+                    "bit_errors": f"{counts.bit_errors:.15g}",
+                }
+                cells |= {
+                    "frame_errors": counts.frame_errors,
+                    "panels_missed": counts.panels_missed,
+                }
+                cells |= {
+                    **_ends("ber{}", point.ber),
+                    "frontier": int(point.rank == "frontier"),
+                }
                 beaten_by = point.beaten_by.name if point.beaten_by else ""
                 cells |= {"beaten_by": beaten_by, "surely_beaten": int(point.surely)}
                 cells |= {"frontier_of_best_batches": int(kept) if in_best else None}
-                known = (mark.counts.frames, mark.proven, 1e3 * mark.seconds_a_frame) if mark else (None,) * 3
-                names = "possible_test_frames", "possible_proven_frames", "possible_frame_ms"
+                known = (
+                    (mark.counts.frames, mark.proven, 1e3 * mark.seconds_a_frame)
+                    if mark
+                    else (None,) * 3
+                )
+                names = (
+                    "possible_test_frames",
+                    "possible_proven_frames",
+                    "possible_frame_ms",
+                )
                 cells |= zip(names, known, strict=True)
                 cells |= _ends("possible_ber{}", prices.reference(scenes))
                 cells["ber_on_possible_frames"] = same.ber if same else None
                 # The first training's, as everywhere in a table; the algorithm's stand at the end.
                 cells |= _ends("ber{}", prices.of_first_training.rate(scenes, row))
                 line |= {f"{scenes}_{name}": cell for name, cell in cells.items()}
-            made = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
+            made = (
+                "training_s",
+                "training_simulated_s",
+                "training_frames",
+                "parameters",
+                "size_bytes",
+            )
             line |= zip(made, astuple(prices.costs[setting]), strict=True)
             line |= {"timed_scenes": prices.timed_scenes, "error_device": error_device}
-            line |= {"end_to_end": prices.end_to_end[place], "end_to_end_of": prices.in_one_go}
-            line |= {"threads": prices.threads, "waited_share": round(prices.waited_share, 4)}
+            line |= {
+                "end_to_end": prices.end_to_end[place],
+                "end_to_end_of": prices.in_one_go,
+            }
+            line |= {
+                "threads": prices.threads,
+                "waited_share": round(prices.waited_share, 4),
+            }
             line |= {"machine": prices.machines[place.device]}
             if prices.graphs or prices.no_graphs:
                 line |= _ends("onnx{}_ms", prices.graph_of(setting, place))
@@ -161,7 +235,9 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
                     line |= {f"{scenes}_{name}": value for name, value in ends.items()}
             yield line
     for device in prices.study.missing:
-        for place in dict.fromkeys(place._replace(device=device) for place in prices.places):
+        for place in dict.fromkeys(
+            place._replace(device=device) for place in prices.places
+        ):
             for setting in prices.settings:
                 yield {**asdict(setting), **place._asdict(), "machine": "not measured"}
 
@@ -169,7 +245,10 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
 def _ends(name: str, one: estimate.Estimate | None) -> Line:
     """Name a number and the ends of its interval."""
     values = (None, None, None) if one is None else (one.value, one.low, one.high)
-    return {name.format(part): value for part, value in zip(("", "_low", "_high"), values, strict=True)}
+    return {
+        name.format(part): value
+        for part, value in zip(("", "_low", "_high"), values, strict=True)
+    }
 
 
 def print_prices(prices: PriceList, words: str, console: terminal.Console) -> None:
@@ -180,29 +259,61 @@ def print_prices(prices: PriceList, words: str, console: terminal.Console) -> No
         words: the recommendation, of which the short part is printed.
         console: where to print.
     """
-    (device, frames), scenes, width = prices.kinds[0], prices.timed_scenes, console.width
+    (device, frames), scenes, width = (
+        prices.kinds[0],
+        prices.timed_scenes,
+        console.width,
+    )
     mark = "*" if console.options.ascii_only else "\N{BLACK DIAMOND}"
     points, rate = prices.points(scenes, device, frames), prices.reference(scenes)
     rows: list[tuple[Line, str]] = []
     for point in sorted(points, key=lambda one: one.ms):
-        setting, first, cost = point.setting, point.rank == "frontier", prices.costs[point.setting]
-        named = receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver
-        varied = ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", "")
-        line: Line = {"": mark if first else "", "receiver": named, "locator": setting.locator}
-        line |= {"other": varied, "ms": timing_figure.number_text(point.ms), **_rate(point.ber)}
+        setting, first, cost = (
+            point.setting,
+            point.rank == "frontier",
+            prices.costs[point.setting],
+        )
+        named = (
+            receiver_text(setting.receiver)
+            if width >= WIDTH_WITH_TITLES
+            else setting.receiver
+        )
+        varied = ", ".join(varied_text(setting, prices.settings[0])).replace(
+            " gradient", ""
+        )
+        line: Line = {
+            "": mark if first else "",
+            "receiver": named,
+            "locator": setting.locator,
+        }
+        line |= {
+            "other": varied,
+            "ms": timing_figure.number_text(point.ms),
+            **_rate(point.ber),
+        }
         trained = f"{cost.training_s:.1f}" if cost.frames else None
-        line |= {"batch": point.place.batch, "training\ns": trained, "weights": cost.parameters}
+        line |= {
+            "batch": point.place.batch,
+            "training\ns": trained,
+            "weights": cost.parameters,
+        }
         if alone := prices.times.get((setting, Place(device, frames, 1))):
             line["alone\nms"] = timing_figure.number_text(alone.total.value)
         rows.append((line, "" if first else "dim"))
     best = most_accurate(points)
     if rate is not None and best is not None and best.referenced is not None:
         same = f"{best.referenced.frames} frames"
-        told = styles.rate_text(best.referenced.ber) if best.referenced.bit_errors else "no error"
+        told = (
+            styles.rate_text(best.referenced.ber)
+            if best.referenced.bit_errors
+            else "no error"
+        )
         rows.append(({"receiver": "knows the scene", "other": same, **_rate(rate)}, ""))
         who: Line = {"receiver": best.setting.receiver, "locator": best.setting.locator}
         rows.append(({**who, "other": f"same {same}", "BER": told}, ""))
-    shown = [head for head, least in COLUMNS.items() if width >= least and head in rows[0][0]]
+    shown = [
+        head for head, least in COLUMNS.items() if width >= least and head in rows[0][0]
+    ]
     table = terminal.plain_table(*(head.replace("other", "") for head in shown))
     for column in table.columns[:4]:
         column.justify = "left"
@@ -212,19 +323,28 @@ def print_prices(prices: PriceList, words: str, console: terminal.Console) -> No
     console.print(table)
     below = written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames)
     console.print(terminal.Text(below.rstrip()))
-    console.print(terminal.Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True)
+    console.print(
+        terminal.Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True
+    )
 
 
 def _rate(ber: estimate.Estimate) -> Line:
     """Write a rate and its interval, or its limit."""
     if ber.value == 0:
         return {"BER": f"< {styles.rate_text(ber.high)}", "95 %": ""}
-    return {"BER": styles.rate_text(ber.value), "95 %": styles.ends_text(ber.low, ber.high)}
+    return {
+        "BER": styles.rate_text(ber.value),
+        "95 %": styles.ends_text(ber.low, ber.high),
+    }
 
 
-def price_runs(prices: PriceList) -> dict[str, tuple[dict[str, object], dict[str, float]]]:
+def price_runs(
+    prices: PriceList,
+) -> dict[str, tuple[dict[str, object], dict[str, float]]]:
     """Give TensorBoard a run for each configuration: its settings, and rates, times and training cost."""
-    numbers: dict[Setting, dict[str, float]] = {setting: {} for setting in prices.settings}
+    numbers: dict[Setting, dict[str, float]] = {
+        setting: {} for setting in prices.settings
+    }
     for device, frames in prices.kinds:
         where = frames if len(prices.machines) == 1 else f"{device}_{frames}"
         for scenes in prices.errors:
@@ -235,5 +355,9 @@ def price_runs(prices: PriceList) -> dict[str, tuple[dict[str, object], dict[str
                     own[f"latency_ms/{where}"] = alone.total.value
     for setting, own in numbers.items():
         made = {name: getattr(prices.costs[setting], name) for name in BOARD_COSTS}
-        own |= {f"making/{name}": float(one) for name, one in made.items() if one is not None}
+        own |= {
+            f"making/{name}": float(one)
+            for name, one in made.items()
+            if one is not None
+        }
     return {setting.name: (asdict(setting), own) for setting, own in numbers.items()}

@@ -56,11 +56,15 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     console = terminal.Console()
     with (
         run_folder.resumable(settings, folder, console),
-        run_folder.open_ledger(folder / run_folder.LEDGER, identity_of(study), console) as store,
+        run_folder.open_ledger(
+            folder / run_folder.LEDGER, identity_of(study), console
+        ) as store,
         console.status("training, counting, timing"),
     ):
         run_folder.write_config(settings, folder)
-        prices = price_receivers(study, Workers.of(settings), terminal.Stopwatch(console).stage, store)
+        prices = price_receivers(
+            study, Workers.of(settings), terminal.Stopwatch(console).stage, store
+        )
     words = report.recommendation(prices)
     figures: dict[str, Figure] = {}
     for scenes, (device, frames) in itertools.product(prices.errors, prices.kinds):
@@ -74,7 +78,11 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     texts, runs = {"recommendation": f"```\n{words}\n```"}, report.price_runs(prices)
     tensorboard.write_figures(settings, folder, figures, texts=texts, runs=runs)
     report.print_prices(prices, words, console)
-    places = {"picture": "tradeoff.png", "table": "tradeoff.csv", "words": "recommendation.txt"}
+    places = {
+        "picture": "tradeoff.png",
+        "table": "tradeoff.csv",
+        "words": "recommendation.txt",
+    }
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
 
 
@@ -106,7 +114,10 @@ def price_receivers(
         times = measure_times(study, receivers)
     if further:
         names = study.config.scenes
-        times["algorithms"] = {name: Algorithms([one[name] for one in (errors, *further)]) for name in names}
+        times["algorithms"] = {
+            name: Algorithms([one[name] for one in (errors, *further)])
+            for name in names
+        }
     return PriceList(study, costs, errors, references, no_references, **times)
 
 
@@ -114,7 +125,11 @@ def identity_of(study: plan.TradeoffStudy) -> dict[str, object]:
     """Name what the study's counts depend on."""
     settings = [setting.name for setting in study.settings]
     scenes = {name: dict(scene) for name, scene in study.config.scenes.items()}
-    return {**identity(study.plan, study.config.locators), "settings": settings, "scenes": scenes}
+    return {
+        **identity(study.plan, study.config.locators),
+        "settings": settings,
+        "scenes": scenes,
+    }
 
 
 def train_receivers(
@@ -126,12 +141,18 @@ def train_receivers(
         VoccError: no panel in any training frame, or a classifier that cannot be built or trained.
     """
     kept = None if store is None else KeptTrainings([store])
-    trained = train.train_alone([study.training(setting) for setting in study.settings], workers, kept)
-    finders = study.plan.receiver.finders([setting.locator for setting in study.settings])
+    trained = train.train_alone(
+        [study.training(setting) for setting in study.settings], workers, kept
+    )
+    finders = study.plan.receiver.finders(
+        [setting.locator for setting in study.settings]
+    )
     receivers, costs = {}, {}
     for setting, training in zip(study.settings, trained, strict=True):
         bank, dtype = training.bank([setting.receiver]), build.PRECISIONS[setting.dtype]
-        receivers[setting] = StagedReceiver(bank, study.reader(setting), finders[setting.locator], dtype)
+        receivers[setting] = StagedReceiver(
+            bank, study.reader(setting), finders[setting.locator], dtype
+        )
         costs[setting] = training.making(setting.receiver)
     return receivers, costs
 
@@ -154,7 +175,9 @@ class Apart:
     @property
     def needs_preambles(self) -> bool:
         """Whether any of the receivers needs frames of known bits."""
-        return any(needs_preambles(receiver.bank.names) for _, receiver in self.receivers)
+        return any(
+            needs_preambles(receiver.bank.names) for _, receiver in self.receivers
+        )
 
     def finders(self, _: Plan) -> dict[str, PanelLocator | None]:
         """Give the locators by name."""
@@ -171,7 +194,9 @@ class Apart:
                 patches = seen.once((one.reader.samples_per_led, one.dtype), rectify)
             if needs_preambles(one.bank.names):
                 preambles = one.preambles(seen.takes[1], seen.takes[2], seen.panels)
-            (scores,) = one.decide(one.measure(seen.frames, seen.panels, patches), preambles).values()
+            (scores,) = one.decide(
+                one.measure(seen.frames, seen.panels, patches), preambles
+            ).values()
             yield scores >= 0, seen
 
 
@@ -190,17 +215,27 @@ def count_receivers(
         ]
     )
     points = [
-        runner.Point(runner.Job(study.plan, study.model(name), study.point(name), apart), study.rule, store)
+        runner.Point(
+            runner.Job(study.plan, study.model(name), study.point(name), apart),
+            study.rule,
+            store,
+        )
         for name in study.config.scenes
     ]
     counted = list(runner.count(points, workers, study.plan.batch_frames))
     numbers = range(1 + max(key.training for key in apart.keys))
     places = [
-        [counted[0].errors.place(Key(setting.locator, setting.name, number)) for setting in receivers]
+        [
+            counted[0].errors.place(Key(setting.locator, setting.name, number))
+            for setting in receivers
+        ]
         for number in numbers
     ]
     return [
-        {name: outcome.errors.of(rows) for name, outcome in zip(study.config.scenes, counted, strict=True)}
+        {
+            name: outcome.errors.of(rows)
+            for name, outcome in zip(study.config.scenes, counted, strict=True)
+        }
         for rows in places
     ]
 
@@ -222,7 +257,9 @@ def measure_times(
     preambles = needs_preambles([setting.receiver for setting in receivers])
     devices = {name: resolve_device(name) for name in config.devices}
     # The same receiver with each locator is timed in one go too.
-    last_counts = sorted(reversed(list(receivers)), key=lambda one: one.receiver == END_TO_END)
+    last_counts = sorted(
+        reversed(list(receivers)), key=lambda one: one.receiver == END_TO_END
+    )
     checked = {one.locator: one for one in last_counts}
     in_one_go = [setting.name for setting in checked.values()]
     times: dict[tuple[plan.Setting, Place], stage_times.StageTimes] = {}
@@ -231,21 +268,38 @@ def measure_times(
     wall = processor = 0.0
     graphs: dict[tuple[str, Place], Any] = {}
     served = config.frames_a_preamble
-    timed_stages = partial(stage_times.time_stages, names, frames_a_preamble=served, in_one_go=in_one_go)
+    timed_stages = partial(
+        stage_times.time_stages, names, frames_a_preamble=served, in_one_go=in_one_go
+    )
     with timing.threads(config.threads), tempfile.TemporaryDirectory() as folder:
-        drawn, no_graphs = draw_graphs(study, receivers, Path(folder)) if config.onnx else ({}, {})
-        machines = {name: timing.describe_machine(device) for name, device in devices.items()}
+        drawn, no_graphs = (
+            draw_graphs(study, receivers, Path(folder)) if config.onnx else ({}, {})
+        )
+        machines = {
+            name: timing.describe_machine(device) for name, device in devices.items()
+        }
         for kind in config.frames:
             world = replace(study.plan.world, framing=plan.FRAMINGS[kind])
-            seen = stage_times.Exposure.of(world, study.model(scenes), keys, preambles=preambles)
+            seen = stage_times.Exposure.of(
+                world, study.model(scenes), keys, preambles=preambles
+            )
             if kind == "crops":
-                crop_px = (int(seen.frames.grey.shape[-2]), int(seen.frames.grey.shape[-1]))
-            for place in (Place(name, kind, size) for name in devices for size in config.batch_sizes):
+                crop_px = (
+                    int(seen.frames.grey.shape[-2]),
+                    int(seen.frames.grey.shape[-1]),
+                )
+            for place in (
+                Place(name, kind, size)
+                for name in devices
+                for size in config.batch_sizes
+            ):
                 device, rounds = devices[place.device], study.rounds(place.batch)
                 own = drawn if device.type == "cpu" else {}
                 timed = timed_stages(seen, place.batch, rounds, device, graphs=own)
                 graphs |= {(one, place): spent for one, spent in timed.graphs.items()}
-                times |= {(one, place): timed.by_receiver[one.name] for one in receivers}
+                times |= {
+                    (one, place): timed.by_receiver[one.name] for one in receivers
+                }
                 end_to_end[place] = timed.in_one_go
                 wall, processor = wall + timed.wall_s, processor + timed.processor_s
         used = torch.get_num_threads()
@@ -253,13 +307,20 @@ def measure_times(
     cpu_alone = all(device.type == "cpu" for device in devices.values())
     waited = max(0.0, 1 - processor / wall) if cpu_alone else 0.0
     first = next(iter(checked.values())).receiver
-    told = {"machines": machines, "threads": used, "waited_share": waited, "crop_px": crop_px}
+    told = {
+        "machines": machines,
+        "threads": used,
+        "waited_share": waited,
+        "crop_px": crop_px,
+    }
     told |= {"graphs": graphs, "no_graphs": no_graphs}
     return {"times": times, "end_to_end": end_to_end, "in_one_go": first, **told}
 
 
 def draw_graphs(
-    study: plan.TradeoffStudy, receivers: Mapping[plan.Setting, StagedReceiver], folder: Path
+    study: plan.TradeoffStudy,
+    receivers: Mapping[plan.Setting, StagedReceiver],
+    folder: Path,
 ) -> tuple[dict[str, stage_times.Graph], dict[str, str]]:
     """Draw each receiver's ONNX graph, at the first of all lists, ready to be run.
 
@@ -272,9 +333,14 @@ def draw_graphs(
         The graphs by receiver, and why each other receiver has none.
     """
     drawn, refused = dict[str, stage_times.Graph](), dict[str, str]()
-    simulator, keys = study.plan.world.simulator(), link.block_keys(study.plan.seed, "graph", 2)
+    simulator, keys = (
+        study.plan.world.simulator(),
+        link.block_keys(study.plan.seed, "graph", 2),
+    )
     model = study.model(next(iter(study.config.scenes)))
-    ((scene, _, names, (seen,)),) = link.rendered(simulator, model, keys, range(0, 2, 2), False)
+    ((scene, _, names, (seen,)),) = link.rendered(
+        simulator, model, keys, range(0, 2, 2), False
+    )
     corners = simulator.true_panels(scene, names).corners_px - seen.origin_px[:, None]
     given = seen.grey[:, 0].round().clamp(0, 255).to(torch.uint8).cpu(), corners.cpu()
     for setting, one in receivers.items():
@@ -282,8 +348,12 @@ def draw_graphs(
         if name in {*drawn, *refused}:
             continue
         try:
-            onnx_graph.write_graph(whole_receiver(name, one), folder / f"{name}.onnx", *given)
-            drawn[name] = onnx_graph.read_graph(folder / f"{name}.onnx", study.config.threads)
+            onnx_graph.write_graph(
+                whole_receiver(name, one), folder / f"{name}.onnx", *given
+            )
+            drawn[name] = onnx_graph.read_graph(
+                folder / f"{name}.onnx", study.config.threads
+            )
         except VoccError as error:
             refused[name] = str(error)
     return drawn, refused
@@ -296,7 +366,9 @@ def whole_receiver(name: str, one: StagedReceiver) -> Receiver:
         VoccError: one that decides by frames of known bits.
     """
     if needs_preambles([name]):
-        raise VoccError(f"receiver {name} needs frames of known bits: no ONNX graph has these")
+        raise VoccError(
+            f"receiver {name} needs frames of known bits: no ONNX graph has these"
+        )
     decider: Any = one.bank.deciders[name].to(torch.device("cpu"))
     return Receiver(name, one.locator or PaperLocator(), one.reader, decider)
 

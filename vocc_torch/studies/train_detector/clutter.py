@@ -55,7 +55,10 @@ VALIDATION_PHOTOGRAPHS = (
 def photograph(name: str) -> Plane:
     """Read a photograph's grey values, 0 to 1, from ``package/file``."""
     package, _, file = name.partition("/")
-    with resources.as_file(resources.files(package) / file) as path, Image.open(path) as picture:
+    with (
+        resources.as_file(resources.files(package) / file) as path,
+        Image.open(path) as picture,
+    ):
         return np.asarray(picture.convert("L"), np.float32) / np.float32(255)
 
 
@@ -64,13 +67,16 @@ def crop_of(picture: Plane, size: tuple[int, int], draw: Generator) -> Plane:
     least = min(picture.shape[0] / size[0], picture.shape[1] / size[1])
     scale = math.exp(draw.uniform(math.log(0.25), math.log(max(least, 0.3))))
     high, wide = (
-        max(8, min(side, round(out * scale))) for side, out in zip(picture.shape, size, strict=True)
+        max(8, min(side, round(out * scale)))
+        for side, out in zip(picture.shape, size, strict=True)
     )
     top = int(draw.integers(picture.shape[0] - high + 1))
     left = int(draw.integers(picture.shape[1] - wide + 1))
     part = picture[top : top + high, left : left + wide]
     part = part[:: int(draw.choice((-1, 1))), :: int(draw.choice((-1, 1)))]
-    resized = Image.fromarray(np.ascontiguousarray(part)).resize(size[::-1], Image.Resampling.BICUBIC)
+    resized = Image.fromarray(np.ascontiguousarray(part)).resize(
+        size[::-1], Image.Resampling.BICUBIC
+    )
     return np.clip(np.asarray(resized, np.float32), np.float32(0), np.float32(1))
 
 
@@ -93,13 +99,20 @@ def drawing(draw: Generator, size: tuple[int, int]) -> Plane:
             pen.line(box, fill=shade, width=int(draw.integers(1, 8)))
         elif kind == 4:
             words = words_of(draw, int(draw.integers(2, 10)))
-            pen.text(tuple(middle), words, fill=shade, font_size=float(np.clip(half[1], 6, 80)))
+            pen.text(
+                tuple(middle),
+                words,
+                fill=shade,
+                font_size=float(np.clip(half[1], 6, 80)),
+            )
         else:
             _lattice(pen, draw, middle, shade)
     return np.asarray(plane, np.float32) / np.float32(255)
 
 
-def _lattice(pen: ImageDraw.ImageDraw, draw: Generator, start: NDArray[np.float64], shade: int) -> None:
+def _lattice(
+    pen: ImageDraw.ImageDraw, draw: Generator, start: NDArray[np.float64], shade: int
+) -> None:
     """Draw a grating or a lattice of equal cells, some of them left out by a rule or at random."""
     step = math.exp(draw.uniform(math.log(2), math.log(24)))
     rows, columns = (int(count) for count in draw.integers(3, 20, 2))
@@ -143,4 +156,6 @@ class Behind(Backdrop):
         if not self.photographs:
             return (level * (0.05 + 2 * drawing(draw, size))).astype(np.float32)
         name = self.photographs[int(draw.integers(len(self.photographs)))]
-        return (level * 4 * crop_of(photograph(name), size, draw) ** 2.2).astype(np.float32)
+        return (level * 4 * crop_of(photograph(name), size, draw) ** 2.2).astype(
+            np.float32
+        )

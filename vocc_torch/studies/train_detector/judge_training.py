@@ -30,7 +30,13 @@ class JudgeTraining:
     candidates: int = 12  # of a frame
     again: int = 4  # of a frame, after the judge has moved them
     shaken: int = 6  # places about each true panel
-    rough: tuple[float, ...] = (0.1, 0.5, 1.0, 2.0, 4.0)  # by how much these are bent and stretched
+    rough: tuple[float, ...] = (
+        0.1,
+        0.5,
+        1.0,
+        2.0,
+        4.0,
+    )  # by how much these are bent and stretched
     right_cells: float = 0.35  # corners are off at most so much in a right placing
     wrong_cells: float = 0.75  # and at least so much in a wrong one
     near_cells: float = 2.4  # corners are found from so far away
@@ -67,7 +73,9 @@ def in_cells(quads: Tensor, truth: Tensor, shape: PanelShape) -> Tensor:
     places = seen[..., :2] / seen[..., 2:]
     turns = range(4) if shape.rows == shape.columns else (0, 2)
     off = torch.stack([places.roll(turn, 1) for turn in turns]) - corner_cells(shape)
-    off = off.nan_to_num(SETTINGS.far, SETTINGS.far, SETTINGS.far).clamp(-SETTINGS.far, SETTINGS.far)
+    off = off.nan_to_num(SETTINGS.far, SETTINGS.far, SETTINGS.far).clamp(
+        -SETTINGS.far, SETTINGS.far
+    )
     best = off.norm(dim=3).amax(2).argmin(0)
     return off[best, torch.arange(len(best))]
 
@@ -96,7 +104,11 @@ def shaken(truth: Tensor, shape: PanelShape, draw: np.random.Generator) -> Tenso
 
 def shape_of(example: Example, draw: np.random.Generator) -> PanelShape:
     """Give the shape to look for: the panel's, or any where there is none."""
-    return PanelShape(*SHAPES[draw.integers(len(SHAPES))]) if example.empty else example.shape
+    return (
+        PanelShape(*SHAPES[draw.integers(len(SHAPES))])
+        if example.empty
+        else example.shape
+    )
 
 
 def collected(
@@ -121,7 +133,9 @@ def collected(
             every = torch.cat(quads)
             off = in_cells(every, one.corners_px, shape)
             patches = pyramid.read_cells(every, shape, judging.SETTINGS.samples, margin)
-            seen = Seen(patches.round().to(torch.uint8), off.float(), pitch_of(every, shape))
+            seen = Seen(
+                patches.round().to(torch.uint8), off.float(), pitch_of(every, shape)
+            )
             parts[shape].append(seen)
     return {
         shape: Seen(*(torch.cat(one).clone() for one in zip(*part, strict=True)))
@@ -133,16 +147,24 @@ def mirrored(seen: Seen, square: bool, draw: np.random.Generator) -> Seen:
     """Mirror and transpose patches with their corners, pale them and add noise, each at random."""
     patches, off = seen.patches.float(), seen.off_cells
     if draw.random() < 0.5:
-        patches, off = patches.flip(2), (off * torch.tensor([-1.0, 1.0]))[:, [1, 0, 3, 2]]
+        patches, off = (
+            patches.flip(2),
+            (off * torch.tensor([-1.0, 1.0]))[:, [1, 0, 3, 2]],
+        )
     if draw.random() < 0.5:
-        patches, off = patches.flip(1), (off * torch.tensor([1.0, -1.0]))[:, [3, 2, 1, 0]]
+        patches, off = (
+            patches.flip(1),
+            (off * torch.tensor([1.0, -1.0]))[:, [3, 2, 1, 0]],
+        )
     if square and draw.random() < 0.5:
         patches, off = patches.mT, off.flip(2)[:, [0, 3, 2, 1]]
-    patches = patches * torch.from_numpy(draw.uniform(0.3, 1.0, (len(patches), 1, 1))).float()
+    patches = (
+        patches * torch.from_numpy(draw.uniform(0.3, 1.0, (len(patches), 1, 1))).float()
+    )
     if draw.random() < 0.4:
-        patches = patches + torch.from_numpy(draw.standard_normal(patches.shape)).float() * draw.uniform(
-            0.2, 5
-        )
+        patches = patches + torch.from_numpy(
+            draw.standard_normal(patches.shape)
+        ).float() * draw.uniform(0.2, 5)
     return Seen(patches.contiguous(), off, seen.pitch_px)
 
 
@@ -159,7 +181,9 @@ def judge_loss(logit: Tensor, moves: Tensor, off_cells: Tensor) -> Tensor:
     cost = cost * clear * focus * (1 + SETTINGS.found_weight * panel)
     near = (off_cells.abs().amax(2) < SETTINGS.near_cells).float()
     off = functional.smooth_l1_loss(moves, off_cells, beta=0.1, reduction="none").sum(2)
-    loss: Tensor = cost.flatten(1).sum(1) + SETTINGS.corner_weight * (off * near).mean(1)
+    loss: Tensor = cost.flatten(1).sum(1) + SETTINGS.corner_weight * (off * near).mean(
+        1
+    )
     return loss
 
 
@@ -175,16 +199,22 @@ class JudgeTrainer:
         self.shapes = list(data)
         counts = np.array([len(data[shape].pitch_px) for shape in self.shapes]) ** 0.7
         self.share = counts / counts.sum()
-        self.hardness = {shape: np.ones(len(seen.pitch_px)) for shape, seen in data.items()}
+        self.hardness = {
+            shape: np.ones(len(seen.pitch_px)) for shape, seen in data.items()
+        }
 
-    def step(self, net: Judge, optimiser: torch.optim.Optimizer, draw: np.random.Generator) -> float:
+    def step(
+        self, net: Judge, optimiser: torch.optim.Optimizer, draw: np.random.Generator
+    ) -> float:
         """Take one step, and give its loss."""
         shape = self.shapes[draw.choice(len(self.shapes), p=self.share)]
         seen, hardness = self.data[shape], self.hardness[shape]
         many = max(8, min(SETTINGS.most, SETTINGS.patches // seen.patches[0].numel()))
         odds = hardness + SETTINGS.easy * hardness.mean()
         rows = draw.choice(len(odds), many, p=odds / odds.sum())
-        batch = mirrored(Seen(*(part[rows] for part in seen)), shape.rows == shape.columns, draw)
+        batch = mirrored(
+            Seen(*(part[rows] for part in seen)), shape.rows == shape.columns, draw
+        )
         logit, moves = net(batch.patches, batch.pitch_px, shape)
         loss = judge_loss(logit, moves, batch.off_cells)
         hardness[rows] = loss.detach().numpy()
@@ -198,14 +228,22 @@ class JudgeTrainer:
 
 
 def train_steps(
-    net: Judge, optimiser: torch.optim.Optimizer, trainer: JudgeTrainer, seed: int, steps: range, whole: int
+    net: Judge,
+    optimiser: torch.optim.Optimizer,
+    trainer: JudgeTrainer,
+    seed: int,
+    steps: range,
+    whole: int,
 ) -> float:
     """Take some steps of a training of ``whole`` steps, and give their mean loss."""
     total = 0.0
     for step in steps:
         for group in optimiser.param_groups:
             group["lr"] = (
-                SETTINGS.rate * min(1.0, (step + 1) / 100) * (1 + math.cos(math.pi * step / whole)) / 2
+                SETTINGS.rate
+                * min(1.0, (step + 1) / 100)
+                * (1 + math.cos(math.pi * step / whole))
+                / 2
             )
         total += trainer.step(net, optimiser, np.random.default_rng((seed, step)))
     return total / max(len(steps), 1)
@@ -219,7 +257,9 @@ class Judged(NamedTuple):
     frame: Tensor
 
 
-def judged_candidates(networks: Networks, examples: Sequence[Example], seed: int) -> Judged:
+def judged_candidates(
+    networks: Networks, examples: Sequence[Example], seed: int
+) -> Judged:
     """Take the clues of the fitted candidates of each frame."""
     clues, right, frame = [], [], []
     with torch.inference_mode():
@@ -231,7 +271,11 @@ def judged_candidates(networks: Networks, examples: Sequence[Example], seed: int
             off = in_cells(found.quads, one.corners_px, shape).norm(dim=2).amax(1)
             clues.append(found.clues.clone())
             right.append(
-                torch.where(off < SETTINGS.right_cells, 1, torch.where(off > SETTINGS.wrong_cells, 0, -1))
+                torch.where(
+                    off < SETTINGS.right_cells,
+                    1,
+                    torch.where(off > SETTINGS.wrong_cells, 0, -1),
+                )
             )
             frame.append(torch.full((len(off),), number))
     return Judged(torch.cat(clues), torch.cat(right), torch.cat(frame))
@@ -253,7 +297,9 @@ def train_verdict(networks: Networks, seen: Judged, seed: int) -> float:
         for group in optimiser.param_groups:
             group["lr"] = SETTINGS.verdict_rate * (1 - step / SETTINGS.verdict_steps)
         rows = torch.randint(len(right), (512,), generator=draw)
-        loss = functional.binary_cross_entropy_with_logits(verdict(clues[rows]), right[rows])
+        loss = functional.binary_cross_entropy_with_logits(
+            verdict(clues[rows]), right[rows]
+        )
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()

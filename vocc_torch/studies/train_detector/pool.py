@@ -43,13 +43,23 @@ class Example:
     @property
     def pitch_px(self) -> float:
         """Mean distance of LEDs."""
-        return float(torch.stack(cell_size_px(self.corners_px[None], self.shape)).prod().sqrt())
+        return float(
+            torch.stack(cell_size_px(self.corners_px[None], self.shape)).prod().sqrt()
+        )
 
 
-def save_block(path: Path, grey: Tensor, corners_px: Tensor, shape: PanelShape, bits: Tensor) -> None:
+def save_block(
+    path: Path, grey: Tensor, corners_px: Tensor, shape: PanelShape, bits: Tensor
+) -> None:
     """Write frames (B,H,W) of one panel's shape, whole or not at all."""
     part = path.with_suffix(".part.npz")
-    np.savez(part, grey=grey, corners=corners_px, shape=[shape.rows, shape.columns], bits=bits)
+    np.savez(
+        part,
+        grey=grey,
+        corners=corners_px,
+        shape=[shape.rows, shape.columns],
+        bits=bits,
+    )
     part.rename(path)
 
 
@@ -57,9 +67,15 @@ def read_block(path: Path) -> Iterator[Example]:
     """Read what :func:`save_block` wrote."""
     with np.load(path, allow_pickle=False) as block:
         shape = PanelShape(*block["shape"].tolist())
-        grey, corners, bits = (torch.from_numpy(block[name]) for name in ("grey", "corners", "bits"))
-    for frame, quad, sent in zip(grey[:, None, None], corners.double(), bits, strict=True):
-        readable = bool(quad.any()) and contrast(frame, quad, sent, shape) > LEAST_CONTRAST
+        grey, corners, bits = (
+            torch.from_numpy(block[name]) for name in ("grey", "corners", "bits")
+        )
+    for frame, quad, sent in zip(
+        grey[:, None, None], corners.double(), bits, strict=True
+    ):
+        readable = (
+            bool(quad.any()) and contrast(frame, quad, sent, shape) > LEAST_CONTRAST
+        )
         yield Example(frame, quad, shape, readable)
 
 
@@ -68,14 +84,20 @@ def read_pool(paths: Sequence[Path]) -> list[Example]:
     return [example for path in sorted(paths) for example in read_block(path)]
 
 
-def contrast(grey: Tensor, corners_px: Tensor, bits: Tensor, shape: PanelShape) -> float:
+def contrast(
+    grey: Tensor, corners_px: Tensor, bits: Tensor, shape: PanelShape
+) -> float:
     """Say how far On and Off cells part at the true corners, in standard deviations; 0 beyond the frame."""
     high, wide = grey.shape[2:]
-    inside = (corners_px >= -0.5) & (corners_px <= corners_px.new_tensor([wide, high]) + 0.5)
+    inside = (corners_px >= -0.5) & (
+        corners_px <= corners_px.new_tensor([wide, high]) + 0.5
+    )
     if not bool(inside.all()) or bits.all() or not bits.any():
         return 0.0
     cells = Pyramid.of(grey).read_cells(corners_px[None], shape, READ_SAMPLES, 0)[0]
-    cells = cells.view(shape.rows, READ_SAMPLES, shape.columns, READ_SAMPLES)[:, 1:-1, :, 1:-1].mean((1, 3))
+    cells = cells.view(shape.rows, READ_SAMPLES, shape.columns, READ_SAMPLES)[
+        :, 1:-1, :, 1:-1
+    ].mean((1, 3))
     on, off = cells[bits], cells[~bits]
     spread = (on.var(correction=0) + off.var(correction=0) + 1).sqrt()
     return float((on.mean() - off.mean()) / spread)

@@ -13,7 +13,11 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.detector.weights import SHIPPED, Networks
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
-from vocc_torch.studies.train_detector import TrainDetectorConfig, judge_training, scout_training
+from vocc_torch.studies.train_detector import (
+    TrainDetectorConfig,
+    judge_training,
+    scout_training,
+)
 from vocc_torch.studies.train_detector.pool import Example, read_pool, save_block
 from vocc_torch.studies.train_detector.worlds import SMALL, WIDE, world
 
@@ -33,7 +37,9 @@ class RunSettings:
 SETTINGS = RunSettings()
 
 
-def run_train_detector(settings: Settings, own: TrainDetectorConfig, folder: Path) -> None:
+def run_train_detector(
+    settings: Settings, own: TrainDetectorConfig, folder: Path
+) -> None:
     """Train the detector, and write ``detector.json``. A run that was interrupted goes on.
 
     Raises:
@@ -48,11 +54,16 @@ def run_train_detector(settings: Settings, own: TrainDetectorConfig, folder: Pat
     run_folder.print_places(console, folder, [("weights", SHIPPED)])
 
 
-def pool(folder: Path, seed: int, own: TrainDetectorConfig, console: terminal.Console) -> list[Example]:
+def pool(
+    folder: Path, seed: int, own: TrainDetectorConfig, console: terminal.Console
+) -> list[Example]:
     """Render the frames that are missing, and read all."""
     (folder / POOL).mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, count, options in (("small", own.small_blocks, SMALL), ("wide", own.wide_blocks, WIDE)):
+    for name, count, options in (
+        ("small", own.small_blocks, SMALL),
+        ("wide", own.wide_blocks, WIDE),
+    ):
         for block in range(count):
             path = folder / POOL / f"{name}_{block:04d}.npz"
             paths.append(path)
@@ -63,7 +74,11 @@ def pool(folder: Path, seed: int, own: TrainDetectorConfig, console: terminal.Co
 
 
 def trained(
-    folder: Path, seed: int, own: TrainDetectorConfig, examples: Sequence[Example], console: terminal.Console
+    folder: Path,
+    seed: int,
+    own: TrainDetectorConfig,
+    examples: Sequence[Example],
+    console: terminal.Console,
 ) -> Networks:
     """Train the scout, the judge twice, the second time on places that it moved, and the verdict."""
     torch.manual_seed(seed)
@@ -74,23 +89,38 @@ def trained(
     for steps in part.rounds(own.scout_steps, SETTINGS.scout_round):
         if steps.start:
             with torch.inference_mode():
-                sampler.mine(networks.scout, np.random.default_rng((seed, steps.start, 1)))
+                sampler.mine(
+                    networks.scout, np.random.default_rng((seed, steps.start, 1))
+                )
         loss = scout_training.train_steps(
             networks.scout, part.optimiser, sampler, seed, steps, own.scout_steps
         )
-        console.print(f"scout: step {steps.stop} of {own.scout_steps}, loss {loss:.4f}", highlight=False)
+        console.print(
+            f"scout: step {steps.stop} of {own.scout_steps}, loss {loss:.4f}",
+            highlight=False,
+        )
     for again in (False, True):
         name = f"judge_{1 + again}"
-        part = Checkpoint(rounds / f"{name}.pt", networks.judge, judge_training.SETTINGS.rate)
+        part = Checkpoint(
+            rounds / f"{name}.pt", networks.judge, judge_training.SETTINGS.rate
+        )
         trainer: judge_training.JudgeTrainer | None = None
         for steps in part.rounds(own.judge_steps, SETTINGS.judge_round):
             if trainer is None:
                 data = judge_training.collected(networks, examples, seed + again, again)
                 trainer = judge_training.JudgeTrainer(data)
             loss = judge_training.train_steps(
-                networks.judge, part.optimiser, trainer, seed + again, steps, own.judge_steps
+                networks.judge,
+                part.optimiser,
+                trainer,
+                seed + again,
+                steps,
+                own.judge_steps,
             )
-            console.print(f"{name}: step {steps.stop} of {own.judge_steps}, loss {loss:.4f}", highlight=False)
+            console.print(
+                f"{name}: step {steps.stop} of {own.judge_steps}, loss {loss:.4f}",
+                highlight=False,
+            )
     seen = judge_training.judged_candidates(networks, examples, seed)
     judge_training.train_verdict(networks, seen, seed)
     return networks
@@ -107,7 +137,9 @@ class Checkpoint:
 
     def __init__(self, path: Path, net: nn.Module, rate: float) -> None:
         self.path, self.net, self.done = path, net, 0
-        self.optimiser = torch.optim.AdamW(net.parameters(), rate, weight_decay=SETTINGS.decay)
+        self.optimiser = torch.optim.AdamW(
+            net.parameters(), rate, weight_decay=SETTINGS.decay
+        )
         if path.exists():
             state: dict[str, Any] = torch.load(path, weights_only=True)
             net.load_state_dict(state["net"])
@@ -120,7 +152,11 @@ class Checkpoint:
         for start in range(self.done, steps, piece):
             end = min(start + piece, steps)
             yield range(start, end)
-            state = {"net": self.net.state_dict(), "optimiser": self.optimiser.state_dict(), "done": end}
+            state = {
+                "net": self.net.state_dict(),
+                "optimiser": self.optimiser.state_dict(),
+                "done": end,
+            }
             part = self.path.with_suffix(".part")
             torch.save(state, part)
             part.rename(self.path)

@@ -70,7 +70,10 @@ class Sampler:
     def __init__(self, examples: Sequence[Example]) -> None:
         self.examples = examples
         self.levels = [
-            [level.round().to(torch.uint8).numpy() for level in Pyramid.of(one.grey).levels]
+            [
+                level.round().to(torch.uint8).numpy()
+                for level in Pyramid.of(one.grey).levels
+            ]
             for one in examples
         ]
         self.panels: list[Place] = []
@@ -81,7 +84,9 @@ class Sampler:
                 pitch = one.pitch_px / 2**level
                 if SETTINGS.least_pitch_px <= pitch <= SETTINGS.most_pitch_px:
                     centre = one.corners_px.mean(0) / 2**level
-                    self.panels.append(Place(number, level, float(centre[0]), float(centre[1])))
+                    self.panels.append(
+                        Place(number, level, float(centre[0]), float(centre[1]))
+                    )
         self.mined: list[Place] = []
 
     def batch(self, draw: np.random.Generator) -> Crops:
@@ -97,7 +102,9 @@ class Sampler:
                 number = int(draw.integers(len(self.examples)))
                 level = min(int(draw.geometric(0.5)) - 1, len(self.levels[number]) - 1)
                 high, wide = self.levels[number][level].shape
-                place = Place(number, level, draw.uniform(0, wide), draw.uniform(0, high))
+                place = Place(
+                    number, level, draw.uniform(0, wide), draw.uniform(0, high)
+                )
             crops.append(self.crop(place, draw))
         return Crops(*(torch.stack(part) for part in zip(*crops, strict=True)))
 
@@ -107,29 +114,45 @@ class Sampler:
         corner = []
         for middle, length in ((place.x, plane.shape[1]), (place.y, plane.shape[0])):
             start = round(middle - side / 2 + draw.uniform(-0.4, 0.4) * side)
-            corner.append(min(max(start, 0), length - side) if length >= side else (length - side) // 2)
+            corner.append(
+                min(max(start, 0), length - side)
+                if length >= side
+                else (length - side) // 2
+            )
         left, top = corner
-        cut = plane[max(top, 0) : max(top + side, 0), max(left, 0) : max(left + side, 0)]
+        cut = plane[
+            max(top, 0) : max(top + side, 0), max(left, 0) : max(left + side, 0)
+        ]
         grey = np.full((side, side), cut.mean(), np.float32)
         row, column = max(-top, 0), max(-left, 0)
         grey[row : row + cut.shape[0], column : column + cut.shape[1]] = cut
         low, high = SETTINGS.gain
         gain = math.exp(draw.uniform(math.log(low), math.log(high)))
         noise = draw.uniform(0, SETTINGS.noise) * (draw.random() < SETTINGS.noisy)
-        light = grey * gain + draw.uniform(-1, 1) * SETTINGS.offset + noise * draw.standard_normal(grey.shape)
+        light = (
+            grey * gain
+            + draw.uniform(-1, 1) * SETTINGS.offset
+            + noise * draw.standard_normal(grey.shape)
+        )
         one = self.examples[place.example]
-        quad = one.corners_px.float() / 2**place.level - torch.tensor([float(left), float(top)])
+        quad = one.corners_px.float() / 2**place.level - torch.tensor(
+            [float(left), float(top)]
+        )
         kind = kind_of(one, place.level)
         plane_out = torch.from_numpy(light.clip(0, 255).astype(np.float32))
         if draw.random() < 0.5:
             plane_out, quad = (
                 plane_out.flip(1),
-                (quad * torch.tensor([-1.0, 1.0]) + torch.tensor([side, 0.0]))[[1, 0, 3, 2]],
+                (quad * torch.tensor([-1.0, 1.0]) + torch.tensor([side, 0.0]))[
+                    [1, 0, 3, 2]
+                ],
             )
         if draw.random() < 0.5:
             plane_out, quad = (
                 plane_out.flip(0),
-                (quad * torch.tensor([1.0, -1.0]) + torch.tensor([0.0, side]))[[3, 2, 1, 0]],
+                (quad * torch.tensor([1.0, -1.0]) + torch.tensor([0.0, side]))[
+                    [3, 2, 1, 0]
+                ],
             )
         if draw.random() < 0.5:
             plane_out, quad = plane_out.mT, quad.flip(1)[[0, 3, 2, 1]]
@@ -138,7 +161,9 @@ class Sampler:
     def mine(self, net: scout.Scout, draw: np.random.Generator) -> None:
         """Find places without a panel that the scout takes for one."""
         self.mined = []
-        for number in draw.permutation(len(self.examples))[: SETTINGS.mined_frames].tolist():
+        for number in draw.permutation(len(self.examples))[
+            : SETTINGS.mined_frames
+        ].tolist():
             one = self.examples[number]
             for level, plane in enumerate(self.levels[number]):
                 if min(plane.shape) < SETTINGS.least_mined_px:
@@ -152,7 +177,10 @@ class Sampler:
                     truth = one.corners_px.float() / 2**level
                     size = float((truth[0] - truth[2]).norm())
                     good &= (centre - truth.mean(0)).norm(dim=1) > 0.7 * size
-                self.mined += [Place(number, level, *map(float, at)) for at in centre[good].tolist()]
+                self.mined += [
+                    Place(number, level, *map(float, at))
+                    for at in centre[good].tolist()
+                ]
 
 
 def kind_of(example: Example, level: int) -> int:
@@ -179,23 +207,36 @@ def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     spare = (apart < SETTINGS.spare_share * size) & (kind != 0)
     nearest = apart <= apart.flatten(1).amin(1)[:, None, None].clamp(min=1e-3)
     inside = ((centre > 0) & (centre < high * stride)).all(3)
-    there = (kind == 1) & inside & ((apart < SETTINGS.near_px) | (nearest & (apart < stride)))
+    there = (
+        (kind == 1)
+        & inside
+        & ((apart < SETTINGS.near_px) | (nearest & (apart < stride)))
+    )
     logit = outputs[:, 0]
     found = logit.sigmoid()
     missed = (1 - found).square() * functional.logsigmoid(logit)
     false = found.square() * functional.logsigmoid(-logit)
-    cost = -torch.where(there, missed, torch.where(spare, 0.0, false)).sum() / there.sum().clamp(min=1)
+    cost = -torch.where(
+        there, missed, torch.where(spare, 0.0, false)
+    ).sum() / there.sum().clamp(min=1)
     picture, y, x = there.nonzero(as_tuple=True)
     quads = scout.quads_of(outputs[picture, :, y, x], torch.stack([x, y], 1))
     # Of small panels a pixel is more of a cell.
     unit = scout.SETTINGS.unit_px * (size[picture, 0, 0] / 30)[:, None, None]
-    off = functional.smooth_l1_loss(quads / unit, crops.quads[picture] / unit, beta=0.05)
+    off = functional.smooth_l1_loss(
+        quads / unit, crops.quads[picture] / unit, beta=0.05
+    )
     loss: Tensor = cost + SETTINGS.corner_weight * off * 8
     return loss
 
 
 def train_steps(
-    net: scout.Scout, optimiser: torch.optim.Optimizer, sampler: Sampler, seed: int, steps: range, whole: int
+    net: scout.Scout,
+    optimiser: torch.optim.Optimizer,
+    sampler: Sampler,
+    seed: int,
+    steps: range,
+    whole: int,
 ) -> float:
     """Take some steps of a training of ``whole`` steps, and give their mean loss."""
     total = 0.0
@@ -205,7 +246,10 @@ def train_steps(
         crops = sampler.batch(draw)
         for group in optimiser.param_groups:
             group["lr"] = (
-                SETTINGS.rate * min(1.0, (step + 1) / 100) * (1 + math.cos(math.pi * step / whole)) / 2
+                SETTINGS.rate
+                * min(1.0, (step + 1) / 100)
+                * (1 + math.cos(math.pi * step / whole))
+                / 2
             )
         loss = scout_loss(net(crops.grey), crops)
         optimiser.zero_grad()

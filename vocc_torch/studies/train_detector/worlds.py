@@ -15,7 +15,9 @@ from vocc_torch.studies.train_detector.clutter import PHOTOGRAPHS, Behind
 from vocc_torch.types import PanelShape, Scene
 
 SHAPES = (
-    ((8, 8),) * 6 + ((4, 4),) * 4 + ((4, 8), (8, 4), (16, 16), (16, 16), (8, 16), (16, 8), (8, 32), (32, 32))
+    ((8, 8),) * 6
+    + ((4, 4),) * 4
+    + ((4, 8), (8, 4), (16, 16), (16, 16), (8, 16), (16, 8), (8, 32), (32, 32))
 )
 
 
@@ -51,10 +53,17 @@ class World(NamedTuple):
 
 
 def world(
-    seed: int, block: int, options: WorldSettings = SMALL, photographs: tuple[str, ...] = PHOTOGRAPHS
+    seed: int,
+    block: int,
+    options: WorldSettings = SMALL,
+    photographs: tuple[str, ...] = PHOTOGRAPHS,
 ) -> World:
     """Render a block of frames; the same ones for the same seed, block and options."""
-    key = BlockKey(seed, "train_detector" if options == SMALL else f"train_detector {options}", block)
+    key = BlockKey(
+        seed,
+        "train_detector" if options == SMALL else f"train_detector {options}",
+        block,
+    )
     draw, frames = key.generator("world"), options.frames
     shape = PanelShape(*SHAPES[draw.integers(len(SHAPES))])
     diameter_m = options.led_pitch_m * draw.uniform(0.3, 0.95)
@@ -77,8 +86,14 @@ def world(
     )
     leds = max(shape.rows, shape.columns)
     most = min(options.most_pitch_px, options.most_fill * side / leds)
-    pitch_px = np.exp(draw.uniform(math.log(options.least_pitch_px), math.log(most), frames))
-    ambient = np.exp(draw.uniform(math.log(10 if draw.random() < 0.3 else 300), math.log(32000), frames))
+    pitch_px = np.exp(
+        draw.uniform(math.log(options.least_pitch_px), math.log(most), frames)
+    )
+    ambient = np.exp(
+        draw.uniform(
+            math.log(10 if draw.random() < 0.3 else 300), math.log(32000), frames
+        )
+    )
     reach_m = (side / pitch_px - 0.9 * leds).clip(1) * options.led_pitch_m / 2
     values = (
         ambient,
@@ -104,7 +119,9 @@ def world(
     simulator = Simulator(camera, panel, parts)
     grey = simulator.render(scene, bits, keys=keys).grey[:, 0]
     truth = simulator.true_panels(scene, keys)
-    return World(grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape, bits)
+    return World(
+        grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape, bits
+    )
 
 
 def _effects(draw: np.random.Generator, absent: float) -> dict[str, dict[str, Any]]:
@@ -114,7 +131,9 @@ def _effects(draw: np.random.Generator, absent: float) -> dict[str, dict[str, An
     effects: dict[str, dict[str, Any]] = {
         "pose": {
             "yaw_deg": ["uniform", -aslant, aslant],
-            "pitch_deg": ["uniform", -aslant, aslant] if draw.random() < 0.5 else ["uniform", -10, 10],
+            "pitch_deg": ["uniform", -aslant, aslant]
+            if draw.random() < 0.5
+            else ["uniform", -10, 10],
             "roll_deg": ["uniform", -turn, turn],
         },
         "blooming": {"sigma_px": float(draw.uniform(0.3, 1.8))},
@@ -127,7 +146,9 @@ def _effects(draw: np.random.Generator, absent: float) -> dict[str, dict[str, An
         "panel_absent": {"share": absent},
     }
     if draw.random() < 0.35:
-        effects["led_scatter"] = {"coefficient_of_variation": float(draw.uniform(0.1, 0.8))}
+        effects["led_scatter"] = {
+            "coefficient_of_variation": float(draw.uniform(0.1, 0.8))
+        }
     if draw.random() < 0.6:
         effects |= {"led_look": {}, "housing": {}}
     if draw.random() < 0.5:

@@ -56,7 +56,9 @@ class PaperFigure:
     def estimates(self, name: str) -> dict[str, Estimate]:
         """The numbers under the figure's name; one without an interval is exact."""
         return {
-            f"{name}.{key}": found if isinstance(found, Estimate) else Estimate(found, found, found)
+            f"{name}.{key}": found
+            if isinstance(found, Estimate)
+            else Estimate(found, found, found)
             for key, found in self.numbers.items()
         }
 
@@ -107,15 +109,26 @@ class Source:
             VoccError: all of their LEDs are On, or all are Off.
         """
         plan = self.plan
-        link = Link(plan.world.simulator(), None, plan.receiver.reader, plan.batch_frames)
+        link = Link(
+            plan.world.simulator(), None, plan.receiver.reader, plan.batch_frames
+        )
         keys = block_keys(plan.seed, "figures/sample", self.sample_frames)
-        observed = list(link.observe(plan.world.scene, keys, preambles=True, frames=self.sample_frames))
+        observed = list(
+            link.observe(
+                plan.world.scene, keys, preambles=True, frames=self.sample_frames
+            )
+        )
         preambles = [part.preambles for part in observed if part.preambles is not None]
-        thresholds = [preamble_threshold(known.on.average, known.off.average) for known in preambles]
+        thresholds = [
+            preamble_threshold(known.on.average, known.off.average)
+            for known in preambles
+        ]
         features = array([part.readings.features for part in observed])
         bits = torch.cat([part.bits for part in observed]).cpu().numpy()
         if bits.all() or not bits.any():
-            raise VoccError("the sample frames have no Off LED, or no On LED: the figures compare them")
+            raise VoccError(
+                "the sample frames have no Off LED, or no On LED: the figures compare them"
+            )
         return Sample(
             scene=Scene.cat([part.scene for part in observed]).to("cpu"),
             bits=bits,
@@ -128,7 +141,9 @@ class Source:
     def bits(self, name: str) -> Tensor:
         """The bits that a figure shows in all its scenes, (1,R,C) bool, by the figure's name."""
         world = self.plan.world
-        return world.scene.draw(BlockKey(self.plan.seed, f"figures/{name}", 0), world.panel.shape)[1][:1]
+        return world.scene.draw(
+            BlockKey(self.plan.seed, f"figures/{name}", 0), world.panel.shape
+        )[1][:1]
 
     def without_blooming(self) -> Simulator:
         """The plan's simulator without the blooming effect.
@@ -138,7 +153,9 @@ class Source:
         """
         effects = dict(self.plan.world.effects)
         if effects.pop("blooming", None) is None:
-            raise VoccError("scene.effects has no blooming: this figure shows what it does")
+            raise VoccError(
+                "scene.effects has no blooming: this figure shows what it does"
+            )
         return replace(self.plan.world, effects=effects).simulator()
 
     def average_greys(self, simulator: Simulator, scene: Scene, bits: Tensor) -> Floats:

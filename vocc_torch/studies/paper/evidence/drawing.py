@@ -28,7 +28,11 @@ def picture(grey: Floats) -> Draw:
 
 
 def cloud(
-    x: Floats, y: Floats, bits: Bools, labels: tuple[str, str], line: tuple[float, float, float] | None = None
+    x: Floats,
+    y: Floats,
+    bits: Bools,
+    labels: tuple[str, str],
+    line: tuple[float, float, float] | None = None,
 ) -> Draw:
     """Draw a point an LED in the colour of its status; On and Off are mixed, so that neither hides the other.
 
@@ -44,7 +48,9 @@ def cloud(
         colours = np.where(bits.ravel(), LOOK.on, LOOK.off)
         mixed = np.random.default_rng(0).permutation(colours.size)
         places = x.ravel()[mixed], y.ravel()[mixed]
-        axes.scatter(*places, s=5, c=colours[mixed], alpha=0.35, linewidths=0, rasterized=True)
+        axes.scatter(
+            *places, s=5, c=colours[mixed], alpha=0.35, linewidths=0, rasterized=True
+        )
         plots.quiet(axes, "both")
         axes.set(xlabel=labels[0], ylabel=labels[1])
         if line is not None:
@@ -58,7 +64,11 @@ def cloud(
 
 
 def histogram(
-    values: Floats, bits: Bools, label: str, threshold: float | None = None, log: bool = False
+    values: Floats,
+    bits: Bools,
+    label: str,
+    threshold: float | None = None,
+    log: bool = False,
 ) -> Draw:
     """Draw the histograms of On and of Off LEDs, and a threshold between them."""
 
@@ -72,7 +82,10 @@ def histogram(
 
 
 def steps(
-    lines: Mapping[str, Floats], labels: tuple[str, str], log: bool = False, threshold: float | None = None
+    lines: Mapping[str, Floats],
+    labels: tuple[str, str],
+    log: bool = False,
+    threshold: float | None = None,
 ) -> Draw:
     """Draw values of neighbouring pixels or grey levels as steps, by name.
 
@@ -86,7 +99,9 @@ def steps(
     def draw(axes: Axes) -> None:
         for name, values in lines.items():
             edges = np.arange(len(values) + 1) - 0.5
-            axes.stairs(values, edges, baseline=0.5 if log else None, label=name, linewidth=1.5)
+            axes.stairs(
+                values, edges, baseline=0.5 if log else None, label=name, linewidth=1.5
+            )
         plots.quiet(axes, "y")
         axes.set(xlabel=labels[0], ylabel=labels[1])
         axes.legend(frameon=False)
@@ -110,13 +125,20 @@ def arrows(grey: Floats, fields: Sequence[tuple[Floats, str]]) -> Draw:
         picture(grey)(axes)
         for vectors, colour in fields:
             longest = max(float(np.hypot(*vectors).max()), 1e-9)
-            look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "pivot": "mid", "color": colour}
+            look: dict[str, Any] = {
+                "angles": "xy",
+                "scale_units": "xy",
+                "pivot": "mid",
+                "color": colour,
+            }
             axes.quiver(*vectors, scale=longest / 1.5, **look)
 
     return draw
 
 
-def bars(shares: Mapping[str, Estimate], label: str, quoted: Mapping[str, float]) -> Draw:
+def bars(
+    shares: Mapping[str, Estimate], label: str, quoted: Mapping[str, float]
+) -> Draw:
     """Draw a row with an interval a name, and quoted values as stars.
 
     Args:
@@ -126,7 +148,9 @@ def bars(shares: Mapping[str, Estimate], label: str, quoted: Mapping[str, float]
     """
     names = list(shares)
     style = Style("", LOOK.off, "o", "-")
-    stars = {names.index(name): value for name, value in quoted.items() if name in names}
+    stars = {
+        names.index(name): value for name, value in quoted.items() if name in names
+    }
     rows = plots.Rows({"": (style, list(shares.values()))}, label, stars=stars)
 
     def draw(axes: Axes) -> None:

@@ -11,7 +11,14 @@ from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.studies.paper.evidence import Draw, PaperFigure, Sample, Source, drawing, led_rows
+from vocc_torch.studies.paper.evidence import (
+    Draw,
+    PaperFigure,
+    Sample,
+    Source,
+    drawing,
+    led_rows,
+)
 
 LABELS = {
     "average_grey": "Average grey of an LED (0 to 255)",
@@ -52,7 +59,11 @@ class Separation:
         levels = np.unique(values)
         ends = np.nextafter(levels[-1:], np.inf)
         thresholds = np.concatenate([levels[:1], (levels[1:] + levels[:-1]) / 2, ends])
-        wrong = np.searchsorted(on, thresholds) + len(off) - np.searchsorted(off, thresholds)
+        wrong = (
+            np.searchsorted(on, thresholds)
+            + len(off)
+            - np.searchsorted(off, thresholds)
+        )
         best = int(wrong.argmin())
         area = float(statistic) / (len(on) * len(off))
         return cls(area, float(wrong[best]) / bits.size, float(thresholds[best]))
@@ -82,7 +93,9 @@ def separable(values: Floats, bits: Bools) -> bool:
     """
     deviation, columns = values.std(axis=0), values.shape[1]
     scaled = (values - values.mean(axis=0)) / np.where(deviation > 0, deviation, 1.0)
-    sides = np.where(bits, 1.0, -1.0)[:, None] * np.column_stack([scaled, np.ones(len(scaled))])
+    sides = np.where(bits, 1.0, -1.0)[:, None] * np.column_stack(
+        [scaled, np.ones(len(scaled))]
+    )
     # Unknown are the weights, the offset and the margin, which is made large.
     cost = np.append(np.zeros(columns + 1), -1.0)
     ranges = [(-1.0, 1.0)] * columns + [(None, None)] * 2
@@ -91,7 +104,9 @@ def separable(values: Floats, bits: Bools) -> bool:
     return bool(found.success and (sides @ found.x[:-1]).min() > 0)
 
 
-def spread(sample: Sample, names: list[str], first: dict[str, Draw] | None = None) -> PaperFigure:
+def spread(
+    sample: Sample, names: list[str], first: dict[str, Draw] | None = None
+) -> PaperFigure:
     """Draw features alone as histograms, and features together, joined by ``+``, as clouds.
 
     Args:
@@ -116,11 +131,16 @@ def spread(sample: Sample, names: list[str], first: dict[str, Draw] | None = Non
             if len(parts) == 2:
                 line = (*pair.direction.tolist(), float(pair.threshold))
         found = Separation.of(values[name], sample.bits)
-        numbers[f"auc_{name}"], numbers[f"wrong_share_{name}"] = found.auc, found.wrong_share
+        numbers[f"auc_{name}"], numbers[f"wrong_share_{name}"] = (
+            found.auc,
+            found.wrong_share,
+        )
         label = LABELS.get(name, "score of FLDA")
         if len(parts) == 2:
             x, y = (values[part] for part in parts)
-            draw = drawing.cloud(x, y, sample.bits, (LABELS[parts[0]], LABELS[parts[1]]), line)
+            draw = drawing.cloud(
+                x, y, sample.bits, (LABELS[parts[0]], LABELS[parts[1]]), line
+            )
         else:
             draw = drawing.histogram(values[name], sample.bits, label, found.threshold)
         panels[f"{name.upper().replace('_', ' ')}\n{found.text}"] = draw
@@ -131,8 +151,15 @@ def spread(sample: Sample, names: list[str], first: dict[str, Draw] | None = Non
 def grey_and_agr(source: Source) -> PaperFigure:
     """Fig. 8: twenty of the frames, and the distributions of average grey and of AGR."""
     shown = source.sample.panels[:20]
-    rows = [np.hstack(list(shown[first : first + 5])) for first in range(0, len(shown) // 5 * 5, 5)]
-    gallery = {f"{len(rows) * 5} of the frames": drawing.picture(np.vstack(rows))} if rows else {}
+    rows = [
+        np.hstack(list(shown[first : first + 5]))
+        for first in range(0, len(shown) // 5 * 5, 5)
+    ]
+    gallery = (
+        {f"{len(rows) * 5} of the frames": drawing.picture(np.vstack(rows))}
+        if rows
+        else {}
+    )
     return spread(source.sample, ["average_grey", "agr"], gallery)
 
 
@@ -143,30 +170,50 @@ def gri_and_agr(source: Source) -> PaperFigure:
 
 def ngr_and_others(source: Source) -> PaperFigure:
     """Fig. 12: the distribution of NGR, NGR against either of the others, and all three."""
-    return spread(source.sample, ["agr", "gri", "ngr", "agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"])
+    return spread(
+        source.sample,
+        ["agr", "gri", "ngr", "agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"],
+    )
 
 
 def projection(source: Source) -> PaperFigure:
     """Figs 13 and 14: training LEDs and their projections on w, trained at the true corners."""
-    training = train(replace(source.plan, receiver=replace(source.plan.receiver, locator="truth")))
+    training = train(
+        replace(source.plan, receiver=replace(source.plan.receiver, locator="truth"))
+    )
     flda, bits = training.flda.cpu(), training.bits.numpy()
     features, threshold = training.features.double().numpy(), float(flda.threshold)
     projections = features @ flda.direction.numpy()
     wrong = (projections >= threshold) != bits
     numbers = {
-        f"w_{name}": weight for name, weight in zip(FEATURE_NAMES, flda.direction.tolist(), strict=True)
+        f"w_{name}": weight
+        for name, weight in zip(FEATURE_NAMES, flda.direction.tolist(), strict=True)
     }
-    numbers |= {"threshold": threshold, "auc_projection": Separation.of(projections, bits).auc}
-    numbers |= {"wrong_share_on": float(wrong[bits].mean()), "wrong_share_off": float(wrong[~bits].mean())}
+    numbers |= {
+        "threshold": threshold,
+        "auc_projection": Separation.of(projections, bits).auc,
+    }
+    numbers |= {
+        "wrong_share_on": float(wrong[bits].mean()),
+        "wrong_share_off": float(wrong[~bits].mean()),
+    }
     lines = np.column_stack([bits, features, projections]).tolist()
     pair = flda.select([0, 1])
     line = (*pair.direction.tolist(), float(pair.threshold))
     clouded = drawing.cloud(
-        features[:4000, 0], features[:4000, 1], bits[:4000], (LABELS["agr"], LABELS["gri"]), line
+        features[:4000, 0],
+        features[:4000, 1],
+        bits[:4000],
+        (LABELS["agr"], LABELS["gri"]),
+        line,
     )
     label = "Projection w \N{MIDDLE DOT} x of AGR, GRI and NGR"
     panels = {
         "threshold for AGR and GRI alone": clouded,
-        "projections of all three": drawing.histogram(projections, bits, label, threshold, log=True),
+        "projections of all three": drawing.histogram(
+            projections, bits, label, threshold, log=True
+        ),
     }
-    return PaperFigure([("bit", *FEATURE_NAMES, "projection"), *map(tuple, lines)], numbers, panels)
+    return PaperFigure(
+        [("bit", *FEATURE_NAMES, "projection"), *map(tuple, lines)], numbers, panels
+    )

@@ -20,7 +20,12 @@ from vocc_torch.studies.paper.evidence import PaperFigure, Rows, Source, drawing
 from vocc_torch.studies.paper.evidence.features import LABELS
 from vocc_torch.types import Frames
 
-PAPER_SHARES = {"center_greyscale": 0.05, "average_greyscale": 0.07, "flda_2": 0.12, "flda_3": 0.14}
+PAPER_SHARES = {
+    "center_greyscale": 0.05,
+    "average_greyscale": 0.07,
+    "flda_2": 0.12,
+    "flda_3": 0.14,
+}
 """Section IV-D-5 and Fig. 25: time of each bit detector over that of panel detection."""
 
 
@@ -45,25 +50,43 @@ def inward_gradients(source: Source) -> PaperFigure:
     sample, reader = source.sample, source.plan.receiver.reader
     gri, k = sample.features["gri"], reader.samples_per_led
     mixed = np.flatnonzero(sample.bits.any((1, 2)) & ~sample.bits.all((1, 2)))
-    frame = int(mixed[np.abs(sample.distance_m[mixed] - np.median(sample.distance_m)).argmin()])
+    frame = int(
+        mixed[np.abs(sample.distance_m[mixed] - np.median(sample.distance_m)).argmin()]
+    )
     panel = torch.from_numpy(sample.panels[frame])[None, None]
     slopes = image_gradient(panel, reader.gradient)[0].numpy()
     inward = radial_inward_field(k, torch.float64, torch.device("cpu")).numpy()
     numbers: dict[str, float] = {}
     panels: dict[str, evidence.Draw] = {}
-    rows: Rows = [("status", "grey", "gradient_x", "gradient_y", "inward_x", "inward_y")]
+    rows: Rows = [
+        ("status", "grey", "gradient_x", "gradient_y", "inward_x", "inward_y")
+    ]
     for status, name, colour in reversed(STATUS):
         row, column = middle_led(gri[frame], sample.bits[frame] == status)
-        cell = slice((row + 1) * k, (row + 2) * k), slice((column + 1) * k, (column + 2) * k)
+        cell = (
+            slice((row + 1) * k, (row + 2) * k),
+            slice((column + 1) * k, (column + 2) * k),
+        )
         grey, slope = sample.panels[frame][cell], slopes[:, *cell]
-        rows += [(name, *line) for line in np.stack([grey, *slope, *inward], axis=-1).reshape(-1, 5).tolist()]
+        rows += [
+            (name, *line)
+            for line in np.stack([grey, *slope, *inward], axis=-1)
+            .reshape(-1, 5)
+            .tolist()
+        ]
         numbers[f"gri_{name.lower()}"] = float(gri[frame, row, column])
-        numbers[f"gri_negative_share_{name.lower()}"] = float(np.mean(gri[sample.bits == status] < 0))
-        heading = f"{name} LED, GRI {gri[frame, row, column]:+.1f}\ngrey: inward vectors"
+        numbers[f"gri_negative_share_{name.lower()}"] = float(
+            np.mean(gri[sample.bits == status] < 0)
+        )
+        heading = (
+            f"{name} LED, GRI {gri[frame, row, column]:+.1f}\ngrey: inward vectors"
+        )
         panels[heading] = drawing.arrows(grey, [(inward, LOOK.quiet), (slope, colour)])
     distances = np.broadcast_to(sample.distance_m[:, None, None], gri.shape)
     labels = ("Distance (m)", LABELS["gri"])
-    panels["all sample frames"] = drawing.cloud(distances, gri, sample.bits, labels, (0.0, 1.0, 0.0))
+    panels["all sample frames"] = drawing.cloud(
+        distances, gri, sample.bits, labels, (0.0, 1.0, 0.0)
+    )
     return PaperFigure(rows, numbers, panels)
 
 
@@ -82,17 +105,34 @@ def middle_led(gri: Floats, chosen: Bools) -> tuple[int, int]:
 def frame_histogram(source: Source) -> PaperFigure:
     """Fig. 19: how often a grey value occurs on the sensor, in On and in Off cells, and Otsu's threshold."""
     plan, scene, bits = source.plan, evidence.paper_scene(), source.bits("histogram")
-    shape, simulator, locate = plan.world.panel.shape, plan.world.simulator(), plan.receiver.location
+    shape, simulator, locate = (
+        plan.world.panel.shape,
+        plan.world.simulator(),
+        plan.receiver.location,
+    )
     rendered = simulator.render(scene, bits)
-    frames = Frames(quantised(rendered.grey), rendered.origin_px, rendered.sensor_px, rendered.surround)
+    frames = Frames(
+        quantised(rendered.grey),
+        rendered.origin_px,
+        rendered.sensor_px,
+        rendered.surround,
+    )
     corners = simulator.true_panels(scene).corners_px
     # Each pixel is counted in the cell that its centre lies in; cells outside the panel are -1.
     (left, top), (right, bottom) = (corners[0, [0, 2]] - frames.origin_px[0]).tolist()
     grey = frames.grey[0, 0].cpu().numpy()
-    row = np.digitize(np.arange(grey.shape[0]) + 0.5, np.linspace(top, bottom, shape.rows + 1))
-    column = np.digitize(np.arange(grey.shape[1]) + 0.5, np.linspace(left, right, shape.columns + 1))
-    status = np.pad(bits[0].cpu().numpy().astype(int), 1, constant_values=-1)[np.ix_(row, column)]
-    off, on = (np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1))
+    row = np.digitize(
+        np.arange(grey.shape[0]) + 0.5, np.linspace(top, bottom, shape.rows + 1)
+    )
+    column = np.digitize(
+        np.arange(grey.shape[1]) + 0.5, np.linspace(left, right, shape.columns + 1)
+    )
+    status = np.pad(bits[0].cpu().numpy().astype(int), 1, constant_values=-1)[
+        np.ix_(row, column)
+    ]
+    off, on = (
+        np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1)
+    )
     counts = foreground.sensor_histogram(frames)[0].double().cpu().numpy()
     threshold = int(paper_stages(frames, locate.closing_px).threshold[0])
     above = slice(threshold + 1, None)
@@ -109,16 +149,22 @@ def frame_histogram(source: Source) -> PaperFigure:
     labels = ("Grey value (0 to 255)", "Pixels of the frame")
     picture = evidence.cut_out(frames, corners, shape)
     panels = {
-        f"Otsu's threshold {threshold}": drawing.steps(lines, labels, log=True, threshold=threshold + 0.5),
+        f"Otsu's threshold {threshold}": drawing.steps(
+            lines, labels, log=True, threshold=threshold + 0.5
+        ),
         "the panel": drawing.picture(picture),
-        f"grey above {threshold}": drawing.picture(np.where(picture > threshold, 255.0, 0.0)),
+        f"grey above {threshold}": drawing.picture(
+            np.where(picture > threshold, 255.0, 0.0)
+        ),
     }
     rows = np.column_stack([np.arange(256), counts, on, off]).astype(int).tolist()
     head = ("grey", "pixels", "pixels_in_on_cells", "pixels_in_off_cells")
     return PaperFigure([head, *map(tuple, rows)], numbers, panels)
 
 
-def processing_time(source: Source, budget: TimingBudget = TimingBudget()) -> PaperFigure:
+def processing_time(
+    source: Source, budget: TimingBudget = TimingBudget()
+) -> PaperFigure:
     """Fig. 25: the time of each bit detector over that of panel detection, one frame at a time.
 
     Numbers are medians over the rounds with their quartiles. Rendering and preambles are not counted.
@@ -126,10 +172,14 @@ def processing_time(source: Source, budget: TimingBudget = TimingBudget()) -> Pa
     plan = source.plan
     device = resolve_device(plan.world.device)
     frames = min(budget.training_frames, plan.budget.training_frames)
-    trained = train.train(replace(plan, budget=replace(plan.budget, training_frames=frames, trainings=1)))
+    trained = train.train(
+        replace(plan, budget=replace(plan.budget, training_frames=frames, trainings=1))
+    )
     receivers = {
         name: receiver.StagedReceiver(
-            bank.ReceiverBank([name], trained.flda), plan.receiver.reader, plan.receiver.location
+            bank.ReceiverBank([name], trained.flda),
+            plan.receiver.reader,
+            plan.receiver.location,
         )
         for name in PAPER_SHARES
     }
@@ -137,7 +187,9 @@ def processing_time(source: Source, budget: TimingBudget = TimingBudget()) -> Pa
     keys = [BlockKey(plan.seed, "figures/timing", 0)]
     exposure = stage_times.Exposure.of(world, world.scene, keys, preambles=True)
     timed = stage_times.time_stages(receivers, exposure, 1, budget.rounds, device)
-    waited = max(0.0, 1 - timed.processor_s / timed.wall_s) if device.type == "cpu" else 0.0
+    waited = (
+        max(0.0, 1 - timed.processor_s / timed.wall_s) if device.type == "cpu" else 0.0
+    )
     numbers = time_numbers(timed.by_receiver, waited, budget)
     shares = {name: numbers[f"share_{name}"] for name in PAPER_SHARES}
     label = "Time over that of panel detection"
@@ -147,7 +199,9 @@ def processing_time(source: Source, budget: TimingBudget = TimingBudget()) -> Pa
         )
     }
     rows: Rows = [("number", "median", "lower_quartile", "upper_quartile")]
-    rows += [(name, found.value, found.low, found.high) for name, found in numbers.items()]
+    rows += [
+        (name, found.value, found.low, found.high) for name, found in numbers.items()
+    ]
     return PaperFigure(rows, numbers, panels)
 
 
@@ -163,14 +217,21 @@ def time_numbers(
         budget: has that limit.
     """
     panel = times["flda_3"].summed(["locate"])
-    spent = {name: times[name].summed(stage_times.BIT_DETECTION) for name in PAPER_SHARES}
+    spent = {
+        name: times[name].summed(stage_times.BIT_DETECTION) for name in PAPER_SHARES
+    }
     two, three = spent["flda_2"], spent["flda_3"]
-    rounds = {"ms_panel_detection": panel, **{f"ms_{name}": value for name, value in spent.items()}}
+    rounds = {
+        "ms_panel_detection": panel,
+        **{f"ms_{name}": value for name, value in spent.items()},
+    }
     rounds |= {f"share_{name}": value / panel for name, value in spent.items()}
     rounds["share_longest"] = np.max(list(spent.values()), axis=0) / panel
     rounds["cost_of_ngr"] = three / two - 1
     rounds["cost_of_ngr_in_total"] = (three - two) / (panel + two)
     found = {name: stage_times.median_of(value) for name, value in rounds.items()}
     if waited > budget.most_waited:
-        found = {name: Estimate(time.value, -np.inf, np.inf) for name, time in found.items()}
+        found = {
+            name: Estimate(time.value, -np.inf, np.inf) for name, time in found.items()
+        }
     return found | {"waited_share": Estimate(waited, waited, waited)}

@@ -33,21 +33,39 @@ def grey_overlap(source: Source) -> PaperFigure:
     }
     ranks = np.argsort(np.argsort(greys.mean(axis=(1, 2)), kind="stable")).astype(float)
     frames = np.broadcast_to(ranks[:, None, None], greys.shape)
-    labels = ("sample frame, by the mean grey of the panel", "Average grey of an LED (0 to 255)")
+    labels = (
+        "sample frame, by the mean grey of the panel",
+        "Average grey of an LED (0 to 255)",
+    )
     panels = {
-        f"On LEDs are at most {highest_on[dark]:.0f}": drawing.picture(sample.panels[dark]),
-        f"Off LEDs are at least {lowest_off[bright]:.0f}": drawing.picture(sample.panels[bright]),
-        "all LEDs": drawing.cloud(frames, greys, bits, labels, (0.0, 1.0, found.threshold)),
+        f"On LEDs are at most {highest_on[dark]:.0f}": drawing.picture(
+            sample.panels[dark]
+        ),
+        f"Off LEDs are at least {lowest_off[bright]:.0f}": drawing.picture(
+            sample.panels[bright]
+        ),
+        "all LEDs": drawing.cloud(
+            frames, greys, bits, labels, (0.0, 1.0, found.threshold)
+        ),
     }
-    return PaperFigure(evidence.led_rows(bits, {"average_grey": greys}), numbers, panels)
+    return PaperFigure(
+        evidence.led_rows(bits, {"average_grey": greys}), numbers, panels
+    )
 
 
 def blooming_interference(source: Source) -> PaperFigure:
     """Figs 5 and 6: the sample's Off LED farthest above its threshold, without and with blooming."""
     clear, sample, plan = source.without_blooming(), source.sample, source.plan
-    margins = np.where(sample.bits, -np.inf, sample.greys - sample.thresholds[:, None, None])
-    frame, row, column = (int(at) for at in np.unravel_index(margins.argmax(), margins.shape))
-    scene, bits = sample.scene[slice(frame, frame + 1)], torch.from_numpy(sample.bits[frame : frame + 1])
+    margins = np.where(
+        sample.bits, -np.inf, sample.greys - sample.thresholds[:, None, None]
+    )
+    frame, row, column = (
+        int(at) for at in np.unravel_index(margins.argmax(), margins.shape)
+    )
+    scene, bits = (
+        sample.scene[slice(frame, frame + 1)],
+        torch.from_numpy(sample.bits[frame : frame + 1]),
+    )
     sharp = source.average_greys(clear, scene, bits)
     bloomed = sample.greys[frame : frame + 1]
     misread = int((margins >= 0).sum())
@@ -67,23 +85,37 @@ def blooming_interference(source: Source) -> PaperFigure:
         for simulator in (clear, plan.world.simulator())
     ]
     greys = {"without blooming": sharp[0, row], "with blooming": bloomed[0, row]}
-    labels = (f"LED column (row {row + 1}, column {column + 1} is Off)", "Average grey (0 to 255)")
+    labels = (
+        f"LED column (row {row + 1}, column {column + 1} is Off)",
+        "Average grey (0 to 255)",
+    )
     panels = {
         "without blooming": drawing.picture(pictures[0]),
         "with blooming": drawing.picture(pictures[1]),
         f"threshold {numbers['threshold']:.0f}": drawing.steps(greys, labels),
     }
-    values = {"average_grey_without_blooming": sharp, "average_grey_with_blooming": bloomed}
+    values = {
+        "average_grey_without_blooming": sharp,
+        "average_grey_with_blooming": bloomed,
+    }
     return PaperFigure(evidence.led_rows(bits.numpy(), values), numbers, panels)
 
 
 def blur_order(source: Source) -> PaperFigure:
     """Fig. 17: one panel with the same Gaussian after and before gamma encoding."""
-    world, clear, scene = source.plan.world, source.without_blooming(), evidence.paper_scene()
+    world, clear, scene = (
+        source.plan.world,
+        source.without_blooming(),
+        evidence.paper_scene(),
+    )
     bits = source.bits("blur_order")
-    before, sharp = (simulator.render(scene, bits) for simulator in (world.simulator(), clear))
+    before, sharp = (
+        simulator.render(scene, bits) for simulator in (world.simulator(), clear)
+    )
     (blur,) = effects.build_effects({"blooming": world.effects["blooming"]})
-    grey = blur(sharp.grey.to(torch.float64), effects.Context(scene, world.camera)).round()
+    grey = blur(
+        sharp.grey.to(torch.float64), effects.Context(scene, world.camera)
+    ).round()
     after = Frames(grey, sharp.origin_px, sharp.sensor_px)
     corners = clear.true_panels(scene).corners_px
     names = ("gaussian after gamma", "gaussian before gamma", "no blooming")
@@ -115,7 +147,11 @@ def contrast_panels(source: Source) -> PaperFigure:
     The interval of a contrast has its values at both ends of the range of the background's grey, which the
     paper leaves open. Interference is what blooming adds to the mean grey of Off LEDs.
     """
-    world, bits, clear = source.plan.world, source.bits("contrast"), source.without_blooming()
+    world, bits, clear = (
+        source.plan.world,
+        source.bits("contrast"),
+        source.without_blooming(),
+    )
     simulator = world.simulator()
     pictures, panels, numbers = {}, {}, {}
     for stated, light in PAPER_SCENES.items():
@@ -123,19 +159,30 @@ def contrast_panels(source: Source) -> PaperFigure:
         for grey in BACKGROUND_GREYS:
             scene = evidence.paper_scene(*light, grey)
             lit, dark = (
-                source.average_greys(simulator, scene, torch.full_like(bits, on)) for on in (True, False)
+                source.average_greys(simulator, scene, torch.full_like(bits, on))
+                for on in (True, False)
             )
             blurred.append(float(lit.mean() - dark.mean()) / 255)
             sharp.append(float(simulator.contrast(scene)))
         scene, off = evidence.paper_scene(*light), ~bits.cpu().numpy()
-        greys = [source.average_greys(one, scene, bits)[off].mean() for one in (simulator, clear)]
+        greys = [
+            source.average_greys(one, scene, bits)[off].mean()
+            for one in (simulator, clear)
+        ]
         numbers[f"interference_{stated}"] = exact(float(greys[0] - greys[1]) / 255)
-        frames, corners = simulator.render(scene, bits), simulator.true_panels(scene).corners_px
-        pictures[f"contrast_{stated}"] = evidence.cut_out(frames, corners, world.panel.shape)
+        frames, corners = (
+            simulator.render(scene, bits),
+            simulator.true_panels(scene).corners_px,
+        )
+        pictures[f"contrast_{stated}"] = evidence.cut_out(
+            frames, corners, world.panel.shape
+        )
         numbers[f"contrast_{stated}"] = Estimate(blurred[1], min(blurred), max(blurred))
         misfit = max(min(blurred) - stated / 100, stated / 100 - max(blurred), 0.0)
         numbers[f"misfit_{stated}"] = exact(misfit)
-        numbers[f"contrast_before_blur_{stated}"] = Estimate(sharp[1], min(sharp), max(sharp))
+        numbers[f"contrast_before_blur_{stated}"] = Estimate(
+            sharp[1], min(sharp), max(sharp)
+        )
         heading = f"{light[0]:.0f} lx, {light[1]:.0f} cd/m²: the paper has {stated} %\n"
         heading += f"mean greys {blurred[1]:.1%}, before blur {sharp[1]:.1%}"
         panels[heading] = drawing.picture(pictures[f"contrast_{stated}"])
