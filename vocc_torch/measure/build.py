@@ -140,8 +140,11 @@ def receiver_plan(
         chosen.append(one.name if is_target(name) else name)
     kernel = receiver.gradient
     own = reader.Reader(
-        shape, receiver.samples_per_led, kernel, tuple(outside.values())
-    )  # type: ignore[arg-type]  # checked there
+        shape,
+        receiver.samples_per_led,
+        kernel,  # type: ignore[arg-type]  # checked there
+        tuple(outside.values()),
+    )
     if not {*chosen} <= {*own.names} or len({*chosen}) < len(chosen) or not chosen:
         rule = f"of {', '.join(own.names)}, or FILE.py:NAME, each once"
         raise VoccError.of("receiver.features", chosen, rule)
