@@ -215,9 +215,8 @@ def compared(study: Findings, world: World, scene: Scene) -> list[Row]:
         glare = effects["veiling_glare"]
         veil = 10 * glare["glare_illuminance_lx"] / glare["angle_deg"] ** 2
         truth["effects.veiling_glare.luminance_cd_m2 over ambient_lx"] = veil / lux
-    if (
-        "airlight" in effects
-    ):  # it is told as a veil, and the light before it is another
+    # It is told as a veil, and the light before it is another.
+    if "airlight" in effects:
         truth = {key: value for key, value in truth.items() if "lx" not in key}
     for key in COMPARED:
         _, effect, name = key.split(".")

@@ -209,9 +209,8 @@ def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
             )
             t.append(time.perf_counter())
             spent["render"] += t[1] - t[0]
-            spent["locate"] += (
-                t[2] - t[1]
-            )  # the peer's reading is one function: location and features together
+            # The peer's reading is one function: location and features together.
+            spent["locate"] += t[2] - t[1]
             spent["decide"] += t[3] - t[2]
         return spent, np.stack(decided)
 

@@ -216,9 +216,8 @@ def main() -> None:
         f"| receiver | | {' | '.join(heads)} | no warning at all |\n" + "|---" * 8 + "|"
     )
     for locator, classifier in RECEIVERS:
-        taught_by = (
-            "truth" if locator == "learned" else locator
-        )  # as task=decode has it
+        # As task=decode has it.
+        taught_by = "truth" if locator == "learned" else locator
         receiver = vt.train("paper", locator=taught_by, classifier=classifier)
         receiver.locator = locator_named(locator, PaperLocator())
         for kind, (pictures, bits) in kinds.items():

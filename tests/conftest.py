@@ -69,9 +69,8 @@ def without_a_job():
 def app(tmp_path, monkeypatch, capsys):
     """Run the command line in this process, from an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv(
-        "HYDRA_FULL_ERROR", "1"
-    )  # so that the command line's own setting is undone
+    # So that the command line's own setting is undone.
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
 
     def run(*arguments):
         GlobalHydra.instance().clear()

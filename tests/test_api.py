@@ -57,9 +57,8 @@ def test_measure_counts_what_the_command_line_counts(app, tmp_path):
     assert {(row.receiver, row.value): row.bit_errors for row in table.rows} == wanted
     assert sum(wanted.values()) > 0
     assert sum(seen) == 128
-    kept = vt.Receiver.load(
-        tmp_path / "runs" / "x" / "receiver.pt"
-    )  # the classifier, not FLDA
+    # The classifier, not FLDA.
+    kept = vt.Receiver.load(tmp_path / "runs" / "x" / "receiver.pt")
     own = receivers["lmmse"]
     assert (kept.name, kept.calibration, kept.trained_on) == (
         own.name,

@@ -81,11 +81,10 @@ def shown(value: object) -> str:
         >>> shown("50"), shown(10**400)
         ("'50'", '1000000000000000000...0000000000000000000')
     """
+    # An object may refuse to be written, as whole numbers of over 4300 digits do.
     try:
         text = " ".join(repr(value).split())
-    except (
-        Exception
-    ):  # an object may refuse to be written, as whole numbers of over 4300 digits do
+    except Exception:
         return f"of the type {type(value).__name__}"
     return text if len(text) <= 41 else f"{text[:19]}...{text[-19:]}"
 

@@ -265,9 +265,8 @@ def sweep(paths: Iterable[Path]) -> None:
     """
     for path in paths if sys.platform != "win32" else ():
         if made := re.fullmatch(r"\..+\.(\d{1,9})(-\d+)?\.tmp(\..+)?", path.name):
-            with suppress(
-                OSError
-            ):  # the process is another user's, or the path is no file
+            # The process is another user's, or the path is no file.
+            with suppress(OSError):
                 try:
                     os.kill(int(made[1]), 0)
                 except ProcessLookupError:

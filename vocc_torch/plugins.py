@@ -397,9 +397,8 @@ class PlugIn:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
             reason = " ".join(str(error.__cause__ or error).split())
-            with suppress(
-                TypeError, ValueError
-            ):  # of classes that cannot be looked into
+            # Of classes that cannot be looked into.
+            with suppress(TypeError, ValueError):
                 taken = inspect.signature(kind).parameters
                 strays = [name for name in arguments if name not in taken]
                 if strays and not any(

@@ -366,11 +366,12 @@ def spent(settings):
     """What a task's results come from, as the package itself names it, and the settings of its own."""
     task, study = settings.task, built(settings)
     plan = build_plan(settings, NOWHERE)
+    # Which name no receivers; train alone narrows scenes.
     if task in (
         "train",
         "decode",
         "export_receiver",
-    ):  # which name no receivers; train alone narrows scenes
+    ):
         scenes = plan.experiment.training if task == "train" else {}
         one, experiment = (
             replace(plan.receiver, names=("flda_3",)),
@@ -491,9 +492,8 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
                 )
         try:
             refuse_ignored(settings, [word])
-            if key in LATER and (
-                key != "scene.name" or task == "test"
-            ):  # the study reads it, or its section
+            # The study reads it, or its section.
+            if key in LATER and (key != "scene.name" or task == "test"):
                 done = any(
                     f"{of}.{key.rpartition('.')[2]}" in source
                     for of in ("settings", "config")
@@ -520,9 +520,8 @@ def test_with_a_model_what_it_was_made_with_is_refused():
         replace(of("decode"), model="r.pt"),
         {"name", "device", "input", "model", "plug_ins"},
     )
-    used.add(
-        "receiver.false_alarms"
-    )  # of which the model has one, and another may be given
+    # Of which the model has one, and another may be given.
+    used.add("receiver.false_alarms")
     for key, value in OTHER.items():
         if (
             key in used

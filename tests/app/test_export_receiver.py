@@ -130,9 +130,8 @@ def test_onnxruntime_decides_as_torch_does(exported):
     frames, corners = next(crops(study, 50))
     bits, scores, ratios = run(frames, corners)
     torch.testing.assert_close(receiver.calibration(scores), ratios, rtol=0, atol=0)
-    corners[0] = (
-        torch.nan
-    )  # which nothing refuses there, and which touches no other frame
+    # Which nothing refuses there, and which touches no other frame.
+    corners[0] = torch.nan
     assert torch.equal(run(frames, corners)[0][1:], bits[1:])
     assert run(frames[:1], corners[:1])[0].shape == (1, 8, 8)
 

@@ -195,9 +195,8 @@ def test_whoever_loads_it_reads_the_same_bits(kept, mine, monkeypatch, count):
             read[name].corners_px,
         )
         assert torch.equal(wanted[0], again[0]), name
-        for one, other in zip(
-            wanted, again, strict=True
-        ):  # a solver may round by where its numbers lie
+        # A solver may round by where its numbers lie.
+        for one, other in zip(wanted, again, strict=True):
             torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9)
         assert read[name].found.all(), name
 
@@ -339,9 +338,8 @@ def gaussian(seed, count, scale):
     """Scores whose true log-likelihood ratio is known, times a scale that hides it."""
     draw = np.random.default_rng(seed)
     bits = draw.random(count) < 0.5
-    ratio = draw.normal(
-        2.0 * np.where(bits, 1, -1), 2.0
-    )  # N(+-2, 4): the ratio is the value itself
+    # N(+-2, 4): the ratio is the value itself.
+    ratio = draw.normal(2.0 * np.where(bits, 1, -1), 2.0)
     return torch.from_numpy(scale * ratio), torch.from_numpy(bits), ratio
 
 

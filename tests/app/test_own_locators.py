@@ -252,9 +252,8 @@ def test_of_own_weights_no_rate_is_stated(here, monkeypatch):
         VoccError, match=r"^receiver.false_alarms is 0.001: .* locator is own_learned"
     ):
         rows_of(here / "b", "model=a/receiver.pt", "receiver.false_alarms=1e-3")
-    monkeypatch.setattr(
-        import_module("vocc_torch.measure.train"), "receiver_for", None
-    )  # it is told before anything is learned
+    # It is told before anything is learned.
+    monkeypatch.setattr(import_module("vocc_torch.measure.train"), "receiver_for", None)
     with pytest.raises(
         VoccError,
         match=r"weights nothing.json does not exist: give a file that benchmarks",

@@ -374,9 +374,8 @@ def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
     monkeypatch.setattr(executors.timing, "usable_cores", lambda: 64)
     with Workers(None) as pool:
         assert (pool.window, pool.submit(abs, -1).result(), pools) == (1, 1, [])
-        assert (
-            pool.submit(spin, 0.1).result() == 1
-        )  # one thread, whatever torch's number is
+        # One thread, whatever torch's number is.
+        assert pool.submit(spin, 0.1).result() == 1
         assert pool.submit(abs, -2).result() == 2
     assert [one.slots() for one in pools] == [8]
     assert pools[0].opened == -1

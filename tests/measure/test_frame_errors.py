@@ -69,9 +69,13 @@ def test_the_first_frames_are_counted_alone():
     half = np.array([[2, 64, 0, 8], [0, 64, 4, 0]])
     found = half != 64
     first = FrameErrors(half, found, LEDS).first(2)
-    assert [(one.frames, one.half_errors, one.panels_missed) for one in first.counts] == [
-        (2, 66, 1), (2, 64, 1),
-    ]  # fmt: skip
+    # Fmt: skip.
+    assert [
+        (one.frames, one.half_errors, one.panels_missed) for one in first.counts
+    ] == [
+        (2, 66, 1),
+        (2, 64, 1),
+    ]
     assert first.compared(1, 0).value == -2 / (2 * 2 * LEDS)
 
 

@@ -50,15 +50,16 @@ def test_rates_limits_and_cells_without_errors():
 
 def test_a_limit_takes_wrong_frames_to_be_as_bad_as_the_worst_of_the_nearest():
     clean = Counts(1000, 64_000)
-    near = Counts(
-        1000, 64_000, half_errors=10, half_errors_squared=100, frame_errors=1
-    )  # 5 bits
+    # 5 bits.
+    near = Counts(1000, 64_000, half_errors=10, half_errors_squared=100, frame_errors=1)
+    # 6 bits.
     below = Counts(
         1000, 64_000, half_errors=24, half_errors_squared=288, frame_errors=2
-    )  # 6 bits
+    )
+    # 64 bits.
     far = Counts(
         1000, 64_000, half_errors=128, half_errors_squared=128**2, frame_errors=1
-    )  # 64 bits
+    )
     grid = grid_of(
         {"a": [[clean, near, far], [below, clean, clean]]}, AMBIENT[:2], LUMINANCE[:3]
     )

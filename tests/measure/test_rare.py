@@ -318,9 +318,8 @@ def test_failed_locations_teach_patterns_and_no_leds():
     seen = seen_of(bits, margins, np.ones(400), failed)
     guess = TiltedScenes.of(SceneModel(), rare.first_guess(shape, locates=True))
     _, dark, *weak = rare.learned(guess, [seen], shape)
-    best = dark.maps[
-        np.argsort(dark.places)[-4:]
-    ]  # a panel looks the same from all four sides
+    # A panel looks the same from all four sides.
+    best = dark.maps[np.argsort(dark.places)[-4:]]
     at_sides = [
         [bool((np.rot90(one, k)[:2] < 0.1).all()) for k in range(4)] for one in best
     ]

@@ -90,9 +90,8 @@ def condition_number(x: Array, on: Bits) -> float:
     """
     centred = x.copy()
     for bit in (False, True):
-        rows = (
-            x[on == bit] - x[on == bit][0]
-        )  # exact where the features lie at an offset
+        # Exact where the features lie at an offset.
+        rows = x[on == bit] - x[on == bit][0]
         centred[on == bit] = rows - rows.mean(axis=0)
     values = np.linalg.svd(
         centred / np.sqrt((centred**2).mean(axis=0)), compute_uv=False

@@ -153,9 +153,8 @@ def confidence_near_0_and_1():
     for confidence in CONFIDENCES:
         interval = ber_interval(some, confidence)
         assert ordered(interval.low, some.ber, interval.high)
-        assert (
-            interval.high - interval.low >= reach
-        )  # more confidence is never a narrower interval
+        # More confidence is never a narrower interval.
+        assert interval.high - interval.low >= reach
         reach = interval.high - interval.low
         plain = clopper_pearson(3, 50, confidence)
         tail = (1 - confidence) / 2
@@ -204,9 +203,8 @@ def a_million_million_bits():
         assert (counts.ber - end.low, end.high - counts.ber) == pytest.approx(
             (half_width, half_width), rel=1e-3
         )
-    rare = ber_interval(
-        wrong_frames(10 * frames, leds, {2: 50})
-    )  # the most bits that there may be
+    # The most bits that there may be.
+    rare = ber_interval(wrong_frames(10 * frames, leds, {2: 50}))
     assert rare.low < 5e-12 < rare.high < 2e-11
     paired = paired_interval(compared(frames, leds, {2: 10**6}, {2: 10**6 - 5000})[2])
     assert paired.real

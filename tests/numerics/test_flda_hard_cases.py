@@ -81,9 +81,8 @@ def a_constant_feature():
     x, bits = clouds(1)
     alone = fitted(x, bits)
     for value in (0.0, 0.1, -1e12):
-        wide = torch.cat(
-            [x, value * (1 + 5e-16 * x[:, :1])], dim=1
-        )  # but for a digit of rounding
+        # But for a digit of rounding.
+        wide = torch.cat([x, value * (1 + 5e-16 * x[:, :1])], dim=1)
         flda = fitted(wide, bits, singular("constant features [3] get weight 0"))
         assert flda.direction[3] == 0
         close(flda.direction[:3], alone.direction)
@@ -122,9 +121,8 @@ def fewer_samples_than_features():
         assert flda.direction.isfinite().all()
         assert torch.equal(flda.predict(x), bits)
         off, on = flda(x)[~bits], flda(x)[bits]
-        assert max(off.std(), on.std()) < 1e-3 * (
-            on.mean() - off.mean()
-        )  # each class at one point
+        # Each class at one point.
+        assert max(off.std(), on.std()) < 1e-3 * (on.mean() - off.mean())
 
 
 @hard("condition numbers on both sides of 1e12")
@@ -370,9 +368,8 @@ def a_count_that_overflows():
     bits = torch.arange(200) % 4 == 1
     flda = FLDA(3).update(x, bits)
     for _ in range(55):
-        flda.merge(
-            flda
-        )  # once more, and 150 times 2^56 Off samples are beyond 2^63, the On samples are not
+        # Once more, and 150 times 2^56 Off samples are beyond 2^63, the On samples are not.
+        flda.merge(flda)
     refused(TOO_MANY, lambda: flda.merge(flda))
     same_rule(flda, fitted(x, bits), x)
 
@@ -449,10 +446,11 @@ def stray_bits():
 @hard("a score of exactly 0")
 def a_score_of_zero():
     x, bits = clouds(28, samples=64)
+    # Means of 32 whole numbers, exact in float64.
     x, bits = (
         (8 * x).round(),
         torch.arange(64) % 2 == 1,
-    )  # means of 32 whole numbers, exact in float64
+    )
     for labels in (bits, ~bits):
         flda = fitted(x, labels)
         middle = flda.mean.mean(dim=0)

@@ -160,9 +160,8 @@ FAILURES = re.findall(r"(?m)^(\S+ .*?): (answered|\S.*)\n((?: {4}.*\n)+)", ONCE_
 )
 def test_what_once_failed(name, line, changes):
     words = (word.strip().partition("=") for word in changes.split(";"))
-    values = {
-        key: eval(value, {}) for key, _, value in words
-    }  # plain numbers, lists and mappings
+    # Plain numbers, lists and mappings.
+    values = {key: eval(value, {}) for key, _, value in words}
     outcome = run(Case(SMALL | values))
     assert (outcome.line or outcome.kind).startswith(line), outcome
 

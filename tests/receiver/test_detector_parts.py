@@ -37,9 +37,10 @@ def test_readings_between_pixels_are_opencvs():
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
+    # OpenCV's steps.
     assert (
         bilinear(plane, at)[0] - torch.from_numpy(wanted[:, 0])
-    ).abs().max() < 255 / 32 + 1e-3  # OpenCV's steps
+    ).abs().max() < 255 / 32 + 1e-3
 
 
 def test_cells_are_read_through_the_homography_of_opencv():
@@ -171,9 +172,8 @@ def test_two_levels_are_parted_as_otsu_does():
     values = torch.randn(20, 64, generator=torch.Generator().manual_seed(5)).double()
     values += torch.linspace(0, 12, 20)[:, None] * BITS.flatten()
     for one, parted in zip(values.numpy(), two_levels(values)[0].tolist(), strict=True):
-        high = (
-            one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
-        )  # to the end of the bin
+        # To the end of the bin.
+        high = one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
         within = high.mean() * one[high].var() + (~high).mean() * one[~high].var()
         assert parted == pytest.approx(
             np.log((one.var() - within + 1) / (within + 1)), abs=1e-3

@@ -89,9 +89,8 @@ def test_direction_and_scores_are_scikit_learns(x, on, solver):
     w, w_oracle = flda.direction.numpy(), oracle.coef_[0]
     cosine = w @ w_oracle / np.linalg.norm(w) / np.linalg.norm(w_oracle)
     assert cosine > 1 - 1e-9
-    np.testing.assert_allclose(
-        w, w_oracle, rtol=0, atol=1e-9 * np.abs(w_oracle).max()
-    )  # the scale too
+    # The scale too.
+    np.testing.assert_allclose(w, w_oracle, rtol=0, atol=1e-9 * np.abs(w_oracle).max())
     # scikit-learn's default priors are the classes' shares; without them its threshold is Eq. 19's.
     equal_priors = oracle.decision_function(x) - np.log(on.mean() / (1 - on.mean()))
     scores = flda(torch.from_numpy(x)).numpy()
@@ -191,9 +190,8 @@ def test_state_dict_round_trip_through_a_file(assign):
     file.seek(0)
     state = torch.load(file, weights_only=True)
     fresh, used = FLDA(3), FLDA(3).fit(*clouds(14))
-    assert not torch.equal(
-        used.direction, flda.direction
-    )  # solved before loading: it must be forgotten
+    # Solved before loading: it must be forgotten.
+    assert not torch.equal(used.direction, flda.direction)
     for other in (fresh, used):
         other.load_state_dict(state, assign=assign)
         same(other, flda, rtol=0)
@@ -219,9 +217,8 @@ def test_moving_to_a_gpu_and_learning_there():
 
 def test_rounding_in_the_means_of_collinear_features_is_not_taken_for_separation():
     x, y = clouds(25, features=1)
-    x = torch.where(
-        y.unsqueeze(1), x - x[y].mean() + 1e-7, x - x[~y].mean()
-    )  # means all but equal
+    # Means all but equal.
+    x = torch.where(y.unsqueeze(1), x - x[y].mean() + 1e-7, x - x[~y].mean())
     with pytest.warns(FLDAWarning, match="collinear.*least-norm solution"):
         flda = FLDA(2).fit(torch.cat([x, 1e4 - 0.7 * x], dim=1), y)
     assert flda.direction[1].item() == pytest.approx(
@@ -231,9 +228,8 @@ def test_rounding_in_the_means_of_collinear_features_is_not_taken_for_separation
 
 def test_the_warning_comes_once_per_change_of_the_statistics():
     x = torch.tensor([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [3.0, 1.0]])
-    flda = FLDA(2).update(
-        x, torch.tensor([0, 0, 1, 1])
-    )  # streaming does not solve, so does not warn
+    # Streaming does not solve, so does not warn.
+    flda = FLDA(2).update(x, torch.tensor([0, 0, 1, 1]))
     with pytest.warns(FLDAWarning) as caught:
         _ = flda.direction, flda.threshold, flda(x), flda.predict(x)
     assert len(caught) == 1
@@ -257,9 +253,8 @@ def test_mismatched_features_are_refused():
         wanted = f"features is {chosen}: it must name distinct features from 0 to 1"
         with pytest.raises(VoccError, match=f"^{re.escape(wanted)}$"):
             flda.select(chosen)
-    assert torch.equal(
-        flda.select([True, False]).mean, flda.select([1, 0]).mean
-    )  # Python's numbers, no mask
+    # Python's numbers, no mask.
+    assert torch.equal(flda.select([True, False]).mean, flda.select([1, 0]).mean)
     for use, wrong, says in (
         (flda.select, 5, "features is 5: it must be of type Iterable"),
         (flda.merge, 5, "other is 5: it must be of type FLDA"),

@@ -134,10 +134,11 @@ def test_a_trimmed_frame_is_the_frame_on_one_grey_value():
         again[y : y + height, x : x + width] = grey[0]
         np.testing.assert_array_equal(again, frame)
     assert torch.equal(sensor_histogram(crop), sensor_histogram(whole))
+    # Uneven in the first row; in a block that the border cuts.
     for place in (
         (0, 3),
         (300, 399),
-    ):  # uneven in the first row; in a block that the border cuts
+    ):
         full[2][place] ^= 1
         assert trimmed(whole) is whole
         full[2][place] ^= 1

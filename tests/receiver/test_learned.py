@@ -207,10 +207,11 @@ def test_a_panel_that_goes_on_beyond_the_picture_is_none():
     panel = torch.tensor(
         [[50.0, 40.0], [82.0, 40.0], [82.0, 56.0], [50.0, 56.0]]
     ).double()
+    # Of cells of 2 px.
     scales, shape = (
         Pyramid.of(torch.zeros(1, 1, 90, 120), 12),
         PanelShape(8, 16),
-    )  # of cells of 2 px
+    )
     for to_border in ((-50, 0), (38, 0), (0, -40), (0, 34)):
         at = panel + torch.tensor(to_border)
         beyond = torch.tensor(to_border).sign() * torch.tensor([0.8, 1.2])[:, None]
@@ -344,9 +345,8 @@ def test_two_levels_are_parted_as_otsu_does():
     values = torch.randn(20, 8, 8, generator=torch.Generator().manual_seed(5)).double()
     values += torch.linspace(0, 12, 20)[:, None, None] * BITS
     for one, parted in zip(values.numpy(), two_levels(values).tolist(), strict=True):
-        high = (
-            one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
-        )  # to the end of the bin
+        # To the end of the bin.
+        high = one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
         within = (high.mean() * one[high].var()) + ((~high).mean() * one[~high].var())
         assert parted == pytest.approx(
             np.log((one.var() - within + 1) / (within + 1)), abs=1e-3

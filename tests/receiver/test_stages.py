@@ -65,9 +65,8 @@ def test_one_receiver_alone_decides_as_among_all_and_measures_no_more(
     )[name]
     staged = StagedReceiver(ReceiverBank([name], flda, {"otsu": OTSU}), Reader())
     if name == "center_greyscale":
-        monkeypatch.setattr(
-            resample, "_read", None
-        )  # no panel is resampled for single pixels
+        # No panel is resampled for single pixels.
+        monkeypatch.setattr(resample, "_read", None)
     patches = staged.rectify(takes[0], panels)
     measured = staged.measure(takes[0], panels, patches)
     given = Preambles(on, off) if name in GREYSCALE_RECEIVERS else None

@@ -78,9 +78,8 @@ def test_a_film_turned_by_its_header_is_read_upright(
     """The display matrix is written into the container, as telephones do."""
     path = write_film(tmp_path / "flat.mp4", frames)
     content = path.read_bytes()
-    place = (
-        content.index(b"tkhd") + 4 + 4 + 20 + 16
-    )  # past version, times, track, length, layer and volume
+    # Past version, times, track, length, layer and volume.
+    place = content.index(b"tkhd") + 4 + 4 + 20 + 16
     cosine, sine = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
     matrix = np.array(
         [cosine << 16, sine << 16, 0, -sine << 16, cosine << 16, 0, 0, 0, 1 << 30],
@@ -88,9 +87,8 @@ def test_a_film_turned_by_its_header_is_read_upright(
     )
     path.write_bytes(content[:place] + matrix.tobytes() + content[place + 36 :])
     read = list(read_film(path, "luma", grey_only=grey_only))
-    upright = cv2.rotate(
-        frames[0], (degrees // 90) - 1
-    )  # OpenCV counts quarter turns clockwise from 0
+    # OpenCV counts quarter turns clockwise from 0.
+    upright = cv2.rotate(frames[0], (degrees // 90) - 1)
     assert np.asarray(read[0].grey).shape == upright.shape
     assert distance(read[0].grey, upright) < 4
     assert read[0].note == f"turned by {degrees} degrees as the film's header says"

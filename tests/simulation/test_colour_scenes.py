@@ -241,9 +241,8 @@ def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     raw = shot(coloured | {"bayer": {}}, framing="full")
     assert raw.colour is None
     one = shot({**NOISE, "bayer": {}}, framing="full")
-    assert torch.equal(
-        raw.grey, one.grey
-    )  # white LEDs before a mosaic: as without colour
+    # White LEDs before a mosaic: as without colour.
+    assert torch.equal(raw.grey, one.grey)
 
 
 @pytest.mark.parametrize(

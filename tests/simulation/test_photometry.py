@@ -111,16 +111,14 @@ def test_grey_and_slope_are_eq_1_wherever_there_is_light(gamma, dtype):
     assert grey.dtype == slope.dtype == dtype
     # Two roundings of the working precision; float64's logarithm costs up to 1e-13 at 1e-308.
     within = 4 * torch.finfo(dtype).eps if dtype == torch.float32 else 4e-13
-    least = 1e3 * float(
-        torch.finfo(dtype).tiny
-    )  # the square of a smallest number is 0, and so is its slope
+    # The square of a smallest number is 0, and so is its slope.
+    least = 1e3 * float(torch.finfo(dtype).tiny)
     most = float(torch.finfo(dtype).max)
     for ours, theirs in zip(
         grey.tolist() + slope.tolist(), greys + slopes, strict=True
     ):
-        if (
-            theirs < most
-        ):  # slopes at the smallest numbers are beyond float32's range for gamma 4
+        # Slopes at the smallest numbers are beyond float32's range for gamma 4.
+        if theirs < most:
             assert ours == pytest.approx(theirs, rel=within, abs=least)
 
 

@@ -245,9 +245,8 @@ def test_a_photograph_stands_behind_in_the_light_that_it_shows(tmp_path):
     low, high = grey[~plain].amin((1, 2)), grey[~plain].amax((1, 2))
     assert (high / low).numpy() == pytest.approx(3**2.2, rel=1e-5)
     assert ((low + high) / 2).numpy() == pytest.approx(51, rel=1e-5)
-    assert (
-        len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1
-    )  # crops of their own
+    # Crops of their own.
+    assert len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1
 
 
 def test_folders_without_pictures_are_refused(tmp_path):

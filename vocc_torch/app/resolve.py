@@ -80,9 +80,8 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
     """
     try:
         plain: Any = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        for key, kind in keys_of(
-            AppConfig
-        ).items():  # an interpolation can bring what is no section or list
+        # An interpolation can bring what is no section or list.
+        for key, kind in keys_of(AppConfig).items():
             value = reduce(lambda held, name: held.get(name), key.split("."), plain)
             if (is_dataclass(kind) or get_origin(kind) is dict) and not isinstance(
                 value, dict
@@ -96,9 +95,8 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
                     else "a list of numbers, as in [1,2]"
                 )
                 raise VoccError.of(key, shown(value), rule)
-        typed = OmegaConf.merge(
-            schema(), plain
-        )  # what interpolations brought has a type too
+        # What interpolations brought has a type too.
+        typed = OmegaConf.merge(schema(), plain)
         parts = [("messages.record", "record", typed.messages.record)]
         parts.append(("messages.signalling", "transmit", typed.messages.signalling))
         for place in ("rivals.experiments", "figures.experiments"):
@@ -160,9 +158,8 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
     task, experiment = settings.task, settings.experiment
     for word in words:
         key, _, value = word.lstrip("+~").partition("=")
-        key = key.rpartition("@")[
-            2
-        ]  # where a group goes: scene@rivals.scenes.night=fog
+        # Where a group goes: scene@rivals.scenes.night=fog.
+        key = key.rpartition("@")[2]
         place = "classifiers" if key == "classifier" else key
         group, _, name = place.partition(".")
         said = f"{key} is {value}" if value else word

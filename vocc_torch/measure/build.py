@@ -93,9 +93,8 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
             f"false for task={settings.task}: only task=test uses it",
         )
     if settings.task not in plans.TRAINS_OFTEN:
-        budget = replace(
-            budget, trainings=1
-        )  # of a named budget; where it is typed it is refused
+        # Of a named budget; where it is typed it is refused.
+        budget = replace(budget, trainings=1)
     receivers = receiver_plan(
         settings, world.panel.shape, settings.task in ("train", "decode", "receive")
     )

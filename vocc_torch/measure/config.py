@@ -136,10 +136,11 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Check the distributions, the axes and their values."""
+        # Which needs torch.
         from vocc_torch.simulation.scene import (
             SCENE_FIELDS,
             parsed_scene,
-        )  # which needs torch
+        )
 
         self.values, self.rows = tuple(self.values), tuple(self.rows)
         for part in ("scene", "training"):

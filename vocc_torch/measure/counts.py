@@ -215,9 +215,8 @@ class WeightedCounts(Counts):
     weighted_squares: int = 0
     squares: int = 0
     fourths: int = 0
-    least_frames: ClassVar[int] = (
-        128 * BLOCK_FRAMES
-    )  # few frames may have most of the weight
+    # Few frames may have most of the weight.
+    least_frames: ClassVar[int] = 128 * BLOCK_FRAMES
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give."""

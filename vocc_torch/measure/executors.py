@@ -485,9 +485,8 @@ def about_run(kind: str) -> bytes:
         VoccError: such files where they cannot go.
     """
     files = plugins.carried() if kind in CLUSTERS else {}
-    if (
-        files and kind == "dask"
-    ):  # whose workers outlive the run, and its files' modules with them
+    # Whose workers outlive the run, and its files' modules with them.
+    if files and kind == "dask":
         cannot = f"executor.kind is dask, and {next(iter(files))} cannot go with it"
         raise VoccError(f"{cannot}: it must be ray, or one on this machine")
     return pickle.dumps((releases(), files))

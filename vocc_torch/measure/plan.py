@@ -311,9 +311,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """
     told, experiment = _plain(plan), plan.experiment
     del told["world"]["device"], told["receiver"]["save"]
-    if (
-        plan.receiver.false_alarms == ReceiverPlan.false_alarms
-    ):  # as ledgers were before there was a choice
+    # As ledgers were before there was a choice.
+    if plan.receiver.false_alarms == ReceiverPlan.false_alarms:
         del told["receiver"]["false_alarms"]
     for one in told["receiver"]["classifiers"]:
         one["training"]["checkpoints"] = None  # where they are changes no weight

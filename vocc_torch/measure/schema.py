@@ -112,9 +112,8 @@ def empty(schema: type) -> DictConfig:
     OmegaConf.set_readonly(config, None)
     for key, kind in keys_of(schema).items():
         if isinstance(kind, type) and is_dataclass(kind):
-            OmegaConf.set_readonly(
-                OmegaConf.select(config, key), None
-            )  # frozen dataclasses take values too
+            # Frozen dataclasses take values too.
+            OmegaConf.set_readonly(OmegaConf.select(config, key), None)
     return config
 
 

@@ -101,9 +101,8 @@ class Store(AbstractContextManager["Store"]):
                 raise VoccError(f"{_shown(path)} {no}")
             if there and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
-            if there and not os.access(
-                path, os.W_OK
-            ):  # SQLite would open it for reading alone
+            # SQLite would open it for reading alone.
+            if there and not os.access(path, os.W_OK):
                 raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)

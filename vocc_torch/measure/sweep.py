@@ -177,9 +177,8 @@ def run_studies(
 
     def points() -> Iterator[runner.Point]:
         for study, value in places:
-            rule = replace(
-                study.plan.budget, frames=study.plan.frames_in_point
-            )  # those of all bins
+            # Those of all bins.
+            rule = replace(study.plan.budget, frames=study.plan.frames_in_point)
             job = prepare(study, banks[study.key], value, workers)
             yield runner.Point(
                 job, rule, stores.get(study.key), partial(progress, study, value)

@@ -229,10 +229,11 @@ class FLDA(torch.nn.Module):
         self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
     ) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
+        # There are no modules within to recurse into.
         kept, solution = (
             self.statistics,
             self._solution,
-        )  # there are no modules within to recurse into
+        )
         super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
         if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
             self._store(kept)
@@ -253,9 +254,8 @@ class FLDA(torch.nn.Module):
         self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
         self.scatter, self._solution = self.scatter.to(torch.float64), None
         if bool((self.count > 0).all()):
-            with suppress(
-                VoccError
-            ):  # statistics that are none are refused where they are used
+            # Statistics that are none are refused where they are used.
+            with suppress(VoccError):
                 self._solved()  # here, for nothing can be solved within a graph
 
 

@@ -20,9 +20,8 @@ from vocc_torch.types import Frames
 class RegionSettings:
     """What is counted as uneven, and what stands out of the background."""
 
-    large_frame_px: int = (
-        1 << 16
-    )  # in smaller frames looking for what is uneven costs more than it saves
+    # In smaller frames looking for what is uneven costs more than it saves.
+    large_frame_px: int = 1 << 16
     counted_px: int = 1 << 12  # from so many on frames are counted one by one
     tile_blocks: int = (
         15  # along the side of a tile, whose median is taken for background

@@ -25,13 +25,14 @@ class FollowFitSettings:
         0.5  # share that two levels explain of a panel that stands still
     )
     good_share: float = 0.95  # of the share that they explained before
+    # Of fields 1, u, v, uv and blur, per square cell, in variances.
     free_costs: tuple[float, ...] = (
         4.0,
         16.0,
         16.0,
         400.0,
         16.0,
-    )  # of fields 1, u, v, uv and blur, per square cell, in variances
+    )
     around_samples: int = 6  # to either side, of which the mean is taken away
     blur_cells: float = 0.35  # with which a spot is told from what is around
     spot_share: float = 0.1  # of the brightest spot, from which on one is seen

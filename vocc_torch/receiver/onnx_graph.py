@@ -110,9 +110,8 @@ def write_graph(
     sizes = ({0: batch, 1: height, 2: width}, {0: batch})[: len(given)]
     function, disabled = TensorReceiver(receiver), logging.root.manager.disable
     with torch.no_grad(), warnings.catch_warnings():
-        function(
-            *given
-        )  # what its parts work out once and keep is numbers from then on
+        # What its parts work out once and keep is numbers from then on.
+        function(*given)
         warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
         try:

@@ -24,9 +24,8 @@ class ResampleSettings:
     most_px: float = (
         1e15  # corners farther than this from the sensor's corner are no corners
     )
-    most_readings: int = (
-        1 << 22
-    )  # of one frame: what 8 x 8 LEDs of 200 px with K = 8 take
+    # Of one frame: what 8 x 8 LEDs of 200 px with K = 8 take.
+    most_readings: int = 1 << 22
     chunk_readings: int = 1 << 18  # on a CPU, whose cache holds so many
     most_factor: int = 64  # readings along a sample's side
     flat_px2: float = (
@@ -217,9 +216,8 @@ def _read(
     if turned:
         wide = windows.shape[2]
         index = wholes[1] * wide + wholes[0]
-        if (
-            not is_exporting() and windows[0].numel() > 1 << 24
-        ):  # beyond what float32 counts
+        # Beyond what float32 counts.
+        if not is_exporting() and windows[0].numel() > 1 << 24:
             index = wholes[1].double() * wide + wholes[0]
         index, flat = index.long().flatten(1), windows.flatten(1)
         near = [

@@ -31,10 +31,11 @@ class TrackSettings:
     )
     change_share: float = 0.5  # of a panel's LEDs that change from frame to frame
     clutter_change_share: float = 0.05  # of clutter's lights that change
+    # The least and the most that one frame says.
     frame_log_odds: tuple[float, float] = (
         -3.0,
         10.0,
-    )  # the least and the most that one frame says
+    )
     panel_log_odds: float = 25.0  # from which on it is a panel
     line_more: float = (
         3.0  # energy by which a panel moved by a line must stand out more
@@ -60,13 +61,14 @@ class TrackSettings:
         0.6  # of the LEDs' variance: lights beyond a side that vary so are LEDs
     )
     steps: int = 2  # of the fit
+    # Of moves of a known shape.
     known_costs: tuple[float, ...] = (
         4.0,
         400.0,
         400.0,
         1600.0,
         1600.0,
-    )  # of moves of a known shape
+    )
     spread_cells2: float = 0.25  # squared cells off the expected place at first
     least_spread_cells2: float = 0.02  # at least
     most_spread_cells2: float = 1.0  # at most
@@ -222,9 +224,8 @@ class Track:
         corners, blur, share = fit(
             grey, start, shape, self.blur, TRACK.steps, TRACK.known_costs
         )
-        if (
-            share < self.share - TRACK.worse_share
-        ):  # half a cell off a lattice fits as well, though badly
+        # Half a cell off a lattice fits as well, though badly.
+        if share < self.share - TRACK.worse_share:
             halves = (
                 _by_cells(start, x / 2, y / 2, shape)
                 for y, x in ((0, 1), (1, 0), (1, 1))

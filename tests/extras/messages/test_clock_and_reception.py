@@ -82,9 +82,8 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
         astray += int((off[believed] > 2).sum())
         doubted += int((~believed).sum())
         frames += len(times)
-    assert astray <= (
-        4 * 2.4 * 6 if second else 0
-    )  # the frames of four symbols, in six recordings
+    # The frames of four symbols, in six recordings.
+    assert astray <= (4 * 2.4 * 6 if second else 0)
     assert 0 < doubted < 0.08 * frames
 
 
@@ -179,12 +178,13 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
 def test_black_frames_cost_what_they_hide_and_nothing_else():
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(6), faults=black, begin=0.0)
     (message,) = received(llr, stamps)[0].messages
+    # Forty frames of the second block.
     assert {*range(message.packets)} - {*message.parts} <= {
         4,
         5,
         6,
         7,
-    }  # forty frames of the second block
+    }
 
 
 @pytest.mark.parametrize(

@@ -112,9 +112,8 @@ def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(
     assert more.shape == film.shape
     assert 0.4 < (more ^ film).mean() < 0.6
     greys = np.load(tmp_path / "red/recording.npy")
-    assert (
-        np.abs(greys[5].astype(float) - frames[5].grey).mean() < 3
-    )  # the film is compressed
+    # The film is compressed.
+    assert np.abs(greys[5].astype(float) - frames[5].grey).mean() < 3
     receive(
         tmp_path / "red/recording.mp4", tmp_path / "out", model, "receive.channel=red"
     )
@@ -123,9 +122,8 @@ def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(
 
 def test_a_file_comes_back_from_the_video(seen, model, tmp_path, capsys):
     rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
-    assert (
-        "8 of 8 packets arrived" in capsys.readouterr().out
-    )  # of the message's 5, three are sent twice
+    # Of the message's 5, three are sent twice.
+    assert "8 of 8 packets arrived" in capsys.readouterr().out
     assert (tmp_path / "out" / "message.bin").read_bytes() == TEXT
     assert not said
     assert [row["sequence"] for row in rows if row["arrived"] == "1"][:5] == [
@@ -400,9 +398,8 @@ def test_a_study_of_messages(tmp_path):
     words = "messages.distance_m=[40,400]", "messages.codes=[none,rs-0.5]"
     run_task(composed(*SMALL, *words), tmp_path / "out")
     rows = rows_of(tmp_path / "out" / "messages.csv")
-    assert (
-        len(rows) == 2 * 2 * 2 * 2 * 2
-    )  # distances, receivers, soft values, interleaving, codes
+    # Distances, receivers, soft values, interleaving, codes.
+    assert len(rows) == 2 * 2 * 2 * 2 * 2
     lost = {
         value: {int(row["lost"]) for row in rows if float(row["value"]) == value}
         for value in (40, 400)

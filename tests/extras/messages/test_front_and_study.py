@@ -216,9 +216,8 @@ def test_any_film_is_that_of_any_code(code, interleave):
     )
     got = [one.packet for one in decoded(block, twin, coder)]
     assert b"".join(one.payload for one in got) == text
-    assert all(
-        one.packet is None for one in decoded(block, layout, coder)
-    )  # the usual scrambling
+    # The usual scrambling.
+    assert all(one.packet is None for one in decoded(block, layout, coder))
 
 
 def result(receiver, distance, each, code="ldpc-0.5", packets=4):

@@ -64,9 +64,8 @@ def test_a_dead_row_or_corner_takes_no_more_of_any_word_than_its_share():
         dead = np.zeros((own.symbols, 8, 8), dtype=np.float32)
         dead[:, rows, columns] = 1
         by_byte = own.take(dead).reshape(own.packets, -1, 8)
-        assert (
-            by_byte.any(axis=2) == by_byte.all(axis=2)
-        ).all()  # a byte keeps to its cell
+        # A byte keeps to its cell.
+        assert (by_byte.any(axis=2) == by_byte.all(axis=2)).all()
         share = dead[0][own.kind == "data"].mean()
         assert by_byte.mean(axis=(1, 2)).max() < share + 0.08
     plain = layout(code="rs", interleave=False)

@@ -82,10 +82,18 @@ def test_everything_is_written(whole):
 
 def test_the_points_are_those_of_a_test_by_itself(place, whole):
     """The same experiment as task=test has the very same counts, whoever else is there."""
+    # Fmt: skip.
     alone = run_in(
-        place, "experiment=ambient", "experiment.values=[1000,32000]", "receiver=rivals", "name=alone",
-        "receiver.names=[flda_3]", "panel.board_reflectance=null", *TINY[:3], "tensorboard=false",
-    )  # fmt: skip
+        place,
+        "experiment=ambient",
+        "experiment.values=[1000,32000]",
+        "receiver=rivals",
+        "name=alone",
+        "receiver.names=[flda_3]",
+        "panel.board_reflectance=null",
+        *TINY[:3],
+        "tensorboard=false",
+    )
     assert (alone.status, alone.err) == (0, "")
     (own, ours) = (
         rows_of(place / "runs" / name / "ber.csv") for name in ("alone", "whole")
@@ -95,9 +103,12 @@ def test_the_points_are_those_of_a_test_by_itself(place, whole):
         for row in ours
         if key(row, "experiment", "receiver") == ("ambient", "flda_3")
     ] == own
+    # Fmt: skip.
     assert {key(row, "experiment", "value") for row in ours} == {
-        ("ambient", "1000"), ("ambient", "32000"), ("distance", "70")
-    }  # fmt: skip
+        ("ambient", "1000"),
+        ("ambient", "32000"),
+        ("distance", "70"),
+    }
     assert {row["receiver"] for row in ours} == {*RECEIVERS, "genie"}
 
 

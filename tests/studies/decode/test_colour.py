@@ -187,9 +187,8 @@ def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(
         "scene.offset_x_m=0",
         "scene.offset_y_m=0",
     )
-    scene += (
-        "panel.board_reflectance=null",
-    )  # a lit board between the LEDs hides the third colour's light
+    # A lit board between the LEDs hides the third colour's light.
+    scene += ("panel.board_reflectance=null",)
     colour = (
         "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:470,third_share:0.2}"
     )

@@ -195,9 +195,8 @@ def test_effects_from_outside_are_priced_and_shown_in_their_places():
 
 
 def test_ratios_are_of_medians(results):
-    if (
-        results.ratios is not None
-    ):  # a machine so busy that a sum cannot be told from nothing has none
+    # A machine so busy that a sum cannot be told from nothing has none.
+    if results.ratios is not None:
         both, alone = results.together.costs["near"], results.sums["near"]
         assert results.ratios[0] == np.median(both) / np.median(alone)
 

@@ -129,9 +129,8 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(
             for frame in range(most):
                 row, image = next(rows), images[frames]
                 picture = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED)
-                shown = (
-                    picture if picture.ndim == 2 else picture[..., ::-1]
-                )  # blue first, as OpenCV has it
+                # Blue first, as OpenCV has it.
+                shown = picture if picture.ndim == 2 else picture[..., ::-1]
                 assert np.array_equal(shown, seen.pixels[frame])
                 assert (row["seed"], row["point"], row["block"], row["frame"]) == (
                     "0",

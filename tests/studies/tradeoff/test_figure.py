@@ -183,12 +183,16 @@ def test_what_is_possible_is_a_line_of_its_own(figure):
 
 
 def test_labels_name_every_receiver_at_the_usual_settings(figure):
+    # Fmt: skip.
     assert set(labels(figure)) == {
-        "Average greyscale, paper's   1.50 ms", "FLDA: AGR + GRI + NGR, paper's   2.00 ms",
-        "MLP on 3 x 3 cells, paper's   2.25 ms", "Average greyscale, refined   4.50 ms",
-        "FLDA: AGR + GRI + NGR, refined   5.25 ms", "MLP on 3 x 3 cells, refined   5.75 ms",
+        "Average greyscale, paper's   1.50 ms",
+        "FLDA: AGR + GRI + NGR, paper's   2.00 ms",
+        "MLP on 3 x 3 cells, paper's   2.25 ms",
+        "Average greyscale, refined   4.50 ms",
+        "FLDA: AGR + GRI + NGR, refined   5.25 ms",
+        "MLP on 3 x 3 cells, refined   5.75 ms",
         "FLDA: AGR + GRI + NGR, K 4, paper's   1.95 ms",
-    }  # fmt: skip
+    }
     check_labels(figure)
     assert set(labels(figure)) - bold(figure) == {
         "Average greyscale, refined   4.50 ms"

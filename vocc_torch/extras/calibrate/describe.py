@@ -153,9 +153,8 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
     )
     grey = found.values[-1]
     veil, veil_error = veil_luminance(found)
-    seen = (
-        panel.background_reflectance / math.pi + veil
-    )  # luminance of the background at 1 lx
+    # Luminance of the background at 1 lx.
+    seen = panel.background_reflectance / math.pi + veil
     lux, error = config.ambient_lx or UNKNOWN_LX, math.nan
     note = "as configured" if config.ambient_lx else ""
     if curve is None:
@@ -237,9 +236,8 @@ def sensor_noise(curve: TransferCurve, found: Findings, efficiency: float) -> No
     counted, shaky = electrons(found.fit, curve), by_gamma(found.fit, curve)
     if read:
         unit = 1 / curve.noise.slope
-        turn = np.array(
-            [-unit, unit**2 / (2 * counted[1] ** 2)]
-        )  # a floor too high: a slope too low
+        # A floor too high: a slope too low.
+        turn = np.array([-unit, unit**2 / (2 * counted[1] ** 2)])
         variance = max(0.0, float(turn @ curve.covariance @ turn))
         error = float(counted[1]) * math.hypot(math.sqrt(variance), shaky[1])
         found.tell("effects.read_noise.electrons", float(counted[1]), error)

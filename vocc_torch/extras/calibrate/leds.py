@@ -17,12 +17,13 @@ class LedSettings:
     """How LEDs are decided."""
 
     first_frames: int = 3  # by which the blur's size is searched for
+    # Of a pitch, tried for the blur.
     blur_shares: tuple[float, ...] = (
         0.12,
         0.25,
         0.45,
         0.7,
-    )  # of a pitch, tried for the blur
+    )
     rounds: int = 4  # of fits and decisions
     flip_step: int = 4  # LEDs so far apart do not share pixels
 

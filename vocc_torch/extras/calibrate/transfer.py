@@ -131,9 +131,8 @@ def by_level(fit: RecordingFit) -> Levels:
         if inside.sum() < SETTINGS.least_pixels:
             continue
         bulk = max(float(np.median(square[inside])), SETTINGS.least_median)
-        calm = inside & (
-            square < SETTINGS.calm * bulk
-        )  # far residuals are what passes by
+        # Far residuals are what passes by.
+        calm = inside & (square < SETTINGS.calm * bulk)
         means = (values[calm].mean() for values in (square, near_whole))
         rows.append((light[inside].mean(), *means, calm.sum()))
     columns = np.array(rows).reshape(-1, 4).T

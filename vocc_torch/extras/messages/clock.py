@@ -130,9 +130,8 @@ class SymbolClock:
             Frames that are settled by now, or None.
         """
         flat = llr.reshape(len(llr), -1).astype(np.float32)
-        if (
-            not self._llr and not self._settled
-        ):  # a cell that is hidden from the begin on
+        # A cell that is hidden from the begin on.
+        if not self._llr and not self._settled:
             self._lit = (1 - 1 / MEMORY) * np.sign(flat).mean(axis=0, keepdims=True)
         alive, self._lit = lfilter(
             [1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit
@@ -214,9 +213,8 @@ class SymbolClock:
         bands, n = self.layout.bands, self.states
         units = np.empty(count, dtype=np.int64)
         doubtful = self._doubtful(np.array(path))
-        doubtful[: len(self._doubted)] |= (
-            self._doubted
-        )  # beside a gap of which the first side is settled
+        # Beside a gap of which the first side is settled.
+        doubtful[: len(self._doubted)] |= self._doubted
         doubtful, self._doubted = (
             doubtful[:count],
             np.logical_and.accumulate(doubtful[count:]),
@@ -261,9 +259,8 @@ class SymbolClock:
         n, bands, clock = self.states, self.layout.bands, np.cumsum(self._steps)
         apart = (np.diff(path) - np.diff(clock) + n / 2) % n - n / 2
         doubtful, about = np.zeros(len(path), dtype=bool), np.arange(-bands, bands + 1)
-        jumps = np.flatnonzero(
-            np.abs(apart) > (1 + ASTRAY) * bands
-        )  # beyond what is looked at about a place
+        # Beyond what is looked at about a place.
+        jumps = np.flatnonzero(np.abs(apart) > (1 + ASTRAY) * bands)
         for begin, last, end in zip(
             [-1, *jumps], jumps, [*jumps[1:], len(path) - 1], strict=False
         ):

@@ -335,9 +335,8 @@ def carried(
         kbit_s = 8e-3 * payload_bytes(code.info_bytes) * sent / first.seconds
         lost = tuple(result.lost[variant] for result in results)
         wrong = [result.wrong[variant.receiver] for result in results]
-        known = [
-            pair for pair in wrong if pair[1]
-        ]  # of a recording that lost all its frames nothing is known
+        # Of a recording that lost all its frames nothing is known.
+        known = [pair for pair in wrong if pair[1]]
         raw = counted([errors for errors, _ in known], [bits for _, bits in known])
         frames = sum(result.frames for result in results)
         false = sum(result.false[variant] for result in results)

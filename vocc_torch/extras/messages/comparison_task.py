@@ -83,9 +83,8 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     """
     run_folder.refuse_results(folder)
     plan, console = build_plan(settings, folder).at_true_corners(), terminal.Console()
-    variants_of(
-        plan, config
-    )  # refused, as a code that is not installed, before anything is trained
+    # Refused, as a code that is not installed, before anything is trained.
+    variants_of(plan, config)
     for code in config.codes:
         rate = section(
             f"messages.codes has {code}, whose code_rate", before="transmit.code_rate"

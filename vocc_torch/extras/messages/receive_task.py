@@ -120,9 +120,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
                 assembly.add(one.packet)
 
     try:
-        with timing.threads(
-            1
-        ):  # the other cores decode: torch's threads would spin there
+        # The other cores decode: torch's threads would spin there.
+        with timing.threads(1):
             take(
                 receive(receiver, reception, front, chain(first, recording), config.fps)
             )

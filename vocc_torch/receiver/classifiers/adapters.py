@@ -208,9 +208,8 @@ class SklearnClassifier:
         [[[False, False], [True, True]]]
     """
 
-    def __init__(
-        self, estimator: Any
-    ) -> None:  # any class that follows scikit-learn's conventions
+    # Any class that follows scikit-learn's conventions.
+    def __init__(self, estimator: Any) -> None:
         ways = ("decision_function", "predict_proba", "predict")
         if not any(hasattr(estimator, way) for way in ways):
             raise VoccError(

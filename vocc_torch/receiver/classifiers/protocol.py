@@ -182,9 +182,10 @@ class Guarded:
             raise VoccError(
                 f"classifier {self.name} was not built from settings: it cannot be saved"
             )
+        # Which builds what this file defines.
         from vocc_torch.receiver.classifiers import (
             plugged,
-        )  # which builds what this file defines
+        )
 
         values, arrays = plugged.state_of(self)
         return {

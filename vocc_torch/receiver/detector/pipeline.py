@@ -21,11 +21,12 @@ from vocc_torch.types import Frames, PanelShape
 class DetectorSettings:
     """How many candidates go how far."""
 
+    # Candidates that are left when the judge has moved their corners.
     judged: tuple[int, ...] = (
         12,
         8,
         3,
-    )  # candidates that are left when the judge has moved their corners
+    )
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
 

@@ -180,9 +180,8 @@ class LearnedLocator(PanelLocator):
                     if table is None
                     else table.expected(logit)
                 )
-                if (
-                    self.weights
-                ):  # of which nothing is stated, so only what is likelier than not
+                # Of which nothing is stated, so only what is likelier than not.
+                if self.weights:
                     kept = logit >= (
                         -math.inf if self.false_alarms == math.inf else 0.0
                     )

@@ -32,10 +32,11 @@ class RefinedSettings:
     usual_blur_cells: float = (
         0.45  # of a spot where the fit starts from the edges of the face
     )
+    # Sizes of lattices that are tried then: one line of LEDs fewer or more.
     sizes: tuple[float, ...] = (
         0.89,
         1.12,
-    )  # sizes of lattices that are tried then: one line of LEDs fewer or more
+    )
     farthest_cells: float = 3.5  # a fit that leaves its start farther behind is none
     least_pitch_px: float = 1.5  # finer lattices are noise: LEDs melt together
     fit_px: int = 192  # side of windows that are fitted together
