@@ -7,7 +7,6 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hard_cases import HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_dimming import grid_of
@@ -26,8 +25,6 @@ from vocc_torch.measure.paired import (
     relative_gain,
     sign_test,
 )
-
-hard = HardCases("Evaluation")
 
 CONFIDENCES = (1e-17, 1e-12, 1e-6, 0.5, 0.95, 0.999, 1 - 1e-9, 1 - 2.0**-53)
 
@@ -88,8 +85,7 @@ def binomial_tail(successes, trials, share, upper):
 # Counts
 
 
-@hard("squared errors that 64 bits do not hold")
-def squared_errors_that_64_bits_do_not_hold():
+def test_squared_errors_that_64_bits_do_not_hold():
     bits = 2**30
     fits = np.full((1, 1), 2 * bits)
     [counts], _ = tallies(fits, bits, np.ones((1, 1), bool))
@@ -101,8 +97,7 @@ def squared_errors_that_64_bits_do_not_hold():
 # Intervals
 
 
-@hard("1000 errors in 1e9 bits")
-def a_thousand_errors_in_1e9_bits():
+def test_a_thousand_errors_in_1e9_bits():
     for successes, trials in (
         (1000, 10**9),
         (1000, 10**12),
@@ -117,8 +112,7 @@ def a_thousand_errors_in_1e9_bits():
             )
 
 
-@hard("intervals near 0 and 1")
-def intervals_near_0_and_1():
+def test_intervals_near_0_and_1():
     for trials in (20, 10**6, 10**12, 10**13):
         for successes in (1, trials // 1000, trials // 3, trials - 3):
             if not 0 < successes < trials:
@@ -145,8 +139,7 @@ def intervals_near_0_and_1():
     )
 
 
-@hard("confidence near 0 and 1")
-def confidence_near_0_and_1():
+def test_confidence_near_0_and_1():
     some = wrong_frames(2000, 64, {2: 30, 16: 5})
     a, b, paired = compared(2000, 64, {2: 30, 16: 5}, {2: 9})
     reach = 0.0
@@ -184,8 +177,7 @@ def confidence_near_0_and_1():
             clopper_pearson(3, 50, confidence)
 
 
-@hard("1e12 bits")
-def a_million_million_bits():
+def test_a_million_million_bits():
     frames, leds = 10**12 // 64, 64
     # Independent bits, one in ten wrong: so many frames with so many wrong bits, to the nearest frame.
     wrong = binom.pmf(np.arange(leds + 1), leds, 0.1) * frames
@@ -211,8 +203,7 @@ def a_million_million_bits():
     assert paired.value == 5000 / counts.bits
 
 
-@hard("more than 1e13 bits")
-def more_than_1e13_bits():
+def test_more_than_1e13_bits():
     huge = wrong_frames(2**62, 2, {2: 2**40})
     assert ber_interval(Counts(2**62, 2**63)).high > 0
     with pytest.raises(
@@ -227,8 +218,7 @@ def more_than_1e13_bits():
         sign_test(compared(2**62, 2, {2: 2**60}, {2: 2**59})[2])
 
 
-@hard("a design effect at a rate next to 1")
-def a_design_effect_at_a_rate_next_to_1():
+def test_a_design_effect_at_a_rate_next_to_1():
     for frames, leds, sizes in (
         (10**18, 64, {128: 10**18 - 1, 126: 1}),
         (1000, 64, {128: 999, 3: 1}),
@@ -243,8 +233,7 @@ def a_design_effect_at_a_rate_next_to_1():
         assert design_effect(counts) == max(1.0, float(exact))
 
 
-@hard("every panel missed")
-def every_panel_missed():
+def test_every_panel_missed():
     bits = torch.rand(50, 8, 8) < 0.5
     counts = Counts.of(bits, bits, torch.zeros(50, dtype=torch.bool))
     assert (counts.ber, counts.panels_missed, counts.frame_errors) == (0.5, 50, 50)
@@ -273,8 +262,7 @@ def every_panel_missed():
     assert ordered(difference.low, 0.5, difference.high)
 
 
-@hard("an error-free point beside larger panels")
-def an_error_free_point_beside_larger_panels():
+def test_an_error_free_point_beside_larger_panels():
     points = [
         Point("panel", "leds", leds, "x", "paper", counts, "frames")
         for leds, counts in (
@@ -289,8 +277,7 @@ def an_error_free_point_beside_larger_panels():
         ber_interval(Counts(1000, 4000), errors_per_frame_error=5.0)
 
 
-@hard("any counts at all")
-def any_counts_at_all():
+def test_any_counts_at_all():
     sizes = st.dictionaries(st.integers(1, 8), st.integers(0, 10**10), max_size=3)
 
     @given(sizes, sizes, st.integers(0, 10**11), st.floats(1e-12, 1 - 1e-12))
@@ -325,8 +312,7 @@ def any_counts_at_all():
 # Two receivers
 
 
-@hard("a gain over a rate that is hardly known")
-def a_gain_over_a_rate_that_is_hardly_known():
+def test_a_gain_over_a_rate_that_is_hardly_known():
     confidence = 1 - 2.0**-53
     counts = wrong_frames(10**6, 64, {128: 1})
     gain = relative_gain(counts, counts, PairedCounts(10**6, 64 * 10**6), confidence)
@@ -349,8 +335,7 @@ def a_gain_over_a_rate_that_is_hardly_known():
     assert gain.low == pytest.approx(float(closed), rel=1e-9), below
 
 
-@hard("a sign test of 1e12 frames")
-def a_sign_test_of_1e12_frames():
+def test_a_sign_test_of_1e12_frames():
     for a_worse, b_worse in ((0, 1), (0, 6), (5, 5), (3, 12), (499_000, 501_000)):
         paired = compared(10**7, 4, {2: a_worse}, {2: b_worse})[2]
         assert sign_test(paired) == pytest.approx(
@@ -366,8 +351,7 @@ def a_sign_test_of_1e12_frames():
     assert sign_test(compared(frames, 4, {2: frames // 2}, {2: frames // 2})[2]) == 1.0
 
 
-@hard("every frame against every frame")
-def every_frame_against_every_frame():
+def test_every_frame_against_every_frame():
     for frames in (2, 10, 1000, 10**10):
         for leds in (1, 64):
             half = frames // 2
@@ -387,8 +371,7 @@ def every_frame_against_every_frame():
 # Curves and grids
 
 
-@hard("luminances at the ends of the floating point range")
-def luminances_at_the_ends_of_the_range():
+def test_luminances_at_the_ends_of_the_range():
     for columns, middle in (((1e-300, 1.0, 1e300), 1.0), ((1e200, 1e300), 1e250)):
         cells = grid_of(
             {"x": [[Counts(1000, 64_000)] * len(columns)]}, (2000.0,), columns
@@ -402,8 +385,3 @@ def luminances_at_the_ends_of_the_range():
             (2000.0,),
             (1000.0, math.nextafter(1000.0, 2000.0)),
         )
-
-
-@hard.each
-def test_evaluation(case):
-    case.check()

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from hard_cases import HardCases
 from scipy import ndimage
 from torch import nn
 
@@ -25,7 +24,6 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.resample import centre_greys
 from vocc_torch.types import Frames, Panels, PanelShape
 
-hard = HardCases("Features and decision")
 CPU = torch.device("cpu")
 NAN, INF = math.nan, math.inf
 NO_GRI = "patches or cell sizes give a GRI that is not finite: both must be finite"
@@ -65,8 +63,7 @@ def gri(patches, shape, cell_px, kernel="sobel"):
 # Ratios
 
 
-@hard("a panel whose mean is 0")
-def a_panel_whose_mean_is_0():
+def test_a_panel_whose_mean_is_0():
     shape = PanelShape(2, 3)
     black = Frames.whole(torch.zeros(2, 40, 40, dtype=torch.uint8))
     lit = black.grey.clone()
@@ -84,8 +81,7 @@ def a_panel_whose_mean_is_0():
         assert ratio(means).unique().tolist() == [1.0]
 
 
-@hard("a panel all but black beside light")
-def a_panel_all_but_black():
+def test_a_panel_all_but_black():
     for dtype, grey in (
         (torch.float32, 1e-30),
         (torch.float32, 1e-40),
@@ -107,8 +103,7 @@ def a_panel_all_but_black():
 # Cells
 
 
-@hard("cells of no pixel")
-def cells_of_no_pixel():
+def test_cells_of_no_pixel():
     frames = Frames.whole(texture(2, dtype=torch.float32))
     for width in (0.0, 1e-300, 1e-13, 1e-9, 3e-5):
         readings = Reader(PanelShape(3, 3), 4).read(
@@ -119,8 +114,7 @@ def cells_of_no_pixel():
         assert readings.greys.centre.unique().numel() == 1
 
 
-@hard("cells far smaller than a pixel")
-def cells_far_smaller_than_a_pixel():
+def test_cells_far_smaller_than_a_pixel():
     image, rows, columns, samples = texture(3), 2, 3, 4
     for cell_px in (1.0, 0.3, 0.02, 1e-3):
         panels = square_panel(17.4, 12.2, columns * cell_px, rows * cell_px)
@@ -167,8 +161,7 @@ def cells_far_smaller_than_a_pixel():
         )
 
 
-@hard("the centre sample's radial vector")
-def the_centre_samples_vector():
+def test_the_centre_samples_vector():
     for samples in range(1, 10):
         field = radial_inward_field(samples, torch.float64, CPU)
         length = torch.linalg.vector_norm(field, dim=0)
@@ -188,8 +181,7 @@ def the_centre_samples_vector():
         )
 
 
-@hard("a saturated plateau")
-def a_saturated_plateau():
+def test_a_saturated_plateau():
     for level in (1, 77, 254, 255):
         frames = Frames.whole(torch.full((1, 60, 60), level, dtype=torch.uint8))
         for samples, turn_deg, width in (
@@ -212,8 +204,7 @@ def a_saturated_plateau():
 # Frames
 
 
-@hard("grey values negative, infinite or NaN")
-def grey_values_that_are_none():
+def test_grey_values_that_are_none():
     reader, panels = Reader(PanelShape(4, 4), 4), square_panel(8, 8, 16)
     grey = texture(6, dtype=torch.float32)
     for value in (NAN, INF, -INF, -50.0, -1e-3, 2e9, 1e30, 3e38):
@@ -234,8 +225,7 @@ def grey_values_that_are_none():
         assert torch.equal(same, reader.read(Frames.whole(grey), panels).features)
 
 
-@hard("means and patches that are no grey values")
-def means_that_are_no_grey_values():
+def test_means_that_are_no_grey_values():
     shape = PanelShape(2, 2)
     for value in (NAN, INF, -INF, -7.0, 3e38):
         means, patches = torch.full((2, 4, 4), 5.0), torch.full((1, 1, 16, 16), 5.0)
@@ -261,8 +251,7 @@ def means_that_are_no_grey_values():
         gri(torch.rand(1, 1, 16, 16), shape, NAN)
 
 
-@hard("frames of half precision")
-def frames_of_half_precision():
+def test_frames_of_half_precision():
     reader = Reader(PanelShape(4, 4), 4)
     panels = square_panel(231.3, 107.6, 26.0, turn_deg=20.0)
     for dtype in (torch.float16, torch.bfloat16):
@@ -293,8 +282,7 @@ class Fixed(nn.Module):
         return self.scores.expand(features.shape[:-1])
 
 
-@hard("a score equal to the threshold")
-def a_score_equal_to_the_threshold():
+def test_a_score_equal_to_the_threshold():
     scores = torch.tensor([[-5e-324, -0.0], [0.0, 5e-324]], dtype=torch.float64)
     receiver = Receiver(
         "flda_agr", PaperLocator(), Reader(PanelShape(2, 2), 4), Fixed(scores)
@@ -311,8 +299,7 @@ def a_score_equal_to_the_threshold():
     assert not decoded.scores[1].any()
 
 
-@hard("preambles equal to one another")
-def preambles_equal_to_one_another():
+def test_preambles_equal_to_one_another():
     levels = torch.tensor([0.0, 100.1, 1 / 3, 254.99, 1e-30, 255.0, 77.7, 1e8]).view(
         -1, 1, 1
     )
@@ -326,8 +313,7 @@ def preambles_equal_to_one_another():
         assert (greyscale_scores(darker, threshold) < 0).all()
 
 
-@hard("a preamble level that is NaN or infinite")
-def a_preamble_that_is_nan():
+def test_a_preamble_that_is_nan():
     good = torch.full((2, 3, 3), 90.0)
     for value in (NAN, INF, -INF):
         broken = good.clone()
@@ -343,8 +329,7 @@ def a_preamble_that_is_nan():
     )
 
 
-@hard("pictures that no receiver reads")
-def pictures_that_no_receiver_reads():
+def test_pictures_that_no_receiver_reads():
     scores = torch.ones(8, 8, dtype=torch.float64)
     receiver = Receiver("flda_agr", PaperLocator(), Reader(), Fixed(scores))
     byte = torch.zeros(2, 1, 5, 6, dtype=torch.uint8)
@@ -367,8 +352,3 @@ def pictures_that_no_receiver_reads():
             assert not decoded.found.any()
             assert not decoded.bits.any()
             assert not decoded.scores.any()
-
-
-@hard.each
-def test_features(case):
-    case.check()

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from hard_cases import HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
@@ -21,7 +20,6 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.resample import cell_homography, centre_greys, rectify
 from vocc_torch.types import Frames, Panels, PanelShape
 
-hard = HardCases("Location")
 SHAPE = PanelShape(8, 8)
 PAPER, REFINED = PaperLocator(), RefinedLocator()
 ANYTHING = PaperLocator(min_area_px=1, min_rectangularity=0.0, min_compactness=0.0)
@@ -121,8 +119,7 @@ def off_px(panels, truth):
 # What there is to see
 
 
-@hard("a constant frame, black, grey or white")
-def a_constant_frame():
+def test_a_constant_frame():
     frames = whole(
         *(np.full((120, 160), value, np.uint8) for value in (0, 1, 128, 254, 255))
     )
@@ -130,8 +127,7 @@ def a_constant_frame():
         assert not located(locator, frames).found.any()
 
 
-@hard("two grey values, one apart or all there are")
-def two_grey_values():
+def test_two_grey_values():
     square = torch.tensor([[70.0, 30.0], [110.0, 30.0], [110.0, 70.0], [70.0, 70.0]])
     for dark, bright in ((0, 1), (0, 255), (254, 255), (7, 9), (100, 180)):
         for locator in (PAPER, RefinedLocator(PAPER, 1.0))[
@@ -144,8 +140,7 @@ def two_grey_values():
             assert panels.score.tolist() == [1.0]
 
 
-@hard("every LED On, and far beyond white")
-def every_led_on():
+def test_every_led_on():
     for locator, clipped_px in ((PAPER, 4.5), (REFINED, 1.0)):
         assert off_px(located(locator, whole(scene(ALL_ON))), TRUTH) < 0.1
         assert (
@@ -153,8 +148,7 @@ def every_led_on():
         )
 
 
-@hard("one LED On")
-def one_led_on():
+def test_one_led_on():
     for locator in (PAPER, REFINED):
         for pitch in (5.0, 20.0):
             assert not located(
@@ -163,8 +157,7 @@ def one_led_on():
         assert off_px(located(locator, whole(scene(ONE_ON))), TRUTH) < 0.1
 
 
-@hard("whole edge rows Off")
-def whole_edge_rows_off():
+def test_whole_edge_rows_off():
     frames = whole(scene(ROWS_OFF))
     (shining,) = located(PAPER, frames).corners_px
     assert torch.equal(
@@ -176,8 +169,7 @@ def whole_edge_rows_off():
         assert off_px(located(REFINED, whole(scene(bits))), TRUTH) < 0.1
 
 
-@hard("a component that touches the border")
-def a_component_at_the_border():
+def test_a_component_at_the_border():
     for top, left in ((0, 0), (0, 60), (80, 120), (40, 120), (80, 0)):
         for locator in (PAPER, REFINED)[: 1 if top or left else 2]:
             (corners,) = located(locator, whole(block(top, left, 40, 40))).corners_px
@@ -200,8 +192,7 @@ def a_component_at_the_border():
         assert (cut.corners_px <= 161).all()
 
 
-@hard("a panel turned by 45 degrees")
-def a_panel_at_45_degrees():
+def test_a_panel_at_45_degrees():
     reach = 20 * 2**0.5
     diamond = torch.tensor(
         [[80, 80 - reach], [80 + reach, 80], [80, 80 + reach], [80 - reach, 80]]
@@ -214,8 +205,7 @@ def a_panel_at_45_degrees():
             assert off_px(located(locator, frames), diamond) < most_px
 
 
-@hard("a frame that is all noise")
-def a_frame_of_noise():
+def test_a_frame_of_noise():
     for grey in (noise(0), np.clip(noise(2), 120, 136), noise(4, (300, 300))):
         for locator in (PAPER, ANYTHING, REFINED, RefinedLocator(ANYTHING, 0.0)):
             panels = located(locator, whole(grey))
@@ -235,8 +225,7 @@ def a_frame_of_noise():
 # Frames of few pixels
 
 
-@hard("a frame of 1 x 1, 1 x N or 2 x 2 pixels")
-def a_frame_of_few_pixels():
+def test_a_frame_of_few_pixels():
     rng = np.random.default_rng(0)
     for size in (
         (1, 1),
@@ -259,8 +248,7 @@ def a_frame_of_few_pixels():
             assert panels.found.tolist() == [frames.grey[0].unique().numel() > 1, False]
 
 
-@hard("frames without a pixel, and no frames")
-def frames_without_a_pixel():
+def test_frames_without_a_pixel():
     for size in (
         (2, 1, 0, 5),
         (2, 1, 5, 0),
@@ -276,8 +264,7 @@ def frames_without_a_pixel():
             assert panels.corners_px.shape == (size[0], 4, 2)
 
 
-@hard("a frame of more than 32,768 pixels a side")
-def a_frame_too_wide():
+def test_a_frame_too_wide():
     wide = np.zeros((2, 40_000), np.uint8)
     wide[:, 1:-1] = 9
     for locator in (PAPER, REFINED):
@@ -295,8 +282,7 @@ def a_frame_too_wide():
 # Settings, batches and memory layouts
 
 
-@hard("a closing far larger than the frame")
-def a_closing_larger_than_the_frame():
+def test_a_closing_larger_than_the_frame():
     for seed, size in enumerate([(12, 17), (1, 9), (9, 1), (16, 16)]):
         mask = np.random.default_rng(seed).random(size) < 0.06
         for side in (15, 17, 19, 41):
@@ -316,8 +302,7 @@ def a_closing_larger_than_the_frame():
         assert located(locator, whole(scene())).found.all()
 
 
-@hard("frames that fail among frames that do not")
-def frames_that_fail_among_others():
+def test_frames_that_fail_among_others():
     greys = [
         scene(),
         np.zeros((160, 160), np.uint8),
@@ -340,8 +325,7 @@ def frames_that_fail_among_others():
                 assert off_px(ours, all_of_it.corners_px) < 2e-3
 
 
-@hard("a crop with a known surround, against the whole frame")
-def a_crop_against_the_whole_frame():
+def test_a_crop_against_the_whole_frame():
     level = int(scene(ALL_OFF, off=0.0)[0, 0])
     crops = [
         scene(),
@@ -364,8 +348,7 @@ def a_crop_against_the_whole_frame():
         assert off_px(one, two.corners_px) < 0.05
 
 
-@hard("a surround that is no grey value, and a crop off its sensor")
-def a_surround_that_is_no_grey_value():
+def test_a_surround_that_is_no_grey_value():
     grey = torch.from_numpy(scene())[None, None]
     for locator in (PAPER, REFINED):
         for level in (float("nan"), float("inf")):
@@ -391,8 +374,7 @@ def a_surround_that_is_no_grey_value():
         assert located(locator, crop).found.all()
 
 
-@hard("frames that hold no grey values")
-def frames_that_hold_no_grey_values():
+def test_frames_that_hold_no_grey_values():
     grey = torch.from_numpy(scene()).float()
     for locator in (PAPER, REFINED):
         for value in (float("nan"), float("inf"), -float("inf")):
@@ -430,8 +412,7 @@ def frames_that_hold_no_grey_values():
             assert_same(locator(Frames.whole(grey[None].to(dtype)), SHAPE), exact)
 
 
-@hard("a panel of one LED, of one row, or of a million LEDs")
-def panels_of_any_shape():
+def test_panels_of_any_shape():
     frames = whole(scene(), scene(ALL_ON), noise(0, (160, 160)))
     for rows, columns in (
         (1, 1),
@@ -449,8 +430,7 @@ def panels_of_any_shape():
             assert_same(ours, theirs)
 
 
-@hard("a picture without a lattice")
-def a_picture_without_a_lattice():
+def test_a_picture_without_a_lattice():
     flat = [np.full((160, 160), value, np.uint8) for value in (0, 255)]
     greys = [
         *flat,
@@ -503,8 +483,7 @@ def picture():
     )
 
 
-@hard("corners collinear, coincident, crossed or concave")
-def corners_of_no_panel():
+def test_corners_of_no_panel():
     proper = [(8, 8), (32, 8), (32, 32), (8, 32)]
     reader = Reader(PanelShape(2, 3), 4)
     for corners in FLAT.values():
@@ -522,8 +501,7 @@ def corners_of_no_panel():
             assert torch.equal(readings.features[row], alone.features[0])
 
 
-@hard("corners in any order and anywhere")
-def corners_in_any_order():
+def test_corners_in_any_order():
     cells = torch.tensor(
         [[0.0, 0, 1], [3, 0, 1], [3, 2, 1], [0, 2, 1]], dtype=torch.float64
     )
@@ -561,8 +539,7 @@ def strictly_convex(places):
     )
 
 
-@hard("corners that are NaN, infinite or beyond 1e15 px")
-def corners_that_are_no_places():
+def test_corners_that_are_no_places():
     for value in (float("nan"), float("inf"), -float("inf"), 1e200, -2e15):
         corners = torch.tensor(
             [[[8.0, 8], [32, 8], [32, 32], [8, 32]]], dtype=torch.float64
@@ -583,8 +560,7 @@ def corners_that_are_no_places():
             Reader(SHAPE).read(frames, panels)
 
 
-@hard("the horizon within the panel's margin")
-def the_horizon_within_the_margin():
+def test_the_horizon_within_the_margin():
     steep = {
         PanelShape(4, 4): [(28, 30), (32, 30), (48, 50), (12, 50)],
         PanelShape(1, 1): [(28, 30), (32, 30), (55, 55), (5, 55)],
@@ -670,8 +646,7 @@ def beyond_the_horizon(shape, image, corners, samples=32):
     assert torch.equal(*single), "a crop and the whole frame, to the last bit"
 
 
-@hard("as many panels as frames")
-def as_many_panels_as_frames():
+def test_as_many_panels_as_frames():
     reader = Reader(SHAPE, 4)
     panel = Panels.known(torch.tensor([FLAT["concave"]]).double())
     frames = Frames.whole(picture().expand(3, 40, 40))
@@ -689,8 +664,3 @@ def as_many_panels_as_frames():
         match=r"frames.grey has shape \(1, 1, 0, 4\): it must be \(B,1,H,W\), not empty",
     ):
         reader.read(Frames.whole(torch.zeros(1, 1, 0, 4)), panel)
-
-
-@hard.each
-def test_location(case):
-    case.check()

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from hard_cases import HardCases
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from vocc_torch.errors import VoccError
@@ -23,8 +22,6 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Frames, PanelShape, Scene, resolve_device
-
-hard = HardCases("Precision and devices")
 
 HALVES = (torch.bfloat16, torch.float16)
 SHAPE = PanelShape(8, 8)
@@ -74,8 +71,7 @@ def setting(change, value, restored):
         change(restored)
 
 
-@hard("a precision nobody knows")
-def unknown_precision():
+def test_unknown_precision():
     for name in ("float128", "", "FLOAT32", "double"):
         with pytest.raises(
             VoccError, match=f"^precision is '{name}': it must be float32 or float64$"
@@ -83,8 +79,7 @@ def unknown_precision():
             build_plan(SimpleNamespace(precision=name), Path())
 
 
-@hard("half precision for a whole study")
-def half_precision_in_the_configuration():
+def test_half_precision_in_the_configuration():
     for name in ("bfloat16", "float16", "half"):
         with pytest.raises(VoccError) as refused:
             build_plan(SimpleNamespace(precision=name), Path())
@@ -92,8 +87,7 @@ def half_precision_in_the_configuration():
         assert str(refused.value) == wanted
 
 
-@hard("half precision for the simulator")
-def half_precision_in_the_simulator():
+def test_half_precision_in_the_simulator():
     for dtype in (*HALVES, torch.int32, torch.complex64, torch.bool):
         with pytest.raises(
             VoccError,
@@ -102,8 +96,7 @@ def half_precision_in_the_simulator():
             Simulator(dtype=dtype)
 
 
-@hard("a device that is not there")
-def a_missing_device():
+def test_a_missing_device():
     there = torch.cuda.device_count()
     with pytest.raises(VoccError) as refused:
         resolve_device(f"cuda:{there}")
@@ -122,8 +115,7 @@ def a_missing_device():
     assert resolve_device("auto").type == ("cuda" if there else "cpu")
 
 
-@hard("the simulation in float32")
-def float32_against_float64():
+def test_float32_against_float64():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     raw = {
         name: value for name, value in PAPER_EFFECTS.items() if name != "quantization"
@@ -147,8 +139,7 @@ def float32_against_float64():
     assert float(turned.double().mean()) <= 1e-4
 
 
-@hard("the receiver in float32")
-def receiver_in_float32():
+def test_receiver_in_float32():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     simulator = Simulator()
     frames, panels = simulator.render(scene, bits), simulator.true_panels(scene)
@@ -160,8 +151,7 @@ def receiver_in_float32():
     assert float((exact.features - near.features).abs().max()) < 1e-4
 
 
-@hard("frames of half precision, located and decoded")
-def frames_of_half_precision():
+def test_frames_of_half_precision():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     simulator = Simulator()
     frames = simulator.render(scene, bits)
@@ -182,8 +172,7 @@ def frames_of_half_precision():
         assert torch.equal(greys.centre, bytes_.centre), dtype
 
 
-@hard("an image of half precision to decode")
-def an_image_of_half_precision():
+def test_an_image_of_half_precision():
     receiver = Receiver("flda_3", PaperLocator(), Reader(), FLDA(3))
     for dtype in (*HALVES, torch.float32, torch.int16):
         with pytest.raises(
@@ -192,8 +181,7 @@ def an_image_of_half_precision():
             receiver.decode(torch.zeros(1, 40, 40, dtype=dtype))
 
 
-@hard("another default type of torch")
-def another_default_dtype():
+def test_another_default_dtype():
     wanted = everything()
     scene = Scene.of(2, ambient_lx=4001.7, distance_m=33.3)
     assert torch.get_default_dtype() == torch.float32
@@ -207,8 +195,7 @@ def another_default_dtype():
             ), (dtype, field.name)
 
 
-@hard("inference mode around training")
-def inference_mode():
+def test_inference_mode():
     wanted = everything()
     with torch.inference_mode():
         inside = everything()
@@ -224,8 +211,7 @@ def inference_mode():
     assert torch.equal(point.grad, flda.direction)
 
 
-@hard("autocast around the link")
-def autocast_around_the_link():
+def test_autocast_around_the_link():
     wanted = everything()
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     frames, panels = Simulator().render(scene, bits), Simulator().true_panels(scene)
@@ -241,8 +227,7 @@ def autocast_around_the_link():
             )
 
 
-@hard("autocast around a receiver")
-def autocast_around_a_receiver():
+def test_autocast_around_a_receiver():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     frames = Simulator().render(scene, bits)
     for locator in (PaperLocator(), RefinedLocator()):
@@ -256,8 +241,7 @@ def autocast_around_a_receiver():
                 )
 
 
-@hard("autocast around the simulator")
-def autocast_around_the_simulator():
+def test_autocast_around_the_simulator():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     wanted = Simulator().render(scene, bits).grey
     for dtype in HALVES:
@@ -265,8 +249,7 @@ def autocast_around_the_simulator():
             assert torch.equal(Simulator().render(scene, bits).grey, wanted), dtype
 
 
-@hard("one thread or two, in batches of 1, 7 or 64")
-def threads_and_batches():
+def test_threads_and_batches():
     before, flda = torch.get_num_threads(), trained()
     with setting(torch.set_num_threads, 1, before):
         wanted = everything(flda=flda)
@@ -279,8 +262,7 @@ def threads_and_batches():
         same(everything(frames=1, framing="full", flda=flda), full)
 
 
-@hard("torch's deterministic mode")
-def deterministic_mode():
+def test_deterministic_mode():
     wanted = everything()
     simulator = Simulator()
     scene = Scene(
@@ -344,8 +326,7 @@ class Watched(TorchDispatchMode):
         return given
 
 
-@hard("the deterministic mode on a GPU")
-def operations_on_a_gpu():
+def test_operations_on_a_gpu():
     with Watched() as watched:
         everything(frames=1, framing="full")
     names = {name for name, _ in watched.seen}
@@ -363,11 +344,6 @@ def operations_on_a_gpu():
         "scatter_add_",
         "index_add_",
     } == {"index_add_"}
-
-
-@hard.each
-def test_precision(case):
-    case.check()
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hard_cases import HardCases
 from scipy import ndimage, stats
 
 from vocc_torch.errors import VoccError
@@ -21,9 +20,6 @@ from vocc_torch.simulation.framing import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
-
-hard = HardCases("Simulation")
-
 
 LINEAR = {"gamma": 1.0}
 """A camera whose grey values are proportional to the light, so that light can be summed up."""
@@ -75,8 +71,7 @@ def excess(frames, background):
 # Photometry
 
 
-@hard("gamma 1")
-def gamma_one():
+def test_gamma_one():
     exposure, speed = number([0.0, 1e-320, 1e-30, 0.25]), number([100.0] * 4)
     grey = grey_value(exposure, speed, gamma=1.0)
     grey.sum().backward()
@@ -84,8 +79,7 @@ def gamma_one():
     assert exposure.grad.tolist() == [1180] * 4
 
 
-@hard("gamma 0.1 and gamma 10")
-def gamma_extreme():
+def test_gamma_extreme():
     for gamma in (0.1, 10.0):
         light = np.logspace(-30, 30, 61) if gamma > 1 else np.logspace(-3, 3, 61)
         for dtype, rtol in ((torch.float64, 1e-12), (torch.float32, 1e-6)):
@@ -105,8 +99,7 @@ def gamma_extreme():
         assert refusal(Camera, gamma=gamma) == line
 
 
-@hard("a pixel among others")
-def pixel_among_others():
+def test_pixel_among_others():
     light = torch.rand(4099, generator=torch.Generator().manual_seed(5))
     together = grey_value(light, torch.tensor(100.0), gamma=2.2)
     for size in (1, 3, 7):
@@ -117,8 +110,7 @@ def pixel_among_others():
         assert torch.equal(torch.cat(parts), together)
 
 
-@hard("air that nothing shines through")
-def opaque_air():
+def test_opaque_air():
     shares = transmission(
         torch.tensor([0.0, 1.0, 100.0, 180.0, 191.0, 1e9], dtype=torch.float64), 1.0
     )
@@ -140,8 +132,7 @@ def opaque_air():
 # Light and auto-ISO
 
 
-@hard("no ambient light, and auto-ISO without limits")
-def night_without_limits():
+def test_night_without_limits():
     scene = Scene.cat([Scene.of(), Scene.of(ambient_lx=0.0)])
     for effects in (PAPER_EFFECTS, {}):
         simulator = Simulator(effects=effects)
@@ -153,8 +144,7 @@ def night_without_limits():
             assert refusal(ask) == f"scene.ambient_lx is 0: {rule}"
 
 
-@hard("no ambient light, and auto-ISO with limits")
-def night_with_limits():
+def test_night_with_limits():
     model = SceneModel(ambient_lx=Distribution("constant", (0.0,)))
     assert not model.draw(BlockKey(0, "night", 0), PanelShape())[0].ambient_lx.any()
     scene = Scene.of(ambient_lx=0.0, led_luminance_cd_m2=1.5, distance_m=2.0)
@@ -174,8 +164,7 @@ def night_with_limits():
     assert blind.grey.unique().tolist() == blind.surround.tolist() == [0]
 
 
-@hard("ambient light of 1e-30, 1e-12, 1e12 and 1e30 lx")
-def extreme_ambient():
+def test_extreme_ambient():
     for lux in (1e-12, 1e12):
         scene = Scene.of(ambient_lx=lux, distance_m=2.0)
         grey = Simulator(effects={"saturation": {}}).render(scene, all_on(scene)).grey
@@ -200,8 +189,7 @@ def extreme_ambient():
             assert line.startswith(start)
 
 
-@hard("light that nothing clips")
-def unclipped_light():
+def test_unclipped_light():
     scene = Scene.of(ambient_lx=1e-3, led_luminance_cd_m2=1e12)
     for gamma, effects in ((1.0, {}), (0.1, {}), (0.1, {"saturation": {}})):
         line = refusal(
@@ -218,8 +206,7 @@ def unclipped_light():
     assert float(seen.max()) == 255
 
 
-@hard("everything saturated")
-def everything_saturated():
+def test_everything_saturated():
     camera, scene = Camera(iso_limits=(1e9, 1e9)), Scene.of(ambient_lx=32000.0)
     seen = Simulator(camera).render(scene, all_on(scene))
     assert seen.grey.dtype == torch.uint8
@@ -227,8 +214,7 @@ def everything_saturated():
     assert float(Simulator(camera).contrast(scene)) == 0
 
 
-@hard("exposure settings at the ends of their ranges")
-def exposure_settings():
+def test_exposure_settings():
     ranges = {
         "f_number": (0.1, 1e3),
         "exposure_time_s": (1e-9, 1e4),
@@ -252,8 +238,7 @@ def exposure_settings():
         )
 
 
-@hard("the gradient through a dark renderer")
-def gradient_through_the_renderer():
+def test_gradient_through_the_renderer():
     camera = Camera(iso_limits=(3200.0, 3200.0))
     scene = Scene.of(ambient_lx=0.0, distance_m=3.0)
     scene.led_luminance_cd_m2.requires_grad_()
@@ -275,8 +260,7 @@ def gradient_through_the_renderer():
 # Panels near and far
 
 
-@hard("a panel that touches the lens")
-def touching_panel():
+def test_touching_panel():
     camera = sensor(64, 48, **LINEAR)
     panel = LedPanel(PanelShape(1, 1))
     nearest = 0.03 * camera.focal_length_px / 99_999
@@ -296,8 +280,7 @@ def touching_panel():
             assert line.startswith(f"scene.distance_m is {distance:g}: it must ")
 
 
-@hard("a panel at 10 km and at 1e9 m")
-def far_panel():
+def test_far_panel():
     camera, panel = Camera(**LINEAR), LedPanel(board_reflectance=None)
     for distance in (500.0, 1e4, 1e5):
         scene = Scene.of(distance_m=distance, offset_x_m=0.7, ambient_lx=1.0)
@@ -310,8 +293,7 @@ def far_panel():
     torch.testing.assert_close(grey, torch.full_like(grey, 102.0), rtol=1e-11, atol=0)
 
 
-@hard("a near and a far panel in one batch")
-def near_and_far():
+def test_near_and_far():
     camera = sensor(96, 64)
     scene = Scene.cat(
         [Scene.of(distance_m=d, offset_y_m=0.01) for d in (0.5, 3000.0, 8.0, 60.0, 0.2)]
@@ -330,8 +312,7 @@ def near_and_far():
         assert torch.equal(together, torch.cat(alone))
 
 
-@hard("a panel on the border, partly and wholly outside the sensor")
-def panel_across_the_border():
+def test_panel_across_the_border():
     small, large = sensor(96, 64), sensor(288, 192)
     metres = 6.0 / small.focal_length_px
     bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(4)) < 0.5
@@ -349,8 +330,7 @@ def panel_across_the_border():
     assert float(Simulator(small).true_panels(far).corners_px[..., 0].min()) > 96
 
 
-@hard("offsets and distances at the ends of their ranges")
-def extreme_offsets():
+def test_extreme_offsets():
     camera = Camera()
     telescope, small = (
         Camera(focal_length_mm=1e6),
@@ -391,8 +371,7 @@ def extreme_offsets():
         )
 
 
-@hard("sensors of 1 x 1, 5 x 5 and odd sizes")
-def small_sensors():
+def test_small_sensors():
     for width, height in ((1, 1), (5, 5), (7, 3), (3, 11), (61, 59)):
         for camera in (sensor(width, height), Camera(width_px=width, height_px=height)):
             scene = Scene.of(2, distance_m=20.0, offset_x_m=0.01)
@@ -409,8 +388,7 @@ def small_sensors():
 # Blooming
 
 
-@hard("blooming of 0 and of 1e-6 px")
-def no_blooming():
+def test_no_blooming():
     value = torch.rand(
         2, 1, 9, 7, generator=torch.Generator().manual_seed(1), dtype=torch.float64
     )
@@ -423,8 +401,7 @@ def no_blooming():
         )
 
 
-@hard("blooming wider than the crop and than the sensor")
-def wide_blooming():
+def test_wide_blooming():
     generator = torch.Generator().manual_seed(2)
     for height, width in ((1, 1), (40, 33)):
         value = torch.rand(
@@ -454,8 +431,7 @@ def wide_blooming():
     assert excess(bloomed, 102.0) == pytest.approx(excess(plain, 102.0), rel=1e-9)
 
 
-@hard("a wide kernel on a wide frame")
-def wide_kernel():
+def test_wide_kernel():
     generator = np.random.default_rng(3)
     quarter = torch.from_numpy(generator.random((9, 9)))
     half = torch.cat([quarter.flip(0)[:-1], quarter])
@@ -470,8 +446,7 @@ def wide_kernel():
         np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-13)
 
 
-@hard("means of no electron and of 1e30")
-def extreme_counts():
+def test_extreme_counts():
     normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])
     assert not poisson_quantile(np.zeros(7), normal).any()
     for mean in (1e-300, 1e-9, 0.01, 0.5, 2.999, 3.0, 47.3, 1e6):
@@ -488,8 +463,7 @@ def extreme_counts():
 # What is given to the renderer
 
 
-@hard("scenes, cameras and panels of no numbers")
-def plain_arguments():
+def test_plain_arguments():
     made = {
         Scene.of: ("scene", Scene.__slots__, 50.0),
         Camera: ("camera", (*CAMERA_RANGES, "width_px", "height_px"), 5),
@@ -537,8 +511,7 @@ def plain_arguments():
     assert type(Camera(width_px=np.int64(640)).width_px) is int
 
 
-@hard("bits of another type or shape")
-def wrong_bits():
+def test_wrong_bits():
     scene = Scene.of(2)
     for dtype in (torch.uint8, torch.int64, torch.float32):
         assert refusal(Simulator().render, scene, all_on(scene).to(dtype)) == (
@@ -552,8 +525,7 @@ def wrong_bits():
         )
 
 
-@hard("a batch of no scenes")
-def no_scenes():
+def test_no_scenes():
     empty = Scene.of()[:0]
     line = "scene holds no frames: it must hold at least 1"
     assert refusal(Simulator().render, empty, all_on(empty)) == line
@@ -567,8 +539,7 @@ def no_scenes():
     )
 
 
-@hard("scene values that are not finite")
-def not_finite():
+def test_not_finite():
     for name, value in itertools.product(
         Scene.__slots__, (math.nan, math.inf, -math.inf)
     ):
@@ -583,8 +554,7 @@ def not_finite():
             assert refusal(ask, scene) == line
 
 
-@hard("scene fields of different lengths")
-def ragged_scene():
+def test_ragged_scene():
     scene = Scene.of(3)
     for wrong in (
         torch.ones(1).double(),
@@ -603,8 +573,7 @@ def ragged_scene():
         assert refusal(ragged.checked) == line
 
 
-@hard("a nearest distance of 0 or below")
-def no_nearest_distance():
+def test_no_nearest_distance():
     scene = Scene.of()
     for nearest in (0.0, -1.0, math.nan):
         rule = "above 0" if nearest <= 0 else "a finite number"
@@ -621,8 +590,7 @@ def no_nearest_distance():
     assert Simulator().crop_px(0.002) == (1080, 1920)
 
 
-@hard("frames of more pixels than memory holds")
-def too_many_pixels():
+def test_too_many_pixels():
     camera, scene = Camera(width_px=8192, height_px=8193), Scene.of()
     for framing in ("filled", "full"):
         line = refusal(Simulator(camera, framing=framing).render, scene, all_on(scene))
@@ -646,8 +614,7 @@ def too_many_pixels():
 # Draws
 
 
-@hard("a distribution whose bounds are equal")
-def equal_bounds():
+def test_equal_bounds():
     for value in (5e-324, 1e-9, 0.1, 47.3, 1e12, 1.7e308):
         for kind in ("uniform", "log_uniform"):
             drawn = Distribution(kind, (value, value)).draw(
@@ -659,16 +626,10 @@ def equal_bounds():
         ) == {value}
 
 
-@hard("a uniform wider than the largest number")
-def too_wide():
+def test_too_wide():
     line = refusal(Distribution, "uniform", (-1e308, 1e308))
     assert line.endswith("high must not exceed low by more than 1.79769e+308")
     drawn = Distribution("uniform", (-8e307, 8e307)).draw(
         np.random.default_rng(0), 1000
     )
     assert np.isfinite(drawn).all()
-
-
-@hard.each
-def test_simulation(case):
-    case.check()
