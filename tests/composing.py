@@ -28,15 +28,16 @@ REFUSALS = (
 ours = None
 
 
-def composed(*words):
-    """The settings of a command line; Hydra reads its files once."""
+def composed(*words, raw=False):
+    """The settings of a command line, or its bare configuration; Hydra reads its files once."""
     global ours
     if ours is None or GlobalHydra.instance().hydra is not ours:
         GlobalHydra.instance().clear()
         register_schema()
         initialize_config_module("vocc_torch.conf", version_base="1.3")
         ours = GlobalHydra.instance().hydra
-    return resolved(compose("config", overrides=list(words)), words)
+    config = compose("config", overrides=list(words))
+    return config if raw else resolved(config, words)
 
 
 def study_of(*words):

@@ -1,8 +1,6 @@
 """Effects and backdrops from outside in whole runs: workers, jobs, a kill between, and code that changed."""
 
-import ast
 import os
-import re
 import shutil
 import signal
 from pathlib import Path
@@ -46,15 +44,6 @@ def mine(tmp_path):
     return (*streak, *street)
 
 
-@pytest.mark.slow
-def test_jobs_and_workers_count_the_same(app, mine, tmp_path):
-    assert app("-m", *SHORT, *mine, "workers=1,2").status == 0
-    one, two = (
-        (tmp_path / "runs" / "x" / job / "ber.csv").read_bytes() for job in "01"
-    )
-    assert one == two
-
-
 def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_path):
     folder = tmp_path / "runs" / "x"
     assert app(*SHORT, *mine).status == 0
@@ -96,23 +85,6 @@ def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_
 )
 def test_what_is_broken_is_refused_in_one_line(app, mine, word, said):
     assert app(*SHORT, *mine, f"scene.effects.{word}").complaint.startswith(said)
-
-
-def test_the_page_shows_the_examples_but_for_their_docstrings():
-    page = (
-        (ROOT / "docs" / "plug-ins.md")
-        .read_text(encoding="utf-8")
-        .partition("## An effect")[2]
-    )
-    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
-    for block, path in zip(blocks, EXAMPLES, strict=True):
-        code = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-        assert len((ROOT / path).read_text(encoding="utf-8").splitlines()) <= 40
-        for part in ast.walk(code):
-            if isinstance(part, ast.Module | ast.ClassDef | ast.FunctionDef):
-                assert ast.get_docstring(part)
-                part.body = part.body[1:]
-        assert ast.dump(code) == ast.dump(ast.parse(block))
 
 
 @pytest.mark.slow

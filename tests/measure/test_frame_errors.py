@@ -9,48 +9,12 @@ from made_up_tallies import tallies
 
 from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.estimate import Estimate, may_be_least
-from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.runner import Banks, Job
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import narrowed
-
-LEDS = 64
-
-
-def equals(rng, receivers, frames, rate, shared):
-    """Receivers that are wrong in as many frames on average, some of these for all alike."""
-    alike = rng.random(frames) < rate * shared
-    own = rng.random((receivers, frames)) < rate * (1 - shared)
-    half = 2 * (alike | own) * np.minimum(LEDS, rng.geometric(0.5, (receivers, frames)))
-    return FrameErrors(half.astype(np.int64), half >= 0, LEDS)
-
-
-@pytest.mark.parametrize(("receivers", "pictures"), [(2, 200), (12, 60), (30, 20)])
-def test_among_equals_few_pictures_have_a_false_claim(receivers, pictures):
-    """Of lists of equal receivers: is any called surely worse than another?"""
-    rng, false = np.random.default_rng(1), 0
-    for _ in range(pictures):
-        errors = equals(rng, receivers, 1024, 0.02, 0.5)
-        totals = errors.half_errors.sum(axis=1)
-        false += errors.surely_worse(int(totals.argmax()), int(totals.argmin()))
-    assert false <= 0.05 * pictures
-
-
-def test_the_best_is_hardly_ever_ruled_out_and_worse_ones_are():
-    """Equal receivers and one with a third of their errors, over and over."""
-    rng, kept, left = np.random.default_rng(3), 0, 0
-    for _ in range(60):
-        halves = equals(rng, 6, 2048, 0.03, 0.3).half_errors
-        halves[2] *= rng.random(2048) < 1 / 3
-        places = may_be_least(
-            len(halves), FrameErrors(halves, halves >= 0, LEDS).compared
-        )
-        kept, left = kept + (2 in places), left + len(places)
-    assert kept >= 57
-    assert left / 60 < 2
 
 
 def test_an_estimate_leaves_out_what_is_outside_its_interval():
@@ -63,20 +27,6 @@ def test_an_estimate_leaves_out_what_is_outside_its_interval():
         assert Estimate(0.1, *ends).real is real
         assert Estimate(1.1, ends[0] + 1, ends[1] + 1).leaves_out(1.0) is real
     assert may_be_least(1, lambda *_: pytest.fail("nothing to compare")) == [0]
-
-
-def test_the_first_frames_are_counted_alone():
-    half = np.array([[2, 64, 0, 8], [0, 64, 4, 0]])
-    found = half != 64
-    first = FrameErrors(half, found, LEDS).first(2)
-    # Fmt: skip.
-    assert [
-        (one.frames, one.half_errors, one.panels_missed) for one in first.counts
-    ] == [
-        (2, 66, 1),
-        (2, 64, 1),
-    ]
-    assert first.compared(1, 0).value == -2 / (2 * 2 * LEDS)
 
 
 # Counts
@@ -135,24 +85,6 @@ def job(make_plan, trained):
         [(name, ReceiverBank(names, trained), 0) for name, names in banks]
     )
     return Job(plan, plan.experiment.model_at(plan.world, 66.0), "p", receivers)
-
-
-def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):
-    errors = job.count(range(2), 100)
-    assert errors.keys[1:3] == (Key("truth", "flda_3"), Key("paper", "flda_3"))
-    assert errors.place(Key("truth", "flda_2", 4)) == 3
-    assert errors.found[[0, 1, 3]].all()
-    assert 0 < errors.counts[2].panels_missed < 100
-    for place, bank in (
-        (slice(0, 2), job.receivers.banks[0]),
-        (slice(2, 3), job.receivers.banks[1]),
-    ):
-        alone = replace(job, receivers=Banks([bank])).count(range(2), 100)
-        assert np.array_equal(alone.half_errors, errors.half_errors[place])
-    late = job.count([1], 16, first=6)
-    assert np.array_equal(late.half_errors, errors.half_errors[:, 70:80])
-    assert errors.paired(1, 1).discordant == 0
-    assert errors.paired(3, 1) == errors.paired(1, 3).swapped()
 
 
 def test_errors_of_misplaced_panels_are_those_off_the_pinhole_camera_s_corners(job):

@@ -7,21 +7,15 @@ import pytest
 import torch
 from one_point import job_of
 
-from vocc_torch.measure import genie as genie_module
-from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.genie import Genie, genie_reference
 from vocc_torch.measure.likelihood import overlap
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.runner import Part
-from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import point_name
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.reader import Reader
-from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import PanelShape
 
 NOISY = {
     **PAPER_EFFECTS,
@@ -43,21 +37,6 @@ def held(**values):
 def referenced(plan, model, point, frames, workers=1):
     with Workers(workers) as some:
         return genie_reference(plan, model, point, frames, some)
-
-
-@pytest.fixture
-def small_plan(make_plan):
-    """A panel of 3 x 3 LEDs, which the genie decides in milliseconds."""
-
-    def make(effects, seed=0):
-        plan, shape = make_plan(seed=seed), PanelShape(3, 3)
-        world = dataclasses.replace(
-            plan.world, effects=effects, panel=LedPanel(shape=shape)
-        )
-        receiver = dataclasses.replace(plan.receiver, reader=Reader(shape))
-        return dataclasses.replace(plan, world=world, receiver=receiver)
-
-    return make
 
 
 @pytest.fixture
@@ -113,32 +92,6 @@ def test_its_frames_are_those_that_the_receivers_meet(
         assert torch.equal(same, their_frame.grey[0, 0][there])
         # The window holds the panel: at 70 m its 64 LEDs span some 25 pixels.
         assert min(same.shape) > 25
-
-
-def test_its_counts_are_the_genies_however_the_work_is_shared(
-    small_plan, monkeypatch, tmp_path
-):
-    """At 500 m errors abound, of 3 x 3 LEDs too."""
-    plan, model = (
-        small_plan(PAPER_EFFECTS, seed=2),
-        held(distance_m=500, ambient_lx=20000),
-    )
-    simulator, point = plan.world.simulator(), "far/distance_m=500"
-    scene, bits = model.draw(BlockKey(2, point, 0), simulator.panel.shape)
-    scene, bits = scene[:18], bits[:18]
-    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
-    wanted = Counts.of(decision.bits, bits, torch.ones(18, dtype=torch.bool))
-    assert wanted.bit_errors > 0
-    monkeypatch.setattr(genie_module, "TIMED_FRAMES", 2)
-    found = referenced(plan, model, point, 18)
-    with Store.open(tmp_path / "ledger", {}) as store, Workers(1) as workers:
-        for _ in range(2):
-            assert (
-                genie_reference(plan, model, point, 18, workers, store).counts == wanted
-            )
-        assert len(store) == 1
-    assert (found.counts, found.proven) == (wanted, int(decision.proven.sum()))
-    assert found.seconds_a_frame > 0
 
 
 def test_the_genie_is_given_frames_and_scenes_and_no_key(make_plan, monkeypatch):

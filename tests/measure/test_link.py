@@ -19,21 +19,6 @@ def observed(link, frames, *, preambles=False, keys=(KEY,)):
     )
 
 
-def test_batches_join_to_the_same_readings():
-    whole = observed(Link(Simulator(), None, Reader()), 20)
-    parts = observed(Link(Simulator(), None, Reader(), batch_frames=7), 20)
-    assert [len(part.bits) for part in parts] == [7, 7, 6]
-    assert torch.equal(torch.cat([part.bits for part in parts]), whole[0].bits)
-    assert torch.equal(
-        torch.cat([part.frames.grey for part in parts]), whole[0].frames.grey
-    )
-    for field in ("average", "centre"):
-        greys = torch.cat([getattr(part.readings.greys, field) for part in parts])
-        torch.testing.assert_close(
-            greys, getattr(whole[0].readings.greys, field), rtol=1e-6, atol=1e-5
-        )
-
-
 def test_the_truth_is_used_without_a_locator_and_only_then():
     link = Link(Simulator(), None, Reader())
     (seen,) = observed(link, 8)

@@ -8,9 +8,8 @@ import pytest
 from one_point import banks
 from scipy import stats
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure import rare
-from vocc_torch.measure.counts import Counts, WeightedCounts
+from vocc_torch.measure.counts import WeightedCounts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.intervals import (
     ber_interval,
@@ -18,9 +17,8 @@ from vocc_torch.measure.intervals import (
     weighted_interval,
 )
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import Study, measured, plain_job, run_studies
-from vocc_torch.measure.tilted import EDGES, WIDTHS, Component, TiltedScenes, part_of
+from vocc_torch.measure.tilted import EDGES, WIDTHS, Component, TiltedScenes
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel
 from vocc_torch.types import PanelShape
@@ -99,18 +97,6 @@ def test_frames_are_drawn_as_the_weights_say(scenes):
         assert stats.chisquare(seen, seen.sum() * chances / chances.sum()).pvalue > 1e-3
 
 
-def test_values_come_from_their_places_and_stay_in_bounds(scenes):
-    key = BlockKey(0, "values", 0)
-    scene, placed = scenes.draw(key, SHAPE)[0], scenes.drawn(key, SHAPE)[0]
-    assert np.allclose(scene.distance_m, 30 + 40 * placed["distance_m"])
-    assert set(scene.ambient_lx.tolist()) == {1e3, 2e3, 3e3}
-    assert part_of(np.array([0.0, 1 / 32, 1 - 1e-12])).tolist() == [0, 1, 9]
-    with pytest.raises(
-        VoccError, match="components is 44: it must be shares that add to 64"
-    ):
-        TiltedScenes.of(SceneModel(), scenes.components[:2])
-
-
 def test_the_mean_of_weighted_errors_is_the_known_rate():
     """An LED that is Off between four that are On, in the last 32nd of distance and background."""
     shape, names = PanelShape(8, 8), ("distance_m", "background_grey")
@@ -158,49 +144,6 @@ def weighed(halves, weights):
     return WeightedCounts.weigh(halves, halves < 8, 4, np.array(weights), 16)
 
 
-def test_sums_are_exact_in_any_order():
-    weights = np.random.default_rng(0).lognormal(-30, 12, 200).clip(0, 4)
-    ones = [weighed([2], [weight]) for weight in weights]
-    backwards = sum(reversed(ones), WeightedCounts())
-    assert sum(ones, WeightedCounts()) == backwards == weighed([2] * 200, weights)
-    assert backwards.ber == pytest.approx(weights.sum() / 800, rel=1e-12)
-
-
-def test_weights_of_one_give_the_plain_counts():
-    halves = [0, 2, 4, 8, 0, 2]
-    own = weighed(halves, np.ones(6))
-    plain = Counts(6, 24, 16, 88, 4, 1)
-    assert (own.frames, own.half_errors, own.half_errors_squared, own.frame_errors) == (
-        6,
-        16,
-        88,
-        4,
-    )
-    assert own.panels_missed == 1
-    assert own.ber == plain.ber
-    assert own.effective_frames == 6
-
-
-def test_equal_weights_give_the_interval_of_a_poisson_count():
-    own = weighed([2] * 20 + [0] * 10**5, np.full(10**5 + 20, 1e-3))
-    exact = [stats.chi2.ppf(0.025, 40) / 40, stats.chi2.ppf(0.975, 42) / 40]
-    found = weighted_interval(own)
-    ends = found.low / found.value, found.high / found.value
-    # The variance is an estimate of 21 degrees of freedom.
-    wider = stats.t.ppf(0.975, 21) / stats.norm.ppf(0.975)
-    assert 1 - ends[0] == pytest.approx((1 - exact[0]) * wider, rel=0.03)
-    assert ends[1] - 1 == pytest.approx((exact[1] - 1) * wider, rel=0.05)
-
-
-def test_without_errors_the_limit_is_that_of_the_frames_as_they_are_meant():
-    clean = weighed([0] * 4000, np.ones(4000))
-    assert clean.nominal_frames == 1000
-    assert ber_interval(clean).high == pytest.approx(
-        ber_interval(Counts(1000, 4000)).high
-    )
-    assert ber_interval(weighed([2], [1e-40])).high < 1
-
-
 @pytest.mark.parametrize(("wrong", "skew"), [(12, 1.0), (300, 2.0)])
 def test_skewed_weights_are_covered(wrong, skew):
     """Log-normal weights; Wald's interval covers 85 % of the first, one of two moments 89 % of the second."""
@@ -213,120 +156,6 @@ def test_skewed_weights_are_covered(wrong, skew):
         found = weighted_interval(own)
         held += found.low <= 1e-4 * wrong / 4 / own.frames <= found.high
     assert clopper_pearson(held, 400, 0.99).high > 0.95
-
-
-def test_where_few_of_many_wrong_frames_have_the_weight_others_may_be_unseen():
-    """The proposal seeks other errors than most: then the frames as they are meant set the limit."""
-    for shares, added in (([1.0] * 3 + [1e-3] * 97, 1), ([1.0] * 20 + [1e-3] * 80, 0)):
-        own = weighed(
-            [2] * 100 + [0] * 4000, [*(1e-6 * np.array(shares)), *np.ones(4000)]
-        )
-        limit = ber_interval(weighed([0] * 4100, np.ones(4100))).high
-        assert ber_interval(own).high - weighted_interval(own).high == pytest.approx(
-            added * limit
-        )
-
-
-@pytest.mark.parametrize(
-    "numbers",
-    [
-        (1, 4, 2, 4, 1, 0, 0, 0, 65),
-        (1, 4, 2, 4, 1, 0, 0, 0, 16, 9, 4, 81, 6561),
-        (1, 4, 0, 0, 0, 0, 0, 0, 1, 1),
-        (2, 8, 4, 8, 2, 0, 0, 0, 32, 4, 8, 8, 31),
-        (2, 8, 4, 8, 2, 0, 0, 0, 32, 4, 8, 8, 65),
-    ],
-)
-def test_what_no_frames_give_is_refused(numbers):
-    with pytest.raises(VoccError, match="counts"):
-        WeightedCounts(*numbers)
-
-
-def test_templates_are_laid_within_the_panel_and_patterns_are_dark_lines():
-    template = np.arange(25).reshape(5, 5) / 50 + 0.1
-    laid = rare.around_leds(
-        PanelShape(4, 3), 8, template, 0.4, {0: 1.0, 1: 1.0, 2: 2.0}, {}
-    )
-    assert laid.maps[0, 0, 0] == laid.maps[7, 2, 1] == template[2, 2]
-    assert laid.maps[0, 1, 2] == template[3, 4]
-    assert laid.maps[0, 3, 0] == 0.4
-    assert laid.places.sum() == pytest.approx(1)
-    assert laid.places[0] == pytest.approx(0.5 / 4)
-    dark = rare.patterns(PanelShape(4, 3), 8).maps
-    for rows, columns in ((1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1)):
-        asked = np.full((4, 3), 0.5)
-        asked[:rows], asked[:, :columns] = 0.05, 0.05
-        assert sum(np.array_equal(one, asked) for one in dark) == 1
-    assert rare.first_guess(PanelShape(1, 4), locates=True)[2].maps.shape == (4, 1, 4)
-
-
-def seen_of(bits, margins, weights, failed=None):
-    """What a pilot saw, of scenes all alike."""
-    failed = np.zeros((1, len(bits)), bool) if failed is None else failed
-    placed = {"distance_m": np.linspace(0, 1, len(bits), endpoint=False)}
-    return rare.PilotFrames(
-        placed, bits, np.asarray(weights, float), margins[None], failed
-    )
-
-
-def test_the_pilot_learns_what_weak_leds_have_in_common():
-    """LEDs that are On with an LED below them that is Off, in scenes of the last eighth."""
-    random = np.random.default_rng(1)
-    bits = random.random((4000, 6, 6)) < 0.5
-    far = np.arange(4000) >= 3500
-    weak = bits[:, 2:-2, 2:-2] & ~bits[:, 3:-1, 2:-2] & far[:, None, None]
-    margins = np.ones(bits.shape)
-    margins[:, 2:-2, 2:-2][weak] = -0.5
-    shape = PanelShape(6, 6)
-    guess = TiltedScenes.of(SceneModel(), rare.first_guess(shape, locates=False))
-    *_, last = made = rare.learned(
-        guess, [seen_of(bits, margins, np.ones(4000))], shape
-    )
-    assert sum(one.frames for one in made) == 64
-    assert len(made) == 3
-    middle = last.maps[2 * 6 + 2]
-    # Turned and mirrored the one neighbour is one of four.
-    assert middle[2, 2] == 0.95
-    assert 0.3 < middle[2, 3] < 0.45
-    assert 0.4 < middle[0, 0] < 0.6
-    assert last.tilts["distance_m"][7:].sum() > 0.8
-    assert last.places[14] > 5 * last.places[0]
-
-
-def test_what_lies_outside_the_panel_is_neither_on_nor_off():
-    bits = np.ones((300, 4, 4), bool)
-    margins = np.ones(bits.shape)
-    margins[:, 0, 0] = -1.0
-    guess = TiltedScenes.of(
-        SceneModel(), rare.first_guess(PanelShape(4, 4), locates=False)
-    )
-    *_, corners = rare.learned(
-        guess, [seen_of(bits, margins, np.ones(300))], PanelShape(4, 4)
-    )
-    middle = corners.maps[5]
-    assert middle.min() > 0.9
-    assert corners.places[[0, 3, 12, 15]].sum() > 0.8
-
-
-def test_failed_locations_teach_patterns_and_no_leds():
-    shape, bits = PanelShape(6, 6), np.random.default_rng(2).random((400, 6, 6)) < 0.5
-    bits[::10, :2] = False
-    failed = (np.arange(400) % 10 == 0)[None]
-    margins = np.where(
-        failed[0][:, None, None], -1.0, np.random.default_rng(3).random(bits.shape)
-    )
-    seen = seen_of(bits, margins, np.ones(400), failed)
-    guess = TiltedScenes.of(SceneModel(), rare.first_guess(shape, locates=True))
-    _, dark, *weak = rare.learned(guess, [seen], shape)
-    # A panel looks the same from all four sides.
-    best = dark.maps[np.argsort(dark.places)[-4:]]
-    at_sides = [
-        [bool((np.rot90(one, k)[:2] < 0.1).all()) for k in range(4)] for one in best
-    ]
-    assert sorted(at_sides) == np.eye(4, dtype=bool)[::-1].tolist()
-    oblong = rare.turned(bits[:, :4])
-    assert [one.shape for one in oblong] == [(400, 4, 6)] * 4
-    assert all("distance_m" not in one.tilts for one in weak)
 
 
 @pytest.fixture(scope="module")
@@ -377,17 +206,3 @@ def test_tilted_frames_give_the_rates_that_counting_gives(study, trained, rare_c
     assert (row.method, row.frames, rare_curves.paired) == ("rare", 640, {})
     assert row.effective_frames > 640
     assert row.unseen_below == pytest.approx(2.9957 / 160, rel=1e-4)
-
-
-def test_batches_and_a_ledger_change_nothing(study, trained, rare_curves, tmp_path):
-    with Store.open(tmp_path / "ledger", {}) as ledger:
-        short = replace(study.plan.budget, frames=300)
-        rates(study, trained, ledger=ledger, budget=short, batch_frames=7)
-        assert len(ledger) == 5
-        again = rates(study, trained, ledger=ledger)
-    assert again.counts == rare_curves.counts
-
-
-@pytest.mark.slow
-def test_two_processes_give_what_one_gives(study, trained, rare_curves):
-    assert rates(study, trained, workers=2).counts == rare_curves.counts

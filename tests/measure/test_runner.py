@@ -7,23 +7,21 @@ import itertools
 import random
 import tempfile
 from concurrent.futures import Future
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_point import LEDS, A, MadeUp, run_point
+from one_point import LEDS, A, MadeUp
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import runner
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.runner import Part, Point, parts_of, stop_reason
+from vocc_torch.measure.runner import Part, Point, parts_of
 from vocc_torch.measure.store import Store
 from vocc_torch.rng import BLOCK_FRAMES
 
@@ -265,20 +263,6 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
         )
 
 
-def test_a_store_that_cannot_be_written_ends_the_run(store, monkeypatch):
-    add, rows = Store.add, []
-
-    def full(self, *row):
-        if len(rows) == 3:
-            raise VoccError("cannot write")
-        rows.append(add(self, *row))
-
-    monkeypatch.setattr(Store, "add", full)
-    with pytest.raises(VoccError, match="cannot write"):
-        list(runner.count([Point(MadeUp([1]), Budget(640), store)], Workers(1)))
-    assert sorted(blocks_of(store, "p")) == [0, 1, 2]
-
-
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_what_is_done_when_something_else_ends_the_run_is_recorded(store, error):
     """Two calls have come back; the first is being added when the run is interrupted."""
@@ -324,125 +308,3 @@ def test_a_blocks_bytes_are_its_numbers_and_others_are_refused():
 
 
 # Precision
-
-
-@dataclass(eq=False)
-class Drawn(MadeUp):
-    """Receivers whose frames are in error at these rates, each with one wrong bit or more, in groups."""
-
-    seed: int = 0
-    rates: dict = field(default_factory=dict)
-    groups: int = 1
-
-    @property
-    def keys(self):
-        return tuple(Key("truth", name) for name in self.rates)
-
-    def of(self, part):
-        rng, shape = (
-            np.random.default_rng([self.seed, part.block]),
-            (len(self.rates), part.frames),
-        )
-        wrong = rng.random(shape) < np.array(list(self.rates.values()))[:, None]
-        halves = 2 * rng.geometric(0.4, shape).clip(max=LEDS) * wrong
-        group = rng.integers(0, self.groups, part.frames)
-        return FrameErrors(halves, halves >= 0, LEDS, group, keys=self.keys)
-
-
-def drawn(seed, rates, groups=1):
-    return Drawn([], seed=seed, rates=rates, groups=groups)
-
-
-def narrow(counts, precision, least_ber=0.0):
-    """What the rule asks of one receiver, in other words."""
-    interval, ber = (
-        ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2),
-        counts.ber,
-    )
-    reach = max(interval.high - ber, ber - interval.low)
-    return interval.high <= least_ber or (ber > 0 and reach <= precision * ber)
-
-
-SURE = {A: Counts(10**6, 64 * 10**6, 2 * 10**5, 4 * 10**5, 10**5)}
-
-
-def test_precision_is_looked_at_in_steps_of_at_least_16_blocks_and_of_a_sixteenth():
-    """Looks at every block would stop a point by luck; too few would waste frames."""
-    rule = Budget(10**9, precision=0.1)
-    looks = [
-        blocks
-        for blocks in range(1, 4097)
-        if stop_reason(rule, SURE, blocks) == "precision"
-    ]
-    assert looks[:20] == list(range(16, 321, 16))
-    steps = {b: b - a for a, b in itertools.pairwise(looks)}
-    assert min(steps.values()) == 16
-    assert all(
-        step == 16 or blocks / 32 <= step <= blocks / 16
-        for blocks, step in steps.items()
-    )
-    assert looks[-1] == 4096
-
-
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    rates=st.fixed_dictionaries(
-        {"a": st.sampled_from([0.0, 0.02, 0.2]), "b": st.sampled_from([0.05, 0.5])}
-    ),
-    groups=st.integers(1, 2),
-    precision=st.sampled_from([0.05, 0.15, 0.3]),
-    least_ber=st.sampled_from([0.0, 1e-4, 1e-2]),
-    at_once=st.integers(1, 20),
-)
-@settings(max_examples=30, deadline=None)
-def test_a_precise_point_stops_at_the_first_look_at_which_everyone_is(
-    seed, rates, groups, precision, least_ber, at_once
-):
-    rule, seen = Budget(64 * 130, precision=precision, least_ber=least_ber), []
-    outcome = run_point(
-        drawn(seed, rates, groups),
-        rule,
-        batch_frames=64 * at_once,
-        told=lambda _, tallies: seen.append(dict(tallies)),
-    )
-    enough = [
-        blocks
-        for blocks in range(16, 131, 16)
-        if blocks <= len(seen)
-        and all(
-            narrow(counts, precision, least_ber) for counts in seen[blocks - 1].values()
-        )
-    ]
-    if outcome.stopped_by == "precision":
-        assert enough == [len(seen)]
-        assert all(
-            narrow(counts, precision, least_ber) for counts in outcome.counts.values()
-        )
-    else:
-        assert (outcome.stopped_by, enough, len(seen)) == ("frames", [], 130)
-
-
-def test_without_errors_a_point_is_precise_only_below_the_least_rate():
-    free = drawn(0, {"a": 0.0})
-    assert run_point(free, Budget(64 * 40, precision=0.9)).stopped_by == "frames"
-    # The upper limit of n error-free frames is about 3 / n frames in error, each a lost panel: 32 of 64 bits.
-    for least_ber, frames in ((3e-4, 5000), (1e-4, 15000)):
-        outcome = run_point(free, Budget(10**6, precision=0.1, least_ber=least_ber))
-        assert outcome.stopped_by == "precision"
-        assert (
-            ber_interval(outcome.counts[A], errors_per_frame_error=32).high <= least_ber
-        )
-        assert frames <= outcome.counts[A].frames <= 1.3 * frames
-    with_errors = drawn(0, {"a": 0.0, "b": 0.001})
-    outcome = run_point(with_errors, Budget(64 * 40, precision=0.1, least_ber=1e-5))
-    assert outcome.stopped_by == "frames"
-
-
-def test_every_group_must_be_precise_though_frame_errors_add_over_them():
-    counts = {A: SURE[A], (A[0], 1): Counts(64, 4096, 2, 4, 1)}
-    assert stop_reason(Budget(10**9, precision=0.1), counts, 16) is None
-    assert (
-        stop_reason(Budget(10**9, target_frame_errors=10**5 + 1), counts, 16)
-        == "frame_errors"
-    )
-    assert stop_reason(Budget(10**9, target_frame_errors=10**5 + 2), counts, 16) is None

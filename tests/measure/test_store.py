@@ -8,7 +8,6 @@ import os
 import random
 import signal
 import sqlite3
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,7 +23,6 @@ from one_point import A, MadeUp, run_point
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import runner
-from vocc_torch.measure import store as module
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.runner import parts_of
 from vocc_torch.measure.store import Store
@@ -135,16 +133,6 @@ def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("block", "frames", "named"),
-    [(-1, 64, "block is -1"), (0, 0, "frames is 0"), (0, 65, "frames is 65")],
-)
-def test_impossible_rows_are_refused_and_not_written(path, block, frames, named):
-    with Store.open(path, SETTINGS) as store:
-        refusal(lambda: store.add(POINT, block, frames, b""), named)
-        assert len(store) == 0
-
-
 # Resuming.
 
 
@@ -168,27 +156,6 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, batch_frames):
         assert len(set(asked)) == len(asked)
         known = MadeUp(WRONG, POINT, broken=tuple(range(16)))
         assert ends(run_point(known, rule, store=store)) == undisturbed
-
-
-def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(
-    path,
-):
-    with Store.open(path, SETTINGS) as store:
-        for frames, expected in (
-            (100, [0, 1]),
-            (128, [1]),
-            (100, []),
-            (128, []),
-            (90, [1]),
-            (200, [2, 3]),
-        ):
-            asked = []
-            outcome = run_point(job(asked), Budget(frames), store=store)
-            assert (ends(outcome), asked) == (
-                ends(run_point(job(), Budget(frames))),
-                expected,
-            )
-        assert len(store) == 6
 
 
 # Damage, strangers, other versions, other settings: refused, and the file stays as it was.
@@ -273,19 +240,6 @@ def test_a_forged_row_is_refused_though_its_checksum_is_right(path):
         )
 
 
-@pytest.mark.parametrize("content", [b"my notes", b"experiment,axis\n" * 100])
-def test_a_strangers_file_is_refused_and_left_alone(path, content):
-    path.parent.mkdir()
-    path.write_bytes(content)
-    refusal(
-        lambda: Store.open(path, {}),
-        "runs/ledger.sqlite is no ledger",
-        "choose another",
-    )
-    assert path.read_bytes() == content
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_what_is_no_ordinary_file_of_its_own_is_refused(path):
     path.parent.mkdir()
     change(path, "CREATE TABLE mine (x)")
@@ -302,28 +256,6 @@ def test_what_is_no_ordinary_file_of_its_own_is_refused(path):
             "ordinary file",
         )
     refusal(lambda: Store.open("/dev/null", {}), "/dev/null", "ordinary file")
-
-
-def test_another_format_is_refused(path):
-    before = filled(path)
-    change(path, "PRAGMA user_version=1")
-    refusal(
-        lambda: Store.open(path, SETTINGS),
-        "has format 1, and this release 2",
-        "choose another ledger",
-    )
-    assert len(before) == len(path.read_bytes())
-
-
-def test_another_release_of_the_package_is_refused(path, monkeypatch):
-    filled(path)
-    monkeypatch.setattr(module, "__version__", "9.9.9")
-    refusal(
-        lambda: Store.open(path, SETTINGS),
-        "is of vocc-torch",
-        "9.9.9",
-        "the release that began it",
-    )
 
 
 CAMERA, RECEIVER = SETTINGS["world"], SETTINGS["receiver"]
@@ -373,14 +305,6 @@ def test_other_settings_are_refused_in_one_short_line_that_names_what_changed(
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), Path("runs")])
-def test_settings_that_json_does_not_have_are_refused_before_there_is_a_file(
-    path, value
-):
-    refusal(lambda: Store.open(path, {"a": [value]}), "settings cannot be written")
-    assert not path.parent.exists()
-
-
 # One writer, and a system that refuses.
 
 
@@ -399,29 +323,6 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(path):
     refusal(lambda: first.add(POINT, 1, 64, b""), "is closed")
     refusal(lambda: Store.open(path, {**SETTINGS, "seed": 8}), "seed was 7")
     Store.open(path, SETTINGS).close()
-
-
-def test_a_ledger_deleted_during_the_run_is_noticed(path):
-    with Store.open(path, SETTINGS) as store:
-        path.unlink()
-        refusal(
-            lambda: store.add(POINT, 0, 64, b""),
-            "deleted under this run",
-            "start it again",
-        )
-
-
-def test_what_cannot_be_written_is_refused(path, monkeypatch):
-    """A read-only file system binds root too."""
-    filled(path)
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    refusal(
-        lambda: Store.open(path, SETTINGS),
-        "cannot write runs/ledger.sqlite",
-        "make it writable",
-    )
-    monkeypatch.undo()
-    refusal(lambda: Store.open(path / "below" / "ledger", SETTINGS), "cannot write")
 
 
 # Kills. A process of its own, with one thread, forks a run, kills it with SIGKILL, and forks the next.
@@ -495,37 +396,6 @@ def under_fire(folder):
             {"lives": told, "result": (folder / "result").read_text(), "left": left}
         )
     )
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(tmp_path):
-    """A life counts nothing that is recorded, and loses only what was under way; one file is left."""
-    single = {
-        name: "1"
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    }
-    environment = {**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])}
-    options = {
-        "env": environment,
-        "capture_output": True,
-        "text": True,
-        "check": False,
-        "timeout": 300,
-    }
-    done = subprocess.run([sys.executable, __file__, tmp_path], **options)
-    assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
-    report = json.loads(done.stdout)
-    *killed, (*_, ended) = report["lives"]
-    assert report["result"] == repr(ends(run_point(job(), RULE)))
-    assert report["left"] == ["calls", "ledger", "result"]
-    assert ended == 0
-    assert len(killed) >= 5
-    for known, calls, after, _ in report["lives"]:
-        assert not set(calls) & set(known)
-        assert len(calls) == len(set(calls))
-        assert set(known) <= set(after)
-        assert len(set(calls) - set(after)) <= 2 * THREADS
 
 
 if __name__ == "__main__":

@@ -4,22 +4,18 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
 import pytest
 import torch
 from one_point import banks, job_of, run_point, sweep_point
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure import runner, sweep
-from vocc_torch.measure import train as train_module
+from vocc_torch.measure import sweep
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.link import Link, Observation
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.runner import Part
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import Study
-from vocc_torch.measure.train import Training, train, train_each
+from vocc_torch.measure.train import train, train_each
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
@@ -144,24 +140,6 @@ def test_receivers_alone_or_together_see_the_same_frames_and_another_seed_others
     assert counts_of(make_plan(seed=1), trained) != together
 
 
-def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
-    """The first 64 frames of 100 are the 64 of a budget of 64."""
-    job = job_of(plan := make_plan(frames=128), banks(plan, {"truth": trained}), 66.0)
-    first, second = job([Part(0, 64), Part(1, 64)])
-    assert job([Part(0, 64)]) == [first]
-    assert job([Part(1, 64)]) == [second]
-    (few,) = job([Part(0, 10)])
-    begin = job.read(first, Part(0, 64)).first(10).half_errors
-    assert job.read(few, Part(0, 10)).half_errors.tolist() == begin.tolist()
-
-
-def test_close_values_do_not_share_their_draws():
-    experiment = Experiment("close", "ambient_lx", (1000000.0, 1000001.0))
-    assert (
-        len({sweep.point_name(experiment, value) for value in experiment.values}) == 2
-    )
-
-
 def test_framing_changes_no_count(make_plan, trained):
     """The panel's surroundings alone, these laid into a frame, or the whole sensor rendered."""
     names = ("average_greyscale", "flda_2", "flda_3")
@@ -233,37 +211,6 @@ def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
     assert points == {value: frames for value, frames in by_hand.items() if frames}
 
 
-def test_edges_of_bins(make_plan):
-    """An inner edge belongs to the bin above, the first to the first, the last to the last."""
-    plan = contrast_plan(make_plan, edges=(0.1, 0.2, 0.3))
-    values = torch.tensor([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.31], dtype=torch.float64)
-
-    class Known:
-        def contrast(self, scene):
-            return values
-
-    link = Link(Known(), None, plan.receiver.reader)
-    scene = Scene.of(frames=7)
-    seen = Observation(scene, torch.zeros(7, 8, 8), None, None, None, None)
-    assert sweep.group_of(plan.experiment, link, seen).tolist() == [
-        -1,
-        0,
-        0,
-        1,
-        1,
-        1,
-        -1,
-    ]
-
-
-def test_frames_outside_all_bins_count_nowhere(make_plan, trained):
-    plan = contrast_plan(make_plan, edges=(0.2, 0.3), frames=128, names=("flda_3",))
-    (point,) = sweep_point(plan, trained, 0.2)
-    assert 0 < point.counts.frames < 128
-    nowhere = contrast_plan(make_plan, edges=(0.9, 0.95), frames=64, names=("flda_3",))
-    assert sweep_point(nowhere, trained, 0.9) == []
-
-
 # Many studies in one run
 
 STUDIES = {
@@ -314,118 +261,3 @@ def whole(studies, tmp_path_factory):
         finished=lambda study, one: told.append((study.key, one)),
     )
     return campaign.measured, told, folder
-
-
-@pytest.mark.parametrize("index", [1, 3])
-def test_a_study_gives_what_it_gives_alone(whole, studies, index):
-    study = studies[index]
-    own = at(study.plan, "paper")
-    flda = train(own).flda
-    points = [
-        point
-        for value in sweep.monte_carlo_values(own)
-        for point in sweep_point(own, flda, value)
-    ]
-    curves = whole[0][study.key].curves["paper"]
-    assert {(one.receiver, one.value): one.counts for one in points} == curves.counts
-    assert sum(counts.half_errors for counts in curves.counts.values()) > 0
-    for (receiver, value), pair in whole[0][study.key].location.items():
-        located, truth = (
-            whole[0][study.key].curves[name].counts[receiver, value]
-            for name in BOTH[::-1]
-        )
-        assert pair.half_difference == located.half_errors - truth.half_errors
-
-
-def test_what_is_told_on_the_way(whole, studies):
-    """Training first, then every block, then each study as soon as its last point is there."""
-    results, told, _ = whole
-    blocks = {"far": [64, 64], "bins": [64, 64], "near": [64], "short": [64, 64]}
-    steps = [
-        [*((key, frames) for frames in each), (key, results[key])]
-        for key, each in blocks.items()
-    ]
-    assert told == ["trained", *(one for each in steps for one in each)]
-    assert [study.frames for study in studies] == [128, 128, 64, 128]
-
-
-def test_studies_that_train_on_the_same_scenes_share_it(studies, monkeypatch):
-    far = studies[0].plan
-    central = replace(
-        far.receiver, reader=replace(far.receiver.reader, gradient="central")
-    )
-    others = [
-        replace(far, seed=1),
-        replace(far, budget=replace(far.budget, training_frames=65)),
-        replace(far, receiver=central),
-    ]
-    trained = []
-
-    def noted(plan, locators):
-        trained.append(plan)
-        return dict.fromkeys(locators, Training(frames=len(trained)))
-
-    monkeypatch.setattr(train_module, "train_each", noted)
-    plans = [*(study.plan for study in studies), *others]
-    with Workers(1) as workers:
-        found = train_module.train_plans(plans, [BOTH] * len(plans), workers)
-    # Test scenes, axis and name do not matter for training; lens, training scenes, seed and reader do.
-    names = [plan.experiment.name for plan in plans]
-    assert [plan.experiment.name for plan in trained] == ["bins", *names[2:]]
-    assert (
-        found[1]["truth"].flda is found[0]["truth"].flda is not found[2]["truth"].flda
-    )
-
-
-def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):
-    """Interrupted in the third study: what was counted is not counted again, and the end is the same."""
-
-    def interrupt(study, frames):
-        if study.key == "near":
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run(studies, tmp_path, advance=interrupt)
-    left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert run(studies, tmp_path).measured == whole[0]
-    unchanged = {
-        name
-        for name, before in left.items()
-        if (tmp_path / name).read_bytes() == before
-    }
-    assert unchanged == {"far.sqlite", "bins.sqlite", "near.sqlite"}
-    with pytest.raises(VoccError, match="experiment"):
-        Store.open(tmp_path / "far.sqlite", studies[1].identity)
-    monkeypatch.setattr(runner.Job, "count", lambda *_: pytest.fail("counted again"))
-    assert run(studies, tmp_path).measured == whole[0]
-
-
-def test_groups_are_values_and_empty_ones_are_left_out(make_plan):
-    """In the contrast experiment one outcome holds the errors of all values."""
-    names = "flda_2", "flda_3"
-    plan = make_plan(
-        experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=names
-    )
-    keys, groups = tuple(Key("paper", name) for name in names), np.array([0, 2, -1, 2])
-    halves = np.array([[0, 2, 6, 4], [2, 2, 6, 0]])
-    errors = FrameErrors(halves, halves >= 0, 64, groups, halves > 5, keys)
-    tallies = runner.Job.tallies(None, errors, Part(0, 4))
-    outcome = runner.Outcome(errors, tallies, "frames")
-    found = sweep.measured(Study("c", plan, ("paper",)), {0.0: outcome})
-    curves = found.curves["paper"]
-    assert (curves.values, curves.stopped_by) == (
-        (0.1, 0.5),
-        {0.1: "frames", 0.5: "frames"},
-    )
-    assert {at: one.half_errors for at, one in curves.counts.items()} == {
-        **{
-            ("flda_2", 0.1): 0,
-            ("flda_3", 0.1): 2,
-            ("flda_2", 0.5): 6,
-            ("flda_3", 0.5): 2,
-        }
-    }
-    assert {at: pair.half_difference for at, pair in curves.paired.items()} == {
-        **{("flda_2", "flda_3", 0.1): -2, ("flda_2", "flda_3", 0.5): 4}
-    }
-    assert found.location == {}

@@ -61,27 +61,6 @@ def test_rounds_are_interleaved_and_turn_back(world):
     assert "".join(world.order) == "abc" + "cba" + "abc" + "cba"
 
 
-def test_a_primed_call_comes_right_after_itself(world):
-    calls = {
-        "a": world.work("a", 50.0, 40.0, 9.0, 3.0),
-        "b": world.work("b", 70.0, 60.0, 8.0, 1.0),
-    }
-    timed = interleaved(calls, 1, CPU, warm_up=1, primed=True, clock=world.clock)
-    assert "".join(world.order) == "aabb" + "bbaa"
-    assert timed == {"a": Timing((3.0,)), "b": Timing((1.0,))}
-
-
-def test_warm_up_is_done_and_not_counted(world):
-    calls = {
-        "a": world.work("a", 50.0, 40.0, 3.0, 4.0, 5.0),
-        "b": world.work("b", 70.0, 60.0, 1.0),
-    }
-    timed = interleaved(calls, 3, CPU, warm_up=2, clock=world.clock)
-    # Rounds run a b, b a, a b, ...: each call's own order of durations stays.
-    assert timed == {"a": Timing((3.0, 4.0, 5.0)), "b": Timing((1.0, 1.0, 1.0))}
-    assert world.order.count("a") == world.order.count("b") == 5
-
-
 def test_the_device_is_waited_for_within_the_time_and_only_for_the_call(
     world, monkeypatch
 ):

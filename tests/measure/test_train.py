@@ -13,7 +13,7 @@ from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import feature_indices
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import Distribution, SceneModel
+from vocc_torch.simulation import Distribution
 from vocc_torch.types import Panels
 
 
@@ -47,17 +47,6 @@ def test_agrees_with_scikit_learn_on_the_same_frames(make_plan, locator):
             mine @ peer.coef_[0] / np.linalg.norm(mine) / np.linalg.norm(peer.coef_[0])
         )
         assert cosine > 1 - 1e-9
-
-
-def test_batch_size_does_not_change_what_is_learnt(make_plan):
-    trained = [train(make_plan(batch_frames=size)).flda for size in (7, 64, 128)]
-    for other in trained[:-1]:
-        torch.testing.assert_close(
-            other.direction, trained[-1].direction, rtol=1e-6, atol=0.0
-        )
-        torch.testing.assert_close(
-            other.threshold, trained[-1].threshold, rtol=1e-6, atol=0.0
-        )
 
 
 def test_missed_panels_are_left_out(make_plan, monkeypatch):
@@ -94,19 +83,3 @@ def test_no_panel_in_any_frame_is_refused(make_plan):
     )
     with pytest.raises(VoccError, match="no panel in any of 128 frames"):
         train(plan)
-
-
-def test_training_scenes_are_the_worlds_with_the_experiments_changes(make_plan):
-    """An experiment's test scenes do not narrow the training; its training scenes do."""
-    near = {"distance_m": Distribution("constant", (35.0,))}
-    usual = train(make_plan())
-    tested = train(
-        make_plan(experiment=Experiment("near", "ambient_lx", (4000.0,), scene=near))
-    )
-    assert torch.equal(tested.features, usual.features)
-    plan = make_plan(
-        experiment=Experiment("near", "ambient_lx", (4000.0,), training=near)
-    )
-    features, _ = features_of(plan, dataclasses.replace(SceneModel(), **near))
-    assert torch.equal(train(plan).features, features)
-    assert not torch.equal(train(plan).features, usual.features)

@@ -13,20 +13,15 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import sweep
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Point
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.plan import ClassifierPlan, identity
-from vocc_torch.measure.runner import Part, stop_reason
-from vocc_torch.measure.train import train, train_alone
+from vocc_torch.measure.runner import Part
+from vocc_torch.measure.train import train
 from vocc_torch.measure.trainings import Trained, mean_difference, t_reach, widened
-from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.report import folder
 from vocc_torch.rng import BlockKey
 
 K, FRAMES = 3, 64
@@ -62,21 +57,6 @@ def curves(plan, training):
     return sweep.measured(sweep.Study("", plan, ("truth",)), {66.0: outcome}).curves[
         "truth"
     ]
-
-
-def test_the_first_training_is_what_it_is_alone(plan, training, counted):
-    once = replace(plan, budget=replace(plan.budget, trainings=1))
-    alone = train(once)
-    for name in ("count", "mean", "scatter"):
-        assert torch.equal(getattr(alone.flda, name), getattr(training.flda, name))
-    assert alone.more == ()
-    for block, before in zip(
-        counted, counted_of(once, alone.bank(plan.receiver.names)), strict=True
-    ):
-        first = [row for row, key in enumerate(block.keys) if key.training == 0]
-        assert block.of(first).half_errors.tolist() == before.half_errors.tolist()
-    assert identity(once, ["truth"]).get("trainings") is None
-    assert identity(plan, ["truth"]) == identity(once, ["truth"]) | {"trainings": K}
 
 
 def test_every_training_has_frames_of_its_own(plan, training):
@@ -128,30 +108,6 @@ def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
     pair = curves.trained_pairs["flda_2", "flda_3", 66.0]
     rates = [curves.trained[name, 66.0].pooled.ber for name in ("flda_2", "flda_3")]
     assert pair.difference == pytest.approx(rates[0] - rates[1], abs=1e-15)
-
-
-def test_further_trainings_do_not_stop_a_point():
-    few, many = Counts(64, 4096, 2, 4, 1), Counts(64, 4096, 200, 800, 60)
-    rule = Budget(6400, target_frame_errors=2)
-    first, second = (Key("truth", "a"), 0), (Key("truth", "a", 1), 0)
-    assert stop_reason(rule, {first: few, second: many}, 1) is None
-    assert stop_reason(rule, {first: many, second: few}, 1) == "frame_errors"
-
-
-def test_classifiers_learn_anew_each_time(plan):
-    lmmse = ClassifierPlan(
-        "lmmse", PlugIn("", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer")
-    )
-    receiver = replace(plan.receiver, names=("flda_2", "lmmse"), classifiers=(lmmse,))
-    with Workers(1) as workers:
-        (found,) = train_alone([replace(plan, receiver=receiver)], workers)
-    every = [found, *found.more]
-    assert len(every) == K
-    states = [str(vars(one.classifiers["lmmse"].classifier)) for one in every]
-    assert len(set(states)) == K
-    assert [bank.names for bank in found.bank(["center_greyscale", "lmmse"]).more] == [
-        ("lmmse",)
-    ] * 2
 
 
 # Intervals
@@ -232,49 +188,3 @@ def test_the_algorithms_interval_covers(scatter, trainings):
 
 
 # Files and pictures
-
-
-def test_columns_are_written_read_back_and_may_be_missing(curves, tmp_path):
-    table = curves.table()
-    folder.write_rows(tmp_path / "ber.csv", folder.ber_rows(table))
-    (read,) = folder.read_tables(tmp_path / "ber.csv").values()
-    assert {(row.receiver, row) for row in read} == {
-        (row.receiver, row) for row in table
-    }
-    grey = next(row for row in table if row.receiver == "center_greyscale")
-    assert (grey.ber_sd, grey.algorithm_low, grey.algorithm_high) == (
-        0,
-        grey.ber_low,
-        grey.ber_high,
-    )
-    row = next(row for row in table if row.receiver == "flda_2")
-    rates = curves.trained["flda_2", 66.0].rates
-    assert (row.trainings, row.ber_best, row.ber_worst) == (K, min(rates), max(rates))
-    assert row.ber_sd == pytest.approx(np.std(rates, ddof=1))
-    assert row.ber_mean == pytest.approx(np.mean(rates))
-    assert row.algorithm_low < row.ber_mean < row.algorithm_high
-    old = [
-        line.split(",")[:14] for line in (tmp_path / "ber.csv").read_text().splitlines()
-    ]
-    folder.write_rows(tmp_path / "old.csv", old)
-    (read,) = folder.read_tables(tmp_path / "old.csv").values()
-    assert [one.algorithm for one in read] == [None] * 3
-    folder.write_paired(tmp_path / "paired.csv", [curves])
-    lines = [
-        line.split(",") for line in (tmp_path / "paired.csv").read_text().splitlines()
-    ]
-    place = lines[0].index("algorithm_difference")
-    (pair,) = [line for line in lines if line[4:6] == ["flda_2", "flda_3"]]
-    found = curves.trained_pair("flda_2", "flda_3", 66.0)
-    assert [float(cell) for cell in pair[place : place + 3]] == [
-        found.value,
-        found.low,
-        found.high,
-    ]
-
-
-def test_a_single_training_says_nothing_of_the_algorithm():
-    row = Point(
-        "d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 4, 8, 2), "frames"
-    ).stated()
-    assert folder.cells(row)[14:21] == ["1", *[""] * 6]

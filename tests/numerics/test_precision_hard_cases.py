@@ -1,27 +1,23 @@
 """Hard cases of precision, devices and torch's own settings: the whole link under each of them."""
 
-import shutil
 from contextlib import contextmanager
-from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import torch
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
+from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import Frames, PanelShape, Scene, resolve_device
+from vocc_torch.types import Frames, PanelShape, resolve_device
 
 HALVES = (torch.bfloat16, torch.float16)
 SHAPE = PanelShape(8, 8)
@@ -71,29 +67,12 @@ def setting(change, value, restored):
         change(restored)
 
 
-def test_unknown_precision():
-    for name in ("float128", "", "FLOAT32", "double"):
-        with pytest.raises(
-            VoccError, match=f"^precision is '{name}': it must be float32 or float64$"
-        ):
-            build_plan(SimpleNamespace(precision=name), Path())
-
-
 def test_half_precision_in_the_configuration():
     for name in ("bfloat16", "float16", "half"):
         with pytest.raises(VoccError) as refused:
             build_plan(SimpleNamespace(precision=name), Path())
         wanted = f"precision is '{name}': it must be float32 or float64, half precision changes pixels and bits"
         assert str(refused.value) == wanted
-
-
-def test_half_precision_in_the_simulator():
-    for dtype in (*HALVES, torch.int32, torch.complex64, torch.bool):
-        with pytest.raises(
-            VoccError,
-            match=f"^dtype is {dtype}: it must be torch.float32 or torch.float64",
-        ):
-            Simulator(dtype=dtype)
 
 
 def test_a_missing_device():
@@ -172,45 +151,6 @@ def test_frames_of_half_precision():
         assert torch.equal(greys.centre, bytes_.centre), dtype
 
 
-def test_an_image_of_half_precision():
-    receiver = Receiver("flda_3", PaperLocator(), Reader(), FLDA(3))
-    for dtype in (*HALVES, torch.float32, torch.int16):
-        with pytest.raises(
-            VoccError, match=f"^images has dtype {dtype} .*it must be uint8"
-        ):
-            receiver.decode(torch.zeros(1, 40, 40, dtype=dtype))
-
-
-def test_another_default_dtype():
-    wanted = everything()
-    scene = Scene.of(2, ambient_lx=4001.7, distance_m=33.3)
-    assert torch.get_default_dtype() == torch.float32
-    for dtype in (torch.float64, *HALVES):
-        with setting(torch.set_default_dtype, dtype, torch.float32):
-            same(everything(), wanted)
-            again = Scene.of(2, ambient_lx=4001.7, distance_m=33.3)
-        for field in fields(Scene):
-            assert torch.equal(
-                getattr(again, field.name), getattr(scene, field.name)
-            ), (dtype, field.name)
-
-
-def test_inference_mode():
-    wanted = everything()
-    with torch.inference_mode():
-        inside = everything()
-        features = inside["features"].clone()
-        flda = FLDA(3).update(
-            features,
-            torch.arange(features[..., 0].numel()).view(features.shape[:-1]) % 2,
-        )
-        flda.predict(features)
-    same({name: tensor.clone() for name, tensor in inside.items()}, wanted)
-    point = torch.ones(3, dtype=torch.float64, requires_grad=True)
-    flda(point).backward()
-    assert torch.equal(point.grad, flda.direction)
-
-
 def test_autocast_around_the_link():
     wanted = everything()
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
@@ -227,28 +167,6 @@ def test_autocast_around_the_link():
             )
 
 
-def test_autocast_around_a_receiver():
-    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
-    frames = Simulator().render(scene, bits)
-    for locator in (PaperLocator(), RefinedLocator()):
-        receiver = Receiver("flda_3", locator, Reader(), trained())
-        wanted = receiver(frames)
-        for dtype in HALVES:
-            with torch.autocast("cpu", dtype):
-                assert torch.equal(receiver(frames).scores, wanted.scores), (
-                    locator,
-                    dtype,
-                )
-
-
-def test_autocast_around_the_simulator():
-    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
-    wanted = Simulator().render(scene, bits).grey
-    for dtype in HALVES:
-        with torch.autocast("cpu", dtype):
-            assert torch.equal(Simulator().render(scene, bits).grey, wanted), dtype
-
-
 def test_threads_and_batches():
     before, flda = torch.get_num_threads(), trained()
     with setting(torch.set_num_threads, 1, before):
@@ -260,137 +178,3 @@ def test_threads_and_batches():
     with setting(torch.set_num_threads, 2, before):
         same(everything(flda=flda), wanted)
         same(everything(frames=1, framing="full", flda=flda), full)
-
-
-def test_deterministic_mode():
-    wanted = everything()
-    simulator = Simulator()
-    scene = Scene(
-        *(getattr(Scene.of(4), field.name).clone() for field in fields(Scene))
-    )
-    scene.distance_m.copy_(torch.tensor([4.0, 50.0, 12.0, 25.0]))
-    frames = simulator.render(scene, torch.ones(4, 8, 8, dtype=torch.bool))
-
-    def read():
-        return Reader().read(frames, simulator.true_panels(scene)).features
-
-    plain = read()
-    with setting(
-        torch.use_deterministic_algorithms,
-        True,
-        torch.are_deterministic_algorithms_enabled(),
-    ):
-        for _ in range(2):
-            same(everything(), wanted)
-            assert torch.equal(read(), plain)
-
-
-CHANCY = {
-    *(
-        "put_",
-        "histc",
-        "median",
-        "nanmedian",
-        "kthvalue",
-        "max_unpool2d",
-        "nll_loss",
-        "ctc_loss",
-    ),
-    *(
-        "grid_sampler_2d_backward",
-        "upsample_bilinear2d_backward",
-        "reflection_pad2d_backward",
-    ),
-}
-"""What torch names as without a deterministic form on CUDA (see torch.use_deterministic_algorithms)."""
-
-
-class Watched(TorchDispatchMode):
-    """Note each operation with the type of what it gives."""
-
-    def __init__(self):
-        super().__init__()
-        self.seen = set()
-
-    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
-        given = func(*args, **(kwargs or {}))
-        if isinstance(given, torch.Tensor):
-            weights = (
-                func.overloadpacket.__name__ == "bincount"
-                and len(args) > 1
-                and args[1] is not None
-            )
-            self.seen.add(
-                (func.overloadpacket.__name__, given.is_floating_point() or weights)
-            )
-        return given
-
-
-def test_operations_on_a_gpu():
-    with Watched() as watched:
-        everything(frames=1, framing="full")
-    names = {name for name, _ in watched.seen}
-    assert {"index_add_", "bincount", "convolution"} & names == {
-        "index_add_",
-        "bincount",
-        "convolution",
-    }, names
-    assert not names & CHANCY, names & CHANCY
-    floating = {name for name, is_floating in watched.seen if is_floating}
-    assert floating & {
-        "bincount",
-        "cumsum",
-        "scatter_add",
-        "scatter_add_",
-        "index_add_",
-    } == {"index_add_"}
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(
-    not any(map(shutil.which, ("g++", "clang++"))),
-    reason="torch.compile needs a C++ compiler",
-)
-@pytest.mark.filterwarnings(
-    "default:`torch.jit.script_method` is deprecated:DeprecationWarning"
-)  # torch's own
-def test_compiled_and_eager_agree():
-    """Compiled kernels fuse products and sums, so features differ by rounding; pixels and bits do not."""
-    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
-    simulator, reader = Simulator(), Reader()
-    eager = simulator.render(scene, bits, nearest_m=DARKEST.nearest_m)
-    panels = PaperLocator()(eager, SHAPE)
-    flda = trained()
-
-    def score(frames, panels):
-        features = reader.read(frames, panels).features
-        return features, flda.decision_function(features)
-
-    torch.compiler.reset()
-    try:
-        made = torch.compile(simulator.render)(scene, bits, nearest_m=DARKEST.nearest_m)
-        features, scores = torch.compile(score)(eager, panels)
-        breaks = sum(torch._dynamo.utils.counters["graph_break"].values())
-    finally:
-        torch.compiler.reset()
-    wanted_features, wanted = score(eager, panels)
-    apart = (made.grey.int() - eager.grey.int()).abs()
-    assert int(apart.max()) <= 1
-    assert int((apart > 0).sum()) <= 1e-5 * apart.numel()
-    assert float((features - wanted_features).abs().max()) < 1e-4
-    turned = (scores >= 0) != (wanted >= 0)
-    assert not bool((turned & (wanted.abs() > 1e-3)).any())
-    assert 0 < breaks < 40, (
-        "values on the host part the graph: rectification asks how large its window is"
-    )
-
-
-def test_numpy_shares_no_state_with_the_draws():
-    """Scenes and bits come from keyed streams: neither library's global seed moves them."""
-    drawn = []
-    for seed in (0, 1):
-        torch.manual_seed(seed)
-        np.random.seed(seed)  # noqa: NPY002  # the global state is what must not matter
-        drawn.append(DARKEST.draw(BlockKey(1, "precision", 0), SHAPE))
-    assert torch.equal(drawn[0][1], drawn[1][1])
-    assert torch.equal(drawn[0][0].distance_m, drawn[1][0].distance_m)

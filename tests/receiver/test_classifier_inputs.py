@@ -80,17 +80,6 @@ def test_features_first_then_the_patch_then_level_and_pitch():
     )
 
 
-def test_a_black_panel_sees_ones():
-    seen = readings(samples=2)
-    black = Readings(
-        seen.features, seen.greys, torch.zeros_like(seen.patches), seen.cell_px
-    )
-    x = Inputs.parse({"patch": {"samples": 2, "level": True}}).of(
-        black, seen.cell_px, SHAPE
-    )
-    assert bool((x[..., :-1] == 1).all() and (x[..., -1] == 0).all())
-
-
 @pytest.mark.parametrize(
     ("settings_given", "words"),
     [
@@ -110,9 +99,3 @@ def test_what_is_refused(settings_given, words):
     with pytest.raises(VoccError) as refused:
         Inputs.parse(settings_given)
     assert all(word in str(refused.value) for word in words), refused.value
-
-
-def test_samples_that_do_not_divide_the_grid_are_refused():
-    seen = readings(samples=4)
-    with pytest.raises(VoccError, match=r"inputs\.patch\.samples is 3.*4"):
-        Inputs.parse({"patch": {"samples": 3}}).of(seen, seen.cell_px, SHAPE)

@@ -1,8 +1,6 @@
 """The shipped classifiers against scikit-learn, NumPy and OpenCV, and the guard about all of them."""
 
 import copy
-import itertools
-import pickle
 import random
 from dataclasses import replace
 
@@ -13,14 +11,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.linear_model import LogisticRegression
 from torch import nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver import classifiers
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
-from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.levels import two_levels
 
 
@@ -44,15 +39,6 @@ def test_flda_on_any_inputs_is_scikit_learns():
     np.testing.assert_allclose(
         mine.decision_function(x).numpy(), scores, rtol=2e-3, atol=1e-3
     )
-
-
-def test_a_trained_flda_is_what_decides_and_no_more():
-    """Its scores are FLDA's to the last bit, and pickled it has two numbers an input, not their square."""
-    x, bits = panels(features=145)
-    flda, mine = FLDA(145).fit(x, bits), classifiers.FldaClassifier().fit(x, bits)
-    assert torch.equal(mine.decision_function(x), flda.decision_function(x.double()))
-    assert mine.parameters_count == 146
-    assert len(pickle.dumps(mine)) < 2 * 8 * 145 + 2000 < len(pickle.dumps(flda)) / 50
 
 
 def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
@@ -136,76 +122,6 @@ def test_a_network_learns_and_its_seed_says_all():
     assert int((first.predict(x) != bits).sum()) < 0.2 * bits.numel()
 
 
-def test_the_best_pass_is_kept():
-    one = trained(epochs=12, patience=12, learning_rate=0.3)
-    held = round(0.1 * 40)
-    x, bits = panels()
-    scores = one.decision_function(x[-held:]).reshape(-1)
-    loss = torch.nn.functional.binary_cross_entropy_with_logits(
-        scores, bits[-held:].reshape(-1).double()
-    )
-    assert float(loss) == pytest.approx(min(one.losses), rel=1e-4)
-
-
-def test_a_cnn_sees_pitch_beside_its_patch():
-    torch.manual_seed(0)
-    net = classifiers.PatchCnn(n_inputs=65)
-    x = torch.rand(2, 3, 3, 65)
-    other = x.clone()
-    other[..., -1] += 1
-    assert net(x).shape == (2, 3, 3)
-    assert not torch.equal(net(x), net(other))
-
-
-@pytest.mark.parametrize(
-    "classifier",
-    [
-        classifiers.FldaClassifier(),
-        classifiers.LmmseEqualizer(2),
-        classifiers.SklearnClassifier(LogisticRegression()),
-        classifiers.TorchClassifier(classifiers.Mlp(3, [4]), RECIPE),
-        classifiers.PanelKMeans(),
-    ],
-    ids=lambda one: type(one).__name__,
-)
-def test_a_pickled_classifier_decides_the_same(classifier):
-    x, bits = panels()
-    guarded = classifiers.Guarded("mine", classifier, classifiers.Inputs())
-    guarded.fit(x, bits)
-    again = pickle.loads(pickle.dumps(guarded))
-    assert torch.equal(again.decision_function(x), guarded.decision_function(x))
-
-
-@pytest.mark.parametrize(
-    "classifier",
-    [
-        classifiers.FldaClassifier(),
-        classifiers.LmmseEqualizer(),
-        classifiers.TorchClassifier(classifiers.Mlp(3)),
-    ],
-)
-def test_an_untrained_one_says_so(classifier):
-    with pytest.raises(VoccError, match="fit first"):
-        classifier.decision_function(torch.zeros(1, 2, 2, 3))
-
-
-def test_scores_do_not_depend_on_the_batch():
-    x, bits = panels()
-    for one in (
-        classifiers.FldaClassifier(),
-        classifiers.LmmseEqualizer(3),
-        classifiers.PanelKMeans(),
-        classifiers.SklearnClassifier(LogisticRegression()),
-    ):
-        guarded = classifiers.Guarded("mine", one, classifiers.Inputs())
-        guarded.fit(x, bits)
-        whole = guarded.decision_function(x)
-        alone = torch.cat(
-            [guarded.decision_function(part) for part in itertools.chain(x.split(1))]
-        )
-        torch.testing.assert_close(whole, alone, rtol=1e-9, atol=1e-9)
-
-
 class Interrupted(nn.Module):
     """A module that ends its training in some pass."""
 
@@ -271,46 +187,3 @@ def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
     checkpoint.path.rename(other.path)
     with pytest.raises(VoccError, match="is damaged"):
         other.load(cpu)
-
-
-def test_a_module_of_other_code_begins_anew(tmp_path):
-    """Even where its parts, weights and recipe are those of another."""
-    recipe, code = replace(RECIPE, epochs=1, checkpoints=str(tmp_path / "kept")), NET
-    for text in (code, code.replace("relu", "cos")):
-        (tmp_path / "net.py").write_text(text)
-        torch.manual_seed(0)
-        classifiers.TorchClassifier(
-            ModuleFile(str(tmp_path / "net.py")).named("Net")(), recipe
-        ).fit(*panels())
-    assert len(list((tmp_path / "kept").glob("*.pt"))) == 2
-
-
-NET = """
-import torch
-
-
-class Net(torch.nn.Module):
-    def __init__(self):
-        super().__init__()
-        self.inner = torch.nn.Linear(3, 1)
-
-    def forward(self, x):
-        return torch.relu(self.inner(x))
-"""
-
-
-def test_a_stream_is_kept_once(monkeypatch):
-    """Batches of any size, some of them empty, teach what all panels at once teach."""
-    x, bits = panels()
-
-    def batches(first, count):
-        for start, stop in ((0, 0), (0, 7), (7, 39), (39, 39), (39, 40)):
-            yield x[start:stop], bits[start:stop]
-
-    torch.manual_seed(2)
-    module = classifiers.Mlp(3, [8])
-    at_once = classifiers.TorchClassifier(copy.deepcopy(module), RECIPE).fit(x, bits)
-    streamed = classifiers.TorchClassifier(
-        module, replace(RECIPE, frames=64)
-    ).fit_stream(batches, 5)
-    assert torch.equal(streamed.decision_function(x), at_once.decision_function(x))

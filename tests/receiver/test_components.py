@@ -10,13 +10,10 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from skimage.measure import block_reduce
 
-from vocc_torch.errors import VoccError
-from vocc_torch.receiver import components as components_module
 from vocc_torch.receiver.components import (
     close_mask,
     collect_blobs,
     halve_mask,
-    joined,
     label_components,
     runs_of,
 )
@@ -60,39 +57,6 @@ def test_components_equal_scipys(seed):
             assert components.frame[own].item() == frame
         found += count
     assert sorted(set(ours[ours > 0].tolist())) == list(range(1, found + 1))
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_labels_of_pixels_are_those_of_their_runs(seed):
-    mask = random_mask(seed)
-    components = label_components(mask)
-    frame, row, column = torch.ones_like(mask).nonzero(as_tuple=True)
-    assert (
-        components.at(frame, row, column).tolist()
-        == painted(components).flatten().tolist()
-    )
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_joined_runs_bound_the_foreground(seed):
-    mask = random_mask(seed)
-    closed = mask | torch.from_numpy(
-        np.random.default_rng(seed).random(mask.shape) < 0.5
-    )
-    cover = runs_of(closed)
-    found = joined(mask, cover)
-    expected = []
-    for frame, row, start, end in zip(
-        *(one.tolist() for one in (cover.frame, cover.row, cover.start, cover.end)),
-        strict=True,
-    ):
-        lit = mask[frame, row, start : end + 1].nonzero()[:, 0] + start
-        if len(lit):
-            expected.append((frame, row, lit[0].item(), lit[-1].item(), len(lit)))
-    fields = (found.frame, found.row, found.start, found.end, found.pixels)
-    assert list(zip(*(one.tolist() for one in fields), strict=True)) == expected
 
 
 def random_masks(seed, frames=6, size=(37, 44), share=None):
@@ -169,39 +133,6 @@ def test_blobs_equal_opencvs(closing, share):
     assert blobs.frame.tolist() == sorted(blobs.frame.tolist())
 
 
-def test_small_closed_areas_are_left_out_but_counted():
-    mask = torch.from_numpy(random_masks(3, share=0.06))
-    labels = closed_labels(mask, 3)
-    every, large = (
-        collect_blobs(runs_of(mask), labels),
-        collect_blobs(runs_of(mask), labels, min_area_px=9),
-    )
-    keep = every.area_px >= 9
-    assert 0 < len(large) < len(every)
-    assert large.label.tolist() == every.label[keep].tolist()
-    assert large.mask_px.tolist() == every.mask_px[keep].tolist()
-    assert large.components.tolist() == every.components.tolist()
-
-
-def test_an_empty_mask_has_no_blobs():
-    mask = torch.zeros(2, 6, 7, dtype=torch.bool)
-    blobs = collect_blobs(runs_of(mask), label_components(mask))
-    assert len(blobs) == 0
-    assert blobs.components.tolist() == [0, 0]
-
-
-def test_only_the_largest_blobs_of_a_frame_are_measured(monkeypatch):
-    monkeypatch.setattr(components_module, "MOST_BLOBS", 3)
-    mask = torch.zeros(2, 5, 40, dtype=torch.bool)
-    for index, width in enumerate((1, 4, 2, 3, 4)):
-        mask[0, 2, 8 * index : 8 * index + width] = True
-    mask[1, 1, 5] = True
-    blobs = collect_blobs(runs_of(mask), label_components(mask))
-    assert blobs.frame.tolist() == [0, 0, 0, 1]
-    assert blobs.mask_px.tolist() == [4, 3, 4, 1]
-    assert blobs.components.tolist() == [5, 1]
-
-
 @pytest.mark.parametrize("shape", ["disc", "turned square", "noise"])
 def test_hulls_of_tall_blobs_equal_scipys(shape):
     y, x = np.mgrid[0:301, 0:301] - 150
@@ -231,30 +162,6 @@ def test_closing_equals_opencvs_up_to_the_border(size):
     masks[0, 0, :] = masks[1, :, -1] = masks[2, 3, 3] = True
     np.testing.assert_array_equal(
         closed(masks, size), [opencv_closing(mask, size) for mask in masks]
-    )
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([3, 5, 11]))
-def test_closing_only_adds_and_is_idempotent(seed, size):
-    masks = random_masks(seed, frames=2)
-    once = closed(masks, size)
-    assert once[masks].all()
-    np.testing.assert_array_equal(closed(once, size), once)
-
-
-@pytest.mark.parametrize("size", [0, -3, 4])
-def test_even_and_small_squares_are_refused(size):
-    with pytest.raises(VoccError, match=f"size_px is {size}: it must be odd"):
-        close_mask(torch.zeros(1, 1, 4, 4, dtype=torch.bool), size)
-
-
-def test_no_frames_give_no_frames():
-    assert close_mask(torch.zeros(0, 1, 4, 4, dtype=torch.bool), 3).shape == (
-        0,
-        1,
-        4,
-        4,
     )
 
 

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
@@ -18,7 +17,6 @@ from vocc_torch.receiver.features import (
     checked_greys,
     gradient_radial_inwardness,
     image_gradient,
-    led_features,
     neighbour_greyscale_ratio,
     preamble_threshold,
     radial_inward_field,
@@ -106,14 +104,6 @@ def test_sobel_is_opencvs_normalised_by_8_and_central_is_its_bare_difference(dty
             np.testing.assert_allclose(ours[axis], expected, rtol=0, atol=atol)
 
 
-def test_an_unknown_gradient_is_refused_by_name():
-    with pytest.raises(
-        VoccError,
-        match=r"^receiver.gradient is 'prewitt': it must be one of sobel, central$",
-    ):
-        image_gradient(torch.zeros(1, 1, 6, 6), "prewitt")
-
-
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 8, 9])
 def test_radial_vectors_are_eq_8(samples):
     """Unit length, pointing at the cell's centre; zero where a sample is the centre, which needs odd K."""
@@ -127,13 +117,6 @@ def test_radial_vectors_are_eq_8(samples):
     assert (np.hypot(*field) == 0).sum() == samples % 2
     meta = torch.device("meta")
     assert radial_inward_field(samples, torch.float64, meta).device == meta
-
-
-def test_gradients_of_a_large_batch_are_those_of_its_frames():
-    patches = torch.rand(71, 1, 12, 10) * 255
-    single = torch.cat([image_gradient(one[None], "sobel") for one in patches])
-    torch.testing.assert_close(image_gradient(patches, "sobel"), single, rtol=0, atol=0)
-    assert image_gradient(patches[:0], "sobel").shape == (0, 2, 12, 10)
 
 
 @pytest.mark.parametrize("kernel", ["sobel", "central"])
@@ -190,30 +173,6 @@ def test_gri_is_eq_7_sample_by_sample(kernel, shape, samples):
 greys = st.integers(0, 10_000)
 
 
-@given(greys, st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
-def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gain):
-    shape = PanelShape(3, 4)
-    patches = random_patches(seed, shape, 4) + 1
-    one, two = cell_means(patches, shape), cell_means(gain * patches, shape)
-    torch.testing.assert_close(
-        average_greyscale_ratio(two), average_greyscale_ratio(one), rtol=1e-12, atol=0
-    )
-    torch.testing.assert_close(
-        neighbour_greyscale_ratio(two),
-        neighbour_greyscale_ratio(one),
-        rtol=1e-12,
-        atol=0,
-    )
-    scale = gain * 255
-    torch.testing.assert_close(
-        gri(gain * patches, shape, 4),
-        gain * gri(patches, shape, 4),
-        rtol=1e-9,
-        atol=1e-13 * scale,
-    )
-
-
 # Edges
 
 
@@ -251,67 +210,6 @@ def test_a_refusal_says_what_was_there_and_what_may_be(call, says):
         call()
 
 
-@pytest.mark.parametrize("needed", ["agr", "gri", "ngr"])
-def test_features_that_are_not_needed_are_zero_and_the_others_what_they_are_alone(
-    needed,
-):
-    means, size = cell_means(PATCHES, SHAPE), torch.tensor([3.0])
-    inward = gradient_radial_inwardness(PATCHES, SHAPE, size, size, "central")
-    alone = {
-        "agr": average_greyscale_ratio(means),
-        "gri": inward,
-        "ngr": neighbour_greyscale_ratio(means),
-    }
-    features = led_features(PATCHES, means, SHAPE, size, size, "central", [needed])
-    for column, (name, value) in enumerate(alone.items()):
-        assert torch.equal(features[..., column], value * (name == needed))
-
-
-@pytest.mark.parametrize(
-    "feature", [average_greyscale_ratio, neighbour_greyscale_ratio]
-)
-def test_a_black_panel_has_a_slope_of_zero_and_not_nan(feature):
-    """Of two panels only the black one is a constant; the other's slope is that of a ratio."""
-    means = torch.zeros(2, 4, 4, dtype=torch.float64)
-    means[1] = torch.rand(4, 4, generator=torch.Generator().manual_seed(1)) * 100 + 20
-    means.requires_grad_()
-    (slopes,) = torch.autograd.grad(feature(means).square().sum(), means)
-    assert slopes[0].count_nonzero() == 0
-    assert torch.autograd.gradcheck(
-        lambda m: feature(m), means[1:].detach().requires_grad_()
-    )
-    assert slopes[1].isfinite().all()
-    assert slopes[1].count_nonzero() > 0
-
-
-@pytest.mark.parametrize(
-    "size",
-    [
-        (1, 20, 15),
-        (1, 1, 1, 20, 15),
-        (20, 15),
-        (1, 1, 20, 10),
-        (1, 1, 15, 20),
-        (1, 1, 3, 2),
-    ],
-)
-def test_patches_that_are_not_the_panels_are_refused_with_the_shape_they_must_have(
-    size,
-):
-    """A panel of 2 x 1 LEDs has 4 x 3 cells with its margin."""
-    patches = torch.zeros(size)
-    cell = torch.tensor([5.0])
-    wanted = re.escape(
-        f"patches has shape {size}: for a panel of 2 x 1 LEDs it must be (B,1,4K,3K), K at least 1"
-    )
-    for refuse in (
-        lambda: cell_means(patches, PanelShape(2, 1)),
-        lambda: gradient_radial_inwardness(patches, PanelShape(2, 1), cell, cell),
-    ):
-        with pytest.raises(VoccError, match=f"^{wanted}$"):
-            refuse()
-
-
 # The baselines' threshold
 
 
@@ -320,16 +218,3 @@ def test_the_threshold_is_the_midpoint_of_the_mean_levels():
     on = torch.tensor([[[190.0, 210.0], [200.0, 240.0]]])
     off = torch.tensor([[[100.0, 90.0], [110.0, 120.0]]])
     assert preamble_threshold(on, off).tolist() == [[[157.5]]]
-
-
-def test_each_frame_has_its_own_threshold():
-    rng = np.random.default_rng(0)
-    on, off = rng.random((5, 3, 4)) * 255, rng.random((5, 3, 4)) * 255
-    threshold = preamble_threshold(torch.from_numpy(on), torch.from_numpy(off))
-    assert threshold.shape == (5, 1, 1)
-    expected = [(a.mean() + b.mean()) / 2 for a, b in zip(on, off, strict=True)]
-    np.testing.assert_allclose(threshold.flatten().numpy(), expected, rtol=1e-13)
-
-
-def test_no_frames_have_no_features():
-    assert checked_greys(torch.zeros(0, 10, 10), "means").shape == (0, 10, 10)

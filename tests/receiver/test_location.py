@@ -1,5 +1,4 @@
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -72,19 +71,6 @@ def whole(*grey):
     return Frames.whole(torch.from_numpy(np.stack(grey)))
 
 
-def on_sensor(frame, x, y, size=(320, 480), level=100):
-    sensor = np.full(size, level, np.uint8)
-    sensor[y : y + frame.shape[0], x : x + frame.shape[1]] = frame
-    return sensor
-
-
-def assert_same(ours, theirs):
-    for name in ("found", "candidates", "score", "corners_px"):
-        torch.testing.assert_close(
-            getattr(ours, name), getattr(theirs, name), rtol=0, atol=0
-        )
-
-
 def levels_run(monkeypatch):
     """Note the level of each frame each time one is run."""
     levels: list[int] = []
@@ -129,22 +115,6 @@ def test_panels_at_30_to_70_m_are_found_at_the_first_level(quadrilateral, monkey
     assert len(levels) - levels.count(0) <= 4
 
 
-@pytest.mark.parametrize(
-    ("pitch", "diameter"), [(12.0, 0.5), (12.0, 0.9), (16.0, 0.5), (44.0, 0.7)]
-)
-def test_large_panels_are_found_higher_up(pitch, diameter, monkeypatch):
-    levels = levels_run(monkeypatch)
-    size = int(9 * pitch)
-    grey = [panel_frame(seed, pitch, size, diameter=diameter) for seed in range(19, 27)]
-    panels = PaperLocator()(whole(*grey), SHAPE)
-    error = np.abs(
-        panels.corners_px.numpy() - true_corners(pitch, (size / 2, size / 2))
-    )
-    assert panels.found.all()
-    assert error.max() < 0.5 * pitch
-    assert max(levels) >= math.ceil(math.log2(1.4 * pitch / 11))
-
-
 @pytest.mark.parametrize("angle_deg", [-30.0, 12.0, 45.0])
 def test_turned_panels_are_found_with_their_turn(angle_deg):
     grey = [panel_frame(seed, 6.0, angle_deg=angle_deg) for seed in range(12)]
@@ -173,72 +143,6 @@ def test_the_photo_is_found_higher_up(channel, monkeypatch):
     assert panels.candidates.tolist() == [1]
     assert max(levels) == 3
     np.testing.assert_allclose(panels.corners_px[0], expected, atol=0.2 * 43.9)
-
-
-@pytest.mark.parametrize("quadrilateral", ["min_area", "upright"])
-@pytest.mark.parametrize("pitch", [3.3, 7.0, 13.0])
-def test_a_crop_and_the_full_frame_are_located_identically(quadrilateral, pitch):
-    size = max(70, int(9 * pitch))
-    crops = np.stack(
-        [panel_frame(seed, pitch, size, angle_deg=3.0 * seed) for seed in range(5)]
-    )
-    places = [(1, 2), (200, 101), (333, 199), (480 - size, 320 - size), (0, 0)]
-    full = np.stack([on_sensor(c, *p) for c, p in zip(crops, places, strict=True)])
-    cropped = Frames(
-        torch.from_numpy(crops)[:, None],
-        torch.tensor(places),
-        (320, 480),
-        torch.full((5,), 100, dtype=torch.uint8),
-    )
-    locator = PaperLocator(quadrilateral=quadrilateral)
-    ours = locator(cropped, SHAPE)
-    assert ours.found.all()
-    assert_same(ours, locator(whole(*full), SHAPE))
-
-
-@pytest.mark.parametrize("pitch", [4.0, 7.0])
-@pytest.mark.parametrize("lamp", ["disc", "large disc", "tube"])
-def test_a_lamp_is_neither_chosen_nor_joined(pitch, lamp):
-    grey = []
-    for seed in range(8):
-        light = render(
-            random_bits(np.random.default_rng(seed)), pitch, (110, 200), (50, 55)
-        )
-        if lamp == "tube":
-            cv2.rectangle(light, (125, 50), (190, 58), 12.0, -1)
-        else:
-            cv2.circle(light, (150, 55), 9 if lamp == "disc" else 24, 12.0, -1)
-        grey.append(grey_of(light))
-    panels = PaperLocator(quadrilateral="upright")(whole(*grey), SHAPE)
-    error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (50, 55))).max(
-        (1, 2)
-    )
-    assert panels.found.all()
-    assert panels.candidates.tolist() == [1] * 8
-    assert error.max() < 3.0
-
-
-def test_limits_decide_what_is_a_candidate():
-    light = np.full((80, 80), BACKGROUND, np.float32)
-    cv2.circle(light, (40, 40), 20, 12.0, -1)
-    disc = whole(grey_of(light))
-    assert not PaperLocator()(disc, SHAPE).found.item()
-    lenient = PaperLocator(min_compactness=0.7)
-    assert lenient(disc, SHAPE).found.item()
-    assert not replace(lenient, min_rectangularity=0.9)(disc, SHAPE).found.item()
-    assert not replace(lenient, min_area_px=2000)(disc, SHAPE).found.item()
-
-
-def test_fragments_that_look_like_panels_give_way_to_the_whole():
-    grey = np.zeros((90, 90), np.uint8)
-    for x, y, side in ((40, 20, 16), (70, 10, 20), (30, 50, 20), (70, 50, 20)):
-        grey[y : y + side, x : x + side] = 200
-    # The top left corner of the foreground's box lies in no blob: the chosen one is known by its own pixel.
-    panels = PaperLocator(closing_px=13, quadrilateral="upright")(
-        whole(grey), PanelShape(2, 2)
-    )
-    assert panels.candidates.tolist() == [1]
-    assert panels.corners_px[0].tolist() == [[30, 10], [90, 10], [90, 70], [30, 70]]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import (
     average_greyscale_ratio,
     cell_means,
@@ -14,7 +13,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.types import Panels, PanelShape
+from vocc_torch.types import PanelShape
 
 SHAPE = PanelShape(8, 8)
 
@@ -25,10 +24,6 @@ def observed():
     scene, bits = SceneModel().draw(BlockKey(0, "reader", 0), SHAPE)
     simulator = Simulator()
     return simulator.render(scene, bits), simulator.true_panels(scene), bits
-
-
-def known(panels, rows):
-    return Panels.known(panels.corners_px[rows])
 
 
 @pytest.mark.parametrize("gradient", ["sobel", "central"])
@@ -50,49 +45,3 @@ def test_readings_are_agr_gri_and_ngr_of_the_rectified_panels(observed, gradient
         assert torch.equal(ours, feature.double())
     assert torch.equal(readings.greys.average, means[:, 1:-1, 1:-1])
     assert torch.equal(readings.greys.centre, centre_greys(frames, panels, SHAPE))
-
-
-def test_greys_alone_are_the_same_greys(observed):
-    frames, panels, _ = observed
-    reader = Reader(SHAPE)
-    greys, full = reader.read_greys(frames, panels), reader.read(frames, panels).greys
-    assert torch.equal(greys.average, full.average)
-    assert torch.equal(greys.centre, full.centre)
-
-
-@pytest.mark.parametrize("batch", [1, 7])
-def test_readings_do_not_depend_on_the_batch(observed, batch):
-    """Bitwise, over panels 30 to 70 m away."""
-    frames, panels, _ = observed
-    reader = Reader(SHAPE)
-    together = reader.read(frames, panels)
-    for start in range(0, 64, batch):
-        rows = slice(start, start + batch)
-        part = reader.read(frames[rows], known(panels, rows))
-        assert torch.equal(part.features, together.features[rows])
-        assert torch.equal(part.patches, together.patches[rows])
-        assert torch.equal(part.greys.average, together.greys.average[rows])
-        assert torch.equal(part.greys.centre, together.greys.centre[rows])
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (
-            {"samples_per_led": 1},
-            "receiver.samples_per_led is 1: it must be from 2 to 64",
-        ),
-        (
-            {"samples_per_led": 65},
-            "receiver.samples_per_led is 65: it must be from 2 to 64",
-        ),
-        (
-            {"gradient": "scharr"},
-            "receiver.gradient is 'scharr': it must be sobel or central",
-        ),
-    ],
-)
-def test_wrong_settings_are_refused_in_one_line(settings, message):
-    with pytest.raises(VoccError) as refusal:
-        Reader(**settings)
-    assert str(refusal.value) == message

@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from vocc_torch.receiver.resample import (
     cell_homography,
-    cell_size_px,
     centre_greys,
     rectify,
 )
@@ -117,16 +116,6 @@ def test_gradients_flow_to_the_corners_through_the_same_values(name):
     np.testing.assert_allclose(slope[0, 2, 0], (ends[0] - ends[1]) / 2e-6, rtol=1e-4)
 
 
-def test_beyond_the_border_the_border_pixels_go_on():
-    """A panel that fills the frame: its margin of one cell reads replicated border pixels."""
-    image = picture(5, 40, 50)
-    panels = Panels.known(corners_of([(0, 0), (50, 0), (50, 40), (0, 40)]))
-    patch = rectify(Frames.whole(image[None]), panels, SHAPE, 10)[0, 0].numpy()
-    np.testing.assert_allclose(
-        patch, np.pad(image.numpy(), 10, mode="edge"), rtol=0, atol=1e-10
-    )
-
-
 # Crops
 
 
@@ -160,38 +149,6 @@ def test_a_crop_reads_exactly_like_the_full_frame(name, offset):
     )
 
 
-@given(
-    place=st.tuples(*[st.integers(-300, 700)] * 2),
-    size=st.tuples(*[st.floats(1e-3, 400) | st.integers(1, 400)] * 2),
-    nudge=st.sampled_from([0.0, 1e-13, 1e-3, 0.3]),
-)
-@settings(max_examples=60, deadline=None)
-def test_a_panel_reads_alone_as_it_does_among_turned_ones(place, size, nudge):
-    """Whose corners' arithmetic is another: to the last bit, wherever it lies and however large it is."""
-    (x, y), (wide, tall) = (one / 4 for one in place), size
-    upright = [(x, y), (x + wide, y + nudge), (x + wide, y + tall), (x, y + tall)]
-    frames = Frames.whole(
-        picture(5).round().to(torch.uint8).expand(2, 1, -1, -1).contiguous()
-    )
-    together = rectify(
-        frames,
-        Panels.known(corners_of(upright, QUADRILATERALS["perspective"])),
-        SHAPE,
-        4,
-    )
-    alone = rectify(frames[:1], Panels.known(corners_of(upright)), SHAPE, 4)
-    assert torch.equal(alone, together[:1])
-
-
-def test_a_panel_beyond_the_crop_reads_the_surround():
-    full = torch.full((1, 1, 90, 120), 77, dtype=torch.uint8)
-    full[..., 30:50, 40:60] = 200
-    panels = Panels.known(corners_of([(90, 60), (110, 60), (110, 80), (90, 80)]))
-    frames = cropped(full, 30, 20, 40, 45)
-    assert rectify(frames, panels, SHAPE, 8).unique().tolist() == [77]
-    assert centre_greys(frames, panels, SHAPE).unique().tolist() == [77]
-
-
 # Near panels
 
 
@@ -205,13 +162,6 @@ def test_samples_of_a_near_panel_are_area_means_of_the_pixels():
 
 
 # Sizes, centres, batches, wild corners
-
-
-def test_cell_size_is_the_mean_of_opposite_sides():
-    corners = corners_of([(0, 0), (30, 0), (40, 24), (0, 16)])
-    width, height = cell_size_px(corners, SHAPE)
-    assert float(width) == pytest.approx((30 + np.hypot(40, 8)) / 2 / 5)
-    assert float(height) == pytest.approx((16 + np.hypot(10, 24)) / 2 / 4)
 
 
 @pytest.mark.parametrize("name", list(QUADRILATERALS))

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from vocc_torch.errors import VoccError
 from vocc_torch.receiver import resample
 from vocc_torch.receiver.bank import (
     GREYSCALE_RECEIVERS,
@@ -74,17 +73,6 @@ def test_one_receiver_alone_decides_as_among_all_and_measures_no_more(
     needed = [one in staged.bank.needed for one in ("agr", "gri", "ngr")]
     assert [bool(measured.features[..., column].any()) for column in range(3)] == needed
     assert bool(measured.greys.centre.any()) == ("centre" in staged.bank.needed)
-
-
-def test_what_is_missing_is_said(link):
-    takes, panels, flda = link
-    staged = StagedReceiver(ReceiverBank(["average_greyscale"], flda), Reader())
-    with pytest.raises(VoccError, match="this receiver has no locator"):
-        staged(takes[0])
-    with pytest.raises(
-        VoccError, match="receiver average_greyscale needs preamble frames"
-    ):
-        staged(takes[0], panels)
 
 
 def test_the_kept_receiver_decides_by_the_same_stages(link):

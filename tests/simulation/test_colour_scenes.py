@@ -9,15 +9,12 @@ import torch
 from PIL import Image
 from scipy import integrate
 
-import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects.colour import (
     SENSITIVITIES_NM,
-    Colour,
     channel_shares,
     luma_of,
     luminous_efficiency,
@@ -98,16 +95,6 @@ def test_luma_is_pillows_to_the_last_bit():
     )
 
 
-def test_white_leds_by_daylight_are_grey_and_as_without_colour():
-    grey = shot(PAPER_EFFECTS)
-    seen = shot(PAPER_EFFECTS | {"colour": {"white": 1.0}})
-    assert seen.colour is not None
-    assert grey.colour is None
-    for plane in (*seen.colour.unbind(1), seen.grey[:, 0]):
-        assert torch.equal(plane, grey.grey[:, 0])
-    assert torch.equal(seen.surround, grey.surround)
-
-
 def test_each_channel_is_a_grey_scene_whose_leds_shine_as_it_sees_them():
     effects = {"attenuation": {"visibility_m": 200.0}, "colour": {"peak_nm": 525}} | RAW
     seen = shot(effects, dtype=torch.float64)
@@ -157,47 +144,6 @@ def test_light_of_several_colours_is_the_sum_of_the_light_of_each():
     torch.testing.assert_close(light(THREE, first), wanted)
 
 
-def test_each_colour_sends_bits_of_its_own_alike_for_every_batch():
-    words = (
-        "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:[uniform,460,480]}",
-        "scene.distance_m=40",
-    )
-    more = (
-        "+scene.effects.rolling_shutter={readout_s:0.016,symbol_s:0.001}",
-        "+scene.effects.led_scatter={coefficient_of_variation:0.3}",
-    )
-    world = vt.load_scene("paper", *words, *more)
-    (whole,), parts = vt.simulate(world, 12), list(vt.simulate(world, 12, batch=5))
-    assert torch.equal(
-        whole.frames.colour, torch.cat([one.frames.colour for one in parts])
-    )
-    sent = [whole.bits, *whole.further.values()]
-    for name, bits in whole.further.items():
-        assert torch.equal(bits, torch.cat([one.further[name] for one in parts]))
-    shares = np.corrcoef(torch.stack(sent).flatten(1).numpy())  # of 768 bits each
-    assert np.abs(shares - np.eye(3)).max() < 0.15
-    assert all(0.4 < float(one.float().mean()) < 0.6 for one in sent)
-    assert not next(vt.simulate("paper", 1)).further
-
-
-def test_preambles_are_of_all_colours():
-    camera = Simulator(CAMERA, effects=PAPER_EFFECTS | {"colour": THREE})
-    for take in ("on", "off"):
-        keys = [FrameKey(BlockKey(0, "colour", 0), 3, take)]
-        for bits in camera.further_bits(Scene.of(), keys).values():
-            assert bool((bits == (take == "on")).all())
-
-
-@pytest.mark.parametrize("stuck", [{}, {"stuck_leds": {"off_share": 0.2}}])
-def test_further_colours_change_nothing_of_the_first(stuck):
-    """Of no light to speak of they leave every pixel; and a blind camera of theirs sees the first alone."""
-    plain = shot(PAPER_EFFECTS | stuck | {"colour": {"peak_nm": ["uniform", 470, 630]}})
-    more = {"peak_nm": ["uniform", 470, 630], "second_nm": 600, "second_share": 1e-9}
-    assert torch.equal(
-        plain.colour, shot(PAPER_EFFECTS | stuck | {"colour": more}).colour
-    )
-
-
 @pytest.mark.parametrize(
     ("colour", "said"),
     [
@@ -222,16 +168,6 @@ def test_colours_that_cannot_be_are_refused_by_name(colour, said):
         Simulator(effects=PAPER_EFFECTS | {"colour": colour})
 
 
-@pytest.mark.parametrize("word", ["red", "green", "blue"])
-def test_the_grey_that_receivers_read_is_the_channel_that_is_asked_for(word):
-    seen = shot(PAPER_EFFECTS | {"colour": {"peak_nm": 590, "grey": word}})
-    assert torch.equal(
-        seen.grey[:, 0], seen.colour[:, ("red", "green", "blue").index(word)]
-    )
-    with pytest.raises(VoccError, match=r"scene.effects.colour.grey is 'max'"):
-        Colour(grey="max")
-
-
 def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     coloured = {"colour": {"white": 1.0}, **NOISE}
     three = shot(coloured, framing="full", dtype=torch.float64).colour
@@ -243,39 +179,6 @@ def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     one = shot({**NOISE, "bayer": {}}, framing="full")
     # White LEDs before a mosaic: as without colour.
     assert torch.equal(raw.grey, one.grey)
-
-
-@pytest.mark.parametrize(
-    "noise",
-    [
-        {"shot_noise": {}},
-        {"read_noise": {"electrons": 50}},
-        {"row_noise": {"electrons": 50}},
-        {"prnu": {"share": 0.05}},
-        {"dsnu": {"electrons": 50}},
-        {"hot_pixels": {"share": 0.05, "electrons_per_s": 1e6}},
-    ],
-    ids=lambda noise: next(iter(noise)),
-)
-def test_every_noise_is_another_in_each_channel(noise):
-    quiet = {
-        "photoelectrons": {"quantum_efficiency": 0.6},
-        "gain": {},
-        "colour": {"white": 1.0},
-    }
-    planes = shot(quiet | noise, framing="full", dtype=torch.float64).colour[
-        0, :, :, :30
-    ]
-    rows = planes.mean(2) if "row_noise" in noise else planes.flatten(1)
-    assert np.abs(np.corrcoef(rows.numpy()) - np.eye(3)).max() < 0.3
-    assert float(rows.std(dim=1).min()) > 0
-
-
-def test_a_raw_mosaic_has_no_channel_to_read():
-    with pytest.raises(
-        VoccError, match=r"scene.effects.colour.grey is 'red': it must be luma, or with"
-    ):
-        Simulator(effects=PAPER_EFFECTS | {"colour": {"grey": "red"}, "bayer": {}})
 
 
 def test_a_mosaic_takes_of_each_channel_what_its_filter_lets_through():
@@ -310,20 +213,3 @@ def test_coded_colour_is_near_pillows():
         theirs = np.asarray(Image.open(held), dtype=np.float64)
         assert np.abs(after - theirs).mean() < 0.5
         assert np.abs(before - theirs).mean() > 0.05  # the coding changes something
-
-
-def test_pictures_on_the_disk_give_the_grey_that_was_read(tmp_path):
-    seen = shot(PAPER_EFFECTS | {"colour": {"peak_nm": 630}}, framing="full")
-    Image.fromarray(seen.pixels[1]).save(tmp_path / "frame.png")
-    (read,) = read_recording(tmp_path / "frame.png", "luma")
-    assert np.array_equal(read.grey, seen.grey[1, 0].numpy())
-    assert seen[1:].pixels.shape == (1, 96, 160, 3)
-
-
-def test_things_of_a_street_are_coloured_and_of_the_same_shapes():
-    """Seen in its luma, a street in colour is the grey one to within rounding and gamma."""
-    street = PAPER_EFFECTS | {"scenery": {}, "clutter": {}}
-    grey, seen = shot(street), shot(street | {"colour": {"white": 1.0}})
-    apart = seen.colour.float().std(dim=1).mean()
-    assert float(apart) > 2
-    assert float((grey.grey.float() - seen.grey.float()).abs().mean()) < 1.5

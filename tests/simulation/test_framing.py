@@ -8,16 +8,13 @@ from test_every_effect import KINDS, PARAMETERS, chain
 from vocc_torch import Simulator
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import SceneModel, framing
 from vocc_torch.simulation.effects import Context, build_effects
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
 from vocc_torch.simulation.framing import (
-    crop_origins_px,
     led_centres_px,
     panel_centre_px,
     panel_corners_px,
-    window_size_px,
 )
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
@@ -98,29 +95,6 @@ def test_combinations_hold_the_same_pixels_too(number):
         assert torch.equal(part[inner, inner], near.grey[i, 0, inner, inner])
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, kind in KINDS.items() if not kind.fills_sensor]
-)
-def test_without_an_effect_that_fills_the_sensor_a_window_is_the_crop(name):
-    near, crop = (shots(chain(name), panel_only=only) for only in (True, False))
-    assert torch.equal(near.grey, crop.grey)
-    assert torch.equal(near.surround, crop.surround)
-
-
-@pytest.mark.parametrize("side", [60, 65, 72, 79])
-def test_a_window_holds_the_crop_wherever_it_lies(side):
-    sensor = (272, 480)
-    size = window_size_px((side, side), sensor)
-    centres = torch.rand(
-        200, 2, generator=torch.Generator().manual_seed(side)
-    ) * torch.tensor([480.0, 272.0])
-    crops = crop_origins_px(centres, (side, side), sensor)
-    windows = crop_origins_px(centres, size, sensor, grid_px=8)
-    assert not (windows % 8).any()
-    assert bool((windows <= crops).all())
-    assert bool((windows + torch.tensor([size[1], size[0]]) >= crops + side).all())
-
-
 def test_true_corners_turn_with_each_frames_own_pose():
     """The drawn angles are those of the frame's key: rendering and evaluation see one panel."""
     scene = Scene.of(3, distance_m=30.0)
@@ -139,22 +113,6 @@ def test_true_corners_turn_with_each_frames_own_pose():
         rows, columns = np.nonzero(light[i, 0].numpy())
         along = np.polyfit(columns, rows, 1, w=light[i, 0].numpy()[rows, columns])[0]
         assert abs(np.rad2deg(np.arctan(along)) - float(angles[i])) < 0.5
-
-
-def test_a_panel_that_is_not_turned_is_drawn_as_without_perspective():
-    """Ellipses of upright panels are the discs of the direct way, to rounding."""
-    scene, on = (
-        Scene.of(2, distance_m=33.3, offset_x_m=0.7),
-        torch.ones(2, 8, 8, dtype=torch.bool),
-    )
-    still = {"pose": {"roll_deg": ["choice", 0.0, 1e-10]}}
-    ours, plain = (
-        Simulator(effects=effects, dtype=torch.float64, framing="full").render(
-            scene, on, keys=KEYS[:2]
-        )
-        for effects in (still, {})
-    )
-    assert float((ours.grey - plain.grey).abs().max()) < 1e-5
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 1)])
@@ -194,22 +152,6 @@ def test_an_upright_panel_is_where_the_lens_puts_it(shape):
 FAR = Scene.of(distance_m=300.0)
 
 
-@pytest.mark.parametrize("worth", [0, 1e12])
-def test_small_crops_laid_into_large_ones_are_the_large_ones(monkeypatch, worth):
-    """In however many groups a batch is drawn, its frames are those drawn one by one on the whole sensor."""
-    monkeypatch.setattr(framing, "GROUP_PIXELS", worth)
-    camera = Camera(width_px=160, height_px=120, sensor_width_mm=1.1)
-    drawn, bits = SceneModel().draw(BlockKey(0, "groups", 0), PanelShape())
-    aside = Scene.of(distance_m=40.0, offset_x_m=0.5)
-    scene, bits = Scene.cat([drawn[:14], FAR, aside]), bits[:16]
-    crops = Simulator(camera, framing="filled").render(scene, bits, nearest_m=30.0).grey
-    whole = Simulator(camera, framing="full")
-    for i, crop in enumerate(crops):
-        assert torch.equal(
-            crop, whole.render(scene[i : i + 1], bits[i : i + 1]).grey[0]
-        ), i
-
-
 def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
     """In float32, in batches of every size, and as a part of a larger frame."""
     generator = torch.Generator().manual_seed(1)
@@ -226,14 +168,3 @@ def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
     assert torch.equal(
         effect(wide, context)[0, 0, 307:384, 213:290], together[0, 0, 6:-6, 6:-6]
     )
-
-
-@pytest.mark.parametrize("seed", [0, 7, 2**32 - 1, 2**32, 10**30])
-def test_a_stream_follows_from_its_name_whatever_the_seeds_size(seed):
-    """The array of words that NumPy reads quickly gives the stream that the list of numbers gives."""
-    key = BlockKey(seed, "point", 3)
-    entropy = key.generator("bits").bit_generator.seed_seq.entropy
-    listed = np.random.SeedSequence([int(word) for word in entropy])
-    own = np.random.Generator(np.random.PCG64(listed)).random(4)
-    np.testing.assert_array_equal(key.generator("bits").random(4), own)
-    assert [int(word) for word in entropy[:2]] == [seed, 3]

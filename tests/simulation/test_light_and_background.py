@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 from vocc_torch.errors import VoccError
@@ -24,7 +22,6 @@ from vocc_torch.simulation.effects.background import (
 from vocc_torch.simulation.effects.base import Context
 from vocc_torch.simulation.effects.light import (
     Airlight,
-    Attenuation,
     LedScatter,
     Occlusion,
     StuckLeds,
@@ -127,18 +124,6 @@ def test_what_is_hidden_has_the_rectangles_luminance_and_the_rest_its_own():
         torch.testing.assert_close(ours[frame, 0], between, rtol=1e-12, atol=0)
 
 
-def test_the_rectangle_is_about_the_panels_image_where_the_panel_is_turned():
-    """At 60 degrees a panel is half as wide, and so is what hides it; a roll of 45 lengthens both sides."""
-    scene, effect = Scene.of(distance_m=3000.0), Occlusion(0.5, 0.5)
-    near = replace(SMALL, focal_length_mm=25.0 * 60)
-    for pose, area in ((Pose(yaw_deg=60.0), 0.125), (Pose(roll_deg=45.0), 0.5)):
-        where = context(scene, pose, camera=near)
-        side = 0.48 * near.focal_length_px / 3000.0
-        assert float(hidden(effect, where).sum()) == pytest.approx(
-            area * side**2, rel=1e-3
-        )
-
-
 # Second panel
 
 
@@ -200,37 +185,6 @@ def test_it_is_the_picture_of_our_own_panel_at_that_place(panel, x, y, share):
     torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
 
 
-def test_it_is_dimmed_by_the_scenes_attenuation_just_as_ours_is():
-    scene, air = scenes(3), Attenuation(visibility_m=120.0)
-    seen = SecondPanel(0.6)(background(scene, BOARD), context(scene, air, panel=BOARD))
-    wanted = ours_there(
-        scene, BOARD, {"attenuation": {"visibility_m": 120.0}}, moved_m=(0.6, 0, 0)
-    )
-    torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
-
-
-def test_where_airlight_is_named_the_light_is_left_for_it_to_dim():
-    """Once: the light leaves the effect as in clear air, and Koschmieder's factor takes the rest."""
-    scene, fog, air = (
-        scenes(3),
-        Airlight(visibility_m=120.0),
-        Attenuation(visibility_m=120.0),
-    )
-    effect, ground = SecondPanel(0.6), background(scene, LedPanel())
-    clear = effect(ground, context(scene))
-    for effects in ((fog,), (air, fog), (fog, air)):
-        where = context(scene, *effects)
-        assert torch.equal(effect(ground, where), clear)
-        own = fog(effect(ground, where), where) - fog(
-            SecondPanel(0.6, luminance_share=1e-12)(ground, where), where
-        )
-        kept = torch.exp(-3.912 * scene.distance_m / 120.0).view(-1, 1, 1, 1)
-        shining = clear - SecondPanel(0.6, luminance_share=1e-12)(
-            ground, context(scene)
-        )
-        torch.testing.assert_close(own, kept * shining, rtol=2e-5, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("effects", "step"),
     [
@@ -254,48 +208,6 @@ def test_it_stands_in_our_panels_plane_and_is_seen_by_the_same_lens(effects, ste
     torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
     apart = SecondPanel(0.7)(background(scene, LedPanel()), context(scene))
     assert float((seen - apart).abs().max()) > 50
-
-
-def test_it_sends_data_of_its_own_in_every_picture():
-    """As many On as Off; a preamble sees other data than the frame, at the same place."""
-    scene = Scene.of(200, distance_m=60.0)
-    bits = {
-        take: its_bits(200, LedPanel().shape, take=take) for take in ("frame", "on")
-    }
-    assert (
-        stats.binomtest(int(bits["frame"].sum()), bits["frame"].numel()).pvalue > 1e-4
-    )
-    same = int((bits["frame"] == bits["on"]).sum())
-    assert stats.binomtest(same, bits["on"].numel()).pvalue > 1e-4
-    one, dark = scene[:3], torch.zeros(3, 1, *SMALL.sensor_px, dtype=DOUBLE)
-    pictures = [
-        SecondPanel(0.6)(dark, context(one, take=take)) for take in ("frame", "on")
-    ]
-    assert not torch.equal(*pictures)
-    reflected = 0.4 * 8000 / math.pi
-    assert torch.equal(*(picture > 0 for picture in pictures))
-    assert all(
-        float(picture.amax()) == pytest.approx(reflected + 3000) for picture in pictures
-    )
-
-
-@pytest.mark.parametrize("panel", [LedPanel(), BOARD], ids=["see-through", "board"])
-@pytest.mark.parametrize(
-    "effects",
-    [(), (Pose(yaw_deg=80.0),), (Pose(yaw_deg=-80.0),), (LensDistortion(k1=-4.0),)],
-    ids=["facing", "leading away", "leading behind the camera", "distorted"],
-)
-def test_a_panel_off_the_sensor_is_no_trouble(panel, effects):
-    """Nor beside the camera, behind it, or where the lens has no image of it."""
-    scene, ground = (
-        replace(scenes(2), distance_m=torch.tensor([45.0, 50.0], dtype=DOUBLE)),
-        plane(2),
-    )
-    for offset in (4.0, 25.0, 45.6, 100.0, -100.0):
-        seen = SecondPanel(offset, offset / 3)(
-            ground, context(scene, *effects, panel=panel)
-        )
-        assert torch.equal(seen, ground)
 
 
 def test_panels_that_overlap_are_refused_by_name():
@@ -339,28 +251,6 @@ def test_two_per_cent_of_the_contrast_is_left_at_the_visibility_distance(
     assert (far - horizon) / horizon == pytest.approx(
         0.02 * (luminance - horizon) / horizon, rel=1e-12
     )
-
-
-@given(
-    st.floats(1.0, 500.0),
-    st.floats(1.0, 500.0),
-    st.floats(20.0, 5000.0),
-    st.floats(0.0, 1e5),
-)
-def test_two_stretches_of_the_same_air_are_one_long_stretch(
-    first, second, visibility, luminance
-):
-    effect, value = (
-        Airlight(visibility_m=visibility),
-        torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE),
-    )
-    for distance in (first, second):
-        value = effect(value, context(Scene.of(distance_m=distance)))
-    whole = effect(
-        torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE),
-        context(Scene.of(distance_m=first + second)),
-    )
-    torch.testing.assert_close(value, whole, rtol=1e-12, atol=1e-9)
 
 
 # Veiling glare
@@ -419,18 +309,6 @@ def test_the_shares_of_stuck_leds_are_binomial():
     )
 
 
-def test_a_larger_share_keeps_the_leds_that_were_stuck():
-    where, light = context(Scene.of(64)), torch.full((64, 8, 8), 7.0, dtype=DOUBLE)
-    for kind in ("off_share", "on_share"):
-        few, many = (
-            StuckLeds(**{kind: share})(light, where) != 7.0 for share in (0.1, 0.3)
-        )
-        assert bool((many | ~few).all())
-        assert int(many.sum()) > int(few.sum())
-    both = StuckLeds(off_share=0.1, on_share=0.3)(light, where)
-    assert torch.equal(both == 0, StuckLeds(off_share=0.1)(light, where) == 0)
-
-
 # Background texture
 
 
@@ -476,11 +354,6 @@ def test_a_texture_has_mean_one_and_its_contrast_and_is_never_dark(contrast):
         assert texture.min() > 0
 
 
-def test_the_texture_of_a_sensor_of_one_pixel_is_one():
-    texture = BackgroundTexture(contrast=0.4).texture(np.random.default_rng(0), (1, 1))
-    assert texture.tolist() == [[1.0]]
-
-
 # Lamps
 
 
@@ -509,26 +382,3 @@ def test_a_lamp_inside_the_sensor_has_exactly_its_area():
         assert (
             stats.kstest(places[:, axis], stats.uniform(scale=length).cdf).pvalue > 1e-4
         )
-
-
-def test_more_lamps_keep_the_places_of_fewer():
-    dark = torch.zeros(4, 1, *SMALL.sensor_px, dtype=DOUBLE)
-    few, many = (Lamps(n, 1e4, 0.1)(dark, context(Scene.of(4))) for n in (2, 5))
-    assert bool((many >= few - 1e-9).all())
-    assert bool((many.sum(dim=(1, 2, 3)) > few.sum(dim=(1, 2, 3))).all())
-
-
-def test_airlight_is_differentiable_in_distance_and_daylight():
-    scene = scenes(2)
-    distance, ambient = (
-        v.clone().requires_grad_() for v in (scene.distance_m, scene.ambient_lx)
-    )
-    light = plane(2)[..., :2, :2]
-
-    def seen(distance, ambient):
-        return Airlight(visibility_m=90.0)(
-            light,
-            Context(replace(scene, distance_m=distance, ambient_lx=ambient), SMALL),
-        )
-
-    assert torch.autograd.gradcheck(seen, (distance, ambient))

@@ -16,8 +16,6 @@ from vocc_torch import Simulator
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import Effect, Quantity, build_effects
 from vocc_torch.simulation.effects.optics import Blooming
-from vocc_torch.simulation.effects.sensor import ReadNoise
-from vocc_torch.simulation.effects.view import LensDistortion
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Scene
 
@@ -185,28 +183,6 @@ def test_after_says_another_place_and_names_decide_within_one():
     assert len({*chain}) == 5
 
 
-def test_what_an_effect_does_in_place_stays_its_own():
-    half = type(
-        "Half",
-        (Passing,),
-        {"__call__": lambda _, v, context: v.mul_(0.5)},
-        on=Quantity.LED_LUMINANCE,
-    )
-    scene, dim = (
-        Scene.of(),
-        Scene.of(led_luminance_cd_m2=float(Scene.of().led_luminance_cd_m2) / 2),
-    )
-    halved = [Simulator(effects=[half()]).contrast(scene) for _ in range(2)]
-    assert halved == [Simulator(effects={}).contrast(dim)] * 2
-
-
-def test_our_own_may_be_subclassed_and_keeps_what_it_says_of_its_call():
-    quiet, bent = type("Quiet", (ReadNoise,), {}), type("Bent", (LensDistortion,), {})
-    wide = type("Wide", (Blooming,), {"__call__": Passing.__call__})
-    told = [(kind.fills_sensor, kind.unbounded) for kind in (quiet, bent, wide)]
-    assert told == [(True, False), (False, False), (True, True)]
-
-
 # Refusals
 
 
@@ -307,9 +283,3 @@ def test_what_does_not_fit_is_refused_by_its_name(given, said):
         build_effects(
             given if isinstance(given, list) else {"mine": given, "saturation": {}}
         )
-
-
-@pytest.mark.parametrize("name", ["blooming", "my-own"])
-def test_a_name_is_a_word_and_none_of_ours(name):
-    with pytest.raises(VoccError, match=rf"^scene\.effects\.{name}.* name"):
-        build_effects({name: STREAK})

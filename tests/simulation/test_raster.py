@@ -1,7 +1,5 @@
 """Area cover against closed forms, numerical integration and brute-force sampling, none of them its own."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 
 from vocc_torch.simulation.raster import (
     disc_grid_cover,
-    disc_quadrant_area,
     ellipse_cover,
     interval_cover,
 )
@@ -24,34 +21,6 @@ def disc_cover(x, y, radius, size, canvas_px):
     """Discs (N,) as ellipses."""
     spread = torch.diag_embed(torch.stack([radius, radius], dim=-1).square())
     return ellipse_cover(torch.stack([x, y], dim=-1), spread, size, canvas_px=canvas_px)
-
-
-def cover_of(x, y, radius):
-    cover, left, top = disc_cover(
-        *doubles(x, y, radius), math.ceil(2 * radius) + 1, (4000, 4000)
-    )
-    return cover[0].numpy(), int(left), int(top)
-
-
-@given(st.floats(-2, math.log10(200)), st.floats(200, 2300), st.floats(200, 2300))
-def test_a_discs_whole_area_is_drawn(log_radius, x, y):
-    """Any sub-pixel position, radii 0.01 to 200 px: pi r^2 to 1e-9, and no pixel outside 0 to 1."""
-    radius = 10**log_radius
-    cover, _, _ = cover_of(x, y, radius)
-    assert float(cover.sum()) == pytest.approx(math.pi * radius**2, rel=1e-9)
-    assert cover.min() >= 0
-    assert cover.max() <= 1
-
-
-@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
-def test_quadrants_of_the_unit_disc_complete_each_other(x, y):
-    """The four quadrants about any point, each seen by mirroring, sum to the disc."""
-    total = sum(
-        float(disc_quadrant_area(*doubles(sx * x, sy * y)))
-        for sx in (-1, 1)
-        for sy in (-1, 1)
-    )
-    assert total == pytest.approx(math.pi, abs=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,11 @@
 """Rows exposed one after the other, against sampled time, hand-made phases and the binomial law."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 from vocc_torch.errors import VoccError
@@ -110,32 +108,6 @@ def test_the_hand_made_phase_has_the_overlaps_worked_out_by_hand():
     torch.testing.assert_close(shares[3, 40:71], shares[4, 60:91], rtol=0, atol=1e-12)
 
 
-@given(
-    st.floats(1e-6, 2.0),
-    st.floats(1.0, 30.0),
-    st.floats(1e-4, 0.5),
-    st.integers(0, 1000),
-)
-def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(
-    readout, symbols, exposure, seed
-):
-    camera = replace(SMALL, exposure_time_s=exposure)
-    scene = scenes(3, seed)
-    effect = RollingShutter(
-        readout_s=readout, symbol_s=max(symbols * exposure, readout / 50)
-    )
-    shares = effect.row_shares(context(scene, camera=camera), 101)
-    assert shares.dtype == torch.float64
-    assert bool(((shares >= 0) & (shares <= 1)).all())
-    torch.testing.assert_close(
-        shares.sum(1), torch.ones(3, 101, dtype=torch.float64), rtol=0, atol=1e-12
-    )
-    # A row sees neighbours only, and the mean number of what it sees never falls.
-    assert int((shares > 0).sum(1).max()) <= 2
-    number = (torch.arange(shares.shape[1]).view(1, -1, 1) * shares).sum(1)
-    assert float(number.diff(dim=1).min()) > -1e-9
-
-
 def test_light_is_what_sampled_time_says():
     """Each row's exposure in 4000 instants: which symbol shows then; ends are off by one instant."""
     scene, bits = scenes(6), random_bits(6)
@@ -164,17 +136,6 @@ def test_light_is_what_sampled_time_says():
     assert tested > 150
 
 
-def test_the_truth_shows_on_the_sensors_nearest_row_where_the_centre_is_beyond_its_border():
-    """A part of the panel is seen; begun 30 % of a symbol ago, the truth has 80 % of the border's row."""
-    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
-    for offset, border in ((-0.65, 0), (0.65, 100)):
-        where = Context(
-            Scene.of(distance_m=40.0, offset_y_m=offset), SMALL, [FixedPhase(0.3)]
-        )
-        shares = effect.row_shares(where, 101)[0]
-        assert float(shares[len(shares) // 2, border]) == pytest.approx(0.8, abs=1e-9)
-
-
 # Symbols
 
 
@@ -199,22 +160,6 @@ def test_the_truth_stands_in_the_middle_of_random_data():
             assert stats.binomtest(same, frames * 64).pvalue > 1e-4
 
 
-@pytest.mark.parametrize("batch", [1, 3, 10])
-def test_frames_do_not_depend_on_the_batch(batch):
-    """Bitwise in light, where batches differ in how many symbols they need, and so in distance."""
-    scene, bits = scenes(10), random_bits(10)
-    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.12)
-    whole = light(effect(bits, context(scene)), effect.row_shares(context(scene), 101))
-    widths = set()
-    for start in range(0, 10, batch):
-        part = slice(start, start + batch)
-        where = context(scene[part], start=start)
-        symbols = effect(bits[part], where)
-        widths.add(symbols.shape[1])
-        assert torch.equal(light(symbols, effect.row_shares(where, 101)), whole[part])
-    assert batch > 1 or len(widths) > 1
-
-
 # Refusals
 
 
@@ -228,12 +173,3 @@ def test_a_symbol_shorter_than_the_exposure_is_refused_when_the_camera_is_known(
         with pytest.raises(VoccError, match=message + ", 0.1$"):
             call(context(Scene.of()))
     RollingShutter(readout_s=1.0, symbol_s=0.1)(random_bits(1), context(Scene.of()))
-
-
-def test_symbols_without_number_are_refused():
-    camera = replace(SMALL, exposure_time_s=1e-6)
-    with pytest.raises(
-        VoccError,
-        match=r"symbol_s is 1e-05: the panel shows \d+ symbols .* at most 1001 are",
-    ):
-        RollingShutter(1.0, 1e-5)(random_bits(1), context(Scene.of(), camera=camera))

@@ -70,14 +70,6 @@ def test_a_scene_keeps_its_golden_value():
     assert bits[0, 0].int().tolist() == GOLDEN_BITS
 
 
-@pytest.mark.parametrize(
-    ("name", "key"), [("seed", (-1, "p", 0)), ("block", (0, "p", -2))]
-)
-def test_negative_keys_are_refused_by_name(name, key):
-    with pytest.raises(VoccError, match=rf"^{name} is -\d: it must be at least 0$"):
-        BlockKey(*key)
-
-
 def test_streams_are_uncorrelated():
     """2000 numbers of each stream, for two seeds, points and blocks: every correlation within 4.5 sigma."""
     streams = [f"scene.{name}" for name in NAMES] + ["bits"]
@@ -93,28 +85,6 @@ def test_streams_are_uncorrelated():
 
 
 # Scenes
-
-
-@pytest.mark.parametrize("changed", NAMES)
-def test_changing_one_distribution_leaves_the_other_draws_as_they_were(changed):
-    before, bits_before = blocks(SceneModel(), 1)
-    after, bits_after = blocks(
-        SceneModel(**{changed: Distribution("constant", (50.0,))}), 1
-    )
-    assert torch.equal(bits_before, bits_after)
-    for name in NAMES:
-        assert torch.equal(getattr(before, name), getattr(after, name)) == (
-            name != changed
-        )
-
-
-def test_narrowing_a_uniform_rescales_the_same_draws():
-    """Common random numbers: a point of another distance range sees the same quantiles."""
-    wide, _ = blocks(SceneModel(distance_m=Distribution("uniform", (30.0, 70.0))), 1)
-    narrow, _ = blocks(SceneModel(distance_m=Distribution("uniform", (40.0, 60.0))), 1)
-    torch.testing.assert_close(
-        (wide.distance_m - 30) / 40, (narrow.distance_m - 40) / 20, rtol=0, atol=1e-12
-    )
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,10 +1,7 @@
 """Sensor and encoding effects against EMVA 1288, SciPy, OpenCV and Pillow; windows against full frames."""
 
-import copy
 import io
-import itertools
 import math
-import pickle
 from dataclasses import replace
 
 import cv2
@@ -22,11 +19,9 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.coding import Demosaicing, Jpeg
 from vocc_torch.simulation.effects.sensor import (
-    TILE_PX,
     Bayer,
     DarkCurrent,
     Dsnu,
-    FullWell,
     Gain,
     HotPixels,
     Photoelectrons,
@@ -35,20 +30,11 @@ from vocc_torch.simulation.effects.sensor import (
     RowNoise,
     ShotNoise,
     poisson_quantile,
-    tile_parts,
 )
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
-RANDOM = (
-    Prnu(0.01),
-    HotPixels(0.01, 1e6),
-    ShotNoise(),
-    Dsnu(2.0),
-    RowNoise(1.5),
-    ReadNoise(3.0),
-)
 
 
 def frame_keys(frames, *, seed=0, point="test", block=0, take="frame"):
@@ -187,23 +173,6 @@ def test_poisson_quantiles_step_where_scipys_distribution_function_does(
         assert poisson_quantile(np.array([mean]), np.array([near])).item() == expected
 
 
-def test_shot_noise_keeps_each_pixels_draw_whatever_the_others_hold():
-    """A pixel's count follows from its own mean and draw: changing all other means leaves it as it was."""
-    before = (
-        torch.rand(
-            2, 1, 40, 50, generator=torch.Generator().manual_seed(1), dtype=DOUBLE
-        )
-        * 100
-    )
-    kept = torch.zeros(2, 1, 40, 50, dtype=torch.bool)
-    kept[..., ::3, ::4] = True
-    after = torch.where(kept, before, 7 + before * 3)
-    one, other = run(before, ShotNoise()), run(after, ShotNoise())
-    assert torch.equal(one[kept], other[kept])
-    assert not torch.equal(one[~kept], other[~kept])
-    assert bool((other >= one).all())
-
-
 def test_shot_noise_of_black_is_black_and_of_nan_is_refused():
     assert not run(level(-1e-12, 1, 1, 20, 20), ShotNoise()).any()
     with pytest.raises(
@@ -222,18 +191,6 @@ def test_what_each_pixel_adds_is_normal_and_of_the_stated_spread(effect, scale):
     noise = (run(level(500, 1, 1, 400, 500), effect) - 500).numpy().ravel() / scale
     assert stats.kstest(noise, "norm").pvalue > 1e-3
     assert abs(noise.std() - 1) < 4 / math.sqrt(2 * noise.size)
-
-
-@pytest.mark.parametrize("effect", [Prnu(0.02), Dsnu(3.0), HotPixels(0.02, 1e6)])
-def test_the_sensors_pattern_is_the_same_in_every_frame_and_differs_between_runs(
-    effect,
-):
-    value = level(200, 3, 1, 90, 140)
-    frames = run(value, effect)
-    assert torch.equal(frames[0], frames[1])
-    for other in ({"take": "on"}, {"point": "train"}, {"block": 7}):
-        assert torch.equal(run(value, effect, keys=frame_keys(3, **other)), frames)
-    assert not torch.equal(run(value, effect, keys=frame_keys(3, seed=1)), frames)
 
 
 def test_hot_pixels_are_the_stated_share_with_the_stated_charge():
@@ -256,32 +213,6 @@ def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
     assert not torch.equal(
         run(value, RowNoise(2.0), keys=frame_keys(40, take="on")) - 50, offsets
     )
-
-
-def test_a_full_pixel_holds_its_capacity_and_has_no_noise():
-    charge = torch.cat([level(900, 1, 1, 50, 50), level(1400, 1, 1, 50, 50)])
-    held = run(charge, ShotNoise(), FullWell(1100))
-    assert float(held[0].var()) == pytest.approx(900, rel=0.1)
-    assert held[1].unique().tolist() == [1100.0]
-
-
-def test_adding_an_effect_leaves_the_others_draws_as_they_were():
-    """What each effect adds is the same, to rounding, with and without every other one."""
-    value = level(400, 2, 1, 60, 70)
-    for effect in (Dsnu(2.0), RowNoise(1.5), ReadNoise(3.0), HotPixels(0.01, 1e6)):
-        alone = run(value, effect) - value
-        for others in itertools.combinations(
-            [e for e in RANDOM if type(e) is not type(effect)], 2
-        ):
-            before = run(value, *others)
-            torch.testing.assert_close(
-                run(value, *others, effect) - before, alone, rtol=0, atol=1e-9
-            )
-    for noisy in (Prnu(0.01), ShotNoise()):
-        assert torch.equal(
-            run(value, noisy),
-            noisy(value, Context(Scene.of(2), Camera(), frame_keys(2))),
-        )
 
 
 # Bayer
@@ -319,26 +250,6 @@ def test_demosaicing_is_opencvs_bilinear_interpolation(origin, code):
     )
     np.testing.assert_allclose(
         ours[0, 0, 1:-1, 1:-1].numpy(), luma[1:-1, 1:-1], rtol=0, atol=0.5
-    )
-
-
-def test_filters_bring_their_loss_back_as_noise():
-    """Luma's variance at a red pixel: its red, four greens and four blues, each over its filter squared."""
-    red, blue, read = 0.4, 0.5, 3.0
-    effects = (
-        Bayer(red, 1.0, blue),
-        Photoelectrons(0.6),
-        ReadNoise(read),
-        Gain(),
-        Demosaicing(),
-    )
-    seen = run(level(0.05, 4, 1, 300, 300), *effects) * effects[1].electrons_per_lx_s(
-        Camera()
-    )
-    expected = read**2 * ((0.299 / red) ** 2 + 0.587**2 / 4 + (0.114 / blue) ** 2 / 4)
-    at_red = seen[..., 2:-2:2, 2:-2:2]
-    assert float(at_red.var()) == pytest.approx(
-        expected, rel=4 * math.sqrt(2 * 2.5 / at_red.numel())
     )
 
 
@@ -435,82 +346,10 @@ def test_a_window_has_the_noise_of_the_full_frame(effect, window):
         assert torch.equal(seen, cut(on_sensor(full, effect), origin, size))
 
 
-@pytest.mark.parametrize(
-    ("effect", "sigma"), [(ShotNoise(), math.sqrt(200)), (ReadNoise(3.0), 3.0)]
-)
-def test_tiles_are_drawn_independently(effect, sigma):
-    """64 tiles: no two alike, none correlated with another, means and variances as of independent draws."""
-    noise = (run(level(200, 1, 1, 1024, 1024), effect) - 200).numpy() / sigma
-    tiles = noise.reshape(8, TILE_PX, 8, TILE_PX).swapaxes(1, 2).reshape(64, -1)
-    pixels = tiles.shape[1]
-    correlations = np.corrcoef(tiles)[np.triu_indices(64, 1)] * math.sqrt(pixels)
-    assert stats.kstest(correlations, "norm").pvalue > 1e-3
-    assert stats.kstest(tiles.mean(axis=1) * math.sqrt(pixels), "norm").pvalue > 1e-3
-    spread = (tiles.var(axis=1) - 1) * math.sqrt(pixels / 2)
-    assert stats.kstest(spread, "norm").pvalue > 1e-3
-    # The same place in all tiles, first numbers first: what a poor seeding would tie together.
-    assert stats.kstest(tiles[:, :200].mean(axis=0) * 8, "norm").pvalue > 1e-3
-
-
 # Tiles
 
 
-@given(
-    x=st.integers(0, 300),
-    y=st.integers(0, 300),
-    height=st.integers(1, 300),
-    width=st.integers(1, 300),
-)
-@settings(max_examples=16)
-def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
-    covered = np.zeros((height, width), dtype=int)
-    rows, columns = np.mgrid[y : y + height, x : x + width]
-    for part in tile_parts((x, y), (height, width)):
-        covered[part.in_window] += 1
-        tile = np.mgrid[:TILE_PX, :TILE_PX][:, *part.in_tile]
-        np.testing.assert_array_equal(
-            part.row * TILE_PX + tile[0], rows[part.in_window]
-        )
-        np.testing.assert_array_equal(
-            part.column * TILE_PX + tile[1], columns[part.in_window]
-        )
-    assert (covered == 1).all()
-
-
 # The sensor's own patterns are kept
-
-
-def test_a_pattern_is_drawn_once_in_a_run(monkeypatch):
-    effect, drawn, draw = Dsnu(2.0), [], Dsnu.tile
-    monkeypatch.setattr(
-        Dsnu, "tile", lambda own, generator: drawn.append(1) or draw(own, generator)
-    )
-
-    def planes(*origin, seed=0):
-        keys = frame_keys(len(origin), seed=seed)
-        return on_sensor(
-            torch.zeros(len(origin), 1, 40, 40), effect, keys=keys, origin=origin
-        )
-
-    first = planes([10, 10])
-    planes([10, 10], [100, 10])
-    assert torch.equal(planes([10, 10]), first)
-    assert len(drawn) == 2
-    assert not torch.equal(planes([10, 10], seed=1), first)
-    assert torch.equal(planes([10, 10]), first)
-    assert len(drawn) == 4, "another run's pattern takes the place of the first one's"
-
-
-@pytest.mark.parametrize("effect", FIXED, ids=lambda effect: effect.name)
-def test_what_is_kept_changes_neither_the_effect_nor_later_frames(effect):
-    fresh = replace(effect)
-    value = torch.full((2, 1, *CAMERA.sensor_px), 90.0)
-    first = on_sensor(value, fresh)
-    assert (fresh, hash(fresh)) == (effect, hash(effect))
-    assert "tiles" not in repr(fresh)
-    assert len(pickle.dumps(fresh)) < 1000
-    for again in (fresh, pickle.loads(pickle.dumps(fresh)), copy.deepcopy(fresh)):
-        assert torch.equal(on_sensor(value, again), first)
 
 
 # What else fills the sensor
@@ -535,19 +374,3 @@ def test_a_window_of_whole_blocks_is_coded_as_in_the_full_frame(quality, data):
     assert torch.equal(
         on_sensor(full[part], Jpeg(quality), origin=[at, at]), coded[part]
     )
-
-
-def test_a_windows_coding_does_not_hang_on_rounding_errors():
-    """Coded as grey RGB, one pixel of this window rounds the other way than in the full frame."""
-    full = torch.from_numpy(
-        np.random.default_rng(11).integers(80, 130, (1, 1, 128, 1920), dtype=np.uint8)
-    )
-    part = (..., slice(8, 72), slice(160, 800))
-    seen = on_sensor(full[part], Jpeg(80), origin=[[160, 8]])
-    assert torch.equal(seen, on_sensor(full, Jpeg(80))[part])
-
-
-def test_black_and_white_blocks_stay_black_and_white():
-    for grey in (0, 1, 128, 254, 255):
-        frame = torch.full((1, 1, 24, 24), grey, dtype=torch.uint8)
-        assert torch.equal(on_sensor(frame, Jpeg(100)), frame)

@@ -7,15 +7,6 @@ import pytest
 import torch
 from PIL import Image
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.plan import (
-    Budget,
-    Experiment,
-    Plan,
-    ReceiverPlan,
-    World,
-    identity,
-)
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, roadside, sketch
 from vocc_torch.simulation.effects import Context, build_effects
@@ -63,26 +54,6 @@ def test_a_drawing_covers_the_polygons_exact_area():
         gaps.append((drawn.sum() - exact.sum()) / math.sqrt(exact.sum()))
     assert max(wide) < 0.55
     assert abs(np.mean(gaps)) < 0.15
-
-
-@pytest.mark.parametrize(
-    "thing", sorted({*roadside.BESIDE, roadside.marks}, key=lambda one: one.__name__)
-)
-def test_windows_of_a_thing_are_parts_of_the_whole_and_nothing_leaves_its_reach(thing):
-    light = roadside.Light(2000.0, 3000.0, 0.5)
-    for seed in range(6):
-        made = thing(np.random.default_rng(seed), light)
-        points = np.concatenate([points.reshape(-1, 2) for points, _ in made.parts])
-        assert np.isfinite(points).all()
-        assert all((luminance > 0).all() for _, luminance in made.parts)
-        if thing in roadside.REACH_M:
-            assert np.hypot(*points.T).max() < roadside.REACH_M[thing] * 1.05
-    on_sensor = sketch.Drawing.on_sensor(made.parts, lambda at: at * 31.7 + 150.3)
-    planes = [
-        laid([on_sensor], window) for window in ((0, 0, 300, 200), (37, 51, 180, 140))
-    ]
-    for whole, part in zip(*planes, strict=True):
-        assert np.array_equal(whole[51:140, 37:180], part)
 
 
 def laid(things, window):
@@ -140,23 +111,6 @@ def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():
         {"led_look": BARE | {"invisible": 0, "reflectance": 0.6}, "housing": PLAIN}, off
     ).grey
     assert float(seen.max()) == pytest.approx(102 * 0.6 / 0.18, rel=1e-3)
-
-
-def test_housing_replaces_the_panels_board():
-    camera = Camera(width_px=320, height_px=192)
-    bits = torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(0)) < 0.5
-    for housing in ({"board": 0.1, "boardless": 0.0}, {"boardless": 1.0}):
-        frames = [
-            Simulator(
-                camera,
-                LedPanel(board_reflectance=board),
-                {"housing": housing, "led_look": {}},
-            )
-            .render(NEAR, bits, keys=keys(2, 0))
-            .grey
-            for board in (None, 0.4)
-        ]
-        assert torch.equal(*frames)
 
 
 @pytest.mark.parametrize("pose", [{}, {"pose": {"roll_deg": 5}}])
@@ -247,95 +201,3 @@ def test_a_photograph_stands_behind_in_the_light_that_it_shows(tmp_path):
     assert ((low + high) / 2).numpy() == pytest.approx(51, rel=1e-5)
     # Crops of their own.
     assert len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1
-
-
-def test_folders_without_pictures_are_refused(tmp_path):
-    empty, broken = tmp_path / "empty", tmp_path / "broken"
-    empty.mkdir()
-    broken.mkdir()
-    (broken / "a.png").write_text("no picture")
-    for folder, rule in (
-        (empty, "a picture that can be read"),
-        (broken, "a picture that can be read"),
-    ):
-        with pytest.raises(VoccError, match=rule):
-            build_effects({"backdrop": {"folder": str(folder)}})
-    with pytest.raises(
-        VoccError, match=r"folder is 'nowhere/street': it must be a folder"
-    ):
-        build_effects({"backdrop": {"folder": "nowhere/street"}})
-    assert build_effects({"backdrop": {"folder": "skimage/data"}})
-
-
-def test_windows_of_photographs_and_leaves_are_parts_of_the_whole():
-    camera = Camera(width_px=640, height_px=360, sensor_width_mm=13.2 / 3)
-    scene = Scene.of(2, distance_m=60.0, offset_x_m=1.0)
-    behind = {
-        "backdrop": {"folder": "matplotlib/mpl-data/sample_data"},
-        "leaves": {"count": 60},
-    }
-    whole, window = (
-        shot(behind, scene=scene, panel_only=only, camera=camera)
-        for only in (False, True)
-    )
-    height, width = window.grey.shape[-2:]
-    assert height < 200
-    for i, (x, y) in enumerate(window.origin_px.tolist()):
-        part = whole.grey[i, 0, y : y + height, x : x + width]
-        assert torch.equal(part, window.grey[i, 0])
-    assert float(whole.grey.std()) > 10
-
-
-def test_panels_of_another_pitch_stand_in_their_housing():
-    """A rim of half a cell around 4 x 4 LEDs is what the frame shows beyond the board."""
-    panel, scene = LedPanel(led_gap_m=0.09), Scene.of(1, distance_m=30.0)
-    made = {"housing": PLAIN | {"rim": 0.5, "rim_reflectance": 0.9}, "led_look": BARE}
-    simulator = Simulator(LINEAR, panel, made, dtype=torch.float64)
-    frame = simulator.render(
-        scene, torch.zeros(1, 8, 8, dtype=torch.bool), keys=keys(1)
-    ).grey[0, 0]
-    bright = float((frame > 1.5 * 102 * 0.3 / 0.18).sum())
-    side_px = 0.12 * LINEAR.focal_length_px / 30
-    assert bright == pytest.approx(side_px**2 * (9**2 - 8**2), rel=0.1)
-
-
-def test_a_ledger_belongs_to_the_pictures(tmp_path, monkeypatch):
-    """The same word in the configuration, and other pictures in the folder."""
-    told = []
-    for grey, size in ((50, 20), (50, 40)):
-        place = tmp_path / str(size)
-        place.mkdir()
-        pictures(place / "own", a=np.full((size, size), grey))
-        monkeypatch.chdir(place)
-        world = World(effects={"backdrop": {"folder": "own"}})
-        plan = Plan(
-            world,
-            ReceiverPlan(),
-            Experiment("d", "distance_m", (50.0,)),
-            Budget(64),
-            tmp_path,
-        )
-        told.append(identity(plan, ["truth"]))
-    assert told[0]["world"] == told[1]["world"]
-    assert told[0] != told[1]
-
-
-def test_what_a_lens_has_no_image_of_is_left_out():
-    """A wide lens that turns back near its corner, and a vehicle about the panel that reaches beyond."""
-    camera = Camera(
-        focal_length_mm=1.75,
-        sensor_width_mm=2.2,
-        width_px=320,
-        height_px=200,
-        gamma=1.0,
-    )
-    wide = {
-        "lens_distortion": {"k1": -0.25},
-        "clutter": {"things": 0, "carried": 1},
-        "housing": {"cables": 9},
-    }
-    scene = Scene.of(4, distance_m=1.5, offset_x_m=0.9, led_luminance_cd_m2=900.0)
-    frames = shot(
-        wide, torch.ones(4, 8, 8, dtype=torch.bool), scene=scene, camera=camera
-    )
-    assert bool(torch.isfinite(frames.grey).all())

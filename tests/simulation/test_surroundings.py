@@ -2,19 +2,16 @@
 
 import math
 
-import numpy as np
 import pytest
 import torch
 
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import Camera, LedPanel, Simulator
+from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.types import Scene
 
 SMALL = Camera(width_px=640, height_px=360, sensor_width_mm=13.2 / 3)
 FOG = {"attenuation": {"visibility_m": 80.0}, "airlight": {"visibility_m": 80.0}}
 VEIL = {"veiling_glare": {"luminance_cd_m2": 900.0}}
-TEXTURE = {"background_texture": {"contrast": 0.3}}
-LAMPS = {"lamps": {"count": 5, "luminance_cd_m2": 2e4, "diameter_m": 0.3}}
 NEAR = Scene.of(2, distance_m=6.0, ambient_lx=6000.0, led_luminance_cd_m2=700.0)
 """Near enough for pixels wholly inside an LED: its diameter is 18 px."""
 
@@ -50,55 +47,9 @@ def test_in_fog_each_light_is_dimmed_once_and_auto_iso_meets_its_target():
     assert middle_of_an_led(frames).tolist() == pytest.approx(expected, rel=1e-5)
 
 
-def test_a_veil_takes_contrast_and_leaves_the_metered_background():
-    bits = torch.tensor([True, False]).view(2, 1, 1).expand(2, 8, 8)
-    frames = shot(VEIL, bits)
-    ground, surface = (6000 * r / math.pi + 900 for r in (0.18, 0.4))
-    assert frames.surround.tolist() == pytest.approx([102.0, 102.0], rel=1e-9)
-    expected = [102 * (seen / ground) ** (1 / 2.2) for seen in (surface + 700, surface)]
-    assert middle_of_an_led(frames).tolist() == pytest.approx(expected, rel=1e-9)
-
-
 @pytest.mark.parametrize("effects", [FOG, VEIL, FOG | VEIL, {}])
 def test_contrast_is_the_grey_step_of_an_leds_middle_in_fog_and_glare(effects):
     bits = torch.tensor([True, False]).view(2, 1, 1).expand(2, 8, 8)
     on, off = middle_of_an_led(shot(effects, bits)).tolist()
     contrast = Simulator(effects=effects, camera=SMALL).contrast(NEAR)
     assert contrast.tolist() == pytest.approx([(on - off) / 255] * 2, rel=1e-9)
-
-
-@pytest.mark.parametrize("board", [None, 0.05])
-def test_texture_and_lamps_stay_behind_the_panel(board):
-    """LEDs hide them; between the LEDs they show where the panel has no board."""
-    panel, around = (
-        LedPanel(board_reflectance=board),
-        {"lamps": LAMPS["lamps"] | {"count": 400}} | TEXTURE,
-    )
-    plain = shot({}, panel=panel, framing="full")
-    busy = shot(around, panel=panel)
-    x, y = np.meshgrid(np.arange(640) + 0.5, np.arange(360) + 0.5)
-    scale = SMALL.focal_length_px / 6.0
-    u, v = ((x - 320) / scale + 0.24) / 0.06, ((y - 180) / scale + 0.24) / 0.06
-    edge = 1.5 / (0.06 * scale)
-    inside = np.maximum(abs(u - 4), abs(v - 4)) < 4 - edge
-    led = inside & (np.hypot(u % 1 - 0.5, v % 1 - 0.5) < 0.25 - edge)
-    gap = inside & (np.hypot(u % 1 - 0.5, v % 1 - 0.5) > 0.25 + edge)
-    changed = ((busy.grey - plain.grey).abs() > 1e-9 * plain.grey)[0, 0].numpy()
-    assert led.sum() > 3000
-    assert not changed[led].any()
-    assert changed[~inside].mean() > 0.9
-    assert changed[gap].any() == (board is None)
-
-
-def test_lamps_shine_less_through_fog():
-    """A lamp's middle: its luminance dimmed over the panel's distance, plus the path's own light."""
-    scene, lamps = (
-        Scene.of(1, distance_m=40.0),
-        {"lamps": LAMPS["lamps"] | {"diameter_m": 1.0}},
-    )
-    kept = math.exp(-3.912 * 40 / 80)
-    air, clear = 8000 / math.pi * (1 - kept), 8000 * 0.18 / math.pi
-    expected = 102 * ((2e4 * kept + air) / (clear * kept + air)) ** (1 / 2.2)
-    assert float(shot(lamps | FOG, scene=scene).grey.max()) == pytest.approx(
-        expected, rel=1e-5
-    )

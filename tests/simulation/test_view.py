@@ -275,24 +275,6 @@ def test_every_pixels_share_of_an_ellipse_is_exact(ellipse):
         np.testing.assert_allclose(cover, exact, rtol=0, atol=allowed + 2e-16)
 
 
-@pytest.mark.parametrize("excess", [-1e-15, 0.0, 1e-15, 1e-12])
-def test_an_ellipse_seen_edge_on_covers_nothing(excess):
-    """Its spread is singular; rounding may even leave a determinant below 0."""
-    spread = torch.tensor(
-        [[[4.0, 4.0], [4.0, 4.0 * (1 + excess)]]], dtype=torch.float64
-    ).expand(2000, 2, 2)
-    along = torch.rand(
-        2000, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64
-    )
-    # The line runs through lattice points, so that rounding decides on which side of it they lie.
-    centres = along + torch.tensor([0.0, 1.0])
-    cover, _, _ = ellipse_cover(
-        centres + 9, spread, ellipse_patch_px(spread), canvas_px=(32, 32)
-    )
-    assert torch.isfinite(cover).all()
-    assert cover.sum(dim=(1, 2)).max() <= math.pi * 4 * math.sqrt(max(excess, 0)) * 1.1
-
-
 # Polygons on pixels
 
 
@@ -362,23 +344,6 @@ def test_every_pixels_share_of_a_polygon_is_exact(name):
         )
 
 
-def test_a_polygons_cover_does_not_depend_on_its_batch():
-    """Nor does rounding leave a trace in the rows that only other polygons of the batch reach."""
-    generator = torch.Generator().manual_seed(1)
-    corners, lift = (
-        torch.rand(300, n, 2, generator=generator, dtype=torch.float64) for n in (4, 1)
-    )
-    batch = corners * torch.tensor([3.0, 6.0]) + lift * torch.tensor([-0.5, 9.0])
-    batch = torch.cat(
-        [batch, torch.tensor([[[0.0, 0.0], [3.0, 0.0], [3.0, 20.0], [0.0, 20.0]]])]
-    )
-    whole = polygon_cover(batch, 16, 4)
-    for frame in range(301):
-        assert torch.equal(
-            polygon_cover(batch[frame : frame + 1], 16, 4)[0], whole[frame]
-        )
-
-
 TURNS = Distribution("uniform", (-30.0, 40.0))
 
 
@@ -423,13 +388,6 @@ def test_angles_are_drawn_from_their_distributions_once_a_frame():
     assert np.abs(ranks - (np.arange(64) + 0.5) / 64).max() < 0.17
     assert set(pitch.round(9)) == {-20.0, 15.0}
     np.testing.assert_allclose(roll, 100.0, rtol=0, atol=1e-9)
-
-
-def test_one_angles_draws_do_not_depend_on_how_another_is_drawn():
-    alone = angles_of(drawn(Pose(roll_deg=TURNS)).numpy())[:, 2]
-    beside = angles_of(drawn(Pose(TURNS, TURNS, TURNS)).numpy())
-    np.testing.assert_allclose(alone, beside[:, 2], rtol=0, atol=1e-9)
-    assert abs(np.corrcoef(beside.T)[np.triu_indices(3, 1)]).max() < 0.4
 
 
 RANGES = [
@@ -539,57 +497,3 @@ def test_the_jacobian_is_autograds(camera, k1, k2, k3):
     assert torch.autograd.gradcheck(
         lambda p: lens(p, context), places.clone().requires_grad_()
     )
-
-
-@pytest.mark.parametrize(("camera", "k1", "k2", "k3"), ON_SENSORS)
-@pytest.mark.parametrize("shape", [(80.0, 80.0), (20.0, 120.0)])
-def test_size_in_px_bounds_every_distorted_image(camera, k1, k2, k3, shape):
-    lens, context = LensDistortion(k1, k2, k3), Context(Scene.of(), camera)
-    height, width = lens.size_in_px(shape, camera, 30.0)
-    centres = over_the_sensor(lens, camera, 20_000)
-    rim = torch.tensor(
-        [[-1, -1], [0, -1], [1, -1], [1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0]]
-    )
-    corners = centres.unsqueeze(2) + rim * torch.tensor([shape[1], shape[0]]) / 2
-    middle = torch.tensor([camera.width_px / 2, camera.height_px / 2])
-    radius = lens.corner_radius(camera) * camera.focal_length_px
-    inside = (corners - middle).norm(dim=-1) < radius
-    places = torch.where(inside.unsqueeze(-1), corners, centres.unsqueeze(2)).view(
-        1, -1, 2
-    )
-    arm = lens(places, context).view_as(corners) - lens(centres, context).unsqueeze(2)
-    most = 2 * arm.abs().amax(dim=(0, 1, 2))
-    assert most[0] <= width
-    assert most[1] <= height
-    assert most[0] > 0.75 * width
-    # Barrel distortion by k1 alone enlarges no square, and the bound says so.
-    assert k1 >= 0 or k2 > 0 or shape[0] != shape[1] or width == shape[1]
-
-
-def test_where_the_image_turns_back_inside_the_sensor_the_lens_is_refused():
-    """With k1 alone the radius after the distortion is greatest at r = 1 / sqrt(-3 k1), by 2 r / 3."""
-    lens, context = LensDistortion(k1=-0.3), Context(Scene.of(), WIDE)
-    refusal = r"lens_distortion\.k1, k2, k3 are -0\.3, 0, 0: the image turns back 0\.703 focal lengths .* 1\.1"
-    with pytest.raises(VoccError, match=refusal):
-        lens(torch.zeros(1, 1, 2), context)
-    with pytest.raises(VoccError, match="turns back"):
-        lens.size_in_px((10.0, 10.0), WIDE, 30.0)
-    least = -4 / 27 / (math.hypot(960, 540) / 1000) ** 2
-    LensDistortion(k1=least * 0.999).corner_radius(WIDE)
-    with pytest.raises(VoccError, match="turns back"):
-        LensDistortion(k1=least * 1.001).corner_radius(WIDE)
-    assert LensDistortion(k1=-0.3).limit(CAMERA) == pytest.approx(
-        1 / math.sqrt(0.9), rel=1e-12
-    )
-    assert LensDistortion(k1=-0.3, k2=0.1).limit(WIDE) == math.inf
-
-
-def test_a_point_beyond_where_the_image_turns_back_is_refused():
-    lens, context = LensDistortion(k1=-0.3), Context(Scene.of(), CAMERA)
-    edge = 960 + CAMERA.focal_length_px / math.sqrt(0.9)
-    lens(torch.tensor([[[edge - 0.1, 540.0]]], dtype=torch.float64), context)
-    with pytest.raises(
-        VoccError,
-        match=r"a point of the panel lies 1\.05 focal lengths out, beyond 1\.05",
-    ):
-        lens(torch.tensor([[[edge + 0.1, 540.0]]], dtype=torch.float64), context)
