@@ -117,38 +117,39 @@ def receiver_plan(
     """
     receiver = settings.receiver
     locators = {
-        name: PlugIn.of(f"locators.{name}", one, name)
-        for name, one in settings.locators.items()
+        name: PlugIn.of(f"locators.{name}", locator, name)
+        for name, locator in settings.locators.items()
     }
     outside = {
-        name: PlugIn.of(f"features.{name}", one, name)
-        for name, one in settings.features.items()
+        name: PlugIn.of(f"features.{name}", feature, name)
+        for name, feature in settings.features.items()
     }
     locator, chosen = receiver.locator, []
     if is_target(locator):
-        one = PlugIn.of("receiver.locator", locator)
-        locator, locators[one.name] = one.name, one
+        plug_in = PlugIn.of("receiver.locator", locator)
+        locator, locators[plug_in.name] = plug_in.name, plug_in
     for name in receiver.features:
         if not isinstance(name, str):
             raise VoccError.of(
                 "receiver.features", list(receiver.features), "a list of words", "has"
             )
         if is_target(name):
-            one = PlugIn.of("receiver.features", name)
-            outside[one.name] = one
-        chosen.append(one.name if is_target(name) else name)
+            plug_in = PlugIn.of("receiver.features", name)
+            outside[plug_in.name] = plug_in
+        chosen.append(plug_in.name if is_target(name) else name)
     kernel = receiver.gradient
-    own = reader.Reader(
+    built = reader.Reader(
         shape,
         receiver.samples_per_led,
         kernel,  # type: ignore[arg-type]  # checked there
         tuple(outside.values()),
     )
-    if not {*chosen} <= {*own.names} or len({*chosen}) < len(chosen) or not chosen:
-        rule = f"of {', '.join(own.names)}, or FILE.py:NAME, each once"
+    if not {*chosen} <= {*built.names} or len({*chosen}) < len(chosen) or not chosen:
+        rule = f"of {', '.join(built.names)}, or FILE.py:NAME, each once"
         raise VoccError.of("receiver.features", chosen, rule)
     plugged_in = [
-        classifier_plan(name, one, chosen) for name, one in settings.classifiers.items()
+        classifier_plan(name, classifier, chosen)
+        for name, classifier in settings.classifiers.items()
     ]
     if (*chosen,) != FEATURE_NAMES:
         flda = PlugIn(
@@ -159,29 +160,29 @@ def receiver_plan(
         plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
     save = receiver.save
     if save is None and len(plugged_in) > 1 and single:
-        rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
+        rule = f"one of {', '.join(plan.name for plan in plugged_in)}, the receiver that is kept"
         rule += "; receiver.features made flda" * (plugged_in[-1].name == "flda")
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
     if save not in (
-        savable := (*bank.FLDA_FEATURES, *(one.name for one in plugged_in))
+        savable := (*bank.FLDA_FEATURES, *(plan.name for plan in plugged_in))
     ):
         raise VoccError(
             f"receiver.save is {save!r}: it must be one of {', '.join(savable)}"
         )
-    given = (
+    rates = (
         {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}
     )
     return plans.ReceiverPlan(
-        names=(*receiver.names, *(one.name for one in plugged_in)),
+        names=(*receiver.names, *(plan.name for plan in plugged_in)),
         classifiers=tuple(plugged_in),
         locator=locator,
         location=PaperLocator(**asdict(receiver.location)),
-        reader=own,
+        reader=built,
         save=save,
         locators=locators,
-        **given,
+        **rates,
     )
 
 
@@ -204,16 +205,16 @@ def classifier_plan(
             f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}"
         )
     with section(key):
-        keys = {one.name for one in fields(training.TrainingRecipe)}
+        keys = {option.name for option in fields(training.TrainingRecipe)}
         for word in config.training:
             if word not in keys:
                 raise VoccError(
                     f"training.{word} is not a known key: known are {', '.join(sorted(keys))}"
                 )
-        given = dict(config.build)
+        arguments = dict(config.build)
         if config.file is not None:
-            given[TARGET] = f"{config.file}:{given.get(TARGET)}"
-        build = PlugIn.of(f"{key}.build", given, name)
+            arguments[TARGET] = f"{config.file}:{arguments.get(TARGET)}"
+        build = PlugIn.of(f"{key}.build", arguments, name)
         refuse_unused_recipe(config, build)
         return plans.ClassifierPlan(
             name=name,
@@ -263,13 +264,17 @@ def without_absent(
         The receivers that can be built, and the reason for each other one by its name.
     """
     left_out = {}
-    for one in receiver.classifiers:
+    for classifier in receiver.classifiers:
         for package, name in EXTRAS.items():
-            if package in one.build.packages and find_spec(package) is None:
-                left_out[one.name] = (
+            if package in classifier.build.packages and find_spec(package) is None:
+                left_out[classifier.name] = (
                     f"{name} is not installed; pip install {name} adds it"
                 )
-    kept = tuple(one for one in receiver.classifiers if one.name not in left_out)
+    classifiers = tuple(
+        classifier
+        for classifier in receiver.classifiers
+        if classifier.name not in left_out
+    )
     names = tuple(name for name in receiver.names if name not in left_out)
     save = "flda_3" if receiver.save in left_out else receiver.save
-    return replace(receiver, names=names, classifiers=kept, save=save), left_out
+    return replace(receiver, names=names, classifiers=classifiers, save=save), left_out

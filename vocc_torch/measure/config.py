@@ -99,8 +99,8 @@ class Budget:
             rule = f"{1 if self.trainings > 1 else 'null'} where budget.rare is true"
             raise VoccError.of(f"budget.{name}", getattr(self, name), rule)
         if share is not None and target is not None:
-            both = f"budget.precision is {share} and budget.target_frame_errors is {target}"
-            raise VoccError(f"{both}: give one of them, null for the other")
+            rules = f"budget.precision is {share} and budget.target_frame_errors is {target}"
+            raise VoccError(f"{rules}: give one of them, null for the other")
 
     def demand_no_stop_rule(self, why: str) -> None:
         """Refuse a rule that stops before all frames are counted; ``why`` names the task and its reason."""
@@ -210,19 +210,22 @@ class Experiment:
 
 def _schema(name: str, *domains: type, without: str, unset: bool = False) -> type:
     """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null."""
-    kept: list[Any] = [
-        one for domain in domains for one in fields(domain) if one.name != without
+    domain_fields: list[Any] = [
+        attribute
+        for domain in domains
+        for attribute in fields(domain)
+        if attribute.name != without
     ]
-    made = [
-        (one.name, one.type | None, None)
+    section_fields = [
+        (entry.name, entry.type | None, None)
         if unset
-        else (one.name, one.type, one.default)
-        for one in kept
+        else (entry.name, entry.type, entry.default)
+        for entry in domain_fields
     ]
-    told = "\n    ".join(str(domain.__doc__) for domain in domains)
+    description = "\n    ".join(str(domain.__doc__) for domain in domains)
     # The module is where the class is found when settings are pickled.
     return make_dataclass(
-        name, made, namespace={"__doc__": told, "__module__": __name__}
+        name, section_fields, namespace={"__doc__": description, "__module__": __name__}
     )
 
 

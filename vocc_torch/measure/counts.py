@@ -40,7 +40,10 @@ class Tally:
         if not isinstance(other, type(self)):
             return NotImplemented
         return type(self)(
-            *(one + more for one, more in zip(self.numbers, other.numbers, strict=True))
+            *(
+                mine + theirs
+                for mine, theirs in zip(self.numbers, other.numbers, strict=True)
+            )
         )
 
     __radd__ = __add__
@@ -335,9 +338,11 @@ def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:
         [18, 9]
     """
     leds = sent.shape[1:].numel()
-    own = sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"
+    expected = (
+        sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"
+    )
     demands = (
-        ("sent", sent, own),
+        ("sent", sent, expected),
         ("decided", decided, sent.shape),
         ("found", found, sent.shape[:1]),
     )

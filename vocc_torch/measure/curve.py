@@ -237,11 +237,11 @@ class BerTable:
     """
 
     def __init__(self, points: Iterable[Point | Row] = ()) -> None:
-        given = tuple(points)
+        results = tuple(points)
         # An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points
         # can, and where location fails it is a dozen and more.
         totals: dict[str, Counts] = {}
-        for point in given:
+        for point in results:
             if isinstance(point, Point):
                 totals[point.receiver] = point.counts + totals.get(point.receiver, 0)
         typical = {
@@ -249,8 +249,8 @@ class BerTable:
             for name, n in totals.items()
         }
         stated = (
-            one.stated(typical[one.receiver]) if isinstance(one, Point) else one
-            for one in given
+            point.stated(typical[point.receiver]) if isinstance(point, Point) else point
+            for point in results
         )
         self.rows = tuple(stated)
         experiments, axes = (
@@ -284,8 +284,8 @@ class BerTable:
 
     def of(self, receiver: str) -> tuple[Row, ...]:
         """Give one receiver's points by ascending value; none for a receiver that is not there."""
-        own = [row for row in self.rows if row.receiver == receiver]
-        return tuple(sorted(own, key=lambda row: row.value))
+        rows = [row for row in self.rows if row.receiver == receiver]
+        return tuple(sorted(rows, key=lambda row: row.value))
 
 
 @dataclass(frozen=True)

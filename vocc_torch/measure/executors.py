@@ -386,8 +386,8 @@ def _joining(name: str, address: str) -> Iterator[None]:
         yield
     except Exception as error:
         why = (str(error).splitlines() or [type(error).__name__])[0].partition(". ")[0]
-        told = f"executor.address is {address}: no {name} cluster can be joined there ({why})"
-        raise VoccError(told) from error
+        refusal = f"executor.address is {address}: no {name} cluster can be joined there ({why})"
+        raise VoccError(refusal) from error
 
 
 def demand_answer(address: str) -> None:

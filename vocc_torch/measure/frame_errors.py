@@ -82,11 +82,11 @@ class FrameErrors:
         """Join parts with the same receivers, at least one: the frames of the first, then of the second."""
         every = list(parts)
         halves, found = (
-            [getattr(one, name) for one in every] for name in ("half_errors", "found")
+            [getattr(part, name) for part in every] for name in ("half_errors", "found")
         )
-        groups = [one.groups for one in every if one.groups is not None]
+        groups = [part.groups for part in every if part.groups is not None]
         sorted_by = np.concatenate(groups) if groups else None
-        misplaced = [one.misplaced for one in every if one.misplaced is not None]
+        misplaced = [part.misplaced for part in every if part.misplaced is not None]
         off = np.concatenate(misplaced, axis=1) if misplaced else None
         joined = np.concatenate(halves, axis=1), np.concatenate(found, axis=1)
         return cls(*joined, every[0].leds, sorted_by, off, every[0].keys)
@@ -94,9 +94,9 @@ class FrameErrors:
     @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:
         """Join parts with the same frames, at least one: the receivers of the first, then of the second."""
-        halves = np.concatenate([one.half_errors for one in parts])
-        found = np.concatenate([one.found for one in parts])
-        off = [one.misplaced for one in parts if one.misplaced is not None]
+        halves = np.concatenate([part.half_errors for part in parts])
+        found = np.concatenate([part.found for part in parts])
+        off = [part.misplaced for part in parts if part.misplaced is not None]
         return cls(
             halves,
             found,
@@ -134,8 +134,8 @@ class FrameErrors:
             unzipped = zlib.decompressobj().decompress(content, size + 1)
             numbers = np.frombuffer(unzipped, "<i4").reshape(3 * rows + 1, frames)
         except (zlib.error, ValueError) as error:
-            what = f"counts of {rows} receivers in {frames} frames"
-            raise VoccError(f"{what} cannot be read: {error}") from None
+            described = f"counts of {rows} receivers in {frames} frames"
+            raise VoccError(f"{described} cannot be read: {error}") from None
         halves, flags = numbers[:rows], numbers[rows : 3 * rows]
         if (
             halves.min() < 0
@@ -194,8 +194,8 @@ class FrameErrors:
             trainings: of the same receivers on the same frames.
         """
         first = trainings[0]
-        halves = np.sum([one.half_errors for one in trainings], axis=0)
-        found = np.all([one.found for one in trainings], axis=0)
+        halves = np.sum([training.half_errors for training in trainings], axis=0)
+        found = np.all([training.found for training in trainings], axis=0)
         return cls(
             halves,
             found,

@@ -135,10 +135,10 @@ def descend(model: PixelModel, bits: Tensor) -> tuple[Tensor, Tensor]:
     costs = flip_costs(bits)
     for _ in range(MOST_FLIPS * len(bits)):
         # Equal misfits tip to On, so the walk cannot go in circles.
-        wanted = (costs < 0) | ((costs == 0) & ~bits)
-        if not bool(wanted.any()):
+        worse = (costs < 0) | ((costs == 0) & ~bits)
+        if not bool(worse.any()):
             break
-        best = int(torch.where(wanted, costs, torch.inf).argmin())
+        best = int(torch.where(worse, costs, torch.inf).argmin())
         bits[best] = ~bits[best]
         costs = flip_costs(bits)
     return bits, costs
@@ -186,9 +186,9 @@ def likely_bits(model: PixelModel, shares: Tensor, width: int) -> Tensor:
             cost.unsqueeze(1)
             + (decided.unsqueeze(1) + factor[led, led] * (choice - middle[led])) ** 2
         )
-        cost, kept = costs.flatten().topk(min(width, costs.numel()), largest=False)
-        away = away[kept // 2]
-        away[:, led] = kept % 2 - middle[led]
+        cost, cheapest = costs.flatten().topk(min(width, costs.numel()), largest=False)
+        away = away[cheapest // 2]
+        away[:, led] = cheapest % 2 - middle[led]
     candidates = (away + middle)[: -(-width // JUDGED_SHARE)] > 0.5
     misfits = model.misfit(model.exposure(candidates)).sum(1)
     ordered: Tensor = candidates[misfits.argsort(stable=True)]
@@ -308,12 +308,12 @@ class Genie:
             bits, costs = descend(model, start)
             if model.noise is None:
                 sent = bits.view(1, shape.rows, shape.columns)
-                again = self._simulator.render(scene, sent, panel_only=True)
-                mine, theirs = overlap(again, frame)
+                rendered = self._simulator.render(scene, sent, panel_only=True)
+                mine, theirs = overlap(rendered, frame)
                 # Bits that give the very frame, around the panel, are proven.
                 if torch.equal(
-                    again.grey[0, 0][mine],
-                    frame.grey[0, 0][theirs].to(again.grey.device),
+                    rendered.grey[0, 0][mine],
+                    frame.grey[0, 0][theirs].to(rendered.grey.device),
                 ):
                     return bits, costs, True
             found.append((float(model.misfit(model.exposure(bits)).sum()), bits, costs))
@@ -417,8 +417,8 @@ class GenieDecider:
         self, views: Mapping[str, link.Observation], /
     ) -> Iterator[tuple[Tensor, link.Observation]]:
         """Decide one batch."""
-        (seen,) = views.values()
-        yield self.decision(seen).bits, seen
+        (observation,) = views.values()
+        yield self.decision(observation).bits, observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,5 +440,9 @@ def seconds_a_frame(job: runner.Job, frames: int) -> float:
         {"truth": None}, job.model, keys, preambles=False, frames=few
     )
     return timing.median_of(
-        [one for views in batches for one in decider.decision(views["truth"]).seconds]
+        [
+            second_s
+            for views in batches
+            for second_s in decider.decision(views["truth"]).seconds
+        ]
     ).value

@@ -53,10 +53,10 @@ class Grid:
             )
             raise VoccError(f"curves has {len(curves)} rows: it must have {one_each}")
         for name in ("axis", "values", "receivers", "locator"):
-            given = list(dict.fromkeys(getattr(curve, name) for curve in curves))
-            if len(given) > 1:
+            distinct = list(dict.fromkeys(getattr(curve, name) for curve in curves))
+            if len(distinct) > 1:
                 rule = "every row of a grid must have the same"
-                raise VoccError(f"{name} is {given[0]} and {given[1]}: {rule}")
+                raise VoccError(f"{name} is {distinct[0]} and {distinct[1]}: {rule}")
         self.row_axis, self.rows, self.curves = row_axis, tuple(rows), tuple(curves)
         self.column_axis, self.columns = curves[0].axis, curves[0].values
         self.receivers, self.locator = curves[0].receivers, curves[0].locator
@@ -67,7 +67,7 @@ class Grid:
         ):
             # Closer ones have the same logarithm, and no octave between them.
             ascending = all(
-                one * (1 + 1e-6) <= after for one, after in pairwise(values)
+                before * (1 + 1e-6) <= after for before, after in pairwise(values)
             )
             if (
                 not values
@@ -131,7 +131,7 @@ class Grid:
             counts = self.counts(receiver)
             sizes = np.array(
                 [
-                    [one.bit_errors / max(1, one.frame_errors) for one in row]
+                    [point.bit_errors / max(1, point.frame_errors) for point in row]
                     for row in counts
                 ]
             )

@@ -284,24 +284,30 @@ def weighted_interval(
         counts.fourths,
         counts.frames,
     )
-    seen, freedom = total**2 / squares, squares**2 / fourths
+    effective, freedom = total**2 / squares, squares**2 / fourths
     # Frames were a number fixed beforehand.
-    shape = total**2 / (squares - total**2 / frames) if seen < frames else float(frames)
+    shape = (
+        total**2 / (squares - total**2 / frames)
+        if effective < frames
+        else float(frames)
+    )
     paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
     tail, rate, large = (
         (1 - confidence) / 2,
         counts.ber,
         math.sqrt(fourths / squares) / total,
     )
-    more = 1 + (max(1.0, -math.log(tail)) - 1) * (1 - min(1.0, freedom / seen) ** 2)
+    widened = 1 + (max(1.0, -math.log(tail)) - 1) * (
+        1 - min(1.0, freedom / effective) ** 2
+    )
     mean, variance, shape = (
-        1 + more * large,
-        (1 / shape + more * large**2) / paid,
+        1 + widened * large,
+        (1 / shape + widened * large**2) / paid,
         shape * paid,
     )
     low = gammaincinv(shape, tail) / shape
     high = gammainccinv(mean**2 / variance, tail) * variance / mean
-    missed = unseen if counts.frame_errors > UNEVEN * seen else 0.0
+    missed = unseen if counts.frame_errors > UNEVEN * effective else 0.0
     return Estimate(
         rate, float(low) * rate, max(rate, min(1.0, float(high) * rate + missed))
     )

@@ -48,10 +48,13 @@ class KeptTrainings:
             key: of :func:`vocc_torch.measure.train.training_key`.
             plan: what they are trained for.
         """
-        for content in (one.trained(key) for one in self._stores):
+        for content in (store.trained(key) for store in self._stores):
             with suppress(*_NOT_KEPT):
                 if content is not None:
-                    return {name: _unpacked(one, plan) for name, one in content.items()}
+                    return {
+                        name: _unpacked(stored, plan)
+                        for name, stored in content.items()
+                    }
         return None
 
     def keep(self, key: str, plan: Plan, trainings: Mapping[Locator, Training]) -> None:
@@ -62,10 +65,10 @@ class KeptTrainings:
         """
         content = ""
         with suppress(*_NOT_KEPT):
-            parts = {name: _packed(one) for name, one in trainings.items()}
+            parts = {name: _packed(training) for name, training in trainings.items()}
             if all(
-                _alike(one, _unpacked(parts[name], plan), plan)
-                for name, one in trainings.items()
+                _alike(training, _unpacked(parts[name], plan), plan)
+                for name, training in trainings.items()
             ):
                 content = canonical(parts)
         if 0 < len(content) <= MOST_BYTES:
@@ -79,8 +82,8 @@ class KeptTrainings:
     ) -> tuple[dict[Locator, Training], bool]:
         """Give a plan's trained receivers, and whether they were known; else they are trained and kept."""
         key = training_key(plan, locators)
-        if (there := self.known(key, plan)) is not None:
-            return there, True
+        if (stored := self.known(key, plan)) is not None:
+            return stored, True
         trained = train()
         self.keep(key, plan, trained)
         return trained, False
@@ -107,40 +110,40 @@ def _packed(training: Training) -> dict[str, Any]:
         "bits": training.bits,
     }
     learned = {}
-    for name, one in training.classifiers.items():
-        values, state = plugged.state_of(one)
+    for name, classifier in training.classifiers.items():
+        values, state = plugged.state_of(classifier)
         learned[name] = {"values": values, "arrays": arrays_as_json(state)}
     return {
         **{key: getattr(training, key) for key in _NUMBERS},
         "arrays": arrays_as_json(arrays),
         "classifiers": learned,
-        "made": {name: asdict(one) for name, one in training.made.items()},
-        "more": [_packed(one) for one in training.more],
+        "made": {name: asdict(making) for name, making in training.made.items()},
+        "more": [_packed(training_again) for training_again in training.more],
     }
 
 
 def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     """Put a training together."""
     plans: dict[str, ClassifierPlan] = {
-        one.name: one for one in plan.receiver.classifiers
+        classifier.name: classifier for classifier in plan.receiver.classifiers
     }
-    arrays = {name: array_of(one) for name, one in content["arrays"].items()}
+    arrays = {name: array_of(packed) for name, packed in content["arrays"].items()}
     device = resolve_device(plan.world.device)
-    kept: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
+    figures: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
     flda = FLDA(arrays["mean"].shape[-1])
     flda.load_state_dict(arrays)
     learned = {}
-    for name, one in content["classifiers"].items():
-        state = {key: array_of(array) for key, array in one["arrays"].items()}
+    for name, stored in content["classifiers"].items():
+        state = {key: array_of(array) for key, array in stored["arrays"].items()}
         guarded = plugged.restored(
-            plans[name].build, plans[name].inputs, one["values"], state
+            plans[name].build, plans[name].inputs, stored["values"], state
         )
         learned[name] = guarded if device.type == "cpu" else guarded.to(device)
-    made = {name: Making(**one) for name, one in content["made"].items()}
-    more = tuple(_unpacked(one, plan) for one in content["more"])
+    makings = {name: Making(**making) for name, making in content["made"].items()}
+    trainings = tuple(_unpacked(packed, plan) for packed in content["more"])
     numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
     return replace(
-        Training(flda.to(device), classifiers=learned, made=made, more=more),
+        Training(flda.to(device), classifiers=learned, made=makings, more=trainings),
         **numbers,
-        **kept,
+        **figures,
     )

@@ -124,11 +124,11 @@ def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | N
         UnknownLikelihoodError: a capacity that pixels reach before they are white.
     """
     named = {effect.name: effect for effect in effects}
-    made = named.get("photoelectrons")
-    if not isinstance(made, sensor.Photoelectrons):
+    electrons = named.get("photoelectrons")
+    if not isinstance(electrons, sensor.Photoelectrons):
         return None
     camera, share = context.camera, 0.0
-    per_unit = made.electrons_per_lx_s(camera) * 10 / float(auto_iso(context))
+    per_unit = electrons.electrons_per_lx_s(camera) * 10 / float(auto_iso(context))
     dark = fixed = 0.0
     for effect in effects:
         if isinstance(effect, sensor.Prnu):
@@ -139,12 +139,12 @@ def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | N
             dark = effect.electrons_per_s * camera.exposure_time_s
     noise = SensorNoise(per_unit, dark, "shot_noise" in named, share, fixed)
     white = torch.tensor((255 / MIDDLE_GREY) ** camera.gamma, dtype=torch.float64)
-    needed = float(white + WELL_SIGMAS * noise.variance(white).sqrt()) * per_unit
+    least_well = float(white + WELL_SIGMAS * noise.variance(white).sqrt()) * per_unit
     well = named.get("full_well")
-    if isinstance(well, sensor.FullWell) and well.electrons < needed:
-        why = f"scene.effects.full_well.electrons is {well.electrons:g}, white needs {needed:.0f}"
-        told = "the genie knows no likelihood for pixels full before they are white"
-        raise UnknownLikelihoodError(f"{told}: {why}")
+    if isinstance(well, sensor.FullWell) and well.electrons < least_well:
+        why = f"scene.effects.full_well.electrons is {well.electrons:g}, white needs {least_well:.0f}"
+        refusal = "the genie knows no likelihood for pixels full before they are white"
+        raise UnknownLikelihoodError(f"{refusal}: {why}")
     return noise if share or fixed or noise.shot else None
 
 
@@ -272,30 +272,34 @@ class ForwardModel:
         )
         known = (*AFFINE, *NOISE, *CODING)
         if others := [
-            f"scene.effects.{one.name}" for one in self.effects if one.name not in known
+            f"scene.effects.{effect.name}"
+            for effect in self.effects
+            if effect.name not in known
         ]:
-            told = f"the genie knows no likelihood for {', '.join(others)}"
-            raise UnknownLikelihoodError(f"{told}: known are {', '.join(known)}")
+            refusal = f"the genie knows no likelihood for {', '.join(others)}"
+            raise UnknownLikelihoodError(f"{refusal}: known are {', '.join(known)}")
         levels = [
-            one.levels for one in self.effects if isinstance(one, coding.Quantization)
+            effect.levels
+            for effect in self.effects
+            if isinstance(effect, coding.Quantization)
         ]
         if not levels:
             raise UnknownLikelihoodError(
                 "the genie reads digital numbers: name scene.effects.quantization"
             )
         self._half_step = 127.5 / (levels[0] - 1)
-        kept: dict[str, Parameters] = {}
+        parameters: dict[str, Parameters] = {}
         for effect in self.effects:
             if effect.name in AFFINE:
                 assert is_dataclass(effect)
-                given = {
-                    one.name: getattr(effect, one.name)
-                    for one in fields(effect)
-                    if one.init
+                settings = {
+                    attribute.name: getattr(effect, attribute.name)
+                    for attribute in fields(effect)
+                    if attribute.init
                 }
                 # A parameter that may be left out is None where it was.
-                kept[effect.name] = {
-                    name: value for name, value in given.items() if value is not None
+                parameters[effect.name] = {
+                    name: value for name, value in settings.items() if value is not None
                 }
         # Each LED is rendered as a panel of one LED at its place: small pictures, not the whole panel's.
         # Off, it is as grey as what lies behind it.
@@ -308,7 +312,11 @@ class ForwardModel:
         )
         self._whole, self._led = (
             Simulator(
-                self.camera, panel, kept, device=simulator.device, dtype=torch.float64
+                self.camera,
+                panel,
+                parameters,
+                device=simulator.device,
+                dtype=torch.float64,
             )
             for panel in (simulator.panel, lone)
         )
@@ -368,8 +376,8 @@ class ForwardModel:
             *(getattr(scene, field.name).expand(len(at)) for field in fields(Scene))
         )
         x, y = (
-            offset + own
-            for offset, own in zip(
+            offset + shift
+            for offset, shift in zip(
                 (leds.offset_x_m, leds.offset_y_m), at.T, strict=True
             )
         )

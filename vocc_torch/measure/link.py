@@ -142,7 +142,7 @@ class Link:
         every = self.observe_each(
             {"": self.locator}, model, keys, preambles=preambles, frames=frames
         )
-        return (seen[""] for seen in every)
+        return (observation[""] for observation in every)
 
     def observe_each(
         self,
@@ -175,7 +175,7 @@ class Link:
         for scene, bits, names, takes in rendered(
             simulator, model, keys, every, preambles, panel_only
         ):
-            seen, truth = (
+            observations, truth = (
                 {},
                 cache(partial(simulator.true_panels, scene, names, rendered=True)),
             )
@@ -186,8 +186,10 @@ class Link:
                         if locator is None
                         else locator(takes[0], self.reader.shape)
                     )
-                seen[name] = Observation(scene, bits, panels, takes, self.reader, truth)
-            yield seen
+                observations[name] = Observation(
+                    scene, bits, panels, takes, self.reader, truth
+                )
+            yield observations
 
 
 def misplaced(panels: Panels, truth: Panels, shape: PanelShape) -> torch.Tensor:
@@ -251,8 +253,8 @@ def rendered(
     names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
     # Small crops are rendered together, which costs less; whole frames take by take, for their memory.
     far = any(
-        one.unbounded or (one.fills_sensor and not panel_only)
-        for one in simulator.effects
+        effect.unbounded or (effect.fills_sensor and not panel_only)
+        for effect in simulator.effects
     )
     small = simulator.framing == "crop" and not far
     for start in frames:
@@ -262,7 +264,7 @@ def rendered(
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
         for some in [list(shown)] if small else [[take] for take in shown]:
-            own = [
+            frame_keys = [
                 FrameKey(name.block, name.frame, take)
                 for take in some
                 for name in names[rows]
@@ -272,15 +274,16 @@ def rendered(
                 Scene.cat([scene] * len(some)),
             )
             with torch.autocast(device.type, enabled=False):
-                seen = simulator.render(
+                rendered = simulator.render(
                     many,
                     lit,
                     nearest_m=model.nearest_m,
-                    keys=own,
+                    keys=frame_keys,
                     panel_only=panel_only,
                 )
             takes += [
-                seen[at : at + len(scene)] for at in range(0, len(seen), len(scene))
+                rendered[at : at + len(scene)]
+                for at in range(0, len(rendered), len(scene))
             ]
         yield scene, bits, names[rows], tuple(takes)
 

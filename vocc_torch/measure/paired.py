@@ -61,9 +61,9 @@ class PairedCounts(Tally):
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
         frames, bits, *sides = self.numbers
         # In less than half the time of what tells of them: a block of frames may have a thousand of these.
-        whole = all(type(one) is int for one in self.numbers)
+        whole_numbers = all(type(number) is int for number in self.numbers)
         possible = (
-            whole
+            whole_numbers
             and _possible(frames, bits, *sides[:3])
             and _possible(frames, bits, *sides[3:])
         )
@@ -262,9 +262,9 @@ def sign_test(paired: PairedCounts) -> float:
             paired.discordant,
             f"at most {MOST_TRIALS:g} for a test",
         )
-    fewer, more = sorted((paired.a_worse, paired.b_worse))
+    fewer, larger = sorted((paired.a_worse, paired.b_worse))
     # At even odds both tails are alike; where the sides are too, they overlap.
-    return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))
+    return min(1.0, 2 * float(betainc(larger, fewer + 1, 0.5)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +317,7 @@ def relative_gain(
         >>> f"{gain.value:.2f} in [{gain.low:.2f}, {gain.high:.2f}]", gain.real
         ('0.25 in [0.08, 0.42]', True)
     """
-    if len({(one.frames, one.bits) for one in (a, b, paired)}) > 1:
+    if len({(counts.frames, counts.bits) for counts in (a, b, paired)}) > 1:
         frames = f"{a.frames}, {b.frames}, {paired.frames}"
         raise VoccError(
             f"frames of a, b and paired are {frames}: they must be the same frames"
@@ -393,9 +393,9 @@ def mean_gain(
     gains = [gain for gain in stated if gain is not None]
     if not gains:
         return None
-    mean = math.fsum(one.value for one in gains) / len(gains)
-    low = mean - math.hypot(*(one.value - one.low for one in gains)) / len(gains)
-    high = mean + math.hypot(*(one.high - one.value for one in gains)) / len(gains)
+    mean = math.fsum(gain.value for gain in gains) / len(gains)
+    low = mean - math.hypot(*(gain.value - gain.low for gain in gains)) / len(gains)
+    high = mean + math.hypot(*(gain.high - gain.value for gain in gains)) / len(gains)
     return MeanGain(mean, low, min(1.0, high), len(gains), len(stated) - len(gains))
 
 
@@ -528,8 +528,8 @@ def rate_ratio(
         max(1.0, reference.bit_errors / reference.frame_errors),
         reference.bits / reference.frames,
     )
-    own = ber_interval(receiver, errors_per_frame_error=size)
-    apart = mover_ratio(own, ber_interval(reference))
+    interval = ber_interval(receiver, errors_per_frame_error=size)
+    apart = mover_ratio(interval, ber_interval(reference))
     low, high = max(apart.low, 1 - gain.high), min(apart.high, 1 - gain.low)
     if not paired_interval(paired).real:
         low, high = min(low, 1.0), max(high, 1.0)

@@ -66,11 +66,13 @@ class World:
 
     def simulator(self) -> Simulator:
         """Build the simulator of this world."""
-        seen, device = (
+        scenery, device = (
             (self.camera, self.panel, self.effects),
             resolve_device(self.device),
         )
-        return Simulator(*seen, framing=self.framing, device=device, dtype=self.dtype)
+        return Simulator(
+            *scenery, framing=self.framing, device=device, dtype=self.dtype
+        )
 
 
 @dataclass(frozen=True)
@@ -141,16 +143,16 @@ class ReceiverPlan:
         """Check every name, and the rate."""
         if not finite_number("receiver.false_alarms", self.false_alarms) > 0:
             raise VoccError.of("receiver.false_alarms", self.false_alarms, "above 0")
-        plugged_in = [one.name for one in self.classifiers]
+        plugged_in = [classifier.name for classifier in self.classifiers]
         check_receivers(self.names, plugged_in)
         if stray := [name for name in self.locators if name in OWN_LOCATORS]:
             raise VoccError(
                 f"locators.{stray[0]} is the name of a locator that ships: choose another"
             )
         self.demand_locators("receiver.locator", [self.locator])
-        for one in self.classifiers:
-            with section(f"classifiers.{one.name}"):
-                one.inputs.demand_features(self.reader.names)
+        for classifier in self.classifiers:
+            with section(f"classifiers.{classifier.name}"):
+                classifier.inputs.demand_features(self.reader.names)
 
     @property
     def reference(self) -> str:
@@ -243,13 +245,13 @@ class Plan:
         if self.budget.rare and (
             self.experiment.axis == "contrast" or self.experiment.rows
         ):
-            named, what = (
+            named, shape = (
                 ("axis", "contrast")
                 if self.experiment.axis == "contrast"
                 else ("rows", "a grid")
             )
             raise VoccError.of(
-                "budget.rare", "true", f"false where experiment.{named} makes {what}"
+                "budget.rare", "true", f"false where experiment.{named} makes {shape}"
             )
         demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
@@ -267,13 +269,13 @@ class Plan:
             >>> row.name, row.scene
             ('dim/ambient_lx=1000', {'ambient_lx': 1000.0})
         """
-        one, rows = self.experiment, {} if self.experiment.rows else {0.0: self}
-        for value in one.rows:
-            name, held = (
-                f"{one.name}/{one.row_axis}={value:g}",
-                {**one.scene, str(one.row_axis): value},
+        experiment, rows = self.experiment, {} if self.experiment.rows else {0.0: self}
+        for value in experiment.rows:
+            name, scene = (
+                f"{experiment.name}/{experiment.row_axis}={value:g}",
+                {**experiment.scene, str(experiment.row_axis): value},
             )
-            row = replace(one, name=name, scene=held, row_axis=None, rows=())
+            row = replace(experiment, name=name, scene=scene, row_axis=None, rows=())
             rows[value] = replace(self, experiment=row)
         return rows
 
@@ -309,33 +311,39 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         >>> identity(plans[0], ["truth"]) == identity(plans[1], ["truth"])
         True
     """
-    told, experiment = _plain(plan), plan.experiment
-    del told["world"]["device"], told["receiver"]["save"]
+    settings, experiment = _plain(plan), plan.experiment
+    del settings["world"]["device"], settings["receiver"]["save"]
     # As ledgers were before there was a choice.
     if plan.receiver.false_alarms == ReceiverPlan.false_alarms:
-        del told["receiver"]["false_alarms"]
-    for one in told["receiver"]["classifiers"]:
-        one["training"]["checkpoints"] = None  # where they are changes no weight
+        del settings["receiver"]["false_alarms"]
+    for classifier in settings["receiver"]["classifiers"]:
+        classifier["training"]["checkpoints"] = None  # where they are changes no weight
     built = build_effects(plan.world.effects)
-    effects = {one.name: _plain(one) for one in built}
+    effects = {effect.name: _plain(effect) for effect in built}
     outside = plug_ins(plan.world.effects)
-    for name, one in outside.items():
-        effects[name] |= {TARGET: one.target, AFTER: one.arguments.get(AFTER)}
-    named = {f"effects.{name}": one for name, one in outside.items()}
-    named |= {f"locators.{one.name}": one for one in plan.receiver.locators.values()}
+    for name, classifier in outside.items():
+        effects[name] |= {
+            TARGET: classifier.target,
+            AFTER: classifier.arguments.get(AFTER),
+        }
+    named = {f"effects.{name}": plug_in for name, plug_in in outside.items()}
+    named |= {
+        f"locators.{locator.name}": locator
+        for locator in plan.receiver.locators.values()
+    }
     files = {
         f"{name}.{key}": digest
-        for name, one in named.items()
-        for key, digest in one.files.items()
+        for name, plug_in in named.items()
+        for key, digest in plug_in.files.items()
     }
     return {
         "seed": plan.seed,
-        "world": {**told["world"], "effects": effects},
-        "receiver": {**told["receiver"], "locator": list(locators)},
+        "world": {**settings["world"], "effects": effects},
+        "receiver": {**settings["receiver"], "locator": list(locators)},
         "experiment": {
             "name": experiment.name,
             "axis": experiment.axis,
-            "bins": told["experiment"]["values"]
+            "bins": settings["experiment"]["values"]
             if experiment.axis == "contrast"
             else None,
             "scene": _plain(parsed_scene(experiment.scene)),
@@ -350,16 +358,19 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "torch": ".".join(torch.__version__.split(".")[:2]),
             "numpy": ".".join(np.__version__.split(".")[:2]),
             **{
-                f"classifiers.{one.name}": one.build.maker
-                for one in plan.receiver.classifiers
+                f"classifiers.{classifier.name}": classifier.build.maker
+                for classifier in plan.receiver.classifiers
             },
-            **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
             **{
-                f"effects.{one.name}": one.digest
-                for one in built
-                if isinstance(one, Photographs)
+                f"features.{feature.name}": feature.maker
+                for feature in plan.receiver.reader.more
             },
-            **{name: one.maker for name, one in named.items()},
+            **{
+                f"effects.{effect.name}": effect.digest
+                for effect in built
+                if isinstance(effect, Photographs)
+            },
+            **{name: plug_in.maker for name, plug_in in named.items()},
             **files,
         },
     }
@@ -369,12 +380,12 @@ def _plain(value: object) -> Any:
     """Turn dataclasses into mappings, torch's types into their names, and whole floats into integers."""
     if is_dataclass(value):
         # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
-        given = [one.name for one in fields(value) if one.init]
-        return {name: _plain(getattr(value, name)) for name in given}
+        names = [attribute.name for attribute in fields(value) if attribute.init]
+        return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
+        return [_plain(inner) for inner in value]
     if isinstance(value, float) and value.is_integer():
         return int(value)  # 25 and 25.0 are one
     return str(value) if isinstance(value, torch.dtype) else value

@@ -120,7 +120,7 @@ def proposal(
         submit: hands out a call for a block.
     """
     shape = plan.world.panel.shape
-    guess = first_guess(shape, locates=any(one != "truth" for one in banks))
+    guess = first_guess(shape, locates=any(bank != "truth" for bank in banks))
     scenes = TiltedScenes.of(model, guess)
     looks: list[PilotFrames] = []
     for level, blocks in enumerate(LEVEL_BLOCKS):
@@ -128,8 +128,8 @@ def proposal(
         looks.append(
             joined(
                 [
-                    one.result()
-                    for one in [submit(call, block) for block in range(blocks)]
+                    future.result()
+                    for future in [submit(call, block) for block in range(blocks)]
                 ]
             )
         )
@@ -153,17 +153,21 @@ def look(
         (views,) = link.observe_each(finders, scenes, [key], preambles=preambles)
         margins, failed = [], []
         for locator, bank in banks.items():
-            seen = views[locator]
+            observation = views[locator]
             true = link.simulator.true_panels(
-                seen.scene, names, rendered=True
+                observation.scene, names, rendered=True
             ).corners_px
             pitch = (true[:, 1] - true[:, 0]).norm(dim=-1) / shape.columns
-            off = (seen.panels.corners_px - true).norm(dim=-1).amax(
+            off = (observation.panels.corners_px - true).norm(dim=-1).amax(
                 dim=1
             ) > FAILED_CELLS * pitch
-            for scores in bank.scores(seen.readings, seen.preambles).values():
-                margins.append((scores * (2.0 * seen.bits - 1)).cpu().double().numpy())
-                failed.append((off | ~seen.panels.found).cpu().numpy())
+            for scores in bank.scores(
+                observation.readings, observation.preambles
+            ).values():
+                margins.append(
+                    (scores * (2.0 * observation.bits - 1)).cpu().double().numpy()
+                )
+                failed.append((off | ~observation.panels.found).cpu().numpy())
     placed, bits = scenes.drawn(key, shape)
     return PilotFrames(
         placed, bits, scenes.weights(placed, bits), np.stack(margins), np.stack(failed)
@@ -173,15 +177,15 @@ def look(
 def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
     """Join what was seen of several blocks."""
     placed = {
-        name: np.concatenate([one.placed[name] for one in looks])
+        name: np.concatenate([look.placed[name] for look in looks])
         for name in looks[0].placed
     }
     bits, weights = (
-        np.concatenate([getattr(one, name) for one in looks])
+        np.concatenate([getattr(look, name) for look in looks])
         for name in ("bits", "weights")
     )
     margins, failed = (
-        np.concatenate([getattr(one, name) for one in looks], axis=1)
+        np.concatenate([getattr(look, name) for look in looks], axis=1)
         for name in ("margins", "failed")
     )
     return PilotFrames(placed, bits, weights, margins, failed)
@@ -193,14 +197,17 @@ def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
         Component.nominal(NOMINAL, shape),
         patterns(shape, PATTERNS if locates else PATTERNS // 4),
     ]
-    rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
-    for number, (own, near) in enumerate(
+    frames_left, side = (
+        BLOCK_FRAMES - sum(component.frames for component in components),
+        2 * REACH + 1,
+    )
+    for number, (rate, near) in enumerate(
         [(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]
     ):
         template = np.full((side, side), 0.5)
         template[1:-1, 1:-1] = near
-        template[REACH, REACH] = own
-        frames = rest // 4 + (number < rest % 4)
+        template[REACH, REACH] = rate
+        frames = frames_left // 4 + (number < frames_left % 4)
         components.append(
             around_leds(shape, frames, template, 0.5, dict.fromkeys(CLASSES, 1.0), {})
         )
@@ -213,17 +220,19 @@ def patterns(shape: PanelShape, frames: int) -> Component:
     for axis, lines in enumerate((shape.rows, shape.columns)):
         for width in range(1, min(4, lines)):
             for first in range(lines - width + 1):
-                one = np.full((shape.rows, shape.columns), 0.5)
-                one[(slice(None),) * axis + (slice(first, first + width),)] = 0.05
-                maps.append(one)
+                map_of_rates = np.full((shape.rows, shape.columns), 0.5)
+                map_of_rates[(slice(None),) * axis + (slice(first, first + width),)] = (
+                    0.05
+                )
+                maps.append(map_of_rates)
     for top, bottom, left, right in itertools.product(range(3), repeat=4):
         if (
             top + bottom + left + right <= 3
             and 4 - (top, bottom, left, right).count(0) > 1
         ):
-            one = np.full((shape.rows, shape.columns), 0.05)
-            one[top : shape.rows - bottom, left : shape.columns - right] = 0.5
-            maps.append(one)
+            map_of_rates = np.full((shape.rows, shape.columns), 0.05)
+            map_of_rates[top : shape.rows - bottom, left : shape.columns - right] = 0.5
+            maps.append(map_of_rates)
     maps += [
         np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)
     ]
@@ -255,7 +264,9 @@ def around_leds(
         row, column = divmod(led, shape.columns)
         wide[led, row : row + len(template), column : column + len(template)] = template
     which = sides(shape).ravel()
-    share = np.array([by_class[one] / np.sum(which == one) for one in which.tolist()])
+    share = np.array(
+        [by_class[side] / np.sum(which == side) for side in which.tolist()]
+    )
     inner = wide[:, REACH : REACH + shape.rows, REACH : REACH + shape.columns]
     return Component(frames, inner, share / share.sum(), tilts)
 
@@ -273,17 +284,19 @@ def learned(
     scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape
 ) -> list[Component]:
     """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
-    (nominal, dark), seen = scenes.components[:2], looks[-1]
+    (nominal, dark), last_look = scenes.components[:2], looks[-1]
     components = [nominal, relearned(dark, joined(looks))]
-    of_each = zip(seen.margins, seen.failed, strict=True)
+    of_each = zip(last_look.margins, last_look.failed, strict=True)
     weak = [
-        one for margins, failed in of_each for one in weakest(margins, failed, seen)
+        weakness
+        for margins, failed in of_each
+        for weakness in weakest(margins, failed, last_look)
     ]
-    rest = BLOCK_FRAMES - sum(one.frames for one in components)
-    weak = sorted(weak, key=lambda one: -len(one[0]))[:rest]
+    frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
+    weak = sorted(weak, key=lambda one: -len(one[0]))[:frames_left]
     for number, (leds, weights) in enumerate(weak):
-        frames = rest // len(weak) + (number < rest % len(weak))
-        components.append(of_leds(shape, frames, leds, weights, seen))
+        frames = frames_left // len(weak) + (number < frames_left % len(weak))
+        components.append(of_leds(shape, frames, leds, weights, last_look))
     return components
 
 
@@ -307,13 +320,14 @@ def weakest(
     for lit in (False, True):
         if shares[lit] < 0.02 * sum(shares):
             continue
-        own = np.where(
+        weakest = np.where(
             (seen.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf
         )
         count = max(WEAKEST, int(np.sum(wrong & (seen.bits == lit))))
-        order = np.argsort(own, axis=None, kind="stable")[:count]
+        order = np.argsort(weakest, axis=None, kind="stable")[:count]
         places = np.stack(
-            np.unravel_index(order[np.isfinite(own.ravel()[order])], own.shape), axis=1
+            np.unravel_index(order[np.isfinite(weakest.ravel()[order])], weakest.shape),
+            axis=1,
         )
         if len(places):
             yield places, evened(seen.weights[places[:, 0]])
@@ -334,26 +348,26 @@ def of_leds(
     )
     around = sliding_window_view(wide, (side, side), axis=(1, 2))[frame, row, column]
     ways = turned(around)
-    there = np.sum(
-        [np.einsum("n,nij->ij", weights, ~np.isnan(one)) for one in ways], axis=0
+    weighted = np.sum(
+        [np.einsum("n,nij->ij", weights, ~np.isnan(way)) for way in ways], axis=0
     )
     lit = np.sum(
-        [np.einsum("n,nij->ij", weights, np.nan_to_num(one)) for one in ways], axis=0
+        [np.einsum("n,nij->ij", weights, np.nan_to_num(way)) for way in ways], axis=0
     )
     every, near = bits[frame].sum(axis=(1, 2)), np.nansum(around, axis=(1, 2))
     others = shape.leds - np.sum(~np.isnan(around), axis=(1, 2))
     count = effective(weights)
     prior = 2 * weights.sum() / count
-    template = ((lit + len(ways) * prior / 2) / (there + len(ways) * prior)).clip(
+    template = ((lit + len(ways) * prior / 2) / (weighted + len(ways) * prior)).clip(
         0.05, 0.95
     )
     beyond = (weights @ (every - near) + others.mean() * prior / 2) / (
         weights @ others + others.mean() * prior
     )
     which, every_led = sides(shape)[row, column], sides(shape)
-    share = {one: weights[which == one].sum() / weights.sum() for one in CLASSES}
+    share = {side: weights[which == side].sum() / weights.sum() for side in CLASSES}
     share = {
-        one: share[one] + 0.1 * float(np.mean(every_led == one)) for one in CLASSES
+        side: share[side] + 0.1 * float(np.mean(every_led == side)) for side in CLASSES
     }
     return around_leds(
         shape, frames, template, float(beyond), share, tilts(seen, frame, weights)
@@ -376,10 +390,12 @@ def relearned(component: Component, seen: PilotFrames) -> Component:
         np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None]) * weights[:, None]
     )
     count = effective(weights) / len(sides)
-    own = belongs.sum(axis=0) / weights.sum()
+    share_of_place = belongs.sum(axis=0) / weights.sum()
     lit = np.einsum("np,nrc->prc", belongs, bits.astype(np.float64)) / weights.sum()
-    places = (count * own + 8 / len(own)) / (count + 8)
-    maps = (count * lit + PRIOR * component.maps) / (count * own + PRIOR)[:, None, None]
+    places = (count * share_of_place + 8 / len(share_of_place)) / (count + 8)
+    maps = (count * lit + PRIOR * component.maps) / (count * share_of_place + PRIOR)[
+        :, None, None
+    ]
     return Component(
         component.frames,
         maps.clip(0.03, 0.97),
@@ -400,7 +416,9 @@ def evened(weights: Floats) -> Floats:
     """Give a root of weights, where a few of them are most of their sum: it tells of more than these."""
     powers, enough = (1.0, 0.75, 0.5, 0.25, 0.0), min(ENOUGH, 0.99 * len(weights))
     return next(
-        one for one in (weights**power for power in powers) if effective(one) >= enough
+        weights
+        for weights in (weights**power for power in powers)
+        if effective(weights) >= enough
     )
 
 

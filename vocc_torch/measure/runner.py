@@ -98,9 +98,11 @@ class Banks:
     ) -> Iterator[tuple[torch.Tensor, Observation]]:
         """Decide one batch, as :class:`Deciders` says."""
         for locator, bank, _ in self.banks:
-            seen = views[locator]
-            for scores in bank.scores(seen.readings, seen.preambles).values():
-                yield scores >= 0, seen
+            observation = views[locator]
+            for scores in bank.scores(
+                observation.readings, observation.preambles
+            ).values():
+                yield scores >= 0, observation
 
     def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
         """Give the locators by name."""
@@ -258,9 +260,9 @@ class Outcome:
         """Give what each group of frames gave, as an outcome of its own."""
         for group, errors in self.errors.by_group():
             counts = {
-                (key, 0): one
-                for (key, where), one in self.counts.items()
-                if where == group
+                (key, 0): counts
+                for (key, counted_group), counts in self.counts.items()
+                if counted_group == group
             }
             yield group, Outcome(errors, counts, self.stopped_by)
 
@@ -353,11 +355,13 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
         'frame_errors'
     """
     # A receiver gets the frames that it would get alone, so its numbers do not depend on other trainings.
-    counts = {label: one for label, one in tallies.items() if label[0].training == 0}
+    counts = {
+        label: counts for label, counts in tallies.items() if label[0].training == 0
+    }
     if counts and rule.target_frame_errors is not None:
         errors: dict[Key, int] = {}
-        for (key, _), one in counts.items():
-            errors[key] = errors.get(key, 0) + one.frame_errors
+        for (key, _), counted in counts.items():
+            errors[key] = errors.get(key, 0) + counted.frame_errors
         if min(errors.values()) >= rule.target_frame_errors:
             return "frame_errors"
     power_of_two = 1 << (blocks.bit_length() - 1)
@@ -368,8 +372,8 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
     ):
         return None
     precise = (
-        intervals.precise_enough(one, rule.precision, rule.least_ber)
-        for one in counts.values()
+        intervals.precise_enough(counted, rule.precision, rule.least_ber)
+        for counted in counts.values()
     )
     return "precision" if all(precise) else None
 
@@ -403,7 +407,12 @@ def count(
         # Passing by what is known already; up to where the first point is finished.
         while len(calls) < workers.window and not (begun and begun[0].stopped_by):
             point = next(
-                (one for one in begun if not (one.exhausted or one.stopped_by)), None
+                (
+                    waiting
+                    for waiting in begun
+                    if not (waiting.exhausted or waiting.stopped_by)
+                ),
+                None,
             )
             if point is None:
                 if (point := next(upcoming, None)) is None:
@@ -426,9 +435,9 @@ def count(
                 else:
                     return
                 for future in [
-                    one
-                    for one, (point, _) in calls.items()
-                    if point.stopped_by and one.cancel()
+                    future
+                    for future, (point, _) in calls.items()
+                    if point.stopped_by and future.cancel()
                 ]:
                     del calls[future]
     finally:

@@ -108,12 +108,12 @@ class Exposure:
             preambles: whether frames of known bits are needed too.
         """
         simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
-        whole = range(0, frames, frames)
+        batch = range(0, frames, frames)
         ((scene, _, names, takes),) = link.rendered(
-            simulator, model, keys, whole, preambles
+            simulator, model, keys, batch, preambles
         )
-        first, *rest = (_on(take, torch.device("cpu")) for take in takes)
-        return cls(first, simulator.true_panels(scene, names), tuple(rest))
+        first, *lit = (_on(take, torch.device("cpu")) for take in takes)
+        return cls(first, simulator.true_panels(scene, names), tuple(lit))
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,8 @@ def time_stages(
     """
     graphs = graphs or {}
     chains = {
-        name: Chain(name, on_device(one, device), device)
-        for name, one in receivers.items()
+        name: Chain(name, on_device(receiver, device), device)
+        for name, receiver in receivers.items()
     }
     starts = range(0, len(exposure.frames) - batch + 1, batch)
     batches = [
@@ -175,9 +175,9 @@ def time_stages(
     ]
     # Each call takes the batch before, untimed, and then a batch.
     turns = [
-        one
+        part
         for pair in zip(batches[-1:] + batches[:-1], batches, strict=True)
-        for one in pair
+        for part in pair
     ]
     stages = {
         key: stage for chain in chains.values() for key, stage in chain.stages.values()
@@ -187,8 +187,8 @@ def time_stages(
         ("graph", name): partial(_graphed, graph) for name, graph in graphs.items()
     }
     calls = {
-        str(key): map(one, itertools.cycle(turns)).__next__
-        for key, one in stages.items()
+        str(key): map(stage, itertools.cycle(turns)).__next__
+        for key, stage in stages.items()
     }
     wall, processor = time.perf_counter(), time.thread_time()
     timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
@@ -199,15 +199,15 @@ def time_stages(
         spent = {stage: seconds[key] for stage, (key, _) in chain.stages.items()}
         if name in in_one_go:
             ratios += list(seconds["whole", name] / sum(spent.values()))
-        more = 2 / frames_a_preamble if chain.needs_preambles else 0.0
-        spent["preambles"] = more * np.sum(
+        preambles_a_frame = 2 / frames_a_preamble if chain.needs_preambles else 0.0
+        spent["preambles"] = preambles_a_frame * np.sum(
             [spent[stage] for stage in _MEASURING if stage in spent], axis=0
         )
         rounds = {
             stage: 1e3 / batch * spent.get(stage, np.zeros(repeats)) for stage in STAGES
         }
         times[name] = StageTimes(
-            {stage: tuple(each.tolist()) for stage, each in rounds.items()}
+            {stage: tuple(seconds.tolist()) for stage, seconds in rounds.items()}
         )
     drawn = {name: median_of(1e3 / batch * seconds["graph", name]) for name in graphs}
     return StageTimings(
@@ -271,9 +271,10 @@ def prepared(
 ) -> Intermediates:
     """Make what each stage starts from, of some of the frames."""
     truth = (
-        getattr(exposure.truth, one.name)[rows].to(device) for one in fields(Panels)
+        getattr(exposure.truth, attribute.name)[rows].to(device)
+        for attribute in fields(Panels)
     )
-    made: Intermediates = {
+    results: Intermediates = {
         "host": exposure.frames[rows],
         ("locate", None): Panels(*truth),
     }
@@ -281,13 +282,15 @@ def prepared(
     for chain in chains:
         for key, stage in chain.stages.values():
             if key[0] == "classify":  # whose threshold comes from frames of known bits
-                needed, where = chain.needs_preambles, made[chain.where]
-                made[chain.known] = (
-                    chain.one.preambles(on_off[0], on_off[1], where) if needed else None
+                preambles, place = chain.needs_preambles, results[chain.where]
+                results[chain.known] = (
+                    chain.one.preambles(on_off[0], on_off[1], place)
+                    if preambles
+                    else None
                 )
-            if key not in made:
-                made[key] = stage(made)
-    return made
+            if key not in results:
+                results[key] = stage(results)
+    return results
 
 
 def _graphed(graph: Graph, made: Intermediates) -> object:
@@ -298,7 +301,7 @@ def _graphed(graph: Graph, made: Intermediates) -> object:
 
 def _bits(scores: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:
     """Decide, (B,R,C) bool for each receiver."""
-    return [one >= 0 for one in scores.values()]
+    return [score >= 0 for score in scores.values()]
 
 
 def read(host: Frames, device: torch.device) -> Frames:

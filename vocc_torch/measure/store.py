@@ -95,14 +95,14 @@ class Store(AbstractContextManager["Store"]):
         """
         path, text = Path(path), canonical(settings)
         with _told(path):
-            there = path.exists()
-            if path.is_symlink() or (there and not path.is_file()):
+            exists = path.exists()
+            if path.is_symlink() or (exists and not path.is_file()):
                 no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
                 raise VoccError(f"{_shown(path)} {no}")
-            if there and 0 < path.stat().st_size < _LEAST_BYTES:
+            if exists and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
             # SQLite would open it for reading alone.
-            if there and not os.access(path, os.W_OK):
+            if exists and not os.access(path, os.W_OK):
                 raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)
@@ -178,8 +178,8 @@ class Store(AbstractContextManager["Store"]):
     def _digest(self, *row: object) -> str:
         """Give the checksum of a row of these settings."""
         values = [
-            one.hex() if isinstance(one, bytes) else one
-            for one in (self._settings, *row)
+            value.hex() if isinstance(value, bytes) else value
+            for value in (self._settings, *row)
         ]
         return hashlib.sha256(json.dumps(values).encode()).hexdigest()
 
@@ -202,9 +202,9 @@ class Store(AbstractContextManager["Store"]):
     def find(self, point: str, block: int, frames: int) -> bytes | None:
         """Give what was counted in exactly this many frames of a block, or None."""
         with _told(self.path):
-            where = "WHERE point=? AND block=? AND frames=?"
+            condition = "WHERE point=? AND block=? AND frames=?"
             row = self._run(
-                f"SELECT content FROM blocks {where}", (point, block, frames)
+                f"SELECT content FROM blocks {condition}", (point, block, frames)
             ).fetchone()
             return None if row is None else bytes(row[0])
 
@@ -303,19 +303,19 @@ def _told(path: Path) -> Iterator[None]:
     ) as error:
         kind = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
         busy = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-        told = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(
+        refusal = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(
             kind
         )
         if isinstance(error, sqlite3.ProgrammingError):
-            told = "is closed: open it again"
+            refusal = "is closed: open it again"
         elif (
-            not told
+            not refusal
             and not isinstance(error, OSError)
             and kind not in (*_FULL, *_REFUSED)
         ):
-            told = ": ".join(_DAMAGED)
-        if told:
-            raise VoccError(f"{_shown(path)} {told}") from None
+            refusal = ": ".join(_DAMAGED)
+        if refusal:
+            raise VoccError(f"{_shown(path)} {refusal}") from None
         reason = getattr(error, "strerror", None) or error
         room = "make room, then start the same run again"
         help_ = room if kind in _FULL else f"make it writable, or {_ANOTHER}"
@@ -362,24 +362,24 @@ def what_changed(there: object, here: object) -> list[str]:
         for name in differing
         if name.endswith(".digest") and {*old} & {*new} & {name}
     )
-    told = [
+    changes = [
         f"{new.get(name[:-6] + 'file')} changed since this run began"
         for name in digests
     ]
     for name in sorted(differing - set(digests)):
         # A changed file is told of already.
         if not (digests and name.startswith("made_with.classifiers.")):
-            was, now = (_cut(one.get(name, "not set"), 40) for one in (old, new))
-            told.append(
+            was, now = (_cut(leaves.get(name, "not set"), 40) for leaves in (old, new))
+            changes.append(
                 f"{name.removeprefix('world.').removeprefix('made_with.')} was {was}, is {now}"
             )
-    return told
+    return changes
 
 
 def _leaves(value: object, name: str = "") -> Iterator[tuple[str, str]]:
     """Walk nested mappings and lists of mappings: each value's dotted name, and how it is written."""
-    if isinstance(value, list) and any(isinstance(one, dict) for one in value):
-        value = {str(index): one for index, one in enumerate(value)}
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        value = {str(index): item for index, item in enumerate(value)}
     if isinstance(value, dict) and value:
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}" if name else key)

@@ -90,15 +90,23 @@ def run_campaign(
         VoccError: a store that cannot be used, no panel in any training frame, or a worker that was ended
             from outside.
     """
-    kept, locators = KeptTrainings(stores.values()), [one.locators for one in studies]
-    every = train.train_plans([one.plan for one in studies], locators, workers, kept)
-    trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
+    training_store, locators = (
+        KeptTrainings(stores.values()),
+        [study.locators for study in studies],
+    )
+    every = train.train_plans(
+        [study.plan for study in studies], locators, workers, training_store
+    )
+    trainings = {
+        study.key: training for study, training in zip(studies, every, strict=True)
+    }
     trained()
     banks, results = {}, {}
     for study in studies:
         names = study.plan.receiver.names
         banks[study.key] = {
-            locator: one.bank(names) for locator, one in trainings[study.key].items()
+            locator: training.bank(names)
+            for locator, training in trainings[study.key].items()
         }
 
     points = run_studies(
@@ -109,9 +117,9 @@ def run_campaign(
         lambda one, _at, frames, _: advance(one, frames),
     )
     for study in studies:
-        own = itertools.islice(points, len(monte_carlo_values(study.plan)))
+        outcomes = itertools.islice(points, len(monte_carlo_values(study.plan)))
         results[study.key] = measured(
-            study, {value: outcome for _, value, outcome in own}
+            study, {value: outcome for _, value, outcome in outcomes}
         )
         finished(study, results[study.key])
     return Campaign(results, trainings)
@@ -245,7 +253,8 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
         for value in monte_carlo_values(row)
     )
     return {
-        point_name(one, value): one.model_at(plan.world, value) for one, value in points
+        point_name(point, value): point.model_at(plan.world, value)
+        for point, value in points
     }
 
 
@@ -273,8 +282,8 @@ def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> curve.Me
     experiment, names = study.plan.experiment, study.plan.receiver.names
     if experiment.axis == "contrast":
         # One outcome holds the groups of all values.
-        values, (whole,) = axis_values(experiment), outcomes.values()
-        outcomes = {values[group]: part for group, part in whole.by_group()}
+        values, (sorted_outcome,) = axis_values(experiment), outcomes.values()
+        outcomes = {values[group]: part for group, part in sorted_outcome.by_group()}
     place = experiment.name, experiment.axis
     curves = {
         str(name): curves_of(*place, name, names, outcomes) for name in study.locators

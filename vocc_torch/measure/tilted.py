@@ -98,7 +98,9 @@ class TiltedScenes(SceneModel):
 
     def __post_init__(self) -> None:
         """Check the shares; what is meant was checked as it was made."""
-        if (total := sum(one.frames for one in self.components)) != BLOCK_FRAMES:
+        if (
+            total := sum(component.frames for component in self.components)
+        ) != BLOCK_FRAMES:
             raise VoccError.of(
                 "components", total, f"shares that add to {BLOCK_FRAMES}"
             )
@@ -134,11 +136,11 @@ class TiltedScenes(SceneModel):
     ) -> Floats:
         """Give the logarithm of each component's share and density over the density that is meant, (K,N)."""
         rows = []
-        for one in self.components:
-            row = np.logaddexp.reduce(one.log_ratios(bits), axis=1) + np.log(
-                one.frames / BLOCK_FRAMES
+        for component in self.components:
+            row = np.logaddexp.reduce(component.log_ratios(bits), axis=1) + np.log(
+                component.frames / BLOCK_FRAMES
             )
-            for name, shares in one.tilts.items():
+            for name, shares in component.tilts.items():
                 row += np.log(shares / WIDTHS)[part_of(uniform[name])]
             rows.append(row)
         return np.stack(rows)
@@ -148,7 +150,8 @@ class TiltedScenes(SceneModel):
     ) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
         """Draw a block: where each value lies in its distribution, (64,) from 0 to below 1, and the bits."""
         order = np.repeat(
-            np.arange(len(self.components)), [one.frames for one in self.components]
+            np.arange(len(self.components)),
+            [component.frames for component in self.components],
         )
         order = key.generator("rare.component").permutation(order)
         uniform = {
@@ -161,13 +164,13 @@ class TiltedScenes(SceneModel):
         )
         levels = level.random((BLOCK_FRAMES, shape.rows, shape.columns))
         bits = np.empty(levels.shape, dtype=np.bool_)
-        for number, one in enumerate(self.components):
+        for number, component in enumerate(self.components):
             rows = np.flatnonzero(order == number)
             chosen = np.searchsorted(
-                np.cumsum(one.places)[:-1], place[rows], side="right"
+                np.cumsum(component.places)[:-1], place[rows], side="right"
             )
-            bits[rows] = levels[rows] < one.maps[chosen]
-            for name, shares in one.tilts.items():
+            bits[rows] = levels[rows] < component.maps[chosen]
+            for name, shares in component.tilts.items():
                 drawn, ends = uniform[name][rows], np.cumsum(shares)
                 part = np.searchsorted(ends[:-1], drawn, side="right")
                 inside = (drawn - (ends - shares)[part]) / shares[part]

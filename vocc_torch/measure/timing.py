@@ -159,7 +159,9 @@ def describe_machine(device: torch.device) -> str:
     counted = ", ".join(
         f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items()
     )
-    where = f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
+    device_name = (
+        f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
+    )
     named = None
     with suppress(OSError):
         named = re.search(
@@ -173,7 +175,7 @@ def describe_machine(device: torch.device) -> str:
         or platform.machine()
         or "unknown processor"
     )
-    return f"{where}{cpu} with {counted}, torch {torch.__version__}"
+    return f"{device_name}{cpu} with {counted}, torch {torch.__version__}"
 
 
 def usable_cores() -> int:

@@ -94,21 +94,24 @@ class Training:
             for name in names
             if name in FLDA_FEATURES or self.made.get(name, Making()).frames
         ]
-        more = [one.bank(learners) for one in self.more] if learners else []
-        return ReceiverBank(names, self.flda, self.classifiers, more)
+        banks = [training.bank(learners) for training in self.more] if learners else []
+        return ReceiverBank(names, self.flda, self.classifiers, banks)
 
     @classmethod
     def joined(cls, parts: "Sequence[Training]") -> "Training":
         """Put trainings of different classifiers on the same frames together; FLDA is that of the first."""
         first = parts[0]
-        classifiers, made = dict(first.classifiers), dict(first.made)
-        for one in parts[1:]:
-            classifiers, made = {**classifiers, **one.classifiers}, {**made, **one.made}
-        more = tuple(
+        classifiers, makings = dict(first.classifiers), dict(first.made)
+        for part in parts[1:]:
+            classifiers, makings = (
+                {**classifiers, **part.classifiers},
+                {**makings, **part.made},
+            )
+        trainings = tuple(
             cls.joined(column)
-            for column in zip(*(one.more for one in parts), strict=True)
+            for column in zip(*(part.more for part in parts), strict=True)
         )
-        return replace(first, classifiers=classifiers, made=made, more=more)
+        return replace(first, classifiers=classifiers, made=makings, more=trainings)
 
     def making(self, name: str) -> Making:
         """Say what it took to make a receiver; one that learns nothing has no parameters."""
@@ -167,10 +170,10 @@ def train_each(
 
 def several(trainings: Sequence[Mapping[Locator, Training]]) -> dict[Locator, Training]:
     """Give the first of some trainings with the others in it, by locator."""
-    first, *more = trainings
+    first, *others = trainings
     return {
-        name: replace(one, more=tuple(other[name] for other in more))
-        for name, one in first.items()
+        name: replace(training, more=tuple(other[name] for other in others))
+        for name, training in first.items()
     }
 
 
@@ -193,24 +196,29 @@ def train_once(
         plan.experiment.training_model(plan.world),
     )
     fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
-    kept: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
+    samples: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
     missed = dict.fromkeys(locators, 0)
     keys = block_keys(plan.seed, training_point(number), frames)
     views = link.observe_each(finders, scenes, keys, preambles=False, frames=frames)
     read = (
-        [(one.readings.features, one.panels.found, one.bits) for one in of.values()]
+        [
+            (observation.readings.features, observation.panels.found, observation.bits)
+            for observation in of.values()
+        ]
         for of in views
     )
     # A block at a time: sums then do not depend on the batch's size.
-    for parts in in_blocks(tuple(itertools.chain(*each)) for each in read):
+    for parts in in_blocks(
+        tuple(itertools.chain(*observations)) for observations in read
+    ):
         for name, features, found, bits in zip(
             locators, *(parts[at::3] for at in range(3)), strict=True
         ):
             leds = features[found], bits[found]
             fldas[name].update(leds[0][..., :_N_FEATURES], leds[1])
             missed[name] += int((~found).sum())
-            if sum(len(one) for _, one in kept[name]) < FIGURE_SAMPLES:
-                kept[name].append(
+            if sum(len(statuses) for _, statuses in samples[name]) < FIGURE_SAMPLES:
+                samples[name].append(
                     (leds[0].flatten(0, -2).cpu(), leds[1].reshape(-1).cpu())
                 )
         if progress is not None:
@@ -218,22 +226,29 @@ def train_once(
     trained = {}
     for name, flda in fldas.items():
         if missed[name] == frames:
-            where = "check scene, camera and receiver.location"
+            help_ = "check scene, camera and receiver.location"
             raise VoccError(
-                f"training found no panel in any of {frames} frames: {where}"
+                f"training found no panel in any of {frames} frames: {help_}"
             )
         for status, leds in zip(("Off", "On"), flda.count.tolist(), strict=True):
             if not leds:
-                told = (
+                refusal = (
                     f"{frames - missed[name]} with a located panel held no {status} LED"
                 )
                 rule = "raise it, or take receiver.locator=truth for panels too small to be found"
-                raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
+                raise VoccError(
+                    f"budget.training_frames is {frames}: {refusal}: {rule}"
+                )
         x, bits = (
-            torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True)
+            torch.cat(parts)[:FIGURE_SAMPLES]
+            for parts in zip(*samples[name], strict=True)
         )
-        own = Training(flda, frames, missed[name], x, bits, time.perf_counter() - begun)
-        trained[name] = train_classifiers(plan, link, finders[name], own, number, keep)
+        training = Training(
+            flda, frames, missed[name], x, bits, time.perf_counter() - begun
+        )
+        trained[name] = train_classifiers(
+            plan, link, finders[name], training, number, keep
+        )
     return trained
 
 
@@ -270,32 +285,32 @@ def train_plans(
     Raises:
         VoccError: as :func:`train_each`, or a worker that was ended from outside.
     """
-    wanted: list[list[str]] = []
+    keys_of_plans: list[list[str]] = []
     parts: dict[str, tuple[Plan, tuple[Locator, ...]]] = {}
     for plan, named in zip(plans, locators, strict=True):
         # A part need not have the receiver that is kept.
-        receiver, own = replace(plan.receiver, save="flda_3"), list[str]()
+        receiver, keys = replace(plan.receiver, save="flda_3"), list[str]()
         alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
         alone += [
-            replace(receiver, names=(one.name,), classifiers=(one,))
-            for one in receiver.classifiers
+            replace(receiver, names=(classifier.name,), classifiers=(classifier,))
+            for classifier in receiver.classifiers
         ]
-        for part in (replace(plan, receiver=one) for one in alone):
-            own.append(training_key(part, named))
-            parts[own[-1]] = part, tuple(named)
-        wanted.append(own)
+        for part in (replace(plan, receiver=receiver_part) for receiver_part in alone):
+            keys.append(training_key(part, named))
+            parts[keys[-1]] = part, tuple(named)
+        keys_of_plans.append(keys)
 
     def panels(key: str) -> int:
         return sum(
-            one.frames or one.training.frames
-            for one in parts[key][0].receiver.classifiers
+            classifier.frames or classifier.training.frames
+            for classifier in parts[key][0].receiver.classifiers
         )
 
     known = {
         key: None if kept is None else kept.known(key, part)
         for key, (part, _) in parts.items()
     }
-    trained = {key: one for key, one in known.items() if one is not None}
+    trained = {key: training for key, training in known.items() if training is not None}
     with worker_losses_told():
         # The longest training begins first.
         longest = sorted(
@@ -311,7 +326,7 @@ def train_plans(
                 kept.keep(key, parts[key][0], trained[key])
     return [
         {name: Training.joined([trained[key][name] for key in keys]) for name in named}
-        for keys, named in zip(wanted, locators, strict=True)
+        for keys, named in zip(keys_of_plans, locators, strict=True)
     ]
 
 
@@ -324,7 +339,7 @@ def train_alone(
     """Train every plan with its own locator, as :func:`train_plans`."""
     locators = [plan.receiver.locator for plan in plans]
     trained = train_plans(plans, [[name] for name in locators], workers, kept, told)
-    return [one[name] for one, name in zip(trained, locators, strict=True)]
+    return [by_name[name] for by_name, name in zip(trained, locators, strict=True)]
 
 
 def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
@@ -342,15 +357,17 @@ def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
             learn = partial(
                 train_classifiers, plan, link, training=Training(), number=number
             )
-            trained.append({name: learn(one) for name, one in finders})
+            trained.append({name: learn(finder) for name, finder in finders})
         return several(trained)
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
     """Put the receiver together that the plan keeps, ready to decode recordings and to be saved."""
     name = plan.receiver.save
-    own = training.classifiers.get(name)
-    classifier = training.flda.select(feature_indices(name)) if own is None else own
+    learned = training.classifiers.get(name)
+    classifier = (
+        training.flda.select(feature_indices(name)) if learned is None else learned
+    )
     # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
     locator = (
         plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator]
@@ -371,11 +388,11 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     )
     receiver = trained_receiver(plan, training).to(link.simulator.device)
     scores, bits, looks = [], [], []
-    for seen in link.observe(model, keys, preambles=False, frames=frames):
-        found = seen.panels.found
-        scores.append(receiver.score(seen.readings)[found].cpu())
-        bits.append(seen.bits[found].cpu())
-        looks.append(appearance(seen.readings)[found].cpu())
+    for observation in link.observe(model, keys, preambles=False, frames=frames):
+        found = observation.panels.found
+        scores.append(receiver.score(observation.readings)[found].cpu())
+        bits.append(observation.bits[found].cpu())
+        looks.append(appearance(observation.readings)[found].cpu())
     if len(look := torch.cat(looks)):
         receiver.calibration = Calibration.of(torch.cat(scores), torch.cat(bits))
         receiver.trained_on = ranges_of(look)
@@ -401,18 +418,20 @@ def receiver_for(
         VoccError: a model that cannot be read or is for another panel.
     """
     if model is None:
-        own = plan.at_true_corners() if at_truth else plan
-        untouched = replace(own.experiment, training={})
-        receiver = calibrated_receiver(own, train(replace(own, experiment=untouched)))
+        studied = plan.at_true_corners() if at_truth else plan
+        untouched = replace(studied.experiment, training={})
+        receiver = calibrated_receiver(
+            studied, train(replace(studied, experiment=untouched))
+        )
         (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
         receiver.locator = receiver.locator if locator is None else locator
         return receiver
     receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
-    wanted, has = plan.receiver.reader.shape, receiver.shape
-    if wanted != has:
-        given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
-        other = f"panel.rows x panel.columns is {wanted.rows} x {wanted.columns}"
-        raise VoccError(f"{given}, and {other}: make them agree")
+    expected, has = plan.receiver.reader.shape, receiver.shape
+    if expected != has:
+        refusal = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
+        other = f"panel.rows x panel.columns is {expected.rows} x {expected.columns}"
+        raise VoccError(f"{refusal}, and {other}: make them agree")
     return receiver
 
 
@@ -420,23 +439,27 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     """Say in the settings which receiver was used, where a model brought it."""
     if settings.model is None:
         return settings
-    own: dict[str, Any] = locator_settings(receiver.locator)
+    settings_of_locator: dict[str, Any] = locator_settings(receiver.locator)
     name, locators = locator_words(receiver.locator)
     limits = asdict(settings.receiver.location)
     limits |= {
-        key: value for key, value in own.get("paper", own).items() if key in limits
+        key: value
+        for key, value in settings_of_locator.get("paper", settings_of_locator).items()
+        if key in limits
     }
     named = replace(
         settings.receiver,
         save=receiver.name,
         locator=name,
         location=replace(settings.receiver.location, **limits),
-        false_alarms=None if locators else own.get("false_alarms"),
+        false_alarms=None if locators else settings_of_locator.get("false_alarms"),
     )
-    kept = {
-        name: one for name, one in settings.classifiers.items() if name == receiver.name
+    classifiers = {
+        name: classifier
+        for name, classifier in settings.classifiers.items()
+        if name == receiver.name
     }
-    return replace(settings, receiver=named, classifiers=kept, locators=locators)
+    return replace(settings, receiver=named, classifiers=classifiers, locators=locators)
 
 
 def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, ...]]:
@@ -456,9 +479,9 @@ def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, .
     for batch in batches:
         waiting.append(batch)
         while sum(len(parts[0]) for parts in waiting) >= BLOCK_FRAMES:
-            whole = [torch.cat(parts) for parts in zip(*waiting, strict=True)]
-            waiting = [tuple(part[BLOCK_FRAMES:] for part in whole)]
-            yield tuple(part[:BLOCK_FRAMES] for part in whole)
+            joined = [torch.cat(parts) for parts in zip(*waiting, strict=True)]
+            waiting = [tuple(part[BLOCK_FRAMES:] for part in joined)]
+            yield tuple(part[:BLOCK_FRAMES] for part in joined)
     if any(len(parts[0]) for parts in waiting):
         yield tuple(torch.cat(parts) for parts in zip(*waiting, strict=True))
 
@@ -537,9 +560,9 @@ class PanelStream:
         views = self.link.observe_each(
             {"": self.locator}, self.model, keys, preambles=False, frames=frames
         )
-        for seen in (view[""] for view in views):
+        for observation in (view[""] for view in views):
             # Without the frames themselves, which would fill the memory where panels are kept.
-            yield seen.readings, seen.bits, seen.panels.found
+            yield observation.readings, observation.bits, observation.panels.found
 
 
 def train_classifiers(
@@ -568,21 +591,29 @@ def train_classifiers(
     Raises:
         VoccError: a classifier that cannot be built or trained, by its name.
     """
-    kept: dict[SceneModel, dict[int, list[Read]]] = {}
-    classifiers, made, scenes = {}, {}, plan.experiment.training_model(plan.world)
-    for one in plan.receiver.classifiers:
-        model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
-        shared = kept.setdefault(model, {}) if keep else None
-        stream = PanelStream(
-            link, locator, model, plan.seed, one.inputs, shared, training_point(number)
+    panels: dict[SceneModel, dict[int, list[Read]]] = {}
+    classifiers, makings, scenes = {}, {}, plan.experiment.training_model(plan.world)
+    for classifier in plan.receiver.classifiers:
+        model = narrowed(
+            scenes, classifier.scene, f"classifiers.{classifier.name}.scene"
         )
-        recipe = replace(one.training, seed=one.training.seed + number)
+        shared = panels.setdefault(model, {}) if keep else None
+        stream = PanelStream(
+            link,
+            locator,
+            model,
+            plan.seed,
+            classifier.inputs,
+            shared,
+            training_point(number),
+        )
+        recipe = replace(classifier.training, seed=classifier.training.seed + number)
         guarded, begun = (
-            plugged.classifier_of(one.build, one.inputs, recipe),
+            plugged.classifier_of(classifier.build, classifier.inputs, recipe),
             time.perf_counter(),
         )
         with plugged.seeded(recipe.seed):
-            guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
+            guarded.fit_stream(stream, classifier.frames or plan.budget.training_frames)
         # An interrupted training that went on has a price too.
         seconds = (
             time.perf_counter()
@@ -595,10 +626,12 @@ def train_classifiers(
         except Exception as error:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             rule = "it must be possible to pickle it, for other processes"
-            raise VoccError(f"classifier {one.name}: {rule} ({reason})") from error
-        classifiers[one.name] = guarded
+            raise VoccError(
+                f"classifier {classifier.name}: {rule} ({reason})"
+            ) from error
+        classifiers[classifier.name] = guarded
         parameters = None if counted is None else int(counted)
-        made[one.name] = Making(
+        makings[classifier.name] = Making(
             seconds, stream.seconds, stream.frames, parameters, size
         )
-    return replace(training, classifiers=classifiers, made=made)
+    return replace(training, classifiers=classifiers, made=makings)
