@@ -116,13 +116,13 @@ class Camera:
             if not least <= low <= high <= most:
                 raise ValueError
         except (TypeError, ValueError):
-            given = (
+            limits = (
                 list(self.iso_limits)
                 if isinstance(self.iso_limits, tuple)
                 else self.iso_limits
             )
             rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
-            raise VoccError.of("camera.iso_limits", shown(given), rule) from None
+            raise VoccError.of("camera.iso_limits", shown(limits), rule) from None
         object.__setattr__(self, "iso_limits", (low, high))
 
     @property

@@ -69,14 +69,14 @@ class Calibration:
             if len(scores)
             else np.arange(0)
         )
-        given, sent = (
+        values, sent = (
             scores.flatten().cpu().double().numpy(),
             bits.flatten().cpu().numpy(),
         )
-        on = given >= 0
+        on = values >= 0
         return cls(
-            _learned(-given[~on], sent[~on], frame[~on]),
-            _learned(given[on], ~sent[on], frame[on]),
+            _learned(-values[~on], sent[~on], frame[~on]),
+            _learned(values[on], ~sent[on], frame[on]),
         )
 
     @classmethod
@@ -90,25 +90,25 @@ class Calibration:
 
     def __call__(self, scores: torch.Tensor) -> torch.Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
-        given = scores.detach().double()
+        detached = scores.detach().double()
         on, off = self._tables
         return torch.where(
-            given >= 0, _interpolated(given, on), -_interpolated(-given, off)
+            detached >= 0, _interpolated(detached, on), -_interpolated(-detached, off)
         )
 
     @cached_property
     def _tables(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
         with torch.inference_mode(False):  # normal tensors, for they are kept
-            both = [
+            sides = [
                 torch.tensor(side, dtype=torch.float64) for side in (self.on, self.off)
             ]
             slopes = [
-                torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in both
+                torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in sides
             ]
             on, off = (
-                torch.cat([one, slope[None]])
-                for one, slope in zip(both, slopes, strict=True)
+                torch.cat([knots, slope[None]])
+                for knots, slope in zip(sides, slopes, strict=True)
             )
             return on, off
 
@@ -134,17 +134,17 @@ def _learned(
         ends = isotonic_regression(
             wrong.astype(np.float64), increasing=False
         ).blocks.tolist()
-        held = [
+        counts = [
             float(wrong[first:last].sum()) + 0.5
             for first, last in itertools.pairwise(ends)
         ]
-        held[-1] = max(held[-1], float(beyond_others(frame[wrong])))
+        counts[-1] = max(counts[-1], float(beyond_others(frame[wrong])))
         # Steps that are no longer less often wrong than the one before are one with it.
-        while len(held) > 1 and held[-1] * (ends[-2] - ends[-3]) > held[-2] * (
+        while len(counts) > 1 and counts[-1] * (ends[-2] - ends[-3]) > counts[-2] * (
             ends[-1] - ends[-2]
         ):
-            held[-2:], ends[-2:] = [held[-2] + held[-1] - 0.5], ends[-1:]
-        for (first, last), errors in zip(itertools.pairwise(ends), held, strict=True):
+            counts[-2:], ends[-2:] = [counts[-2] + counts[-1] - 0.5], ends[-1:]
+        for (first, last), errors in zip(itertools.pairwise(ends), counts, strict=True):
             places += [float(distances[first]), float(distances[last - 1])]
             sizes += [
                 max(

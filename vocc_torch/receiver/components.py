@@ -113,10 +113,11 @@ class Runs:
         """Return the runs of the masks chosen by a bool (B,); the masks are renumbered from 0."""
         if bool(chosen.all()):
             return self
-        kept = chosen[self.frame]
-        frame = (chosen.cumsum(0) - 1)[self.frame[kept]]
+        chosen_runs = chosen[self.frame]
+        frame = (chosen.cumsum(0) - 1)[self.frame[chosen_runs]]
         row, start, end, pixels = (
-            one[kept] for one in (self.row, self.start, self.end, self.pixels)
+            column[chosen_runs]
+            for column in (self.row, self.start, self.end, self.pixels)
         )
         return type(self)(
             frame, row, start, end, pixels, (int(chosen.sum()), *self.size[1:])
@@ -204,10 +205,10 @@ def joined(mask: torch.Tensor, closed: Runs) -> Runs:
     row_start = (closed.frame * height + closed.row) * width
     low = torch.searchsorted(lit, row_start + closed.start)
     high = torch.searchsorted(lit, row_start + closed.end, right=True)
-    held = high > low
-    low, high, row_start = low[held], high[held], row_start[held]
+    valid = high > low
+    low, high, row_start = low[valid], high[valid], row_start[valid]
     ends = (lit[low] - row_start, lit[high - 1] - row_start)
-    return Runs(closed.frame[held], closed.row[held], *ends, high - low, closed.size)
+    return Runs(closed.frame[valid], closed.row[valid], *ends, high - low, closed.size)
 
 
 def label_components(mask: torch.Tensor) -> Components:
@@ -230,14 +231,14 @@ def label_components(mask: torch.Tensor) -> Components:
         runs.start >> 1
     )
     first = block.scatter_reduce(0, root, block, "amin")
-    own = (root == torch.arange(len(runs), device=root.device)).nonzero()[:, 0]
-    own = own[first[own].argsort()]
+    roots = (root == torch.arange(len(runs), device=root.device)).nonzero()[:, 0]
+    roots = roots[first[roots].argsort()]
     number = torch.zeros_like(root).index_copy(
-        0, own, torch.arange(1, len(own) + 1, device=root.device)
+        0, roots, torch.arange(1, len(roots) + 1, device=root.device)
     )
     label = number[root]
-    area = label.new_zeros(len(own) + 1).scatter_add(0, label, runs.pixels)
-    frame = torch.cat([runs.frame.new_zeros(1), runs.frame[own]])
+    area = label.new_zeros(len(roots) + 1).scatter_add(0, label, runs.pixels)
+    frame = torch.cat([runs.frame.new_zeros(1), runs.frame[roots]])
     return Components(runs, label, area, frame)
 
 
@@ -323,8 +324,10 @@ def largest(value: torch.Tensor, frame: torch.Tensor, most: int) -> torch.Tensor
     """
     label = value[1:].argsort(descending=True, stable=True) + 1
     label = label[frame[label].argsort(stable=True)]
-    own = frame[label]
-    rank = torch.arange(len(label), device=label.device) - torch.searchsorted(own, own)
+    frame_of_label = frame[label]
+    rank = torch.arange(len(label), device=label.device) - torch.searchsorted(
+        frame_of_label, frame_of_label
+    )
     return label[rank < most]
 
 
@@ -356,13 +359,13 @@ def collect_blobs(
         few = largest(components.area_px.where(keep, -1), components.frame, MOST_BLOBS)
         keep &= torch.zeros_like(keep).index_fill(0, few, True)
     run_label = components.at(runs.frame, runs.row >> level, runs.start >> level)
-    kept = keep[run_label]
+    kept_runs = keep[run_label]
     row, start, end, pixels = (
-        one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels)
+        column[kept_runs] for column in (runs.row, runs.start, runs.end, runs.pixels)
     )
     # Kept labels by their first run, and each run's number among them.
     label = keep.nonzero()[:, 0]
-    compact = (keep.cumsum(0) - 1)[run_label[kept]]
+    compact = (keep.cumsum(0) - 1)[run_label[kept_runs]]
     index = torch.arange(len(compact), device=compact.device)
     zeros = torch.zeros_like(label)
     begin = zeros.scatter_reduce(0, compact, index, "amin", include_self=False)
@@ -375,7 +378,7 @@ def collect_blobs(
     down = row - row[begin][number]
     height = int(down.max()) + 1 if len(down) else 1
     cell = number * height + down
-    ends = [(one - left[number]).to(torch.int16) for one in (start, end)]
+    ends = [(side - left[number]).to(torch.int16) for side in (start, end)]
     empty = torch.zeros(len(label) * height, dtype=torch.int16, device=row.device)
     first = empty.scatter_reduce(0, cell, ends[0], "amin", include_self=False).view(
         -1, height

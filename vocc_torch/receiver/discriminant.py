@@ -98,8 +98,8 @@ def checked_samples(
     flat = rows.detach().reshape(-1, n_features)
     if len(beyond := (~(flat.abs() <= LARGEST)).nonzero()):
         sample, column = beyond[0].tolist()
-        given = f"features holds {flat[sample, column]:g} in feature {column} (sample {sample})"
-        raise VoccError(f"{given}: it must be finite, at most {LARGEST:g} in size")
+        refusal = f"features holds {flat[sample, column]:g} in feature {column} (sample {sample})"
+        raise VoccError(f"{refusal}: it must be finite, at most {LARGEST:g} in size")
     return rows, bits == 1
 
 
@@ -158,7 +158,7 @@ class ClassScatter(Batched):
     @classmethod
     def stacked(cls, sets: Sequence[Self], batch: Sequence[int]) -> Self:
         """Stack the statistics of several training sets into one batch of shape ``batch``."""
-        parts = ([getattr(one, name) for one in sets] for name in cls.__slots__)
+        parts = ([getattr(scatter, name) for scatter in sets] for name in cls.__slots__)
         return cls(
             *(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts)
         )
@@ -247,8 +247,8 @@ def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
     centred = relative - relative.mean(dim=0)
     # What is left of the mean is rounding, and refines it.
     mean = first + (relative.mean(dim=0) + centred.mean(dim=0))
-    whole = len(rows) // _BLOCK * _BLOCK
-    blocks, tail = centred[:whole].reshape(-1, _BLOCK, features), centred[whole:]
+    full = len(rows) // _BLOCK * _BLOCK
+    blocks, tail = centred[:full].reshape(-1, _BLOCK, features), centred[full:]
     return mean, (blocks.mT @ blocks).sum(dim=0) + tail.mT @ tail
 
 
@@ -308,9 +308,11 @@ class Discriminant(NamedTuple):
         separated = outside > torch.maximum(
             GAP_LIMIT * gap.detach().norm(dim=-1), noise
         )
-        kept = ~(null.unsqueeze(-1) | null.unsqueeze(-2))
+        regular = ~(null.unsqueeze(-1) | null.unsqueeze(-2))
         system = torch.where(
-            kept, basis.mT @ within @ basis, torch.diag_embed(floor.expand_as(values))
+            regular,
+            basis.mT @ within @ basis,
+            torch.diag_embed(floor.expand_as(values)),
         )
         along = torch.where(null & ~separated.unsqueeze(-1), 0.0, along)
         solution = (basis @ torch.linalg.solve(system, along.unsqueeze(-1))).squeeze(-1)
@@ -407,17 +409,17 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
             "a tensor of shape (..., samples, features)",
         )
     rows, on = checked_samples(features, bits, features.shape[-1])
-    for name, there in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
-        if missing := (~there.any(dim=-1)).nonzero().tolist():
+    for name, absent in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
+        if missing := (~absent.any(dim=-1)).nonzero().tolist():
             place = f" in set {', '.join(map(str, missing[0]))}" if missing[0] else ""
             raise VoccError(
                 f"bits has no {name} sample{place}: a discriminant needs both"
             )
     places = itertools.product(*map(range, shape[:-2]))
-    seen = ClassScatter.stacked(
+    scatter = ClassScatter.stacked(
         [ClassScatter.of_rows(rows[at], on[at]) for at in places], shape[:-2]
     )
-    rule, complaint = Discriminant.of(seen.checked())
+    rule, complaint = Discriminant.of(scatter.checked())
     if complaint:
         warnings.warn(f"discriminant: {complaint}", FLDAWarning, stacklevel=2)
     return rule

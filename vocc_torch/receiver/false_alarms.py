@@ -64,10 +64,10 @@ class FalseAlarms:
                 "frames", len(maxima), f"at least {_LEAST_FRAMES} to calibrate on"
             )
         ordered = maxima.double().sort(descending=True).values
-        first, *more = (round(share * len(ordered)) for share in _SHARES)
-        counts = (max(10, first), *(one for one in more if one >= _LEAST_ABOVE))
+        first, *ranks = (round(share * len(ordered)) for share in _SHARES)
+        counts = (max(10, first), *(rank for rank in ranks if rank >= _LEAST_ABOVE))
         # A floor that is no score tells nothing of those above it.
-        above = tuple(one for one in counts if ordered[one].isfinite())
+        above = tuple(count for count in counts if ordered[count].isfinite())
         if not above:
             scored = int(ordered.isfinite().sum())
             raise VoccError.of(
@@ -75,7 +75,7 @@ class FalseAlarms:
                 f"{scored} scores",
                 f"{counts[-1] + 1} at least to calibrate on",
             )
-        floors = tuple(float(ordered[one]) for one in above)
+        floors = tuple(float(ordered[score]) for score in above)
         scale = max(float((ordered[: above[-1]] - floors[-1]).mean()), 1e-6)
         return cls(
             locator, shape.rows, shape.columns, len(ordered), above, floors, scale
@@ -111,7 +111,7 @@ class FalseAlarms:
 
 def write_table(path: Path, rows: Sequence[FalseAlarms]) -> None:
     """Write a table, a row a locator and shape; of several numbers a row has one text."""
-    names = [one.name for one in fields(FalseAlarms)]
+    names = [attribute.name for attribute in fields(FalseAlarms)]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
@@ -160,9 +160,9 @@ def calibrated(
     Smaller panels give more false alarms at a score, so what it states is too high rather than too low.
     """
     rows = [
-        one
-        for one in read_table(path)
-        if one.locator == locator and one.rows * one.columns <= shape.leds
+        row
+        for row in read_table(path)
+        if row.locator == locator and row.rows * row.columns <= shape.leds
     ]
     return max(rows, key=lambda one: one.rows * one.columns) if rows else None
 
@@ -176,7 +176,7 @@ def demand_stated(locator: str, shape: PanelShape) -> FalseAlarms:
     if found := calibrated(locator, shape):
         return found
     least = min(
-        (one.rows * one.columns for one in read_table() if one.locator == locator),
+        (row.rows * row.columns for row in read_table() if row.locator == locator),
         default=0,
     )
     rule = f"of at least {least} LEDs for receiver.locator={locator}, which states no false alarms of fewer"

@@ -25,12 +25,12 @@ MOST_GREY = 1e9
 def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
     """Return K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
     samples = patches.shape[-1] // (shape.columns + 2)
-    wanted = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
-    if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
-        given = f"patches has shape {tuple(patches.shape)}"
+    expected = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
+    if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != expected:
+        refusal = f"patches has shape {tuple(patches.shape)}"
         rule = f"(B,1,{shape.rows + 2}K,{shape.columns + 2}K), K at least 1"
         raise VoccError(
-            f"{given}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}"
+            f"{refusal}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}"
         )
     if not patches.is_floating_point():
         raise VoccError(f"patches has dtype {patches.dtype}: it must be floating")
@@ -52,11 +52,11 @@ def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
     if not is_exporting() and greys.numel():
         low, high = (float(end) for end in greys.detach().aminmax())
         if not (low >= 0 and high <= MOST_GREY):
-            held = (
+            range_text = (
                 "NaN" if math.isnan(low + high) else f"values from {low:g} to {high:g}"
             )
             raise VoccError(
-                f"{name} holds {held}: grey values must be finite, 0 to {MOST_GREY:g}"
+                f"{name} holds {range_text}: grey values must be finite, 0 to {MOST_GREY:g}"
             )
     return greys
 
@@ -306,9 +306,9 @@ def led_features(
         )
     if means is not None:
         levels = torch.cat([means[:, None, 1:-1, 1:-1], _around(means)], dim=1)
-        own, around = _ratio_to_panel(levels, means).unbind(1)
+        ratio, around = _ratio_to_panel(levels, means).unbind(1)
         agr, ngr = (
-            (own if "agr" in needed else agr),
+            (ratio if "agr" in needed else agr),
             (around if "ngr" in needed else ngr),
         )
     return torch.stack([agr, gri, ngr], dim=-1)

@@ -105,9 +105,9 @@ class FLDA(torch.nn.Module):
                 forgotten.
         """
         with torch.inference_mode(False), torch.no_grad():
-            seen = ClassScatter.of(features, bits, self.n_features).checked()
-        _require_both(seen)
-        self._store(seen)
+            scatter = ClassScatter.of(features, bits, self.n_features).checked()
+        _require_both(scatter)
+        self._store(scatter)
         self._solved()
         return self
 
@@ -179,9 +179,9 @@ class FLDA(torch.nn.Module):
         scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
         if not are_finite(scores):
             stray = scores[~scores.isfinite()]
-            given = "features holds a value that is not finite, or too far from the training set"
+            refusal = "features holds a value that is not finite, or too far from the training set"
             raise VoccError(
-                f"{given}: its score is {stray[0].item():g}, neither On nor Off"
+                f"{refusal}: its score is {stray[0].item():g}, neither On nor Off"
             )
         return scores
 
@@ -215,9 +215,9 @@ class FLDA(torch.nn.Module):
             # Normal tensors even inside inference_mode, so that the kept solution can serve autograd later.
             # Solved on the host: a few numbers, and the same direction on whatever device scores are wanted.
             with torch.inference_mode(False), torch.no_grad():
-                seen = self.statistics.to(torch.device("cpu")).checked()
-                _require_both(seen)
-                solution, complaint = Discriminant.of(seen)
+                statistics = self.statistics.to(torch.device("cpu")).checked()
+                _require_both(statistics)
+                solution, complaint = Discriminant.of(statistics)
             if complaint:
                 warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
             self._solution = Discriminant(
@@ -230,13 +230,16 @@ class FLDA(torch.nn.Module):
     ) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
         # There are no modules within to recurse into.
-        kept, solution = (
+        before, solution = (
             self.statistics,
             self._solution,
         )
         super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
-        if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
-            self._store(kept)
+        if (self.count.dtype, self.mean.dtype) != (
+            before.count.dtype,
+            before.mean.dtype,
+        ):
+            self._store(before)
         if solution is not None:
             self._solution = Discriminant(
                 *(value.to(self.mean.device) for value in solution)

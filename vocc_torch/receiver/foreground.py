@@ -63,9 +63,9 @@ def trimmed(frames: Frames) -> Frames:
         ([[48, 96]], (24, 48), [9])
     """
     grey, (height, width) = frames.grey, frames.grey.shape[-2:]
-    whole = frames.surround is None and frames.sensor_px == (height, width)
+    complete = frames.surround is None and frames.sensor_px == (height, width)
     if (
-        not whole
+        not complete
         or not len(frames)
         or grey.device.type != "cpu"
         or height * width < REGION.large_frame_px
@@ -148,7 +148,9 @@ def histogram256(grey: Tensor) -> Tensor:
         return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
     # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
     if pixels.shape[1] >= REGION.counted_px or frames == 1:
-        return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
+        return torch.stack(
+            [torch.bincount(pixel, minlength=_LEVELS) for pixel in pixels]
+        )
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
     return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(
         frames, _LEVELS
@@ -344,10 +346,10 @@ def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
         )
         high, wide = (-(-side // BLOCK_PX) for side in grey.shape[-2:])
         means = level.repeat(1, high, wide)
-        for one, part, (x, y) in zip(
+        for mean, part, (x, y) in zip(
             means, inside, (crop.origin_px // BLOCK_PX).tolist(), strict=True
         ):
-            one[y : y + size[0], x : x + size[1]] = part
+            mean[y : y + size[0], x : x + size[1]] = part
         # Too little differs to move any median.
         tall, broad = (_tiles(blocks, grey.device).shape[1] for blocks in (high, wide))
         if 2 * size[0] * size[1] < tall * broad - 1:
@@ -382,8 +384,8 @@ def bright_regions(grey: Tensor) -> Regions:
         excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0]
     )
     line = (runs.frame * runs.size[1] + runs.row) * runs.size[2]
-    own = total[line + runs.end + 1] - total[line + runs.start]
-    energy = own.new_zeros(labels).scatter_add(0, components.label, own)
+    sums = total[line + runs.end + 1] - total[line + runs.start]
+    energy = sums.new_zeros(labels).scatter_add(0, components.label, sums)
     chosen = largest(energy, components.frame, REGION.most_regions)
     boxes = []
     for values, how in (

@@ -143,10 +143,10 @@ def read_cells(
     x, y = (x - left).astype(np.float32), (y - top).astype(np.float32)
     flat, first = grey.reshape(-1), top * grey.shape[1] + left
     below = first + grey.shape[1]
-    one, two, three, four = (
+    upper_left, two, three, four = (
         LIGHT_OF_GREY[flat[place]] for place in (first, first + 1, below, below + 1)
     )
-    upper, lower = one + (two - one) * x, three + (four - three) * x
+    upper, lower = upper_left + (two - upper_left) * x, three + (four - three) * x
     light: Plane = upper + (lower - upper) * y
     return light.reshape(len(down), len(across))
 
@@ -234,21 +234,21 @@ def fit(
         lit = from_rows @ patch @ from_columns.T
         lit = lit if level else _two_levels(lit)
         if step == steps:
-            rest = patch - rows @ _two_levels(lit) @ columns.T
+            residual = patch - rows @ _two_levels(lit) @ columns.T
             all_of_it = float((patch**2).sum())
             # Of noise so many amplitudes explain a share by chance.
             pixels = (
-                rest.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds)
+                residual.size * min(1.0, abs(area(corners)) / SAMPLES**2 / shape.leds)
                 if level
                 else math.inf
             )
             if all_of_it > 1e-6 and pixels > shape.leds:
-                share = 1 - float((rest**2).sum()) / all_of_it / (
+                share = 1 - float((residual**2).sum()) / all_of_it / (
                     1 - shape.leds / pixels
                 )
             break
         half = rows @ lit
-        rest = patch - half @ columns.T
+        residual = patch - half @ columns.T
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
         jacobian[:4], jacobian[4:8], jacobian[8] = fields * by_x, fields * by_y, wider
@@ -256,9 +256,9 @@ def fit(
             jacobian -= rows @ (from_rows @ jacobian @ from_columns.T) @ columns.T
         slopes = jacobian.reshape(9, -1)
         damping = np.array([*costs[:4] * 2, costs[4]]) * max(
-            float((rest**2).mean()), 1e-2
+            float((residual**2).mean()), 1e-2
         )
-        pull = slopes @ rest.ravel() - damping * np.append(moved, 0.0)
+        pull = slopes @ residual.ravel() - damping * np.append(moved, 0.0)
         moves = np.linalg.solve(slopes @ slopes.T + np.diag(damping), pull)
         moves *= min(1.0, FIT.most_cells / max(float(np.abs(moves).max()), 1e-9))
         moved = moved + moves[:8]
@@ -297,8 +297,8 @@ def settled(
     if known is None:
         moved, blur, share = max(
             (
-                fit(grey, corners, shape, one, FIT.steps_at_first, level=False)
-                for one in BLURS
+                fit(grey, corners, shape, blur, FIT.steps_at_first, level=False)
+                for blur in BLURS
             ),
             key=lambda one: one[2],
         )

@@ -26,8 +26,8 @@ Settings = dict[str, Any]
 
 def _checksum(content: Mapping[str, object]) -> str:
     """Hash everything but the checksum itself, in a canonical form."""
-    rest = {key: value for key, value in content.items() if key != "sha256"}
-    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+    signed = {key: value for key, value in content.items() if key != "sha256"}
+    text = json.dumps(signed, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -64,17 +64,17 @@ def arrays_as_json(state: Mapping[str, torch.Tensor]) -> Settings:
     """
     arrays: Settings = {}
     for name, value in state.items():
-        given = value.detach().cpu().contiguous().numpy()
-        if str(given.dtype) not in _DTYPES:
+        array = value.detach().cpu().contiguous().numpy()
+        if str(array.dtype) not in _DTYPES:
             raise VoccError(
-                f"the classifier's {name} is {given.dtype}: a model holds {', '.join(_DTYPES)}"
+                f"the classifier's {name} is {array.dtype}: a model holds {', '.join(_DTYPES)}"
             )
         # Little-endian, whatever the machine.
-        raw = given.astype(given.dtype.newbyteorder("<")).tobytes()
+        raw = array.astype(array.dtype.newbyteorder("<")).tobytes()
         data = base64.b64encode(raw).decode()
         arrays[name] = {
-            "dtype": str(given.dtype),
-            "shape": list(given.shape),
+            "dtype": str(array.dtype),
+            "shape": list(array.shape),
             "base64": data,
         }
     return arrays

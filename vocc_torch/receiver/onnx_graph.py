@@ -54,11 +54,11 @@ class TensorReceiver(torch.nn.Module):
     def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
         """Give what ``READ`` names of (B,H,W) frames at (B,4,2) corners; without those ``FOUND`` too."""
         frames, *corners = given
-        seen = self.receiver(
+        decoded = self.receiver(
             Frames.whole(frames), Panels.known(corners[0]) if corners else None
         )
-        read = seen.bits, seen.scores, seen.llr
-        return read if corners else (*read, seen.corners_px, seen.found)
+        read = decoded.bits, decoded.scores, decoded.llr
+        return read if corners else (*read, decoded.corners_px, decoded.found)
 
 
 def write_graph(
@@ -103,28 +103,28 @@ def write_graph(
         )
         return op.ReduceSum(op.Cast(below, to=onnxscript.INT64.dtype), last, keepdims=0)
 
-    given = (frames,) if corners_px is None else (frames, corners_px)
+    inputs = (frames,) if corners_px is None else (frames, corners_px)
     batch, height, width = (
         torch.export.Dim(name, min=1) for name in ("batch", "height", "width")
     )
-    sizes = ({0: batch, 1: height, 2: width}, {0: batch})[: len(given)]
+    sizes = ({0: batch, 1: height, 2: width}, {0: batch})[: len(inputs)]
     function, disabled = TensorReceiver(receiver), logging.root.manager.disable
     with torch.no_grad(), warnings.catch_warnings():
         # What its parts work out once and keep is numbers from then on.
-        function(*given)
+        function(*inputs)
         warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
         try:
             program = torch.export.export(
-                function, given, dynamic_shapes={"given": sizes}, strict=False
+                function, inputs, dynamic_shapes={"given": sizes}, strict=False
             )
             drawn: Any = torch.onnx.export(
                 program,
                 dynamo=True,
                 verbose=False,
                 opset_version=18,
-                input_names=("frames", "corners")[: len(given)],
-                output_names=READ if len(given) == 2 else READ + FOUND,
+                input_names=("frames", "corners")[: len(inputs)],
+                output_names=READ if len(inputs) == 2 else READ + FOUND,
                 custom_translation_table={
                     aten.searchsorted.Tensor: searchsorted,
                     aten.bucketize.Tensor: lambda x, table, **how: searchsorted(
@@ -166,10 +166,10 @@ def read_graph(path: Path, threads: int = 0) -> Callable[..., list[Tensor]]:
     session = onnxruntime.InferenceSession(
         path, options, providers=["CPUExecutionProvider"]
     )
-    names = [one.name for one in session.get_inputs()]
+    names = [get_input.name for get_input in session.get_inputs()]
 
     def run(*given: Tensor) -> list[Tensor]:
-        fed = {name: one.numpy() for name, one in zip(names, given, strict=True)}
-        return [torch.from_numpy(one) for one in session.run(None, fed)]
+        fed = {name: tensor.numpy() for name, tensor in zip(names, given, strict=True)}
+        return [torch.from_numpy(array) for array in session.run(None, fed)]
 
     return run

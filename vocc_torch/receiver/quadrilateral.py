@@ -300,11 +300,14 @@ def measure_blobs(
         order, halves = np.argsort(heights, kind="stable"), []
         for rows in (order[: blobs // 2], order[blobs // 2 :]):
             tall = heights[rows[-1]]
-            given = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
-            halves.append(measure_blobs(*given, shape, limits))
+            runs = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
+            halves.append(measure_blobs(*runs, shape, limits))
         back = order.argsort()
         return Measures(
-            *(np.concatenate(both)[back] for both in zip(*halves, strict=True))
+            *(
+                np.concatenate(halves_of_side)[back]
+                for halves_of_side in zip(*halves, strict=True)
+            )
         )
     hull = convex_hull(first, last)
     area, perimeter = hull_area_and_perimeter(hull)

@@ -92,8 +92,8 @@ class Reader:
         )
         if samples > _MOST_SAMPLES:
             panel = f"a panel of {self.shape.rows} x {self.shape.columns} LEDs would have {samples} samples"
-            given = f"receiver.samples_per_led is {self.samples_per_led}"
-            raise VoccError(f"{given}: {panel}, at most 2^25 are allowed")
+            refusal = f"receiver.samples_per_led is {self.samples_per_led}"
+            raise VoccError(f"{refusal}: {panel}, at most 2^25 are allowed")
         if self.gradient not in get_args(Gradient):
             raise VoccError.of(
                 "receiver.gradient",
@@ -108,7 +108,7 @@ class Reader:
     @property
     def names(self) -> tuple[str, ...]:
         """The features that it measures, in their order."""
-        return *FEATURE_NAMES, *(one.name for one in self.more)
+        return *FEATURE_NAMES, *(plug_in.name for plug_in in self.more)
 
     def read(self, frames: Frames, panels: Panels) -> Readings:
         """Measure every LED of B frames with located panels; one not found reads finite, without meaning.
@@ -131,8 +131,8 @@ class Reader:
             VoccError: takes that do not fit each other or the panels, corners that are not finite, or at a
                 panel in floating frames what is no grey value, NaN or negative.
         """
-        first, *rest = self.rectify(takes, panels)
-        others = zip(takes[1:], rest, strict=True)
+        first, *rectified = self.rectify(takes, panels)
+        others = zip(takes[1:], rectified, strict=True)
         greys = [
             self.measure(take, panels, patch, _GREYS).greys for take, patch in others
         ]
@@ -196,14 +196,14 @@ class Reader:
         Raises:
             VoccError: what :meth:`read_takes` refuses, or a feature from outside that fails.
         """
-        needed = {*MEASURED, *self.names} if needed is None else needed
+        names = {*MEASURED, *self.names} if needed is None else needed
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
         with without_autocast(frames.grey.device):
             count = frames.grey.shape[0]
             features = average = centre = sizes[0].new_zeros(
                 count, shape.rows, shape.columns
             )
-            if "centre" in needed:
+            if "centre" in names:
                 centre = centre_greys(frames, panels, shape)
             if patches is None:
                 features = features[..., None].expand(-1, -1, -1, len(self.names))
@@ -211,15 +211,16 @@ class Reader:
             else:
                 means = (
                     cell_means(patches, shape)
-                    if {"agr", "ngr", "average"} & {*needed}
+                    if {"agr", "ngr", "average"} & {*names}
                     else None
                 )
                 features = led_features(
-                    patches, means, shape, *sizes, self.gradient, needed
+                    patches, means, shape, *sizes, self.gradient, names
                 ).double()
                 average = average if means is None else means[:, 1:-1, 1:-1]
                 others = [
-                    self._outside(one, patches, one.name in needed) for one in self.more
+                    self._outside(plug_in, patches, plug_in.name in names)
+                    for plug_in in self.more
                 ]
                 features = (
                     torch.cat([features, *others], dim=-1) if others else features
@@ -238,22 +239,22 @@ class Reader:
         if not wanted:
             return patches.new_zeros(*size, 1, dtype=torch.float64)
         try:
-            given = feature.made(patches, self.shape)
+            values = feature.made(patches, self.shape)
         except (Exception, SystemExit) as error:
             raise VoccError(
                 f"feature {feature.name} failed ({one_line(error)})"
             ) from error
         if (
-            not isinstance(given, Tensor)
-            or given.shape != size
-            or not holds(given.isfinite())
+            not isinstance(values, Tensor)
+            or values.shape != size
+            or not holds(values.isfinite())
         ):
             got = (
-                tuple(given.shape)
-                if isinstance(given, Tensor)
-                else type(given).__name__
+                tuple(values.shape)
+                if isinstance(values, Tensor)
+                else type(values).__name__
             )
             raise VoccError(
                 f"feature {feature.name} gave {got}: it must give finite numbers of shape {size}"
             )
-        return given.to(torch.float64).unsqueeze(-1)
+        return values.to(torch.float64).unsqueeze(-1)

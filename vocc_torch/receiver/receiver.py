@@ -143,9 +143,9 @@ class StagedReceiver:
     ) -> dict[str, torch.Tensor]:
         """Run all stages; location is left out where the panels are known."""
         frames = Frames.of(frames)
-        where = self.locate(frames) if panels is None else panels
+        located = self.locate(frames) if panels is None else panels
         return self.decide(
-            self.measure(frames, where, self.rectify(frames, where)), preambles
+            self.measure(frames, located, self.rectify(frames, located)), preambles
         )
 
 
@@ -228,7 +228,7 @@ class Receiver(torch.nn.Module):
         with torch.inference_mode():
             decoded = self.forward(Frames.of(images, "images"))
         # Copies, for tensors made in inference mode take no part in autograd.
-        return Decoded(*(one.clone() for one in decoded))
+        return Decoded(*(batch.clone() for batch in decoded))
 
     def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
         """Read up to ``most`` panels of each image: the image of each panel, and what was read of it.
@@ -247,7 +247,7 @@ class Receiver(torch.nn.Module):
                 len(frames), self.locator.most_false_alarms, most
             )
             decoded = self.forward(frames[whose], panels)
-        return whose.tolist(), Decoded(*(one.clone() for one in decoded))
+        return whose.tolist(), Decoded(*(batch.clone() for batch in decoded))
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
@@ -260,19 +260,19 @@ class Receiver(torch.nn.Module):
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
         frames, stages = Frames.of(frames), self.stages
-        where = stages.locate(frames) if panels is None else panels
+        located = stages.locate(frames) if panels is None else panels
         readings = stages.measure(
-            frames, where, stages.rectify(frames, where), ("average",)
+            frames, located, stages.rectify(frames, located), ("average",)
         )
-        found = where.found.view(-1, 1, 1)
+        found = located.found.view(-1, 1, 1)
         scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found
-        judged = where.corners_px, where.found, where.score, where.candidates
+        judged = located.corners_px, located.found, located.score, located.candidates
         llr = scores if self.calibration is None else self.calibration(scores)
         stated = (
-            where.false_alarms
-            if isinstance(where, StatedPanels)
-            else torch.full_like(where.score, torch.nan)
+            located.false_alarms
+            if isinstance(located, StatedPanels)
+            else torch.full_like(located.score, torch.nan)
         )
         return Decoded(bits, scores, *judged, llr * found, appearance(readings), stated)
 
@@ -311,19 +311,21 @@ class Receiver(torch.nn.Module):
             "samples_per_led": self.reader.samples_per_led,
             "gradient": self.reader.gradient,
         }
-        seen = [
-            one.settings
-            for one in self.reader.more
-            if one.name in self.decider.features
+        features = [
+            feature.settings
+            for feature in self.reader.more
+            if feature.name in self.decider.features
         ]
-        settings["features"] = seen
+        settings["features"] = features
         settings["locator"] = locator_settings(self.locator)
         settings["trained_on"] = self.trained_on
         settings["calibration"] = (
             None if self.calibration is None else asdict(self.calibration)
         )
-        own, arrays = self.decider.model()
-        write_model(Path(path), settings | ({"classifier": own} if own else {}), arrays)
+        decider, arrays = self.decider.model()
+        write_model(
+            Path(path), settings | ({"classifier": decider} if decider else {}), arrays
+        )
 
     @classmethod
     def load(cls, path: str | Path, plug_ins: Sequence[str] = ()) -> Self:
@@ -341,33 +343,36 @@ class Receiver(torch.nn.Module):
         demand_kind("path", path, str, Path)
         settings, state = read_model(Path(path))
         try:
-            more = [
-                PlugIn.admitted("receiver.features", one, plug_ins)
-                for one in settings.get("features", [])
+            features = [
+                PlugIn.admitted("receiver.features", feature, plug_ins)
+                for feature in settings.get("features", [])
             ]
             shape = PanelShape(settings["rows"], settings["columns"])
             reader = Reader(
-                shape, settings["samples_per_led"], settings["gradient"], tuple(more)
+                shape,
+                settings["samples_per_led"],
+                settings["gradient"],
+                tuple(features),
             )
             locator, name = (
                 locator_from(settings["locator"], plug_ins),
                 settings["name"],
             )
-            worth, ranges = (
+            scale, ranges = (
                 settings.get("calibration"),
                 settings.get("trained_on") or {},
             )
-            calibration = None if worth is None else Calibration.read(worth)
+            calibration = None if scale is None else Calibration.read(scale)
             trained_on = {
-                one: (float(ranges[one][0]), float(ranges[one][1]))
-                for one in APPEARANCE
+                quantity: (float(ranges[quantity][0]), float(ranges[quantity][1]))
+                for quantity in APPEARANCE
                 if ranges
             }
-            own = settings.get("classifier")
+            classifier = settings.get("classifier")
             decider = (
                 flda_decider(name, state)
-                if own is None
-                else plugged.loaded(own, state, plug_ins)
+                if classifier is None
+                else plugged.loaded(classifier, state, plug_ins)
             )
             return cls(name, locator, reader, decider, calibration, trained_on)
         except (

@@ -205,12 +205,12 @@ def _read(
     ):
         from_first = begin[:, axis, None, None].to(x.dtype)
         places = places.clamp(-1 - from_first, size - 1 - from_first)
-        whole = places.detach().floor()
+        corner = places.detach().floor()
         first = (
-            (-1 - from_first) if is_exporting() else whole.amin((1, 2), keepdim=True)
+            (-1 - from_first) if is_exporting() else corner.amin((1, 2), keepdim=True)
         )
-        wholes.append(whole - first)
-        shares.append(places - whole)
+        wholes.append(corner - first)
+        shares.append(places - corner)
         firsts.append((first + from_first)[:, 0, 0])
     windows = _windows(frames, rows, firsts, wholes).to(x.dtype)
     if turned:
@@ -262,9 +262,9 @@ def _windows(
     columns, lines = (
         (
             first.long()[:, None]
-            + torch.arange(int(whole.amax()) + 2, device=rows.device)
+            + torch.arange(int(count.amax()) + 2, device=rows.device)
         ).clamp(0, size - 1)
-        for first, whole, size in zip(firsts, wholes, (width, height), strict=True)
+        for first, count, size in zip(firsts, wholes, (width, height), strict=True)
     )
     index = ((rows[:, None] * height + lines) * width)[..., None] + columns[:, None]
     return frames.grey.reshape(-1).take(index)

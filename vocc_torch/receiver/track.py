@@ -133,13 +133,13 @@ class Track:
             # The least of all shifts by a line: where the corners slip, what stands still changes as well.
             before = sliding_window_view(self.on, inside.shape)
             changed = float((before != on[1:-1, 1:-1]).mean((2, 3)).min())
-            told = changed * math.log(
+            evidence = changed * math.log(
                 TRACK.change_share / TRACK.clutter_change_share
             ) + (1 - changed) * math.log(
                 (1 - TRACK.change_share) / (1 - TRACK.clutter_change_share)
             )
             self.flicker += min(
-                max(inside.size * told, TRACK.frame_log_odds[0]),
+                max(inside.size * evidence, TRACK.frame_log_odds[0]),
                 TRACK.frame_log_odds[1],
             )
             self.flicker = max(self.flicker, STANDS)
@@ -174,13 +174,14 @@ class Track:
         leds /= TRACK.level_spread
         off *= off
         np.minimum(off, TRACK.most_deviation2, out=off)
-        worth: Plane = -TRACK.trust / 2 * off.sum((0, 1))
-        places = (np.arange(len(worth)) - len(worth) // 2) * step
+        likelihood: Plane = -TRACK.trust / 2 * off.sum((0, 1))
+        places = (np.arange(len(likelihood)) - len(likelihood) // 2) * step
         across, down = (
-            (places + one) ** 2 / 2 / (self.spread * self.misses) for one in apart
+            (places + distance) ** 2 / 2 / (self.spread * self.misses)
+            for distance in apart
         )
-        worth -= down[:, None] + across
-        return worth
+        likelihood -= down[:, None] + across
+        return likelihood
 
     def place(self, shape: PanelShape) -> None:
         """Move by a line of LEDs where spots have stood out; what is around stands still at first."""
@@ -258,10 +259,10 @@ class Track:
             cell_levels(light, shape)[..., ::SAMPLES, ::SAMPLES],
             spot_energy(light),
         )
-        worth = self.likely(
+        likelihood = self.likely(
             levels, (corners - expected).mean(0) / before, 1.0
         ) + _inside(energy, shape)
-        y, x = divmod(int(worth.argmax()), 3)
+        y, x = divmod(int(likelihood.argmax()), 3)
         corners = _by_cells(corners, x - 1, y - 1, shape)
         self.energy = self.energy + TRACK.energy_learned * (
             np.roll(energy, (1 - y, 1 - x), (0, 1)) - self.energy

@@ -78,41 +78,43 @@ class Tracker:
         Raises:
             VoccError: no frame, several, or one of another type or with colours.
         """
-        one = Frames.of(frame, "frame")
-        if len(one) != 1:
-            raise VoccError.of("frame", f"{len(one)} frames", "one at a time, (H,W)")
-        plane: NDArray[np.uint8] = one.grey[0, 0].cpu().numpy()
-        seen = [track for track in self.tracks if track.follow(plane, self.shape)]
-        for track in seen:
+        frames = Frames.of(frame, "frame")
+        if len(frames) != 1:
+            raise VoccError.of("frame", f"{len(frames)} frames", "one at a time, (H,W)")
+        plane: NDArray[np.uint8] = frames.grey[0, 0].cpu().numpy()
+        followed = [track for track in self.tracks if track.follow(plane, self.shape)]
+        for track in followed:
             if track.sure and track.number < 0:
                 self._admit(track)
-        seen = _apart([track for track in seen if track.sure])
+        followed = _apart([track for track in followed if track.sure])
         # What is watched stays while it is followed and there is no panel; panels while not missed for long.
         self.tracks = [
-            one
-            for one in self.tracks
-            if one in seen
+            track
+            for track in self.tracks
+            if track in followed
             or (
-                0 < one.misses <= self.patience
-                if one.sure
-                else not (seen or one.misses)
+                0 < track.misses <= self.patience
+                if track.sure
+                else not (followed or track.misses)
             )
         ]
         self._since += 1
         # All the time while nothing is followed, and soon where something is missed.
-        missed = len(seen) < sum(track.sure for track in self.tracks)
-        if not seen or self._since >= self.every or (missed and self._since >= 3):
+        missed = len(followed) < sum(track.sure for track in self.tracks)
+        if not followed or self._since >= self.every or (missed and self._since >= 3):
             self._since, self.searches = 0, self.searches + 1
-            met = [self._anchored(plane, *one) for one in self._found(plane)]
+            met = [self._anchored(plane, *track) for track in self._found(plane)]
             for track in self.tracks:
                 track.doubts = 0 if not any(met) or track in met else track.doubts + 1
             self.tracks = [
                 track for track in self.tracks if track.doubts <= _MOST_DOUBTS
             ]
-            seen = [
-                one for one in self.tracks if one.sure and (one in seen or one in met)
+            followed = [
+                track
+                for track in self.tracks
+                if track.sure and (track in followed or track in met)
             ]
-        return sorted(seen, key=lambda track: track.number)
+        return sorted(followed, key=lambda track: track.number)
 
     def panels(
         self, greys: Tensor, most: int = 1
@@ -126,20 +128,26 @@ class Tracker:
         """
         rows = []
         for i, plane in enumerate(greys):
-            seen = self(plane)
-            told = [
-                (one.number, True, one.corners.copy(), one.score, one.false_alarms)
-                for one in seen
+            tracks = self(plane)
+            answers = [
+                (
+                    track.number,
+                    True,
+                    track.corners.copy(),
+                    track.score,
+                    track.false_alarms,
+                )
+                for track in tracks
             ]
             none = (0, False, np.zeros((4, 2)), 0.0, math.nan)
-            rows += [(i, len(seen), *one) for one in told[:most] or [none]]
+            rows += [(i, len(tracks), *answer) for answer in answers[:most] or [none]]
         whose, many, numbers, found, corners, *judged = zip(*rows, strict=True)
-        score, alarms = (torch.tensor(one, dtype=torch.float64) for one in judged)
-        where = torch.from_numpy(np.stack(corners)), torch.tensor(found)
+        score, alarms = (torch.tensor(answer, dtype=torch.float64) for answer in judged)
+        places = torch.from_numpy(np.stack(corners)), torch.tensor(found)
         return (
             list(whose),
             list(numbers),
-            StatedPanels(*where, score, torch.tensor(many), alarms),
+            StatedPanels(*places, score, torch.tensor(many), alarms),
         )
 
     def _admit(self, track: Track) -> None:
@@ -156,12 +164,12 @@ class Tracker:
         if not self.locator.finds_several:
             found = found[:1]
         sure = ~(found.false_alarms > self.locator.most_false_alarms)
-        given = (part.tolist() for part in (found.score, found.false_alarms, sure))
-        rows = zip(found.corners_px.cpu().numpy(), *given, strict=True)
+        columns = (part.tolist() for part in (found.score, found.false_alarms, sure))
+        rows = zip(found.corners_px.cpu().numpy(), *columns, strict=True)
         for corners, score, alarms, good in sorted(rows, key=lambda row: not row[3]):
             cell = min(
-                float(one)
-                for one in cell_size_px(torch.from_numpy(corners)[None], self.shape)
+                float(size)
+                for size in cell_size_px(torch.from_numpy(corners)[None], self.shape)
             )
             if cell >= 1:
                 yield corners, score, alarms, good
@@ -190,8 +198,8 @@ class Tracker:
         if share < LEAST_TO_BEGIN:
             return None
         for track in self.tracks:
-            there = track.corners + track.motion * track.misses
-            if float(np.linalg.norm(there.mean(0) - middle)) < reach:
+            expected = track.corners + track.motion * track.misses
+            if float(np.linalg.norm(expected.mean(0) - middle)) < reach:
                 if good:
                     track.score, track.false_alarms = score, alarms
                 if not good or (
@@ -220,9 +228,12 @@ class Tracker:
 
 def _apart(tracks: list[Track]) -> list[Track]:
     """Leave of tracks that lie on one panel the one of the lowest number."""
-    kept: list[Track] = []
+    distinct: list[Track] = []
     for track in sorted(tracks, key=lambda one: (one.doubts, one.number)):
         middle, reach = track.corners.mean(0), math.sqrt(abs(area(track.corners))) / 2
-        if all(np.linalg.norm(one.corners.mean(0) - middle) >= reach for one in kept):
-            kept.append(track)
-    return kept
+        if all(
+            np.linalg.norm(other.corners.mean(0) - middle) >= reach
+            for other in distinct
+        ):
+            distinct.append(track)
+    return distinct

@@ -49,11 +49,11 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         demand_led_px(float(widest[near]), float(scene.distance_m[near]))
         far = int(farthest.argmax())
         names = ("offset_x_m", "offset_y_m", "distance_m")
-        given = ", ".join(
+        values = ", ".join(
             f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names
         )
         rule = f"the panel's image must lie within {FARTHEST_PX:g} px"
-        raise VoccError(f"{given}: {rule}, and this reaches {float(farthest[far]):g}")
+        raise VoccError(f"{values}: {rule}, and this reaches {float(farthest[far]):g}")
 
 
 def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
@@ -164,9 +164,9 @@ def crop_size_px(
     for effect in effects:
         with effect.blamed():
             size = effect.size_in_px(size, camera, nearest_m)
-            own = effect.reach_in_px(camera, nearest_m)
+            effect_reach = effect.reach_in_px(camera, nearest_m)
         reach += whole_number(
-            f"scene.effects.{effect.name}.reach_in_px", own, 0, MOST_PIXELS
+            f"scene.effects.{effect.name}.reach_in_px", effect_reach, 0, MOST_PIXELS
         )
     margin, sides = 2 * reach, zip(size, camera.sensor_px, strict=True)
     height, width = (
@@ -255,7 +255,9 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
     """
     if not (
         names := [
-            f"scene.effects.{one.name}" for one in batch.context.effects if one.target
+            f"scene.effects.{effect.name}"
+            for effect in batch.context.effects
+            if effect.target
         ]
     ):
         return
@@ -360,8 +362,8 @@ class Batch:
         )
         if size != self.size:
             inset = [
-                whole // 2 - small // 2
-                for whole, small in zip(self.size, size, strict=True)
+                large // 2 - small // 2
+                for large, small in zip(self.size, size, strict=True)
             ]
             origin = origin + torch.tensor(inset[::-1], device=origin.device)
         part = replace(
@@ -411,24 +413,24 @@ def like_sized(
         members.setdefault(step, []).append(frame)
     ordered = [members[step] for step in sorted(members, reverse=True)]
     nearest = [min(distances[frame] for frame in group) for group in ordered]
-    tight = [tight_px(each) if each else size_px for each in nearest]
+    tight = [tight_px(distance) if distance else size_px for distance in nearest]
     sizes = [
         (min(height, size_px[0]), min(width, size_px[1])) for height, width in tight
     ]
-    worth = GROUP_PIXELS if apart.device.type == "cpu" else GROUP_PIXELS_ELSEWHERE
+    price = GROUP_PIXELS if apart.device.type == "cpu" else GROUP_PIXELS_ELSEWHERE
     groups: list[tuple[list[int], Size]] = []
     waiting: list[int] = []
     for index, group in enumerate(ordered):
-        waiting, own, larger = (
+        waiting, size, larger = (
             waiting + group,
             sizes[index],
             (*sizes[index + 1 :], None)[0],
         )
         if (
             larger is None
-            or len(waiting) * (math.prod(larger) - math.prod(own)) > worth
+            or len(waiting) * (math.prod(larger) - math.prod(size)) > price
         ):
-            groups.append((waiting, own))
+            groups.append((waiting, size))
             waiting = []
     return groups
 
@@ -460,8 +462,8 @@ def in_groups(
                 # The panel lies in the middle, so that every corner is beyond its light.
                 larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
                 top, left = (
-                    whole // 2 - small // 2
-                    for whole, small in zip(batch.size, size, strict=True)
+                    large // 2 - small // 2
+                    for large, small in zip(batch.size, size, strict=True)
                 )
                 larger[:, :, top : top + size[0], left : left + size[1]] = pictures
                 pictures = larger

@@ -69,7 +69,7 @@ def paint(
         for share in reflectances
     )
     background, surface, board = lit
-    there, look = housing.present(context), housing.look(context)
+    panel_present, look = housing.present(context), housing.look(context)
     has_board = panel.board_reflectance is not None and not housing.replaces_board(
         context
     )
@@ -86,14 +86,16 @@ def paint(
     else:
         under = canvas if behind else background.view(-1, 1, 1)
         boards = board_cover(context, size)
-        boards = boards if there is None else boards * there.view(-1, 1, 1)
+        boards = (
+            boards if panel_present is None else boards * panel_present.view(-1, 1, 1)
+        )
         canvas = canvas + boards * (board.view(-1, 1, 1) - under)
     stamps = list(led_stamps(context, size, look))
-    if there is not None:
-        kept = [there[stamp[-1] // leds] for stamp in stamps]
+    if panel_present is not None:
+        present_stamps = [panel_present[stamp[-1] // leds] for stamp in stamps]
         stamps = [
             (a[k], b[k], c[k], d[k])
-            for (a, b, c, d), k in zip(stamps, kept, strict=True)
+            for (a, b, c, d), k in zip(stamps, present_stamps, strict=True)
         ]
     added = surface - board if look is None else (surface - board) * look.visible
     if behind or before:
@@ -113,9 +115,9 @@ def paint(
             rows = top.unsqueeze(-1) + torch.arange(
                 cover.shape[-2], device=frame.device
             )
-            held = shares[frame.unsqueeze(-1), :, rows].transpose(1, 2)
+            coverage = shares[frame.unsqueeze(-1), :, rows].transpose(1, 2)
             shown = lights.transpose(0, 1).reshape(lights.shape[1], -1)[:, led].T
-            light = (shown.unsqueeze(-1) * held).sum(1).unsqueeze(-1)
+            light = (shown.unsqueeze(-1) * coverage).sum(1).unsqueeze(-1)
         raster.add_patches(
             canvas, cover * (light + added[frame].view(-1, 1, 1)), frame, left, top
         )
@@ -140,7 +142,7 @@ def _with_surfaces(
         return canvas
     x, y = (min(int(stamp[axis].min()) for stamp in stamps) for axis in (1, 2))
     right, bottom = (
-        max(int(one[axis].max()) + one[0].shape[-axis] for one in stamps)
+        max(int(stamp[axis].max()) + stamp[0].shape[-axis] for stamp in stamps)
         for axis in (1, 2)
     )
     covered = canvas.new_zeros(len(canvas), bottom - y, right - x)
@@ -148,8 +150,8 @@ def _with_surfaces(
         raster.add_patches(covered, cover, led // leds, left - x, top - y)
     drawn, part = canvas.clone(), (slice(None), slice(y, bottom), slice(x, right))
     behind = canvas[part]
-    seen = covered if look is None else covered * look.visible.view(-1, 1, 1)
-    drawn[part] = behind + seen * (
+    visible_cover = covered if look is None else covered * look.visible.view(-1, 1, 1)
+    drawn[part] = behind + visible_cover * (
         surface.view(-1, 1, 1) - (behind if hidden is None else hidden)
     )
     return drawn
@@ -208,13 +210,15 @@ def led_stamps(
     if upright:
         columns, rows = framing.led_centres_px(scene, context.camera, panel)
         columns, rows = columns - origin[:, :1], rows - origin[:, 1:]
-        own = panel.led_diameter_m / 2 if look is None else look.radius_m
-        radius = own * context.camera.pixels_per_metre(scene.distance_m)
+        radius_m = panel.led_diameter_m / 2 if look is None else look.radius_m
+        radius = radius_m * context.camera.pixels_per_metre(scene.distance_m)
         widest = 2 * radius
     else:
         at = view.led_centres_m(panel).to(scene.distance_m)
-        own = panel.led_diameter_m / 2 if look is None else look.radius_m.view(-1, 1, 1)
-        centre, spread = view.view_of(context).discs_px(at, own)
+        radius_m = (
+            panel.led_diameter_m / 2 if look is None else look.radius_m.view(-1, 1, 1)
+        )
+        centre, spread = view.view_of(context).discs_px(at, radius_m)
         centre, half = (
             centre - origin.unsqueeze(1),
             spread.diagonal(dim1=-2, dim2=-1).sqrt(),
@@ -245,8 +249,8 @@ def led_stamps(
             most = max(1, raster.GROUP_VALUES // (leds * side**2))
             for start in range(0, len(like), most):
                 chosen = torch.tensor(like[start : start + most], device=origin.device)
-                whole = slice(None) if len(chosen) == len(sides) else chosen
-                grid = columns[whole], rows[whole], radius[whole]
+                rows_chosen = slice(None) if len(chosen) == len(sides) else chosen
+                grid = columns[rows_chosen], rows[rows_chosen], radius[rows_chosen]
                 cover, left, top = raster.disc_grid_cover(*grid, side, canvas_px=size)
                 led = chosen.unsqueeze(1) * leds + torch.arange(
                     leds, device=origin.device
@@ -264,14 +268,16 @@ def led_stamps(
         spread = torch.diag_embed(half.square())
     drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
     drawn[single] = True
-    centre, half, spread = (each.flatten(0, 1) for each in (centre, half, spread))
+    centre, half, spread = (tensor.flatten(0, 1) for tensor in (centre, half, spread))
     for which, side in raster.by_size(
         centre - half, centre + half, size, drawn.repeat_interleave(leds)
     ):
         # A view, where a batch's LEDs are all in sight and alike, spares their copies.
-        whole = slice(None) if len(which) == len(centre) else which
+        rows_chosen = slice(None) if len(which) == len(centre) else which
         yield (
-            *raster.ellipse_cover(centre[whole], spread[whole], side, canvas_px=size),
+            *raster.ellipse_cover(
+                centre[rows_chosen], spread[rows_chosen], side, canvas_px=size
+            ),
             which,
         )
 

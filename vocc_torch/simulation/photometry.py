@@ -169,14 +169,14 @@ def as_seen(
     Returns:
         (B,) cd/m2.
     """
-    seen = surface_cd_m2[:, None, None, None]
+    luminance = surface_cd_m2[:, None, None, None]
     for quantity in (Quantity.UNLIT, Quantity.LUMINANCE):
         if quantity == Quantity.LUMINANCE and own_cd_m2 is not None:
-            seen = seen + own_cd_m2[:, None, None, None]
+            luminance = luminance + own_cd_m2[:, None, None, None]
         for effect in context.effects:
             if effect.takes == quantity and effect.metered:
-                seen = effect.applied(seen, context)
-    return seen.flatten()
+                luminance = effect.applied(luminance, context)
+    return luminance.flatten()
 
 
 BRIGHTEST = 1e30
@@ -217,11 +217,11 @@ def auto_iso(context: Context) -> Tensor:
     most = BRIGHTEST ** min(camera.gamma, 1.0)
     if not any(effect.gives == Quantity.BOUNDED_GREY for effect in context.effects):
         most = min(most, (MOST_GREY / MIDDLE_GREY) ** camera.gamma)
-    held = (
+    possible = (
         (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1]) & (brightest * iso / 10 <= most)
     )
-    if not bool(held.all()):
-        raise light_refusal(context, int(held.int().argmin()), iso)
+    if not bool(possible.all()):
+        raise light_refusal(context, int(possible.int().argmin()), iso)
     return iso
 
 

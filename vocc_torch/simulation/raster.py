@@ -128,8 +128,8 @@ def by_size(
     which = (
         (((high_px > 0) & (low_px < canvas)).all(dim=-1) & chosen).nonzero().squeeze(1)
     )
-    seen = torch.minimum(high_px[which], canvas) - low_px[which].clamp(min=0)
-    sides = torch.minimum(torch.ceil(seen.amax(dim=-1)) + 1, canvas.max()).long()
+    extent = torch.minimum(high_px[which], canvas) - low_px[which].clamp(min=0)
+    sides = torch.minimum(torch.ceil(extent.amax(dim=-1)) + 1, canvas.max()).long()
     sizes = torch.ceil(torch.log2(sides.clamp(min=8).double()))
     for size in torch.unique(sizes).tolist():
         group = (sizes == size).nonzero().squeeze(1)

@@ -76,8 +76,8 @@ class Shutter:
             raise NoFrameLeftError(
                 f"record.dropped and burst_frames lose all of {len(times)} frames: lower them"
             )
-        kept: NDArray[np.float64] = times[~lost]
-        return kept
+        remaining: NDArray[np.float64] = times[~lost]
+        return remaining
 
 
 def further_films(
@@ -96,9 +96,9 @@ def further_films(
     """
     names = [
         f".{name}"
-        for one in simulator.effects
-        if isinstance(one, Colour)
-        for name in one.further
+        for effect in simulator.effects
+        if isinstance(effect, Colour)
+        for name in effect.further
     ]
     drawn = {
         name: key.generator(f"film{name}").integers(2, size=tuple(film.shape))
@@ -169,13 +169,17 @@ def record(
     playback = Playback(
         shutter.readout_s, symbol_s, film=film, middles_s=middles, further=further
     )
-    effects = [one for one in simulator.effects if not isinstance(one, RollingShutter)]
-    own = {
-        "framing": simulator.framing,
-        "device": simulator.device,
-        "dtype": simulator.dtype,
-    }
-    camera = Simulator(simulator.camera, simulator.panel, [*effects, playback], **own)  # type: ignore[arg-type]
+    effects = [
+        effect for effect in simulator.effects if not isinstance(effect, RollingShutter)
+    ]
+    camera = Simulator(
+        simulator.camera,
+        simulator.panel,
+        [*effects, playback],
+        framing=simulator.framing,
+        device=simulator.device,
+        dtype=simulator.dtype,
+    )
     ends = (
         scene.distance_m
         + speed_m_s * torch.tensor([0.0, len(film) * symbol_s]).double()
@@ -190,7 +194,7 @@ def record(
         moved = scene[rows].distance_m + speed_m_s * torch.from_numpy(shown)
         scenes = replace(scene[rows], distance_m=moved)
         keys = [FrameKey(key, 0, name) for name in names]
-        symbols = [playback.symbol_at(one.take) for one in keys]
+        symbols = [playback.symbol_at(key.take) for key in keys]
         bits = playback.symbols(torch.tensor(symbols))
         frames = camera.render(
             scenes, bits, nearest_m=nearest, keys=keys, panel_only=window is not None
@@ -199,8 +203,8 @@ def record(
         for pixels in (frames.grey, frames.colour):
             if pixels is not None:
                 pixels[dark] = 0
-        told = [
+        numbers_shown = [
             None if black else number
             for black, number in zip(dark.tolist(), symbols, strict=True)
         ]
-        yield Recorded(frames, camera.true_panels(scenes, keys), times, told)
+        yield Recorded(frames, camera.true_panels(scenes, keys), times, numbers_shown)

@@ -150,7 +150,10 @@ def _vehicle_lamps(
     """Draw lamps on both sides: glasses, discs or lattices of LEDs, and a third lamp of brakes."""
     lit, tall = bool(g.random() < light.lit), g.uniform(0.1, 0.35)
     range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
-    own, glass = light.lamp(g, *range_cd, lit=lit), light.lamp(g, 1, 2, lit=False)
+    lamp_light, glass = (
+        light.lamp(g, *range_cd, lit=lit),
+        light.lamp(g, 1, 2, lit=False),
+    )
     wide, top, kind = (
         g.uniform(0.12, 0.4),
         belt * g.uniform(0.75, 0.95),
@@ -161,10 +164,12 @@ def _vehicle_lamps(
         left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
         sketch.box(left, top, right, top + tall, glass)
         if kind == 0:
-            sketch.box(left + 0.02, top + 0.02, right - 0.02, top + tall / 2, own)
+            sketch.box(
+                left + 0.02, top + 0.02, right - 0.02, top + tall / 2, lamp_light
+            )
         elif kind == 1:
             centre = np.array([[(left + right) / 2, top + tall / 2]])
-            sketch.dots(centre, min(wide, tall) * 0.4, own, round=True)
+            sketch.dots(centre, min(wide, tall) * 0.4, lamp_light, round=True)
         else:
             sketch.grid(
                 left,
@@ -174,7 +179,7 @@ def _vehicle_lamps(
                 rows,
                 columns,
                 g.uniform(0.4, 0.8),
-                own,
+                lamp_light,
                 round=True,
             )
     if rear and g.random() < 0.4:
@@ -324,14 +329,14 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     """Draw a street lamp, traffic lights, a chain of lamps or a field of floodlights."""
     g, sketch = generator, Sketch()
     up, kind, lit = g.uniform(2.5, 8), int(g.integers(4)), bool(g.random() < light.lit)
-    own = light.lamp(g, 2e3, 1e5, lit=lit)
+    lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(-0.07, -up, 0.07, 0, light.of(g.uniform(0.03, 0.3)))
     if kind == 0:
         centre, half = (
             [[g.uniform(-1, 1), -up]],
             [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)],
         )
-        sketch.dots(np.array(centre), np.array(half), own, round=True)
+        sketch.dots(np.array(centre), np.array(half), lamp_light, round=True)
     elif kind == 1:
         sketch.box(-0.18, -up, 0.18, -up + 1.0, light.of(0.03))
         states = np.full(3, light.of(0.06))
@@ -341,7 +346,7 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
         rows = 1 if kind == 2 else int(g.integers(2, 6))
         columns = int(g.integers(4, 25) if kind == 2 else g.integers(2, 7))
         wide = columns * g.uniform(0.15, 0.6)
-        bright = own * np.exp(g.normal(0, 0.15, rows * columns))
+        bright = lamp_light * np.exp(g.normal(0, 0.15, rows * columns))
         foot, fill = -up + rows * wide / columns, g.uniform(0.3, 0.8)
         sketch.grid(
             -wide / 2, -up, wide / 2, foot, rows, columns, fill, bright, round=True

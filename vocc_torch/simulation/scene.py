@@ -56,11 +56,11 @@ class Distribution:
             raise VoccError(
                 f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}"
             )
-        wanted = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(
+        expected = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(
             self.kind, max(1, len(self.values))
         )
-        if len(self.values) != wanted or not all(map(_is_finite, self.values)):
-            raise VoccError(f"{shown} must have {wanted} finite values")
+        if len(self.values) != expected or not all(map(_is_finite, self.values)):
+            raise VoccError(f"{shown} must have {expected} finite values")
         if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
             raise VoccError(f"{shown}: low must not exceed high")
         if self.kind == "log_uniform" and self.values[0] <= 0:
@@ -158,8 +158,8 @@ class SceneModel:
             for f in fields(self)
         )
         values = (
-            torch.from_numpy(one.draw(generator, BLOCK_FRAMES))
-            for one, generator in draws
+            torch.from_numpy(draw.draw(generator, BLOCK_FRAMES))
+            for draw, generator in draws
         )
         size = (BLOCK_FRAMES, shape.rows, shape.columns)
         bits = torch.from_numpy(
@@ -168,7 +168,7 @@ class SceneModel:
         return Scene(*values), bits.bool()
 
 
-SCENE_FIELDS = tuple(one.name for one in fields(SceneModel))
+SCENE_FIELDS = tuple(attribute.name for attribute in fields(SceneModel))
 
 
 def narrowed(

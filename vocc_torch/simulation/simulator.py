@@ -136,11 +136,19 @@ class Simulator:
             panels = Panels.known(
                 framing.panel_corners_px(scene, self.camera, self.panel)
             )
-        there = housing.present(context)
-        if there is None:
+        panel_present = housing.present(context)
+        if panel_present is None:
             return panels
-        corners, each = panels.corners_px * there.view(-1, 1, 1), there.double()
-        return Panels(corners, there, panels.score * each, panels.candidates * there)
+        corners, presence = (
+            panels.corners_px * panel_present.view(-1, 1, 1),
+            panel_present.double(),
+        )
+        return Panels(
+            corners,
+            panel_present,
+            panels.score * presence,
+            panels.candidates * panel_present,
+        )
 
     def led_centres_px(
         self, scene: Scene, keys: Sequence[FrameKey] = ()
@@ -203,8 +211,8 @@ class Simulator:
             {'second': (1, 8, 8)}
         """
         return {
-            own.leds[1:]: bits
-            for own, bits in self._further(self._context(scene, keys))
+            colour_context.leds[1:]: bits
+            for colour_context, bits in self._further(self._context(scene, keys))
         }
 
     def contrast(self, scene: Scene) -> torch.Tensor:
@@ -214,19 +222,26 @@ class Simulator:
         (``full_well``, ``dark_current``) is not in it. LEDs without light of their own have contrast 0.
         """
         scene = self._checked(scene)
-        context, own = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
+        context, led_luminance = (
+            self._context(scene),
+            scene.led_luminance_cd_m2.view(-1, 1, 1),
+        )
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
-            own = own if effect.sampled else effect.applied(own, context)
+            led_luminance = (
+                led_luminance
+                if effect.sampled
+                else effect.applied(led_luminance, context)
+            )
         off = photometry.reflected_luminance_cd_m2(
             scene.ambient_lx, self.panel.led_reflectance
         )
         iso, dark = photometry.auto_iso(context), torch.zeros_like(off)
-        seen = (
+        luminances = (
             photometry.as_seen(off, context, shining)
-            for shining in (own.view(-1), dark)
+            for shining in (led_luminance.view(-1), dark)
         )
         exposures = (
-            photometry.through_lens(luminance, self.camera) for luminance in seen
+            photometry.through_lens(luminance, self.camera) for luminance in luminances
         )
         greys = [
             photometry.grey_value(exposure, iso, gamma=self.camera.gamma)
@@ -271,9 +286,11 @@ class Simulator:
         for key in keys:
             demand_kind("keys", key, FrameKey)
         scene, bits = self._checked(scene), tensor_of("bits", bits)
-        wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
-        if tuple(bits.shape) != wanted:
-            raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
+        expected = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
+        if tuple(bits.shape) != expected:
+            raise VoccError(
+                f"bits has shape {tuple(bits.shape)}: it must be {expected}"
+            )
         if bits.dtype != torch.bool:
             raise VoccError(
                 f"bits has the type {bits.dtype}: it must be torch.bool, True = On"
@@ -300,12 +317,14 @@ class Simulator:
         drawn_full = self._filling is not None and (
             self._colour is not None or self._filling.takes in DRAWN
         )
-        whole = self.framing != "crop" or (self._filling is not None and not window)
+        full_frame = self.framing != "crop" or (
+            self._filling is not None and not window
+        )
         size = sensor
         if window or not (self.framing == "full" or drawn_full):
             size = self.crop_px(nearest if nearest_m is None else nearest_m)
             size = framing.window_size_px(size, sensor) if window else size
-        framing.demand_pixels(sensor if whole else size)
+        framing.demand_pixels(sensor if full_frame else size)
         grid_px = framing.WINDOW_GRID_PX if window else 1
         batch = framing.Batch.around(
             self._context(scene, keys), bits, size, grid_px=grid_px
@@ -362,22 +381,22 @@ class Simulator:
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
         if self._colour is not None:
             return self._in_colour(batch, after)
-        seen = self.paint(batch), Quantity.LUMINANCE
+        painted = self.paint(batch), Quantity.LUMINANCE
         if self._filling not in after or window or batch.size == sensor:
-            pictures = self._run(seen, after, context, to_end=True)[0]
+            pictures = self._run(painted, after, context, to_end=True)[0]
             if self._filling is None and batch.size != sensor:
                 framing.demand_even_border(pictures, batch)
             return pictures
         filling = after.index(self._filling)
-        value, current = self._run(seen, after[:filling], context)
+        value, current = self._run(painted, after[:filling], context)
         framing.demand_even_border(value, batch)
         surround = framing.read_surround(value, batch.centre_px, context.first_px)
         frames = []
-        for i, (crop, rest) in enumerate(
+        for i, (crop, outside) in enumerate(
             zip(value.unsqueeze(1), surround, strict=True)
         ):
             part = batch.taken([i], batch.size).context
-            frame = framing.lay_on_sensor(crop, rest, part.first_px, sensor)
+            frame = framing.lay_on_sensor(crop, outside, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
             frames.append(
                 self._run((frame, current), after[filling:], part, to_end=True)[0]
@@ -391,10 +410,15 @@ class Simulator:
         )
         apart, planes = next(places, len(after)), []
         for channel in range(len(CHANNELS)):
-            own = replace(batch, context=replace(batch.context, channel=channel))
-            seen = self.paint(own), Quantity.LUMINANCE
+            channel_batch = replace(
+                batch, context=replace(batch.context, channel=channel)
+            )
+            painted = self.paint(channel_batch), Quantity.LUMINANCE
             value, current = self._run(
-                seen, after[:apart], own.context, to_end=apart == len(after)
+                painted,
+                after[:apart],
+                channel_batch.context,
+                to_end=apart == len(after),
             )
             if self._filling is None and batch.size != self.camera.sensor_px:
                 framing.demand_even_border(value, batch)
@@ -413,8 +437,8 @@ class Simulator:
             if isinstance(effect, light.RollingShutter):
                 shares = effect.row_shares(context, batch.size[0])
         leds = self._lights(batch.bits, context)
-        for own, bits in self._further(context):
-            leds = leds + self._lights(bits, own)
+        for colour_context, bits in self._further(context):
+            leds = leds + self._lights(bits, colour_context)
         return painter.paint(leds, shares, context, batch.size, self.dtype)
 
     def _lights(self, bits: torch.Tensor, context: Context) -> torch.Tensor:
@@ -426,7 +450,11 @@ class Simulator:
         leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
             leds = torch.stack(
-                [effect.applied(one, context) for one in leds.unbind(1)], dim=1
+                [
+                    effect.applied(channel_leds, context)
+                    for channel_leds in leds.unbind(1)
+                ],
+                dim=1,
             )
         return leds
 
@@ -434,8 +462,8 @@ class Simulator:
         """Give the context and the bits (B,R,C) of LEDs of each further colour."""
         if self._colour is not None:
             for name in self._colour.further:
-                own = replace(context, leds=f".{name}")
-                yield own, self._colour.sent(own)
+                colour_context = replace(context, leds=f".{name}")
+                yield colour_context, self._colour.sent(colour_context)
 
     def _run(
         self,

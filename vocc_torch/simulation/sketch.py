@@ -227,7 +227,7 @@ class Drawing:
             np.minimum.reduceat(flat, starts),
             np.maximum.reduceat(flat, starts),
         )
-        luminance = np.concatenate([each for _, each in parts])
+        luminance = np.concatenate([part for _, part in parts])
         # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
         scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
         return cls(corners, starts, ends, least, most, luminance, scale, fine, share)
@@ -241,14 +241,14 @@ class Drawing:
         self, begin: NDArray[np.int64], end: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], bool]:
         """Which polygons are seen from one pixel to another, and whether the first of these covers all."""
-        seen = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
-        whole = np.flatnonzero(
-            ((self.least[seen] <= begin) & (self.most[seen] >= end)).all(axis=1)
+        visible = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
+        inside = np.flatnonzero(
+            ((self.least[visible] <= begin) & (self.most[visible] >= end)).all(axis=1)
         )
         wide, high = ((end - begin) * self.fine).tolist()
         at = np.array([(0, 0), (wide, 0), (wide, high), (0, high)])
-        for number in whole[::-1].tolist():
-            corners = self._corners(seen[number], seen[number], begin)
+        for number in inside[::-1].tolist():
+            corners = self._corners(visible[number], visible[number], begin)
             along = np.roll(corners, -1, axis=0) - corners
             lengths = np.hypot(*along.T)
             away = along[:, :1] * (at[:, 1] - corners[:, 1:]) - along[:, 1:] * (
@@ -256,8 +256,8 @@ class Drawing:
             )
             away = away[lengths > 0] / lengths[lengths > 0, None]
             if len(away) and (away.min() > CLEAR or away.max() < -CLEAR):
-                return seen[number:], True
-        return seen, False
+                return visible[number:], True
+        return visible, False
 
     def _corners(
         self, first: int, last: int, begin: NDArray[np.int64]
@@ -289,11 +289,11 @@ class Drawing:
                 self._corners(drawn[0], drawn[-1], begin).ravel().tolist(),
             )
             cuts = (
-                2 * (each[drawn] - self.starts[drawn[0]])
-                for each in (self.starts, self.ends)
+                2 * (bounds[drawn] - self.starts[drawn[0]])
+                for bounds in (self.starts, self.ends)
             )
             for start, stop, shade in zip(
-                *(each.tolist() for each in cuts), light[first:], strict=True
+                *(cut.tolist() for cut in cuts), light[first:], strict=True
             ):
                 pen.polygon(at[start:stop], fill=shade)
             lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
@@ -337,7 +337,8 @@ def composed(
     if not things:
         return
     lasts, firsts = (
-        np.stack(each) for each in zip(*(one.extent for one in things), strict=True)
+        np.stack(extents)
+        for extents in zip(*(thing.extent for thing in things), strict=True)
     )
     left, top, right, bottom = window
     # A patch begins at a corner of its tile or of its thing, whatever the window, and so is the same in all.
@@ -361,17 +362,17 @@ def composed(
                     np.maximum(first, firsts[number]),
                     np.minimum(last, lasts[number]),
                 )
-                seen, full = things[number].shown(begin, end)
-                if len(seen):
-                    shown.append((things[number], begin, end, seen, full))
+                visible, full = things[number].shown(begin, end)
+                if len(visible):
+                    shown.append((things[number], begin, end, visible, full))
                 if (
                     full
                     and things[number].share == 1
                     and (end - begin == last - first).all()
                 ):
                     break
-            for thing, begin, end, seen, full in reversed(shown):
-                cover, light = thing.patch(begin, end, seen, full)
+            for thing, begin, end, visible, full in reversed(shown):
+                cover, light = thing.patch(begin, end, visible, full)
                 x, y = (begin - (start, row)).tolist()
                 place, free = (
                     (slice(y, y + len(cover)), slice(x, x + cover.shape[1])),

@@ -123,8 +123,10 @@ def find_jobs(folder: Path) -> list[Job]:
         vocc_torch.errors.VoccError: input no/such/folder does not exist: give a folder that a multirun wrote
     """
     if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
-        raise VoccError(f"input {folder} {what}: give a folder that a multirun wrote")
+        problem = "is a file" if folder.exists() else "does not exist"
+        raise VoccError(
+            f"input {folder} {problem}: give a folder that a multirun wrote"
+        )
 
     def refused(error: OSError) -> NoReturn:
         raise VoccError(f"cannot read {error.filename}: {error.strerror or error}")
@@ -138,18 +140,18 @@ def find_jobs(folder: Path) -> list[Job]:
 
     found = []
     for name, folders, files in os.walk(folder, onerror=refused):
-        place, held = Path(name), {*files, *folders}
-        begun = not held and place.name.isdecimal() and place != folder
-        if begun or (held & LEFT and _REPORT not in held):
+        place, entries = Path(name), {*files, *folders}
+        begun = not entries and place.name.isdecimal() and place != folder
+        if begun or (entries & LEFT and _REPORT not in entries):
             found.append(place)
     if not found:
         numbered = f"0/{TABLE}, 1/{TABLE} and so on"
         rule = f"give a folder that a multirun of task=test wrote, with {numbered}"
         raise VoccError(f"input {folder} holds no job: {rule}")
     found.sort(key=order)
-    whole = folder.resolve().name
+    sweep_name = folder.resolve().name
     names = [
-        printable(whole if at == folder else at.relative_to(folder).as_posix())
+        printable(sweep_name if at == folder else at.relative_to(folder).as_posix())
         for at in found
     ]
     return [
@@ -231,20 +233,22 @@ def differing_keys(jobs: Sequence[Job]) -> list[str]:
         key: [setting_text(settings.get(key)) for settings in known] for key in keys
     }
     differing = [key for key, values in texts.items() if len(set(values)) > 1]
-    told = [name for name in _NAMES if name in differing]
-    rest = [key for key in differing if key not in told]
-    for name in told:
+    named = [name for name in _NAMES if name in differing]
+    others = [key for key in differing if key not in named]
+    for name in named:
         # A key of the group is settled by the name where each name has one value of it.
         group, names = name.removesuffix("name"), texts[name]
         pairs = {
             key: set(zip(names, texts[key], strict=True))
-            for key in rest
+            for key in others
             if key.startswith(group)
         }
-        rest = [
-            key for key in rest if key not in pairs or len(pairs[key]) > len(set(names))
+        others = [
+            key
+            for key in others
+            if key not in pairs or len(pairs[key]) > len(set(names))
         ]
-    return told + rest
+    return named + others
 
 
 def setting_text(value: object) -> str:
@@ -322,8 +326,8 @@ def duplicates(jobs: Sequence[Job]) -> list[str]:
     for job in jobs:
         if job.table is not None and job.settings:
             asked = {
-                key: setting_text(one)
-                for key, one in job.settings.items()
+                key: setting_text(value)
+                for key, value in job.settings.items()
                 if changes_results(key)
             }
             groups.setdefault(repr(asked), []).append(job)

@@ -204,17 +204,17 @@ def replaced(path: Path, table: curve.BerTable) -> list[str]:
     values = ", ".join(
         styles.value_text(value) for value in sorted({row.value for row in lost})
     )
-    what = f"{path.name} had {max(row.frames for row in lost)} frames at {lost[0].axis} {values}"
+    lost_text = f"{path.name} had {max(row.frames for row in lost)} frames at {lost[0].axis} {values}"
     return [
-        f"replaced: {what}; {run_folder.LEDGER} has them, and the former command gives them back"
+        f"replaced: {lost_text}; {run_folder.LEDGER} has them, and the former command gives them back"
     ]
 
 
 def kept(plan: Plan) -> str:
     """Say which receiver is kept, and how it looks for panels."""
     if (locator := plan.receiver.locator) == "truth":
-        told = "the locator paper, for a recording tells no corners"
-        return f"receiver.pt holds {plan.receiver.save} with {told}"
+        rule = "the locator paper, for a recording tells no corners"
+        return f"receiver.pt holds {plan.receiver.save} with {rule}"
     return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
 
 
@@ -259,10 +259,12 @@ def write_results(
     run_folder.write_rows(folder / "ber.csv", run_folder.ber_rows(table))
     run_folder.write_paired(folder / "paired.csv", [curves])
     camera, panel = plan.world.camera, plan.world.panel.shape
-    seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
-    title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    own = plan.receiver.reader.names
-    names = [one.upper() if one in FEATURE_NAMES else one for one in own]
+    setup = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
+    title = f"Bit error rate, experiment “{plan.experiment.name}”: {setup}"
+    features = plan.receiver.reader.names
+    names = [
+        feature.upper() if feature in FEATURE_NAMES else feature for feature in features
+    ]
     histograms = plots.feature_histograms(training.features, training.bits, names)
     figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
     figures |= {"features by status": histograms}
@@ -280,11 +282,11 @@ def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     """Say which frames and contrast bins are not in the results."""
     table, lines = curves.table(), []
     rows, drawn = table.of(table.receivers[0]), plan.frames_in_point
-    counted, whole = (
+    counted, all_spent = (
         sum(row.frames for row in rows),
         all(row.stopped_by == "frames" for row in rows),
     )
-    if plan.experiment.axis == "contrast" and whole and counted < drawn:
+    if plan.experiment.axis == "contrast" and all_spent and counted < drawn:
         outside = f"{drawn - counted} of {drawn} frames"
         lines.append(f"{outside} have a contrast outside the bins and are not counted")
     if empty := [
@@ -321,9 +323,11 @@ def location_note(curves: curve.Curves) -> list[str]:
     ):  # then they are hardly worse than the other frames
         return []
     remedy = "refined" if curves.locator == "paper" else "truth, to see the rest"
-    where = f"{100 * frames:.1f} % of the frames, located over a quarter of a cell off"
+    share_text = (
+        f"{100 * frames:.1f} % of the frames, located over a quarter of a cell off"
+    )
     return [
-        f"{100 * share:.0f} % of {best}'s wrong bits are in {where}: try receiver.locator={remedy}"
+        f"{100 * share:.0f} % of {best}'s wrong bits are in {share_text}: try receiver.locator={remedy}"
     ]
 
 
@@ -347,11 +351,11 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
             sweep.point_name(plan.experiment, value),
             plan.experiment.model_at(plan.world, value),
         )
-        seen = next(
+        observation = next(
             link.observe(model, block_keys(plan.seed, name, most), preambles=False)
         )
         read, columns, key = (
-            receiver(seen.frames, seen.panels),
+            receiver(observation.frames, observation.panels),
             [],
             BlockKey(plan.seed, name, 0),
         )
@@ -420,8 +424,8 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
     rows = plan.rows()
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
-    with run_folder.resumable(settings, folder, console), ExitStack() as held:
-        ledgers = run_folder.open_ledgers(held, folder, studies, console)
+    with run_folder.resumable(settings, folder, console), ExitStack() as held_value:
+        ledgers = run_folder.open_ledgers(held_value, folder, studies, console)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
         with (
@@ -449,13 +453,13 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
         run_folder.write_paired(folder / "paired.csv", curves)
         figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
         tables = {
-            f"{axis}={at:g}": [one.table()]
-            for at, one in zip(cells.rows, curves, strict=True)
+            f"{axis}={at:g}": [row.table()]
+            for at, row in zip(cells.rows, curves, strict=True)
         }
         tensorboard.write_figures(settings, folder, figures, tables)
-    for one in curves:
-        console.print(f"\n{one.experiment}", highlight=False)
-        terminal.print_table(one.table(), console)
+    for row_curve in curves:
+        console.print(f"\n{row_curve.experiment}", highlight=False)
+        terminal.print_table(row_curve.table(), console)
     places = [
         ("table", "ber.csv"),
         ("pairs", "paired.csv"),

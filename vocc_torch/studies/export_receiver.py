@@ -60,11 +60,11 @@ def run_export_receiver(settings: config.Settings, folder: Path) -> None:
     for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):
         drawn = next(crops(study, 2))[:inputs]
         onnx_graph.write_graph(receiver, folder / name, *drawn)
-        seen = (one[:inputs] for one in crops(study, study.budget.frames))
+        inputs_of_crops = (crop[:inputs] for crop in crops(study, study.budget.frames))
         apart = compared(
             onnx_graph.TensorReceiver(receiver),
             onnx_graph.read_graph(folder / name),
-            seen,
+            inputs_of_crops,
         )
         console.print(f"{name}: {apart}", highlight=False, soft_wrap=True)
         run_folder.print_places(console, folder, [("graph", name)])
@@ -103,10 +103,10 @@ def compared(
         batches: what both are given.
     """
     apart = GraphDifference()
-    for given in batches:
+    for batch in batches:
         with torch.inference_mode():
-            (bits, scores), (own, near) = receiver(*given)[:2], graph(*given)[:2]
-        off, wrong = int((scores != near).sum()), int((bits != own).sum())
+            (bits, scores), (graph_bits, near) = receiver(*batch)[:2], graph(*batch)[:2]
+        off, wrong = int((scores != near).sum()), int((bits != graph_bits).sum())
         most, counted = (
             max(apart.most, float((scores - near).abs().max())),
             apart.bits + bits.numel(),

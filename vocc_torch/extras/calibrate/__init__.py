@@ -45,10 +45,10 @@ class CalibrateConfig:
                 "calibrate.frames", self.frames, f"from 2 to {MOST_FRAMES}"
             )
         for key, most in (("ambient_lx", 1e9), ("fps", 1e6)):
-            given = getattr(self, key)
-            if given is not None and not 0 < given <= most:
+            value = getattr(self, key)
+            if value is not None and not 0 < value <= most:
                 raise VoccError.of(
-                    f"calibrate.{key}", given, f"above 0 and at most {most:g}, or null"
+                    f"calibrate.{key}", value, f"above 0 and at most {most:g}, or null"
                 )
         if not 0 < self.quantum_efficiency <= 1:
             rule = "above 0 and at most 1"

@@ -154,13 +154,15 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
     grey = found.values[-1]
     veil, veil_error = veil_luminance(found)
     # Luminance of the background at 1 lx.
-    seen = panel.background_reflectance / math.pi + veil
+    background = panel.background_reflectance / math.pi + veil
     lux, error = config.ambient_lx or UNKNOWN_LX, math.nan
     note = "as configured" if config.ambient_lx else ""
     if curve is None:
         found.say("illuminance", when=config.ambient_lx is None, lux=lux)
     else:
-        counted = illuminance(electrons(fit, curve)[0], found.camera, seen, efficiency)
+        counted = illuminance(
+            electrons(fit, curve)[0], found.camera, background, efficiency
+        )
         if config.ambient_lx is None:
             by_grey, gamma = 2 * grey.deviation / grey.middle, by_gamma(fit, curve)[0]
             error = counted * math.hypot(curve.slope_error, by_grey, gamma)
@@ -172,7 +174,7 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
 
     def own_light(own: Array, shared: Array) -> Array:
         added = level(own, shared, "on") - level(own, shared, "off")
-        return added / level(own, shared, "background") * (seen * lux)
+        return added / level(own, shared, "background") * (background * lux)
 
     found.over("led_luminance_cd_m2", own_light, 0.0)
     found.say("air")
@@ -214,10 +216,13 @@ def by_gamma(fit: RecordingFit, curve: TransferCurve) -> Array:
     if "gamma" not in fit.free:
         return np.zeros(2)
     other = bent(fit)
-    there = transfer(other)
-    if not there.noise.slope:
+    other_transfer = transfer(other)
+    if not other_transfer.noise.slope:
         return np.ones(2)
-    here, moved = electrons(fit, curve).clip(1e-9), electrons(other, there).clip(1e-9)
+    here, moved = (
+        electrons(fit, curve).clip(1e-9),
+        electrons(other, other_transfer).clip(1e-9),
+    )
     shares: Array = np.abs(np.log(moved / here)).clip(max=1.0)
     return shares
 

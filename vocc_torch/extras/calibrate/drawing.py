@@ -43,10 +43,10 @@ class FramePose(Effect, on=Quantity.PLACEMENT):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn each panel."""
         turned = []
-        for angles, own in zip(
+        for angles, planes in zip(
             self.angles_deg.tolist(), value.unsqueeze(1), strict=True
         ):
-            turned.append(Pose(*angles)(own, context) if any(angles) else own)
+            turned.append(Pose(*angles)(planes, context) if any(angles) else planes)
         return torch.cat(turned)
 
 
@@ -130,7 +130,9 @@ class Drawing:
         offsets = (own[:, :2] - sides / 2) * away[:, None] / self.camera.focal_length_px
         same = np.ones(len(own))
         columns = AMBIENT_LX * same, luminance * same, away, same, *offsets.T
-        return Scene(*(torch.from_numpy(np.ascontiguousarray(one)) for one in columns))
+        return Scene(
+            *(torch.from_numpy(np.ascontiguousarray(column)) for column in columns)
+        )
 
     def centres_px(self, own: Array, shared: Array) -> Array:
         """Centres of the LEDs in the windows, (B,R*C,2) px."""
@@ -165,8 +167,8 @@ class Drawing:
         drawn = Simulator(
             simulator.camera, white, simulator.effects, dtype=torch.float64
         )
-        more = 1 / self.panel.background_reflectance - 1
-        return (self._linear(drawn, own, 0.0) - self.base(own)) / more
+        excess = 1 / self.panel.background_reflectance - 1
+        return (self._linear(drawn, own, 0.0) - self.base(own)) / excess
 
     def _linear(self, simulator: Simulator, own: Array, luminance: float) -> Array:
         """Render windows in linear light."""

@@ -143,27 +143,29 @@ class RecordingFit:
         """Take some frames."""
         trust = self.trust if len(self.trust) == 1 else self.trust[frames]
         drawing = self.drawing.taken(frames)
-        grey, own, lit = self.grey[frames], self.own[frames], self.lit[frames]
-        return replace(self, drawing=drawing, trust=trust, grey=grey, own=own, lit=lit)
+        grey, frame_values, lit = self.grey[frames], self.own[frames], self.lit[frames]
+        return replace(
+            self, drawing=drawing, trust=trust, grey=grey, own=frame_values, lit=lit
+        )
 
     def set(self, name: str, value: Array | float) -> "RecordingFit":
         """Set a value."""
-        own, shared = self.own.copy(), self.shared.copy()
+        frame_values, shared = self.own.copy(), self.shared.copy()
         if name in OF_FRAME:
-            own[:, OF_FRAME.index(name)] = value
+            frame_values[:, OF_FRAME.index(name)] = value
         else:
             shared[OF_ALL.index(name)] = value
-        return replace(self, own=own, shared=shared)
+        return replace(self, own=frame_values, shared=shared)
 
     def parts(self) -> list[Array]:
         """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
-        drawing, where = self.drawing, (self.own, self.shared)
+        drawing, parameters = self.drawing, (self.own, self.shared)
         drawn = [
             drawing.base(self.own),
-            drawing.cover(*where),
-            drawing.cover(*where, self.lit),
+            drawing.cover(*parameters),
+            drawing.cover(*parameters, self.lit),
         ]
-        return drawn + ([drawing.board(*where)] if self.has_board else [])
+        return drawn + ([drawing.board(*parameters)] if self.has_board else [])
 
     def light(self, parts: Sequence[Array] | None = None) -> Array:
         """Linear light of the frames, (B,H,W); ``parts`` are those of the same geometry and LEDs."""
@@ -189,11 +191,11 @@ class RecordingFit:
 
     def moved(self, packed: Array) -> "RecordingFit":
         """Take the fitted values from a vector."""
-        own, shared = self.own.copy(), self.shared.copy()
-        count = len(own) * len(self.of_frame)
-        own[:, self.of_frame] = packed[:count].reshape(len(own), -1)
+        frame_values, shared = self.own.copy(), self.shared.copy()
+        count = len(frame_values) * len(self.of_frame)
+        frame_values[:, self.of_frame] = packed[:count].reshape(len(frame_values), -1)
         shared[self.of_all] = packed[count:]
-        return replace(self, own=own, shared=shared)
+        return replace(self, own=frame_values, shared=shared)
 
     def slopes(self) -> Array:
         """Derivatives of the mean grey values by the fitted values, (D,B,H,W), by finite differences."""
@@ -210,11 +212,11 @@ class RecordingFit:
         """Lay derivatives out by pixel and fitted value."""
         names = [name in OF_FRAME for name in self.free]
         flat = slopes.reshape(len(slopes), len(self.grey), -1)
-        own = sparse.block_diag(
+        blocks = sparse.block_diag(
             [flat[names, frame].T for frame in range(len(self.grey))]
         )
         shared = flat[np.logical_not(names)].reshape(len(self.of_all), self.grey.size).T
-        return sparse.hstack([own, shared], format="csr")
+        return sparse.hstack([blocks, shared], format="csr")
 
     def deviation(self, name: str) -> float:
         """Standard deviation of a value that all share; NaN where it was not fitted."""
@@ -230,22 +232,26 @@ class RecordingFit:
             the values (B,), their standard deviations (B,) but for what all frames have in common, and the
             standard deviation of that.
         """
-        packed, made = self.packed(), of(self.own, self.shared)
+        packed, values = self.packed(), of(self.own, self.shared)
         turns = []
         for at in range(len(packed)):
             step = np.zeros(len(packed))
             step[at] = 1e-5 * max(1.0, abs(packed[at]))
             other = self.moved(packed + step)
-            turns.append((of(other.own, other.shared) - made) / step[at])
+            turns.append((of(other.own, other.shared) - values) / step[at])
         slope = np.stack(turns, 1)
         spreads = slope @ self.covariances @ slope.T
-        frames = len(made)
+        frames = len(values)
         every = spreads.diagonal(axis1=1, axis2=2).max(0)
         pairs = (spreads.sum((1, 2)) - spreads.trace(axis1=1, axis2=2)) / max(
             frames * (frames - 1), 1
         )
         common = max(0.0, float(pairs.max())) if frames > 1 else 0.0
-        return made, np.sqrt((every - common).clip(min=1e-3 * every)), math.sqrt(common)
+        return (
+            values,
+            np.sqrt((every - common).clip(min=1e-3 * every)),
+            math.sqrt(common),
+        )
 
 
 def settled(
@@ -270,8 +276,8 @@ def settled(
         weights = weights * calmed(fit.grey - mean, variance)
     root = np.sqrt(weights)
     ends = [RANGES.get(name, (-math.inf, math.inf)) for name in (*OF_FRAME, *OF_ALL)]
-    own = [ends[at] for at in fit.of_frame] * len(fit.grey)
-    bounds = np.array(own + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
+    limits = [ends[at] for at in fit.of_frame] * len(fit.grey)
+    bounds = np.array(limits + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
 
     def residual(packed: Array) -> Array:
         return np.asarray(
@@ -279,8 +285,8 @@ def settled(
         )
 
     def jacobian(packed: Array) -> sparse.csr_matrix:
-        there = fit.moved(packed)
-        return there.jacobian(root * there.slopes())
+        moved = fit.moved(packed)
+        return moved.jacobian(root * moved.slopes())
 
     begun = np.clip(fit.packed(), bounds[0] + 1e-6, bounds[1] - 1e-6)
     tolerance = dict.fromkeys(("ftol", "xtol"), SETTINGS.tolerance)

@@ -85,12 +85,12 @@ def start(
     side = np.roll(corners_px, -1, 1) - corners_px
     right, down = (side[:, 0] - side[:, 2]) / 2, (side[:, 1] - side[:, 3]) / 2
     pitch = (np.hypot(*right.T) / shape.columns + np.hypot(*down.T) / shape.rows) / 2
-    own = np.zeros((frames, 10))
-    own[:, :2], own[:, 2] = corners_px.mean(1), np.log(pitch)
-    own[:, 5] = np.degrees(np.arctan2(right[:, 1], right[:, 0]))
-    own[:, 6:] = np.stack([behind, off, 1.3 * on, off], 1).clip(min=1.0)
+    frame_values = np.zeros((frames, 10))
+    frame_values[:, :2], frame_values[:, 2] = corners_px.mean(1), np.log(pitch)
+    frame_values[:, 5] = np.degrees(np.arctan2(right[:, 1], right[:, 0]))
+    frame_values[:, 6:] = np.stack([behind, off, 1.3 * on, off], 1).clip(min=1.0)
     shared = np.array([drawing.camera.gamma, 1.0])
-    begun = RecordingFit(drawing, grey, own, shared, lit.astype(float))
+    begun = RecordingFit(drawing, grey, frame_values, shared, lit.astype(float))
     few, tried = begun.taken(slice(0, SETTINGS.first_frames)), []
     for share in SETTINGS.blur_shares:
         blurred = few.set("blur_px", float(np.median(pitch)) * share)
@@ -164,13 +164,13 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Arra
         "pitch_deg", -fit.value("pitch_deg")
     )
     other = settled(other, free, 8)
-    here, there = (
-        (((one.grey - mean) ** 2) / variance).sum((1, 2))
-        for one in (fit, other)
-        for mean, variance in [one.predicted()]
+    here, other_cost = (
+        (((candidate.grey - mean) ** 2) / variance).sum((1, 2))
+        for candidate in (fit, other)
+        for mean, variance in [candidate.predicted()]
     )
-    apart = np.abs(there - here) / fit.scale
-    better = (there < here)[:, None]
+    apart = np.abs(other_cost - here) / fit.scale
+    better = (other_cost < here)[:, None]
     if not better.any():
         return fit, apart
     return settled(replace(fit, own=np.where(better, other.own, fit.own)), free), apart

@@ -97,20 +97,20 @@ def thinned(
         >>> [frame.index for frame in kept], read
         ([0, 256, 512, 768], 1000)
     """
-    kept: list[RecordedFrame] = []
+    chosen: list[RecordedFrame] = []
     step, number = 1, 0
     for number, frame in enumerate(recording, 1):
-        if kept and frame.grey.shape != kept[0].grey.shape:
-            (h, w), (height, width) = frame.grey.shape, kept[0].grey.shape
-            shown = f"{frame.source} is {w} x {h} px and {kept[0].source} is {width} x {height}"
+        if chosen and frame.grey.shape != chosen[0].grey.shape:
+            (h, w), (height, width) = frame.grey.shape, chosen[0].grey.shape
+            shown = f"{frame.source} is {w} x {h} px and {chosen[0].source} is {width} x {height}"
             raise VoccError(
                 f"input: {shown}: all frames must be of one camera and one size"
             )
         if (number - 1) % step == 0:
-            kept.append(frame)
-        if len(kept) >= 2 * most:
-            kept, step = kept[::2], 2 * step
-    return kept, number
+            chosen.append(frame)
+        if len(chosen) >= 2 * most:
+            chosen, step = chosen[::2], 2 * step
+    return chosen, number
 
 
 def agreeing(corners_px: Array) -> NDArray[np.bool_]:
@@ -149,10 +149,10 @@ def read_footage(
     """
     failures: list[str] = []
     frames = readable(read_recording(source, config.channel, grey_only=True), failures)
-    kept, read = thinned(frames, config.frames)
-    if not kept:
+    chosen, read = thinned(frames, config.frames)
+    if not chosen:
         raise VoccError(failures[0])
-    greys = np.stack([frame.grey for frame in kept])
+    greys = np.stack([frame.grey for frame in chosen])
     white = float((greys >= 255).mean())
     if white > SETTINGS.white_share:
         rule = "expose less, so that the panel is seen"
@@ -160,26 +160,28 @@ def read_footage(
     batches = torch.split(torch.from_numpy(greys), SETTINGS.batch)
     located = [locator(Frames.whole(batch), shape) for batch in batches]
     corners = torch.cat([part.corners_px.double().cpu() for part in located]).numpy()
-    seen = torch.cat([part.found.cpu() for part in located]).numpy()
-    if not seen.any():
+    found = torch.cat([part.found.cpu() for part in located]).numpy()
+    if not found.any():
         hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
         raise VoccError(
-            f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}"
+            f"input {source} shows no panel in {len(chosen)} of {len(chosen)} frames: {hint}"
         )
-    rows = seen.nonzero()[0]
+    rows = found.nonzero()[0]
     rows = rows[agreeing(corners[rows])]
-    if len(rows) == 1 and len(kept) > 1:
+    if len(rows) == 1 and len(chosen) > 1:
         rule = "record slower, shorten the exposure, or give another receiver.locator"
         raise VoccError(
             f"input {source}: the panel's place jumps by panels between all frames: {rule}"
         )
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
-    numbers = np.arange(len(kept)) * 2 ** max(0, math.ceil(math.log2(read / len(kept))))
+    numbers = np.arange(len(chosen)) * 2 ** max(
+        0, math.ceil(math.log2(read / len(chosen)))
+    )
     times = (
         numbers / config.fps
         if config.fps
-        else np.array([one.time_s for one in kept], dtype=np.float64)
+        else np.array([frame.time_s for frame in chosen], dtype=np.float64)
     )
-    return Footage(greys, numbers, corners, read, len(kept), failures, times).taken(
+    return Footage(greys, numbers, corners, read, len(chosen), failures, times).taken(
         rows
     )

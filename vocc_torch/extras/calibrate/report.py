@@ -55,7 +55,9 @@ def shown(given: float | Sequence[object]) -> str:
     if isinstance(given, Sequence):
         return (
             "["
-            + ", ".join(f"{one:.4g}" for one in given if isinstance(one, int | float))
+            + ", ".join(
+                f"{value:.4g}" for value in given if isinstance(value, int | float)
+            )
             + "]"
         )
     return f"{given:.5g}"
@@ -81,14 +83,14 @@ def write_frames(study: Findings, path: Path) -> None:
             ("expected", mean, 0.0, WHITE, "gray"),
             (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
         )
-        for one, (head, plane, low, high, colours) in zip(
+        for axis, (head, plane, low, high, colours) in zip(
             axes[3 * row :], panes, strict=False
         ):
-            one.imshow(
+            axis.imshow(
                 plane[frame], cmap=colours, vmin=low, vmax=high, interpolation="nearest"
             )
-            one.set_title(head, fontsize=9)
-            one.set_axis_off()
+            axis.set_title(head, fontsize=9)
+            axis.set_axis_off()
     canvas.save_figure(figure, path)
 
 

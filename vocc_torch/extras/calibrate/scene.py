@@ -136,7 +136,9 @@ class Findings:
 
     def of(self, effect: str) -> list[Value]:
         """Give an effect's values."""
-        return [one for one in self.values if one.key.startswith(f"effects.{effect}.")]
+        return [
+            value for value in self.values if value.key.startswith(f"effects.{effect}.")
+        ]
 
     def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
         """Note an effect, and say whether the recording asks for it."""
@@ -162,8 +164,12 @@ class Findings:
 
     def derived(self, of: Of) -> tuple[Array, Array, float]:
         """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
-        values, own, common = self.fit.derived(of)
-        return values, own, math.hypot(common, float(np.median(own)) * self.is_coded)
+        values, frame_values, common = self.fit.derived(of)
+        return (
+            values,
+            frame_values,
+            math.hypot(common, float(np.median(frame_values)) * self.is_coded),
+        )
 
     def tell(self, key: str, given: float, deviation: float = math.nan) -> None:
         """Note a value."""
@@ -192,7 +198,10 @@ class Findings:
 
     def asked(self, effect: str) -> bool:
         """Say whether the recording asks for an effect."""
-        return any(one.effect == effect and one.asked for one in self.effects)
+        return any(
+            named_effect.effect == effect and named_effect.asked
+            for named_effect in self.effects
+        )
 
 
 def inline(value: object) -> str:
@@ -241,11 +250,11 @@ def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
     """
     if (camera.height_px, camera.width_px) == (height, width):
         return camera, ""
-    told = f"the frames are {width} x {height} px and camera= says {camera.width_px} x {camera.height_px}: "
+    refusal = f"the frames are {width} x {height} px and camera= says {camera.width_px} x {camera.height_px}: "
     if camera.height_px * width == camera.width_px * height:
         return replace(
             camera, width_px=width, height_px=height
-        ), told + "taken for the whole sensor, scaled"
+        ), refusal + "taken for the whole sensor, scaled"
     wide = camera.sensor_width_mm * width / camera.width_px
-    made = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
-    return made, told + "taken for the middle of it, with pixels of the same size"
+    fitted = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
+    return fitted, refusal + "taken for the middle of it, with pixels of the same size"

@@ -124,7 +124,7 @@ def calibrate(
     good = fitting(fit)
     if not good.all():  # some frames may have bent the others: each alone
         alone = [begun.taken(slice(frame, frame + 1)) for frame in range(len(grey))]
-        good = fitting(*(settled(one, fit.free) for one in alone))
+        good = fitting(*(settled(effect, fit.free) for effect in alone))
     if not good.all():
         study = calibrate(chosen.taken(good), camera, panel, config, bits)
         study.unknown.append(WORDS["sentences"]["odd"].format(count=int((~good).sum())))
@@ -226,8 +226,8 @@ def shaded(drawing: Drawing, fall: Falloff) -> Drawing:
 
 def demand_contrast(fit: RecordingFit) -> None:
     """Refuse frames in which no LED differs from another."""
-    seen = float(np.median(fit.value("on") - fit.value("off")))
-    if (fit.bits == fit.bits[0, 0]).all() or seen < SETTINGS.least_contrast:
+    contrast = float(np.median(fit.value("on") - fit.value("off")))
+    if (fit.bits == fit.bits[0, 0]).all() or contrast < SETTINGS.least_contrast:
         rule = "show symbols with LEDs On and LEDs Off"
         raise VoccError(
             f"input: all LEDs look alike in all {len(fit.grey)} frames: {rule}"

@@ -93,8 +93,8 @@ class Surround(NamedTuple):
     def noise(self) -> float:
         """Variance of the background from pixel to pixel next to it, in grey values; 0 where all is panel."""
         apart = np.diff(self.greys.astype(np.float64), axis=2)
-        both = self.outside[:, 1:] & self.outside[:, :-1]
-        return float((apart[:, both] ** 2).mean()) / 2 if both.any() else math.inf
+        pairs = self.outside[:, 1:] & self.outside[:, :-1]
+        return float((apart[:, pairs] ** 2).mean()) / 2 if pairs.any() else math.inf
 
 
 class Falloff(NamedTuple):
@@ -118,11 +118,13 @@ def natural(drawing: Drawing) -> tuple[Array, Array]:
         (H,W) each; the distance is in units of the corner's.
     """
     height, width = drawing.camera.sensor_px
-    whole = replace(drawing.taken(slice(0, 1)), size_px=(height, width))
-    whole = replace(whole, origin_px=whole.origin_px * 0)
-    own = np.zeros((1, 10))
-    own[0, :3] = width / 2, height / 2, 0.0
-    shade, half = (replace(whole, corner_loss=loss).base(own)[0] for loss in (0.0, 0.5))
+    full = replace(drawing.taken(slice(0, 1)), size_px=(height, width))
+    full = replace(full, origin_px=full.origin_px * 0)
+    frame_values = np.zeros((1, 10))
+    frame_values[0, :3] = width / 2, height / 2, 0.0
+    shade, half = (
+        replace(full, corner_loss=loss).base(frame_values)[0] for loss in (0.0, 0.5)
+    )
     return shade, 2 - 2 * half / shade
 
 
@@ -138,8 +140,8 @@ def falloff(around: Surround, drawing: Drawing, gamma: float) -> Falloff:
     )
     shade, out = (tiled(plane, CELL_PX).mean((-2, -1)) for plane in natural(drawing))
     for _ in range(3):
-        rest = light - np.median(light[free])
-        free &= np.abs(rest) < 6 * 1.48 * np.median(np.abs(rest[free])) + 0.02
+        excess = light - np.median(light[free])
+        free &= np.abs(excess) < 6 * 1.48 * np.median(np.abs(excess[free])) + 0.02
     count = int(free.sum())
     if count < 40:
         return Falloff()

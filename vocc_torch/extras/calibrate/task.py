@@ -63,8 +63,8 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         warnings.warn(doubt, stacklevel=2)
     command = next_command(settings.name, study.panel)
     write_page(study, source.name, command, folder)
-    named = [one.effect for one in study.effects if one.asked]
-    unknown = [f"not told: {one}" for one in study.unknown]
+    named = [effect.effect for effect in study.effects if effect.asked]
+    unknown = [f"not told: {name}" for name in study.unknown]
     for text in (*unknown, f"effects: {', '.join(named)}", f"train: {command}"):
         console.print(text, soft_wrap=True, markup=False, highlight=False)
     places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
@@ -96,18 +96,19 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         or bits.shape[1:] != (shape.rows, shape.columns)
         or not len(bits)
     ):
-        wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
-        given = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
-        raise VoccError(f"{given}: it must be {wanted}")
+        expected = f"bool of shape (N,{shape.rows},{shape.columns})"
+        refusal = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
+        raise VoccError(f"{refusal}: it must be {expected}")
     return bits
 
 
 def next_command(name: str, fitted: LedPanel) -> str:
     """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
-    usual, given = asdict(LedPanel()), asdict(fitted)
-    usual, given = usual | usual.pop("shape"), given | given.pop("shape")
-    told = {key: own for key, own in given.items() if own != usual[key]}
+    usual, found = asdict(LedPanel()), asdict(fitted)
+    usual, found = usual | usual.pop("shape"), found | found.pop("shape")
+    changed = {key: value for key, value in found.items() if value != usual[key]}
     words = [
-        f"panel.{key}={'null' if own is None else own}" for key, own in told.items()
+        f"panel.{key}={'null' if value is None else value}"
+        for key, value in changed.items()
     ]
     return shlex.join(["vocc-torch", f"scene={name}", *words, "task=train"])

@@ -205,9 +205,9 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         covariance[chosen] = np.linalg.pinv(information[chosen], rcond=1e-14)
         floor = np.linalg.pinv(information, rcond=1e-14)[1, 1]
         hidden = math.sqrt(cost * max(0.0, float(floor)))
-    told = Noise(*noise.tolist())
+    noise_model = Noise(*noise.tolist())
     return TransferCurve(
-        light, raw, told, covariance, (gains[0], gains[1]), hidden, levels.still
+        light, raw, noise_model, covariance, (gains[0], gains[1]), hidden, levels.still
     )
 
 

@@ -137,8 +137,10 @@ class SymbolClock:
             [1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit
         )
         alive = (np.abs(alive) < STUCK) | self._anchors
-        seen = self._likelihood(np.clip(flat, -SURE, SURE) * alive.astype(np.float32))
-        for own, values, time_s in zip(flat, seen, times_s, strict=True):
+        likelihoods = self._likelihood(
+            np.clip(flat, -SURE, SURE) * alive.astype(np.float32)
+        )
+        for row, values, time_s in zip(flat, likelihoods, times_s, strict=True):
             # Without a clock of its own the camera is taken to be faster than the panel.
             if time_s is None or self._last is None:
                 ahead = 0.5
@@ -146,7 +148,7 @@ class SymbolClock:
                 ahead = max(0.0, (time_s - self._last) * self.rate_hz)
             self._last = time_s
             self._advance(values, ahead)
-            self._llr.append(own)
+            self._llr.append(row)
             self._seen.append(values)
         return (
             self._settle(len(self._back) - DELAY)
@@ -161,7 +163,7 @@ class SymbolClock:
     def _likelihood(self, llr: NDArray[np.float32]) -> NDArray[np.float32]:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
         bands = self.layout.bands
-        each = np.stack(
+        correlations = np.stack(
             [
                 llr[:, c] @ shown / 2
                 for c, shown in zip(self._cells, self._shown, strict=True)
@@ -169,9 +171,11 @@ class SymbolClock:
         )
         states = np.empty((len(llr), self.layout.symbols, bands), dtype=np.float32)
         for after in range(bands):  # bands at the bottom that show the next symbol
-            following = np.roll(each[bands - after :].sum(axis=0), -1, axis=-1)
+            following = np.roll(correlations[bands - after :].sum(axis=0), -1, axis=-1)
             states[:, :, after] = (
-                each[: bands - after].sum(axis=0) + following - MIXED_COST * (after > 0)
+                correlations[: bands - after].sum(axis=0)
+                + following
+                - MIXED_COST * (after > 0)
             )
         return states.reshape(len(llr), -1)
 
@@ -242,8 +246,8 @@ class SymbolClock:
             self._llr[:count],
             self._seen[:count],
         )
-        own = np.arange(bands)[None] >= bands - (units % bands)[:, None]
-        symbol = (units // bands)[:, None] + own
+        steps = np.arange(bands)[None] >= bands - (units % bands)[:, None]
+        symbol = (units // bands)[:, None] + steps
         odd = 2 * (symbol % 2) - 1
         clocks = np.stack([llr[:, cells].sum(axis=1) for cells in self._clocks], axis=1)
         agreement = np.where(doubtful[:, None], 0, clocks * odd)
@@ -278,12 +282,12 @@ class SymbolClock:
             )
             for rows, beyond in ((after, last), (before, last + 1)):
                 led = np.rint(path[beyond] + clock[rows] - clock[beyond]).astype(int)
-                seen = np.stack([self._seen[row] for row in rows])
+                cells = np.stack([self._seen[row] for row in rows])
                 others = np.take_along_axis(
-                    seen, (led[:, None] + about) % n, axis=1
+                    cells, (led[:, None] + about) % n, axis=1
                 ).max(axis=1)
                 sure = (
-                    np.cumsum(seen[np.arange(len(rows)), path[rows]] - others)
+                    np.cumsum(cells[np.arange(len(rows)), path[rows]] - others)
                     > DOUBTFUL
                 )
                 doubtful[rows[: int(sure.argmax()) if sure.any() else len(rows)]] = True

@@ -87,8 +87,8 @@ class ReedSolomon:
     def encode(self, info: Bytes) -> Bytes:
         """Append the check bytes, and give bits."""
         words = [
-            np.frombuffer(bytes(self.codec.encode(one.tobytes())), np.uint8)
-            for one in info
+            np.frombuffer(bytes(self.codec.encode(word.tobytes())), np.uint8)
+            for word in info
         ]
         return np.unpackbits(np.stack(words), axis=1)
 
@@ -153,7 +153,7 @@ class Ldpc:
         """Decode words together."""
         with torch.inference_mode():
             bits = self.coders[1](torch.from_numpy(llr)).numpy().astype(np.uint8)
-        return [one.tobytes() for one in np.packbits(bits, axis=1)]
+        return [word.tobytes() for word in np.packbits(bits, axis=1)]
 
 
 @dataclass(frozen=True)
@@ -196,11 +196,11 @@ class Convolutional(Ldpc):
     def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
         """Decode words together; nothing is known of the bits that were left out."""
         parts = len(self.coders[0].gen_poly)
-        whole = np.zeros(
+        depunctured = np.zeros(
             (len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32
         )
-        np.add.at(whole.T, self.kept, llr.T)
-        return super().decode(whole)
+        np.add.at(depunctured.T, self.kept, llr.T)
+        return super().decode(depunctured)
 
 
 def sionna(kind: str) -> Any:

@@ -132,7 +132,7 @@ class Combiner:
             self.layout.bands,
         )
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
-        llr = np.stack([one for one, _ in taken])
+        llr = np.stack([values for values, _ in taken])
         weights = judged(ticks.agreement)
         self.used += int((weights == 1).sum())
         self.passed_over += int((weights < 1).sum())
@@ -166,7 +166,9 @@ class Combiner:
     def _over(self, before: int | None = None) -> Iterator[Block]:
         """Give the blocks before one, or all; those of hardly any frame are none."""
         for number in sorted(
-            one for one in self._open if before is None or one < before
+            number_open
+            for number_open in self._open
+            if before is None or number_open < before
         ):
             block = self._open.pop(number)
             if (block.counts == 0).mean() <= HARDLY:

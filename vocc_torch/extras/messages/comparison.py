@@ -119,7 +119,7 @@ def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
             f"receiver.names has {greyscale[0]}: it needs preambles, which messages do not send"
         )
     names = product(plan.receiver.names, config.soft, config.interleave, config.codes)
-    return [Variant(*one) for one in names]
+    return [Variant(*combination) for combination in names]
 
 
 def jobs_of(
@@ -139,13 +139,15 @@ def jobs_of(
 def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
     """Put the named receivers together, with what finds the panel."""
     (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-    made = {}
+    receivers = {}
     for name in plan.receiver.names:
-        own = replace(plan, receiver=replace(plan.receiver, save=name, locator="truth"))
-        made[name] = calibrated_receiver(own, training)
+        receiver_plan = replace(
+            plan, receiver=replace(plan.receiver, save=name, locator="truth")
+        )
+        receivers[name] = calibrated_receiver(receiver_plan, training)
         if locator is not None:
-            made[name].locator = locator
-    return made
+            receivers[name].locator = locator
+    return receivers
 
 
 def recorded(job: RecordingJob) -> RecordingResult:
@@ -183,10 +185,12 @@ def recorded(job: RecordingJob) -> RecordingResult:
         with torch.inference_mode():
             frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
             for name, front in fronts.items():
-                seen = front.read(frames, corners)
-                wrong[name] += int(((front.values(*seen, "hard") >= 0) != truth).sum())
+                reading = front.read(frames, corners)
+                wrong[name] += int(
+                    ((front.values(*reading, "hard") >= 0) != truth).sum()
+                )
                 for soft in config.soft:
-                    values = front.values(*seen, soft)
+                    values = front.values(*reading, soft)
                     blocks[name, soft] += combiners[name, soft].push(values, stamps)
     for of, combiner in combiners.items():
         blocks[of] += combiner.finish()
@@ -202,18 +206,18 @@ def filmed(
     job: RecordingJob, film: NDArray[np.bool_], key: BlockKey
 ) -> Iterator[Recorded]:
     """Let the camera of a job take a film."""
-    config, own = job.config, job.config.record
-    symbol_s = (1 + own.drift) / config.signalling.symbol_rate_hz
+    config, camera_config = job.config, job.config.record
+    symbol_s = (1 + camera_config.drift) / config.signalling.symbol_rate_hz
     fps = job.ratio * config.signalling.symbol_rate_hz
     start_s = float(key.generator("start").random()) * symbol_s
     shutter = Shutter(
         fps,
         start_s,
-        own.readout_s,
-        own.dropped,
-        own.repeated,
-        own.black,
-        own.burst_frames,
+        camera_config.readout_s,
+        camera_config.dropped,
+        camera_config.repeated,
+        camera_config.black,
+        camera_config.burst_frames,
     )
     scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
     with suppress(NoFrameLeftError):  # all its packets are lost
@@ -224,8 +228,8 @@ def filmed(
             symbol_s,
             shutter,
             key,
-            speed_m_s=own.speed_m_s,
-            window=own.margin,
+            speed_m_s=camera_config.speed_m_s,
+            window=camera_config.margin,
             batch=job.plan.batch_frames,
         )
 

@@ -216,7 +216,7 @@ def told(results: Sequence[Carried]) -> Iterator[str]:
             yield f"{at} by {result.name}; raw bit error rate {rate_text(result.raw.ber)}"
     for receiver in dict.fromkeys(result.variant.receiver for result in results):
         if axis == "distance_m":
-            yield f"{receiver} carries {reach(one for one in results if one.variant.receiver == receiver)}"
+            yield f"{receiver} carries {reach(result for result in results if result.variant.receiver == receiver)}"
     if false := sum(result.false for result in results):
         yield f"{false} packets have a right checksum and nobody sent them"
 
@@ -244,19 +244,21 @@ def panels(
     styles = receiver_styles(labels.values())
     drawn: list[plots.Panel] = []
     for receiver, axis in dict.fromkeys(
-        (one.variant.receiver, one.place.axis) for one in results
+        (result.variant.receiver, result.place.axis) for result in results
     ):
         curves = []
         for label, style in styles.items():
             line = [
-                one
-                for one in results
-                if (one.variant.receiver, labels[one]) == (receiver, label)
+                result
+                for result in results
+                if (result.variant.receiver, labels[result]) == (receiver, label)
             ]
-            line = [one for one in line if one.place.axis == axis]
-            values = [one.place.value for one in line]
+            line = [result for result in line if result.place.axis == axis]
+            values = [result.place.value for result in line]
             if line:
-                curves.append(plots.Curve(style, values, [rate(one) for one in line]))
+                curves.append(
+                    plots.Curve(style, values, [rate(result) for result in line])
+                )
         drawn.append(
             plots.Panel(curves, receiver, axis_label(axis), y_label, y_scale="linear")
         )

@@ -184,17 +184,17 @@ class MessagesConfig:
     def __post_init__(self) -> None:
         """Check every range."""
         for name in (*AXES, "at_distance_m", "at_ratio"):
-            given = getattr(self, name)
-            values = given if name in AXES else [given]
+            setting = getattr(self, name)
+            values = setting if name in AXES else [setting]
             low, high = (1.5, MOST_RATIO) if name.endswith("ratio") else (0.0, 1e6)
             inside = all(
-                low < finite_number(f"messages.{name}", one) <= high or one == 1.5
-                for one in values
+                low < finite_number(f"messages.{name}", value) <= high or value == 1.5
+                for value in values
             )
             if not inside or not all(a < b for a, b in pairwise(values)):
                 least = "at least 1.5" if low else "above 0"
                 rule = f"{least} and at most {high:g}" + ", ascending" * (name in AXES)
-                raise VoccError.of(f"messages.{name}", given, rule)
+                raise VoccError.of(f"messages.{name}", setting, rule)
         if not any(getattr(self, axis) for axis in AXES):
             raise VoccError(
                 "messages varies nothing: give values of messages.distance_m, ambient_lx or ratio"
@@ -204,18 +204,18 @@ class MessagesConfig:
             ("interleave", (True, False)),
             ("codes", None),
         ):
-            given = getattr(self, name)
+            setting = getattr(self, name)
             if (
-                not given
-                or len({*given}) < len(given)
-                or (known and not {*given} <= {*known})
+                not setting
+                or len({*setting}) < len(setting)
+                or (known and not {*setting} <= {*known})
             ):
                 rule = (
                     f"some of {', '.join(map(str, known))}, each once"
                     if known
                     else "codes, each once"
                 )
-                raise VoccError.of(f"messages.{name}", given, rule)
+                raise VoccError.of(f"messages.{name}", setting, rule)
         for code in self.codes:
             self.options(code)
         whole_number("messages.recordings", self.recordings, 2, 100_000)

@@ -100,17 +100,17 @@ class Front:
     ) -> tuple[Decoded, torch.Tensor]:
         """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
         known = Panels.known(torch.nan_to_num(corners))
-        there = ~corners.isnan().any(dim=2).any(dim=1)
-        known.found.copy_(there)
+        located = ~corners.isnan().any(dim=2).any(dim=1)
+        known.found.copy_(located)
         decoded = self.receiver.forward(frames, known)
         contrast = decoded.appearance[:, APPEARANCE.index("contrast")]
-        there &= contrast >= FADED_SHARE * self._contrast
-        if bool(there.any()):
+        located &= contrast >= FADED_SHARE * self._contrast
+        if bool(located.any()):
             self._contrast = 0.5 * self._contrast + 0.5 * float(
-                contrast[there].median()
+                contrast[located].median()
             )
-            self._size = self._size or float(decoded.scores[there].abs().median())
-        return decoded, there
+            self._size = self._size or float(decoded.scores[located].abs().median())
+        return decoded, located
 
     def values(
         self, decoded: Decoded, there: torch.Tensor, soft: str
@@ -122,8 +122,8 @@ class Front:
             llr = decoded.scores * (TYPICAL / (self._size or 1.0))
         else:
             llr = decoded.llr
-        given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
-        return given
+        values: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
+        return values
 
     def locate(self, greys: Sequence[Grey]) -> tuple[Frames, torch.Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
@@ -142,10 +142,10 @@ class Front:
     def _cropped(self, greys: Sequence[Grey], corners: torch.Tensor) -> Frames:
         """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
         height, width = greys[0].shape
-        seen = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
-        if not len(seen):
-            seen = torch.zeros(1, 2, dtype=torch.float64)
-        low, high = seen.amin(dim=0), seen.amax(dim=0)
+        known = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
+        if not len(known):
+            known = torch.zeros(1, 2, dtype=torch.float64)
+        low, high = known.amin(dim=0), known.amax(dim=0)
         room = AROUND * (high - low).max() + LEAST_AROUND_PX
         left, top = (low - room).floor().int().clamp(min=0).tolist()
         right, bottom = (high + room).ceil().int().tolist()
@@ -155,7 +155,7 @@ class Front:
             min(max(bottom, top + 1), height),
         )
         grey = torch.from_numpy(
-            np.stack([one[top:bottom, left:right] for one in greys])
+            np.stack([grey[top:bottom, left:right] for grey in greys])
         )
         origin = torch.tensor([[left, top]]).expand(len(greys), 2)
         device = self.receiver.device
@@ -166,12 +166,12 @@ class Front:
         assert self.tracker is not None
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
         for row, plane in enumerate(greys):
-            searches, seen = self.tracker.searches, self.tracker(np.asarray(plane))
-            if seen:
-                corners[row] = torch.from_numpy(seen[0].corners)
+            searches, tracks = self.tracker.searches, self.tracker(np.asarray(plane))
+            if tracks:
+                corners[row] = torch.from_numpy(tracks[0].corners)
                 self.corners_px = corners[row]
             self.looked += self.tracker.searches - searches
-            self.found += bool(seen) and self.tracker.searches > searches
+            self.found += bool(tracks) and self.tracker.searches > searches
         return corners
 
     def _looked_up(self, greys: Sequence[Grey], first: int) -> torch.Tensor:
@@ -187,13 +187,13 @@ class Front:
             before = range(REMEMBERED, min(found, default=len(greys)))
             found |= self._found(greys, [row for row in before if row not in due])
         else:
-            whole = [
+            whole_frames = [
                 row for row in due if (first + row) % (WHOLE * self.locate_every) == 0
             ]
-            found = self._found(greys, whole)
-            rest = [row for row in due if row not in whole]
-            found |= self._found_near(greys, rest)
-            found |= self._found(greys, [row for row in rest if row not in found])
+            found = self._found(greys, whole_frames)
+            others = [row for row in due if row not in whole_frames]
+            found |= self._found_near(greys, others)
+            found |= self._found(greys, [row for row in others if row not in found])
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
         for row in range(len(greys)):
             if row in found:
@@ -214,14 +214,14 @@ class Front:
         frames = Frames.whole(frames.grey.to(self.receiver.device))
         panels = self.receiver.locator(frames, self.receiver.shape)
         places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
-        found = {row: place.double() for row, place, there in places if there}
+        found = {row: place.double() for row, place, is_found in places if is_found}
         self.looked += len(rows)
         self.found += len(found)
         for row, place in found.items():
-            if there := settled(
+            if fitted := settled(
                 np.asarray(greys[row]), place.numpy(), self.receiver.shape
             ):
-                found[row], self._lattice = torch.from_numpy(there[0]), there[1:]
+                found[row], self._lattice = torch.from_numpy(fitted[0]), fitted[1:]
         return found
 
     def _found_near(
@@ -237,8 +237,8 @@ class Front:
             starts = places[-1], torch.stack([*places]).median(dim=0).values
             grey = np.asarray(greys[row])
             fits = [
-                settled(grey, one.numpy(), self.receiver.shape, self._lattice)
-                for one in starts
+                settled(grey, start.numpy(), self.receiver.shape, self._lattice)
+                for start in starts
             ]
             if any(fits):
                 best = max(filter(None, fits), key=lambda one: one[2])
@@ -252,10 +252,10 @@ class Front:
         """Say whether the last looks saw the panel move."""
         if len(self._looks) < REMEMBERED:
             return False
-        seen = torch.stack([*self._looks])
-        cell = float((seen[-1, 1] - seen[-1, 0]).norm()) / self.receiver.shape.columns
-        way = seen[-1] - seen[0]
-        share = (seen.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)
+        looks = torch.stack([*self._looks])
+        cell = float((looks[-1, 1] - looks[-1, 0]).norm()) / self.receiver.shape.columns
+        way = looks[-1] - looks[0]
+        share = (looks.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)
         steady = (share > STEADY / (REMEMBERED - 1)).all(dim=0)
         moved = (way.norm(dim=1) > MOVED_CELLS * cell) & steady
         return int(moved.sum()) >= CORNERS

@@ -119,18 +119,20 @@ class Layout:
         shown[:, self.kind == "anchor"] = 1
         shown[:, self.kind == "clock"] = (2 * (index % 2) - 1)[:, None]
         places = sync_bits(ORDERS[self.symbols]).astype(np.int8)
-        both = places, places ^ (index // 2 % 2)
+        signs = places, places ^ (index // 2 % 2)
         for number, (row, column) in enumerate(np.argwhere(self.kind == "sync")):
-            shown[:, row, column] = 2 * both[number % 2] - 1
+            shown[:, row, column] = 2 * signs[number % 2] - 1
         return shown
 
     @cached_property
     def places(self) -> NDArray[np.int64]:
         """Where the bits of the block's words stand, (packets, word_bits), in (P, data cells) flattened."""
         cells = len(self.data)
-        each = np.arange(self.symbols * cells).reshape(self.symbols, cells)
+        order = np.arange(self.symbols * cells).reshape(self.symbols, cells)
         groups = (
-            each.reshape(-1, self.unit, cells).transpose(0, 2, 1).reshape(-1, self.unit)
+            order.reshape(-1, self.unit, cells)
+            .transpose(0, 2, 1)
+            .reshape(-1, self.unit)
         )
         if self.plan.signalling.interleave:
             groups = groups[

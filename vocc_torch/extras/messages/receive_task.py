@@ -113,11 +113,11 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     arrived: list[Packet] = []
 
     def take(packets: Iterable[Received]) -> None:
-        for one in packets:
-            rows.append(one.row())
-            if one.packet is not None:
-                arrived.append(one.packet)
-                assembly.add(one.packet)
+        for packet in packets:
+            rows.append(packet.row())
+            if packet.packet is not None:
+                arrived.append(packet.packet)
+                assembly.add(packet.packet)
 
     try:
         # The other cores decode: torch's threads would spin there.
@@ -134,13 +134,15 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         receiver.save(folder / "receiver.pt")
     sent = reception.packets_sent
     shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
-    told = f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; {shown}"
+    summary = (
+        f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; {shown}"
+    )
     if front.tracker is not None:
-        told += "; it was followed" + ", for it moves" * front.auto
-    console.print(told, soft_wrap=True, highlight=False)
+        summary += "; it was followed" + ", for it moves" * front.auto
+    console.print(summary, soft_wrap=True, highlight=False)
     places = [("packets", "report.csv"), *write_messages(assembly, folder)]
-    for what, name in places:
-        if what == "message":
+    for content, name in places:
+        if content == "message":
             size = (folder / name).stat().st_size
             console.print(
                 f"{name}: {size} bytes, all verified by their checksum", highlight=False
@@ -197,8 +199,10 @@ def suffix(number: int) -> str:
 def doubts(assembly: Assembly) -> Iterator[str]:
     """Say where packets contradict each other, or belong to messages that are not written."""
     if assembly.contradictions:
-        what = "other content than the first packet of the same message and number"
-        yield f"{assembly.contradictions} packets have {what}: they were passed over"
+        contradiction = (
+            "other content than the first packet of the same message and number"
+        )
+        yield f"{assembly.contradictions} packets have {contradiction}: they were passed over"
     complete = sum(message.complete for message in assembly.messages)
     if complete and complete < len(assembly.messages):
         others = sum(len(message.parts) for message in assembly.messages[complete:])
@@ -231,11 +235,11 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
         return "all packets arrived, but the message's own checksum does not fit: message.partial has them"
     named = [str(a) if a == b else f"{a}-{b}" for a, b in message.gaps[:MOST_NAMED]]
     further = len(message.gaps) - len(named)
-    where = ", ".join(named) + f" and {further} more places" * (further > 0)
+    places = ", ".join(named) + f" and {further} more places" * (further > 0)
     missing = message.packets - len(message.parts)
-    told = (
-        f"of {message.packets} packets of the message {missing} are missing ({where})"
+    refusal = (
+        f"of {message.packets} packets of the message {missing} are missing ({places})"
     )
     if message.packets > sent:
-        told += f", more than the {sent} that the recording has time for"
-    return f"{told}: message.partial has the others"
+        refusal += f", more than the {sent} that the recording has time for"
+    return f"{refusal}: message.partial has the others"

@@ -53,14 +53,14 @@ class Received:
         """The packet's row of ``report.csv``."""
         time_s = None if self.time_s is None else f"{self.time_s:.4f}"
         sequence = None if self.packet is None else self.packet.sequence
-        told = (
+        row = (
             f"{self.frames:.2f}",
             f"{self.unseen:.4f}",
             sequence,
             int(self.packet is not None),
         )
         return [
-            *(self.block, self.place, time_s, *told),
+            *(self.block, self.place, time_s, *row),
             *(self.corrected, f"{self.expected_errors:.1f}", self.why),
         ]
 
@@ -151,15 +151,18 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
         code: of its words.
     """
     words = layout.read(block.ratios(layout))
-    each = block.counts[:, layout.band_of_row, None].repeat(
+    counts = block.counts[:, layout.band_of_row, None].repeat(
         layout.kind.shape[1], axis=2
     )
-    frames = layout.take(each.astype(np.float32))
-    for place, (info, word, seen) in enumerate(
+    frames = layout.take(counts.astype(np.float32))
+    for place, (info, word, frames_of_word) in enumerate(
         zip(code.decode(words), words, frames, strict=True)
     ):
         packet = None if info is None else unpacked(info)
-        unseen, expected = float((seen == 0).mean()), float(expit(-np.abs(word)).sum())
+        unseen, expected = (
+            float((frames_of_word == 0).mean()),
+            float(expit(-np.abs(word)).sum()),
+        )
         corrected, why = None, ""
         if packet is not None and info is not None:
             sent = code.encode(np.frombuffer(info, np.uint8)[None])[0]
@@ -168,7 +171,7 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
             why = f"no frame showed {unseen:.0%} of its bits clearly"
         else:
             why = "too many wrong bits" if info is None else "its checksum does not fit"
-        mean = float(seen.mean())
+        mean = float(frames_of_word.mean())
         yield Received(
             block.number,
             place,

@@ -104,21 +104,23 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
                 .tolist()
             )
             times = part.taken_s.tolist()
-            for time_s, symbol, where in zip(times, part.symbols, corners, strict=True):
-                told = (
+            for time_s, symbol, corner in zip(
+                times, part.symbols, corners, strict=True
+            ):
+                columns = (
                     (None, None, None) if symbol is None else (f"{time_s:.6f}", symbol)
                 )
                 away = float(scene.distance_m[0]) + config.speed_m_s * (
                     0.0 if symbol is None else time_s
                 )
-                cells = [*told[:2], f"{away:.3f}", *(f"{c:.3f}" for c in where)]
+                cells = [*columns[:2], f"{away:.3f}", *(f"{c:.3f}" for c in corner)]
                 rows.append((len(rows) - 1, *cells))
-            kept = part.frames.grey[:, 0].cpu().numpy()
+            grey = part.frames.grey[:, 0].cpu().numpy()
             if not file.tell():
-                shape = (count, *kept.shape[1:])
+                shape = (count, *grey.shape[1:])
                 head = {"descr": "|u1", "fortran_order": False, "shape": shape}
                 np.lib.format.write_array_header_1_0(file, head)
-            file.write(kept.tobytes())
+            file.write(grey.tobytes())
             yield from part.frames.pixels
 
     count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
@@ -139,8 +141,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     run_folder.write_config(settings, folder)
     console = Console()
     ratio = config.fps * symbol_s
-    told = f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m"
-    console.print(told, highlight=False)
+    summary = f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m"
+    console.print(summary, highlight=False)
     places = {
         "recording": "recording.mp4",
         "frames": "recording.npy",

@@ -76,7 +76,7 @@ class Signalling:
         whole_number("transmit.sync_cells", self.sync_cells, 1, 1024)
 
 
-FIELDS = tuple(one.name for one in fields(Signalling))
+FIELDS = tuple(attribute.name for attribute in fields(Signalling))
 """The options by name."""
 
 
@@ -116,9 +116,9 @@ class MessagePlan:
                 f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}"
             )
         try:
-            rest = dict(given)
-            shape = PanelShape(rest.pop("rows"), rest.pop("columns"))
-            return cls(shape, Signalling(**rest))
+            remaining = dict(given)
+            shape = PanelShape(remaining.pop("rows"), remaining.pop("columns"))
+            return cls(shape, Signalling(**remaining))
         except (VoccError, TypeError) as error:
             raise VoccError(f"{source}: {error}") from None
 

@@ -45,10 +45,10 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     message = read_file(settings.input, "input", LARGEST_BYTES)
     plan, console = plan_of(settings, config), Console()
     film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
-    pictures = (np.where(one, LIT, DARK).astype(np.uint8) for one in film)
+    pictures = (np.where(symbol, LIT, DARK).astype(np.uint8) for symbol in film)
     large = (
-        np.kron(one, np.ones((config.cell_px, config.cell_px), np.uint8))
-        for one in pictures
+        np.kron(picture, np.ones((config.cell_px, config.cell_px), np.uint8))
+        for picture in pictures
     )
     write_video(folder / "film.mp4", large, config.symbol_rate_hz)
     with atomic_file(folder / FRAMES) as temporary:
@@ -58,9 +58,9 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     for line in costs(plan):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     seconds = len(film) / config.symbol_rate_hz
-    told = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
+    summary = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
     console.print(
-        f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s",
+        f"{summary}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s",
         highlight=False,
     )
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}

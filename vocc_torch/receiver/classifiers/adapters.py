@@ -53,13 +53,13 @@ class TorchClassifier:
         """Train on ``recipe.frames`` panels of the stream, whatever the study's budget is."""
         count = 0
         x = bits = torch.empty(0)
-        for part, own in batches(0, self.recipe.frames):
+        for part, panels in batches(0, self.recipe.frames):
             if not count:
                 x, bits = (
-                    one.new_empty((self.recipe.frames, *one.shape[1:]))
-                    for one in (part, own)
+                    side.new_empty((self.recipe.frames, *side.shape[1:]))
+                    for side in (part, panels)
                 )
-            x[count : count + len(part)], bits[count : count + len(part)] = part, own
+            x[count : count + len(part)], bits[count : count + len(part)] = part, panels
             count += len(part)
         return self.fit(x[:count], bits[:count])
 
@@ -70,20 +70,25 @@ class TorchClassifier:
             VoccError: fewer than two panels, a module with nothing to learn or whose ``forward`` fails, or a
                 loss that is not finite.
         """
-        if not any(one.requires_grad for one in self.module.parameters()):
+        if not any(parameter.requires_grad for parameter in self.module.parameters()):
             raise VoccError(
                 "the module has nothing that learns: use a class with fit and decision_function"
             )
-        held = max(1, round(self.recipe.validation * len(x)))
-        if len(x) <= held:
+        held_out = max(1, round(self.recipe.validation * len(x)))
+        if len(x) <= held_out:
             raise VoccError(
-                f"{len(x)} training panels are too few to hold {held} back for validation"
+                f"{len(x)} training panels are too few to hold {held_out} back for validation"
             )
-        rows, target = _leds(x[:-held]), bits[:-held].reshape(-1).float()
+        rows, target = _leds(x[:-held_out]), bits[:-held_out].reshape(-1).float()
         self._mean, self._spread = rows.mean(dim=0), rows.std(dim=0)
         self._spread = torch.where(self._spread > 0, self._spread, 1.0)
         self.module.to(x.device)
-        shown = [rows, target, _leds(x[-held:]), bits[-held:].reshape(-1).float()]
+        shown = [
+            rows,
+            target,
+            _leds(x[-held_out:]),
+            bits[-held_out:].reshape(-1).float(),
+        ]
         recipe, checkpoint = self.recipe, None
         if recipe.checkpoints is not None:
             checkpoint = Checkpoint(recipe.checkpoints, self.module, recipe, [x, bits])
@@ -120,7 +125,7 @@ class TorchClassifier:
     @property
     def parameters_count(self) -> int:
         """How many numbers decide."""
-        return sum(one.numel() for one in self.module.parameters())
+        return sum(parameter.numel() for parameter in self.module.parameters())
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """What it learned: the module's state, and how inputs are scaled.
@@ -137,12 +142,12 @@ class TorchClassifier:
 
     def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take up what :meth:`state_dict` gave."""
-        own = {
+        module_state = {
             name.partition(".")[2]: value
             for name, value in state.items()
             if "." in name
         }
-        self.module.load_state_dict(own)
+        self.module.load_state_dict(module_state)
         self._mean, self._spread = state["mean"], state["spread"]
 
     def _scaled(self, rows: torch.Tensor) -> torch.Tensor:
@@ -162,13 +167,13 @@ class TorchClassifier:
                 f"forward failed on {tuple(rows.shape)} ({one_line(error)})"
             ) from error
         if not isinstance(scores, torch.Tensor) or scores.numel() != rows.shape[0]:
-            given = (
+            shape = (
                 tuple(scores.shape)
                 if isinstance(scores, torch.Tensor)
                 else type(scores).__name__
             )
             raise VoccError(
-                f"the module gave {given} for {len(rows)} LEDs: it must give one score each"
+                f"the module gave {shape} for {len(rows)} LEDs: it must give one score each"
             )
         return scores.reshape(-1)
 

@@ -82,23 +82,26 @@ class Patch:
         light = torch.nn.functional.avg_pool2d(light, per_cell // self.samples)
         inner = light[..., self.samples : -self.samples, self.samples : -self.samples]
         mean = inner.mean(dim=(1, 2, 3), keepdim=True)
-        seen = inner if self.cells == 1 else light
+        source = inner if self.cells == 1 else light
         if self.relative == "panel":
             # On an all-black panel every LED equals the mean, as with AGR.
-            seen = torch.where(mean > 0, seen / torch.where(mean > 0, mean, 1.0), 1.0)
+            source = torch.where(
+                mean > 0, source / torch.where(mean > 0, mean, 1.0), 1.0
+            )
         windows = (
-            seen[:, 0]
+            source[:, 0]
             .unfold(1, self.side, self.samples)
             .unfold(2, self.side, self.samples)
         )
         values = windows.flatten(start_dim=3)
-        for wanted, one in (
+        for is_input, column in (
             (self.level, mean),
             (self.pitch, cell_px.to(torch.float32).mean(dim=1)),
         ):
-            if wanted:
+            if is_input:
                 values = torch.cat(
-                    [values, one.view(-1, 1, 1, 1).expand(*values.shape[:3], 1)], dim=-1
+                    [values, column.view(-1, 1, 1, 1).expand(*values.shape[:3], 1)],
+                    dim=-1,
                 )
         return values
 
@@ -151,12 +154,12 @@ class Inputs:
             raise VoccError.of("inputs.features", repr(features), "a list")
         if patch is not None and not isinstance(patch, Mapping):
             raise VoccError.of("inputs.patch", repr(patch), "a mapping of its settings")
-        for section, kind, given in (
+        for section, kind, keywords in (
             ("inputs", cls, settings),
             ("inputs.patch", Patch, patch or {}),
         ):
-            known = [one.name for one in fields(kind)]
-            if stray := [name for name in given if name not in known]:
+            known = [attribute.name for attribute in fields(kind)]
+            if stray := [name for name in keywords if name not in known]:
                 raise VoccError(
                     f"{section}.{stray[0]} is not a known key: known are {', '.join(known)}"
                 )

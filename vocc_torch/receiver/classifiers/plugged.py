@@ -73,15 +73,15 @@ def classifier_of(
         arguments.setdefault("n_inputs", inputs.size)
     # A module draws its first weights when it is made.
     with seeded(recipe.seed):
-        made = plug_in.build(kind, arguments)
-    if isinstance(made, nn.Module):
-        made = adapters.TorchClassifier(made, recipe)
-    elif adapters.is_estimator(made):
+        built = plug_in.build(kind, arguments)
+    if isinstance(built, nn.Module):
+        built = adapters.TorchClassifier(built, recipe)
+    elif adapters.is_estimator(built):
         try:
-            made = adapters.SklearnClassifier(made)
+            built = adapters.SklearnClassifier(built)
         except VoccError as error:
             raise VoccError(f"classifiers.{plug_in.name}: {error}") from error
-    return Guarded(plug_in.name, made, inputs, plug_in)
+    return Guarded(plug_in.name, built, inputs, plug_in)
 
 
 @contextmanager
@@ -99,7 +99,7 @@ def seeded(seed: int) -> Iterator[None]:
         True
     """
     # Estimators without a random_state draw from NumPy's global generator: there is no other to give them.
-    kept, state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    numpy_state, state = np.random.get_state(), random.getstate()  # noqa: NPY002
     try:
         with torch.random.fork_rng():
             random.seed(seed)
@@ -107,7 +107,7 @@ def seeded(seed: int) -> Iterator[None]:
             torch.manual_seed(seed)
             yield
     finally:
-        np.random.set_state(kept)  # noqa: NPY002
+        np.random.set_state(numpy_state)  # noqa: NPY002
         random.setstate(state)
 
 
@@ -211,14 +211,14 @@ def restored(
                 )
             packed = arrays[SKOPS].numpy().tobytes()
             # Of the classes that skops does not know, those of the file that the user named.
-            own = ""
+            kind_text = ""
             if plug_in.file is not None:
                 plug_in.file.module()
-                own = f"{plug_in.file.module_name}."
+                kind_text = f"{plug_in.file.module_name}."
             trusted = [
-                one
-                for one in io.get_untrusted_types(data=packed)
-                if one in TRUSTED or (own and one.startswith(own))
+                name
+                for name in io.get_untrusted_types(data=packed)
+                if name in TRUSTED or (kind_text and name.startswith(kind_text))
             ]
             estimator = adapters.SklearnClassifier(io.loads(packed, trusted=trusted))
             return Guarded(plug_in.name, estimator, inputs, plug_in)
@@ -266,8 +266,10 @@ def loaded(
     Raises:
         VoccError: as :func:`admitted` and :func:`restored`.
     """
-    seen, patch = settings["inputs"], settings["inputs"]["patch"]
-    inputs = Inputs(tuple(seen["features"]), None if patch is None else Patch(**patch))
+    input_settings, patch = settings["inputs"], settings["inputs"]["patch"]
+    inputs = Inputs(
+        tuple(input_settings["features"]), None if patch is None else Patch(**patch)
+    )
     return restored(
         admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays
     )

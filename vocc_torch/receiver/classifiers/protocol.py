@@ -132,12 +132,17 @@ class Guarded:
         scores, predict = self._scores(x), getattr(self.classifier, "predict", None)
         if not self._agreed and callable(predict):
             some = x[:AGREEING_PANELS]
-            decided, own = self._answer("predict", predict, some), self._scores(some)
+            decided, own_scores = (
+                self._answer("predict", predict, some),
+                self._scores(some),
+            )
             # A score of 0 may be both.
-            if apart := int((((decided != 0) != (own >= 0)) & (own != 0)).sum()):
-                told = f"classifier {self.name}: predict says otherwise at {apart} of {own.numel()} LEDs"
+            if apart := int(
+                (((decided != 0) != (own_scores >= 0)) & (own_scores != 0)).sum()
+            ):
+                refusal = f"classifier {self.name}: predict says otherwise at {apart} of {own_scores.numel()} LEDs"
                 raise VoccError(
-                    f"{told}: it must be On where decision_function is at least 0, else Off"
+                    f"{refusal}: it must be On where decision_function is at least 0, else Off"
                 )
         self._agreed = True
         return scores
@@ -145,7 +150,7 @@ class Guarded:
     def _scores(self, x: Tensor) -> Tensor:
         """Score, and check what came."""
         scores = self._answer("decision_function", self.classifier.decision_function, x)
-        given = f"classifier {self.name}: decision_function gave"
+        refusal = f"classifier {self.name}: decision_function gave"
         # Bits for scores would all be On: none is below 0.
         if (
             scores.layout != torch.strided
@@ -153,22 +158,22 @@ class Guarded:
             or scores.is_complex()
         ):
             raise VoccError(
-                f"{given} {scores.dtype}, {scores.layout}, it must give dense real numbers"
+                f"{refusal} {scores.dtype}, {scores.layout}, it must give dense real numbers"
             )
         if not holds(torch.isfinite(scores)):
-            raise VoccError(f"{given} scores that are not finite")
+            raise VoccError(f"{refusal} scores that are not finite")
         return scores.detach().to(torch.float64)
 
     def _answer(self, what: str, call: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
         """Call a method on ``x``; refuse what is not one number an LED."""
         answer: object = self._guarded(what, lambda: call(x))
-        wanted = tuple(x.shape[:-1])
-        given = (
+        expected = tuple(x.shape[:-1])
+        shape = (
             tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
         )
-        if not isinstance(answer, Tensor) or given != wanted:
+        if not isinstance(answer, Tensor) or shape != expected:
             raise VoccError(
-                f"classifier {self.name}: {what} gave {given}, not a tensor of shape {wanted}"
+                f"classifier {self.name}: {what} gave {shape}, not a tensor of shape {expected}"
             )
         return answer
 

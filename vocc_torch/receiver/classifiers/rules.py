@@ -85,7 +85,7 @@ def _solved(flda: FLDA) -> discriminant.Discriminant:
         flda.statistics.to(torch.device("cpu")).checked()
     )
     return discriminant.Discriminant(
-        *(one.detach().to(device, copy=True) for one in rule)
+        *(letter.detach().to(device, copy=True) for letter in rule)
     )
 
 
@@ -261,8 +261,8 @@ class TagPlanes(_Untrained):
         """Score every LED by its distance from the plane between black and white."""
         cells = x.to(torch.float64)
         beside = cells[..., [1, 3, 5, 7]].mean(dim=-1)
-        own = cells[..., 4]
-        sharp = own + self.sharpening * 4 * (own - beside)
+        centre = cells[..., 4]
+        sharp = centre + self.sharpening * 4 * (centre - beside)
         scores = sharp - two_levels(sharp.flatten(1))[0].view(-1, 1, 1)
         for _ in range(self.rounds):
             on = scores >= 0

@@ -104,18 +104,18 @@ class Checkpoint:
         data: Sequence[Tensor],
     ) -> None:
         settings, place = replace(recipe, checkpoints=None), data[0].device.type
-        told = hashlib.sha256(
+        digest = hashlib.sha256(
             f"{module!r} {settings!r} {place} {torch.__version__}".encode()
         )
-        told.update(package_digest("vocc_torch").encode())
+        digest.update(package_digest("vocc_torch").encode())
         for kind in dict.fromkeys(type(part) for part in module.modules()):
             source = ""
             with contextlib.suppress(OSError, TypeError, UnicodeDecodeError):
                 source = Path(inspect.getfile(kind)).read_text(encoding="utf-8")
-            told.update(f"{kind.__module__}.{kind.__qualname__} {source}".encode())
+            digest.update(f"{kind.__module__}.{kind.__qualname__} {source}".encode())
         for tensor in [*module.state_dict().values(), *data]:
-            told.update(str((tensor.shape, tensor.dtype)).encode())
-            told.update(
+            digest.update(str((tensor.shape, tensor.dtype)).encode())
+            digest.update(
                 tensor.detach()
                 .cpu()
                 .contiguous()
@@ -124,7 +124,9 @@ class Checkpoint:
                 .numpy()
                 .data
             )
-        self.path = Path(folder) / f"{type(module).__name__}-{told.hexdigest()[:16]}.pt"
+        self.path = (
+            Path(folder) / f"{type(module).__name__}-{digest.hexdigest()[:16]}.pt"
+        )
 
     def load(self, device: torch.device) -> dict[str, Any] | None:
         """Read how far the training came, or None where it has not begun.
@@ -136,13 +138,13 @@ class Checkpoint:
             return None
         reason = "its checksum does not fit"
         try:
-            whole = read_file(self.path)
-            kept = whole[_CHECKSUM_BYTES:]
-            if whole[:_CHECKSUM_BYTES] == self._checksum(kept):
+            content = read_file(self.path)
+            packed = content[_CHECKSUM_BYTES:]
+            if content[:_CHECKSUM_BYTES] == self._checksum(packed):
                 # The states of an optimizer and of a schedule have no narrower type.
                 state: dict[str, Any]
                 state = torch.load(
-                    io.BytesIO(kept), map_location=device, weights_only=True
+                    io.BytesIO(packed), map_location=device, weights_only=True
                 )
                 return state
         except Exception as error:
@@ -155,9 +157,11 @@ class Checkpoint:
         Raises:
             VoccError: the file cannot be written.
         """
-        kept = io.BytesIO()
-        torch.save(state, kept)
-        write_atomically(self.path, self._checksum(kept.getvalue()) + kept.getvalue())
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        write_atomically(
+            self.path, self._checksum(buffer.getvalue()) + buffer.getvalue()
+        )
 
     def _checksum(self, kept: bytes) -> bytes:
         """Hash the file's name and the state."""
@@ -186,7 +190,7 @@ def train_module(
     Raises:
         VoccError: a validation loss that is not finite, or a checkpoint that cannot be read or written.
     """
-    rows, target, held, held_target = panels
+    rows, target, held_out, held_target = panels
     on_cuda = rows.device.type == "cuda"
     rate, steps = (
         recipe.learning_rate,
@@ -235,16 +239,18 @@ def train_module(
             schedule.step()
         module.eval()
         pairs = zip(
-            torch.split(held, 1 << 16), torch.split(held_target, 1 << 16), strict=True
+            torch.split(held_out, 1 << 16),
+            torch.split(held_target, 1 << 16),
+            strict=True,
         )
         with torch.inference_mode():
             sums = [
                 nn.functional.binary_cross_entropy_with_logits(
-                    score(part), wanted, reduction="sum"
+                    score(part), target, reduction="sum"
                 )
-                for part, wanted in pairs
+                for part, target in pairs
             ]
-        losses.append(float(torch.stack(sums).sum()) / len(held))
+        losses.append(float(torch.stack(sums).sum()) / len(held_out))
         if not math.isfinite(losses[-1]):
             raise VoccError(
                 "the validation loss is not finite: try a smaller training.learning_rate"
@@ -258,7 +264,7 @@ def train_module(
                 *([torch.cuda.get_rng_state(rows.device)] if on_cuda else []),
             ]
             seconds = earlier_s + time.perf_counter() - begun
-            kept = {
+            written = {
                 "best": best,
                 "since": since,
                 "losses": losses,
@@ -267,7 +273,7 @@ def train_module(
             }
             checkpoint.save(
                 {
-                    **kept,
+                    **written,
                     "parts": {name: part.state_dict() for name, part in parts.items()},
                 }
             )
@@ -341,8 +347,8 @@ class PatchCnn(nn.Module):
         """Score."""
         rows = x.reshape(-1, x.shape[-1])
         picture = rows[:, : self.side**2].reshape(-1, 1, self.side, self.side)
-        seen = torch.cat(
+        inputs = torch.cat(
             [self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1
         )
-        scores: Tensor = self.decide(seen)
+        scores: Tensor = self.decide(inputs)
         return scores.reshape(x.shape[:-1])

@@ -217,18 +217,19 @@ class PaperLocator(LocatorLimits, PanelLocator):
         for some, width, height in _passes(boxes):
             mask = _cut(grey, threshold, boxes, some, width, height)
             if grey.device.type == "cpu" and width * height <= LADDER.small_mask_px:
-                made, part = choose_single(mask.numpy(), place[some], shape, self)
-                if len(made) == len(boxes) == 1:
+                chosen, part = choose_single(mask.numpy(), place[some], shape, self)
+                if len(chosen) == len(boxes) == 1:
                     return part
                 choice = choice or Choice.none(len(boxes), grey.device)
-                choice.put(torch.from_numpy(some[made]), part)
+                choice.put(torch.from_numpy(some[chosen]), part)
                 mask, some = (
-                    mask[np.delete(np.arange(len(some)), made)],
-                    np.delete(some, made),
+                    mask[np.delete(np.arange(len(some)), chosen)],
+                    np.delete(some, chosen),
                 )
             if len(some):
                 rows, at = (
-                    torch.from_numpy(one).to(grey.device) for one in (some, place[some])
+                    torch.from_numpy(rows).to(grey.device)
+                    for rows in (some, place[some])
                 )
                 part = climb(mask, shape, self)
                 part.corners_px.add_((at * part.found[:, None])[:, None])
@@ -313,15 +314,19 @@ def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]
     order = order[area[order] > 0]
     sizes = boxes[order, 2:].tolist()
     passes: list[tuple[NDArray[np.int64], int, int]] = []
-    begin = width = height = own = 0
+    begin = width = height = pixels = 0
     for index, (wide, high) in enumerate(sizes):
         padded = (index + 1 - begin) * max(width, wide) * max(height, high)
         if index > begin and padded > min(
-            LADDER.pass_px, max(LADDER.small_pass_px, 4 * (own + wide * high))
+            LADDER.pass_px, max(LADDER.small_pass_px, 4 * (pixels + wide * high))
         ):
             passes.append((order[begin:index], width, height))
-            begin, width, height, own = index, 0, 0, 0
-        width, height, own = max(width, wide), max(height, high), own + wide * high
+            begin, width, height, pixels = index, 0, 0, 0
+        width, height, pixels = (
+            max(width, wide),
+            max(height, high),
+            pixels + wide * high,
+        )
     if sizes:
         passes.append((order[begin:], width, height))
     return passes
@@ -346,7 +351,9 @@ def _cut(
                 planes[row, top : top + high, left : left + wide] > limits[row]
             )
         return torch.from_numpy(masks)
-    rows, box = (torch.from_numpy(one).to(grey.device) for one in (some, boxes[some]))
+    rows, box = (
+        torch.from_numpy(column).to(grey.device) for column in (some, boxes[some])
+    )
     down = torch.arange(height, device=grey.device)
     right = torch.arange(width, device=grey.device)
     y, x = box[:, 1, None] + down, box[:, 0, None] + right
@@ -410,9 +417,9 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
         peak[active[better]] = torch.where(
             holds, torch.maximum(peak[active], now.score), now.score
         )[better]
-        whole = choice.mask_px[active] >= LADDER.whole_share * foreground[active]
-        pitches = torch.where(whole, LADDER.reach_pitches, LADDER.last_pitches)
-        on = ((blobs.components > 1) & ~whole) | (
+        whole_panels = choice.mask_px[active] >= LADDER.whole_share * foreground[active]
+        pitches = torch.where(whole_panels, LADDER.reach_pitches, LADDER.last_pitches)
+        on = ((blobs.components > 1) & ~whole_panels) | (
             (search.closing_px << level) < pitches * pitch
         )
         if not bool(on.any()):
@@ -436,13 +443,13 @@ def _level_choice(
         blobs.left_px,
         blobs.first_px[:, 1],
     )
-    first, last, area_px, left, top = (one.cpu().numpy() for one in blobs_of)
+    first, last, area_px, left, top = (blob.cpu().numpy() for blob in blobs_of)
     measures = measure_blobs(
         first, last, area_px, np.stack([left, top], 1), shape, search
     )
     parts = (measures.corners_px, measures.within, measures.score, measures.pitch_px)
     corners_px, passed, score, pitch_px = (
-        torch.from_numpy(one).to(blobs.frame.device) for one in parts
+        torch.from_numpy(part).to(blobs.frame.device) for part in parts
     )
     chosen = []
     # Each mask's allowed blob of highest score, the first of equals, M if there is none.
@@ -538,9 +545,9 @@ def choose_single(
         first, last, area_px[single], place_px[single], shape, search
     )
     sure = _is_sure(measures, search)
-    score, ones = measures.score, np.ones_like(single)
+    score, full = measures.score, np.ones_like(single)
     seed = np.zeros((len(single), 2), dtype=np.int64)
     seed[:, 0] = first[:, 0]
-    parts = (measures.corners_px, score > 0, score, ones, seed, lit.sum((1, 2)))
-    kept = slice(None) if sure.all() else sure
-    return single[kept], Choice(*(torch.from_numpy(part[kept]) for part in parts))
+    parts = (measures.corners_px, score > 0, score, full, seed, lit.sum((1, 2)))
+    rows = slice(None) if sure.all() else sure
+    return single[rows], Choice(*(torch.from_numpy(part[rows]) for part in parts))

@@ -151,9 +151,9 @@ class RefinedLocator(PanelLocator):
         background = crops.surround.to(torch.float32)
         noise = torch.zeros_like(background)
         panels = self._chosen(crops, background, noise, shape)
-        seen = panels.found.nonzero()[:, 0]
-        if len(seen):
-            poor = self._refit(panels, seen, crops[seen], background, noise, shape)
+        rows = panels.found.nonzero()[:, 0]
+        if len(rows):
+            poor = self._refit(panels, rows, crops[rows], background, noise, shape)
             self._left_to_paper(panels, poor, crops[poor], shape)
         return panels
 
@@ -172,17 +172,19 @@ class RefinedLocator(PanelLocator):
         likeness, poor = found.score.clone(), torch.zeros_like(found.found)
         # Small windows are fitted together: what lies between the panel and the border does not matter.
         for side, rows in _by_side(regions.side_px.clamp(min=REFINED.fit_px)):
-            seen = rows[found.found[rows]]
-            if len(seen):
-                windows = foreground.cut_windows(frames, regions, seen, side)
-                poor[self._refit(found, seen, windows, background, noise, shape)] = True
+            located = rows[found.found[rows]]
+            if len(located):
+                windows = foreground.cut_windows(frames, regions, located, side)
+                poor[self._refit(found, located, windows, background, noise, shape)] = (
+                    True
+                )
         for side, rows in _by_side(regions.side_px):
-            rest = rows[poor[rows]]
+            remaining = rows[poor[rows]]
             windows = replace(
-                foreground.cut_windows(frames, regions, rest, side),
-                surround=background[rest],
+                foreground.cut_windows(frames, regions, remaining, side),
+                surround=background[remaining],
             )
-            self._left_to_paper(found, rest, windows, shape)
+            self._left_to_paper(found, remaining, windows, shape)
         # The panel of most merit in each frame, the first of equals.
         merit = (likeness * found.score**2).masked_fill(~found.found, 0.0)
         most = merit.new_zeros(len(frames)).scatter_reduce(
@@ -271,8 +273,8 @@ def _fitted(
             sized = (middle + size * (cells - middle)).expand(len(rows), 4, 2)
             corners = resample.map_points(start[rows], sized, shape)
             retry(rows, corners, blur[rows], lattice_fit.NO_FACE)
-        seen = frames[rows], corners_px[rows], background[rows]
-        oblong = lattice_model.search_lattice(*seen, shape, square=False)
+        crops = frames[rows], corners_px[rows], background[rows]
+        oblong = lattice_model.search_lattice(*crops, shape, square=False)
         retry(rows, *oblong, lattice_fit.NO_FACE)
     return lattice
 

@@ -108,25 +108,25 @@ AFTER = "after"
 @functools.cache
 def _named(kind: type[Effect], **stated: str | None) -> type[Effect]:
     """Make the kind of effect from outside that a configuration names: the same settings, the same kind."""
-    made = type(
+    subclass = type(
         kind.__name__,
         (kind,),
         {"__doc__": kind.__doc__, "__module__": kind.__module__, **stated},
     )
-    assert issubclass(made, Effect)
-    return made
+    assert issubclass(subclass, Effect)
+    return subclass
 
 
 def plug_ins(named: Mapping[str, object]) -> dict[str, PlugIn]:
     """Give the effects from outside, by name, as their settings describe them."""
     described = {
-        name: one
-        for name, one in named.items()
-        if isinstance(one, Mapping) and TARGET in one
+        name: description
+        for name, description in named.items()
+        if isinstance(description, Mapping) and TARGET in description
     }
     return {
-        name: PlugIn.of(f"scene.effects.{name}", one, str(name))
-        for name, one in described.items()
+        name: PlugIn.of(f"scene.effects.{name}", description, str(name))
+        for name, description in described.items()
     }
 
 
@@ -168,8 +168,8 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
     ours = {kind.name: kind for kind in PHYSICAL_ORDER}
     places, kinds = {name: (index, "") for index, name in enumerate(ours)}, dict(ours)
     outside = plug_ins(named)
-    for name, given in named.items():
-        kind = _found(outside[name]) if name in outside else type(given)
+    for name, effect_or_settings in named.items():
+        kind = _found(outside[name]) if name in outside else type(effect_or_settings)
         if not issubclass(kind, Effect) or kind is ours.get(name):
             continue
         key = f"scene.effects.{name}"
@@ -178,7 +178,7 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
                 f"{key} is an effect of the package: give yours another name"
             )
         if {*inspect.signature(kind).parameters} != {
-            one.name for one in fields(kind) if one.init
+            attribute.name for attribute in fields(kind) if attribute.init
         }:
             raise VoccError(
                 f"{key}: {kind.__name__} must be a dataclass, its parameters being its fields"
@@ -222,32 +222,33 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
         >>> [effect.name for effect in build_effects({"saturation": {}, "blooming": {"sigma_px": 1.5}})]
         ['blooming', 'saturation']
     """
-    given: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     if isinstance(named, Mapping):
-        given = dict(named)
+        by_name = dict(named)
     elif isinstance(named, list | tuple) and all(
-        isinstance(one, Effect) for one in named
+        isinstance(effect, Effect) for effect in named
     ):
-        given = {one.name: one for one in named}
-        if len(given) < len(named):
+        by_name = {effect.name: effect for effect in named}
+        if len(by_name) < len(named):
             raise VoccError.of(
                 "scene.effects",
-                [one.name for one in named],
+                [effect.name for effect in named],
                 "effects of different names",
             )
     else:
         raise VoccError.of(
             "scene.effects", shown(named), "effects by name, or a list of effects"
         )
-    kinds = kinds_of(given)
-    for name in given:
+    kinds = kinds_of(by_name)
+    for name in by_name:
         if name not in kinds:
             raise VoccError(
                 f"scene.effects.{name} is not a known effect; {told_known(name, kinds)}"
             )
-    ordered = [(kinds[name], given[name]) for name in kinds if name in given]
+    ordered = [(kinds[name], by_name[name]) for name in kinds if name in by_name]
     effects = [
-        one if isinstance(one, Effect) else _built(kind, one) for kind, one in ordered
+        settings if isinstance(settings, Effect) else _built(kind, settings)
+        for kind, settings in ordered
     ]
     check_chain(effects)
     return tuple(effects)
@@ -264,27 +265,27 @@ def _built(kind: type[Effect], given: object) -> Effect:
     demand_kind(key, given, Mapping)
     assert isinstance(given, Mapping)
     signature = inspect.signature(kind).parameters
-    for parameter, own in given.items():
+    for parameter, value in given.items():
         if kind.target and parameter in (TARGET, AFTER):
             continue
         if parameter not in signature:
             known = told_known(parameter, signature)
             raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
-        kept = str(signature[parameter].annotation)
-        if "Distribution" in kept:
+        annotation = str(signature[parameter].annotation)
+        if "Distribution" in annotation:
             read[parameter] = Distribution.parse(
-                own, f"effects.{kind.name}.{parameter}"
+                value, f"effects.{kind.name}.{parameter}"
             )
-        elif isinstance(own, str) and "str" in kept:
-            read[parameter] = own
+        elif isinstance(value, str) and "str" in annotation:
+            read[parameter] = value
         elif (
-            isinstance(own, bool)
-            or not isinstance(own, int | float)
-            or LARGEST < abs(own) < math.inf
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or LARGEST < abs(value) < math.inf
         ):
-            raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
+            raise VoccError.of(f"{key}.{parameter}", repr(value), "a number")
         else:
-            read[parameter] = own
+            read[parameter] = value
     for parameter, declared in signature.items():
         if declared.default is inspect.Parameter.empty and parameter not in given:
             raise VoccError(f"{key}.{parameter} is missing: the effect needs it")
@@ -312,12 +313,12 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
             else (current,)
         )
         if effect.takes not in ahead:
-            wanted = f"scene.effects.{effect.name} needs {effect.takes.value}"
+            needs = f"scene.effects.{effect.name} needs {effect.takes.value}"
             if effect.takes in CAMERA_STEPS and current != Quantity.ELECTRONS:
                 raise VoccError(
-                    f"{wanted}, which is gone at its place: give another {AFTER}"
+                    f"{needs}, which is gone at its place: give another {AFTER}"
                 )
-            raise VoccError(f"{wanted}, which {_leads('makes', effect.takes, current)}")
+            raise VoccError(f"{needs}, which {_leads('makes', effect.takes, current)}")
         kind = OF_POINTS_AND_SYMBOLS.get(effect.takes, Effect)
         acts = f"scene.effects.{effect.name} acts on {effect.takes.value}"
         if not isinstance(effect, kind):

@@ -66,11 +66,11 @@ class Photographs(Backdrop):
     @property
     def digest(self) -> str:
         """What tells these pictures from others: their names and sizes."""
-        told = "".join(
+        listing = "".join(
             f"{path.name}/{size}/"
             for path, size in pictures_of(self.folder, Path.cwd())
         )
-        return hashlib.sha256(told.encode()).hexdigest()
+        return hashlib.sha256(listing.encode()).hexdigest()
 
     def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
         """Look up each frame's photograph at the sensor's columns and rows, (B,1,H,W)."""
@@ -122,14 +122,14 @@ def pictures_of(folder: str, here: Path) -> tuple[tuple[Path, int], ...]:
         )
         raise VoccError.of(key, repr(folder), rule)
     found = [
-        one
-        for one in path.iterdir()
-        if one.suffix.lower() in PICTURE_SUFFIXES and _opens(one)
+        picture
+        for picture in path.iterdir()
+        if picture.suffix.lower() in PICTURE_SUFFIXES and _opens(picture)
     ]
     if not found:
         rule = f"a folder with a picture that can be read, {' '.join(PICTURE_SUFFIXES)}"
         raise VoccError.of(key, repr(folder), rule)
-    return tuple((one, one.stat().st_size) for one in sorted(found))
+    return tuple((picture, picture.stat().st_size) for picture in sorted(found))
 
 
 def _opens(path: Path) -> bool:
@@ -161,19 +161,19 @@ def light_of(
             shown.thumbnail((most_px, most_px))
             grey = np.asarray(shown, dtype=np.float32)
             if channel is not None:
-                own = ImageOps.exif_transpose(picture.convert("RGB")).getchannel(
-                    channel
-                )
-                own.thumbnail((most_px, most_px))
+                channel_plane = ImageOps.exif_transpose(
+                    picture.convert("RGB")
+                ).getchannel(channel)
+                channel_plane.thumbnail((most_px, most_px))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         rule = f"holds {path.name}, which cannot be read ({error})"
         raise VoccError(f"scene.effects.backdrop.folder {rule}") from None
     light = (grey / np.float32(255)) ** np.float32(gamma)
     mean = max(float(light.mean()), 1e-9)
     if channel is not None:
-        light = (np.asarray(own, dtype=np.float32) / np.float32(255)) ** np.float32(
-            gamma
-        )
+        light = (
+            np.asarray(channel_plane, dtype=np.float32) / np.float32(255)
+        ) ** np.float32(gamma)
     scaled: street.Plane = np.pad(light / mean, (0, 1), mode="edge")
     return scaled.astype(np.float32)
 
@@ -230,13 +230,13 @@ class Leaves(street.Sketched):
         seeds = generator.integers(1 << 62, size=self.count)
         far = np.maximum(window[:2] - middles, middles - window[2:]).max(axis=1)
         for leaf in np.flatnonzero(far < 2 * radii):
-            own = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
-            turn, squeeze = own.uniform(0, 2 * math.pi), own.uniform(0.4, 1.0)
+            random = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
+            turn, squeeze = random.uniform(0, 2 * math.pi), random.uniform(0.4, 1.0)
             axes = np.array(
                 [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
             )
             axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
-            parts = self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts
+            parts = self.leaf(random, plain, bool(radii[leaf] < 6 * low)).parts
             layer.lay(
                 parts,
                 functools.partial(_moved, axes, middles[leaf]),
@@ -245,7 +245,7 @@ class Leaves(street.Sketched):
 
     def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
         """Draw one shape, about 1 in size; those that shine are small."""
-        made, lamp = Sketch(), bool(g.random() < self.lamps) and small
+        drawing, lamp = Sketch(), bool(g.random() < self.lamps) and small
         shade, ink = (
             max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6)
             for _ in range(2)
@@ -255,29 +255,31 @@ class Leaves(street.Sketched):
         angles = np.arange(2 * corners) * (math.pi / corners)
         dent = g.uniform(0.3, 0.9) if g.random() < 0.2 else math.cos(math.pi / corners)
         reach = np.where(np.arange(2 * corners) % 2, dent, 1.0)[:, None]
-        made.polygon(np.stack([np.cos(angles), np.sin(angles)], axis=-1) * reach, shade)
+        drawing.polygon(
+            np.stack([np.cos(angles), np.sin(angles)], axis=-1) * reach, shade
+        )
         if g.random() >= self.patterned:
-            return made
+            return drawing
         rows, columns = (int(n) for n in g.integers(2, 14, 2))
         fill, round = g.uniform(0.3, 0.95), bool(g.random() < 0.5)
         match int(g.integers(5)):
             case 0:
                 for ring in np.linspace(0.9, 0.1, 2 * int(g.integers(1, 5))):
                     shade, ink = ink, shade
-                    made.dots(np.zeros((1, 2)), ring * 0.7, shade, round=round)
+                    drawing.dots(np.zeros((1, 2)), ring * 0.7, shade, round=round)
             case 1:
                 for angle in np.arange(rows) * (2 * math.pi / rows):
                     ends = np.array([[angle - 0.4 / rows], [angle + 0.4 / rows]])
-                    made.polygon(
+                    drawing.polygon(
                         [(0, 0), *np.hstack([np.cos(ends), np.sin(ends)])], ink
                     )
             case 2:
-                made.grid(-0.7, -0.7, 0.7, 0.7, 1, columns, fill, ink)
+                drawing.grid(-0.7, -0.7, 0.7, 0.7, 1, columns, fill, ink)
             case 3:
                 for line in np.linspace(-0.6, 0.6, rows):
                     pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3)
                     pen += np.array([-0.7, line])
-                    made.polygon([*pen, *(pen + np.array([0.02, 0.04]))[::-1]], ink)
+                    drawing.polygon([*pen, *(pen + np.array([0.02, 0.04]))[::-1]], ink)
             case _:
                 lit = np.broadcast_to(g.random(columns) < 0.6, (rows, columns))
                 lit = (
@@ -286,7 +288,7 @@ class Leaves(street.Sketched):
                     else lit
                 )
                 bright = np.where(lit, ink * g.uniform(1, 8), ink)
-                made.grid(
+                drawing.grid(
                     -0.7,
                     -0.7,
                     0.7,
@@ -297,7 +299,7 @@ class Leaves(street.Sketched):
                     bright.ravel(),
                     round=round,
                 )
-        return made
+        return drawing
 
 
 def _moved(axes: Array, middle: Array, points: Array) -> Array:

@@ -274,13 +274,13 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
             ]
         )
         full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        own = light.dimmed_once(
+        luminance = light.dimmed_once(
             colour.of_leds(torch.from_numpy(bits).to(full) * full, context), context
         )
         surface = photometry.reflected_luminance_cd_m2(
             scene.ambient_lx, panel.led_reflectance
         )
-        shining, canvas = surface.view(-1, 1, 1) + own, value.squeeze(1)
+        shining, canvas = surface.view(-1, 1, 1) + luminance, value.squeeze(1)
         if panel.board_reflectance is not None:
             board = photometry.reflected_luminance_cd_m2(
                 scene.ambient_lx, panel.board_reflectance
@@ -324,11 +324,11 @@ def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, T
 
 def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     """Cover the LEDs (N,2) that each frame shows."""
-    seen, radius_m = view.view_of(context), context.panel.led_diameter_m / 2
+    camera_view, radius_m = view.view_of(context), context.panel.led_diameter_m / 2
     height, width = canvas.shape[1:]
-    has_image = seen.has_image(leds_m, radius_m)
+    has_image = camera_view.has_image(leds_m, radius_m)
     # Our panel's centre, which has an image, stands in the place of points that have none.
-    centre, spread = seen.discs_px(
+    centre, spread = camera_view.discs_px(
         torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m
     )
     centre, spread = (
@@ -358,11 +358,13 @@ def cell_patches(
 
     Their edges may be curved. ``drawn`` (B,) says which frames have them.
     """
-    seen, (height, width) = view.view_of(context), size
+    camera_view, (height, width) = view.view_of(context), size
     arms_m = leds_m.new_tensor(view.CLOCKWISE) * half_m
     squares_m = (leds_m.unsqueeze(1) + arms_m).flatten(-3, -2)
-    has_image = seen.has_image(squares_m, 0.0)
-    corners = seen.points_px(torch.where(has_image.unsqueeze(-1), squares_m, 0.0))
+    has_image = camera_view.has_image(squares_m, 0.0)
+    corners = camera_view.points_px(
+        torch.where(has_image.unsqueeze(-1), squares_m, 0.0)
+    )
     corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
     low, high, chosen = (
         corners.amin(dim=1),

@@ -197,12 +197,12 @@ class Effect(ABC):
             return
         # What is stated for another __call__ need not hold for this one.
         stated = {name for base in cls.__mro__[: called + 1] for name in vars(base)}
-        told, takes = "fills_sensor" in stated, getattr(cls, "takes", None)
+        says_fill, takes = "fills_sensor" in stated, getattr(cls, "takes", None)
         bounded = {"reach_in_px", "size_in_px"} & stated or (
-            told and not cls.fills_sensor
+            says_fill and not cls.fills_sensor
         )
         cls.unbounded = takes != Quantity.LED_LUMINANCE and not bounded
-        if not told:
+        if not says_fill:
             cls.fills_sensor = (
                 cls.fills_sensor or cls.unbounded or takes == Quantity.BACKGROUND
             )
@@ -210,18 +210,20 @@ class Effect(ABC):
     def __post_init__(self) -> None:
         """Refuse by name a parameter outside its range; where a distribution may stand, a number is one."""
         for parameter in fields(self):
-            rule, given = parameter.metadata, getattr(self, parameter.name)
-            if not rule or (given is None and parameter.default is None):
+            rule, setting = parameter.metadata, getattr(self, parameter.name)
+            if not rule or (setting is None and parameter.default is None):
                 continue
             if "Distribution" in str(parameter.type) and not isinstance(
-                given, Distribution
+                setting, Distribution
             ):
-                given = Distribution.parse(
-                    given, f"effects.{self.name}.{parameter.name}"
+                setting = Distribution.parse(
+                    setting, f"effects.{self.name}.{parameter.name}"
                 )
-                object.__setattr__(self, parameter.name, given)
+                object.__setattr__(self, parameter.name, setting)
             low, high, above = rule["low"], rule["high"], rule["above"]
-            for value in given.bounds if isinstance(given, Distribution) else (given,):
+            for value in (
+                setting.bounds if isinstance(setting, Distribution) else (setting,)
+            ):
                 key = f"scene.effects.{self.name}.{parameter.name}"
                 if value is None:
                     raise VoccError.of(key, "None", "a number")
@@ -276,26 +278,26 @@ class Effect(ABC):
             return self(value, context)
         drawn, said = torch.get_rng_state(), f"scene.effects.{self.name} gave"
         with self.blamed():
-            given = self(value.clone(), context)
+            result = self(value.clone(), context)
         if not torch.equal(drawn, torch.get_rng_state()):
             rule = "it must draw from context.generators(self.name), which is the same in every run"
             raise VoccError(
                 f"scene.effects.{self.name} drew from torch's own generator: {rule}"
             )
-        if not isinstance(given, torch.Tensor) or given.shape != value.shape:
+        if not isinstance(result, torch.Tensor) or result.shape != value.shape:
             shown = (
-                tuple(given.shape)
-                if isinstance(given, torch.Tensor)
-                else type(given).__name__
+                tuple(result.shape)
+                if isinstance(result, torch.Tensor)
+                else type(result).__name__
             )
             raise VoccError(
                 f"{said} {shown}: it must give a tensor of shape {tuple(value.shape)}"
             )
         if self.gives == self.takes:
-            given = given.to(value)
+            result = result.to(value)
         low, high = (
-            (float(end) for end in given.detach().aminmax())
-            if given.numel()
+            (float(end) for end in result.detach().aminmax())
+            if result.numel()
             else (0.0, 0.0)
         )
         if not math.isfinite(high - low):
@@ -305,10 +307,10 @@ class Effect(ABC):
             in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.ELECTRONS)
             or low >= 0
         ):
-            return given
+            return result
         if low < -1e-6 * high:
             raise VoccError(f"{said} {low:g}: {self.gives.value} must be at least 0")
-        return given.clamp(min=0)  # a filter's rounding
+        return result.clamp(min=0)  # a filter's rounding
 
     @classmethod
     @contextmanager

@@ -77,14 +77,14 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
                 raw = raw / effect.filters(raw, context)
         phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
         coloured = context.channel is None and {"colour", "bayer"} <= {
-            one.name for one in context.effects
+            effect.name for effect in context.effects
         }
-        seen = raw.new_empty(len(raw), 3 if coloured else 1, *raw.shape[2:])
+        planes = raw.new_empty(len(raw), 3 if coloured else 1, *raw.shape[2:])
         for phase in set(phases):
             alike = [frame for frame, its in enumerate(phases) if its == phase]
             rows = slice(None) if len(alike) == len(raw) else alike
-            seen[rows] = demosaiced(raw[rows], PATTERNS[phase], coloured)
-        return seen.to(value.dtype)
+            planes[rows] = demosaiced(raw[rows], PATTERNS[phase], coloured)
+        return planes.to(value.dtype)
 
 
 def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
@@ -103,8 +103,8 @@ def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
             strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect"
         )
         rgb = raw_to_rgb(even, pattern)
-        seen = (rgb if coloured else rgb_to_grayscale(rgb))[..., :width]
-        strips.append(seen[..., above : above + min(MOSAIC_ROWS, height - top), :])
+        grey = (rgb if coloured else rgb_to_grayscale(rgb))[..., :width]
+        strips.append(grey[..., above : above + min(MOSAIC_ROWS, height - top), :])
     return torch.cat(strips, dim=-2)
 
 

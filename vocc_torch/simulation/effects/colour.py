@@ -67,11 +67,13 @@ def channel_shares(peak_nm: float, width_nm: float) -> tuple[float, float, float
     nm = WAVELENGTHS_NM
     led = np.exp(-4 * math.log(2) * ((nm - peak_nm) / width_nm) ** 2)
     day = nm**-5.0 / np.expm1(1.438777e7 / (nm * DAYLIGHT_K))
-    seen = np.stack(
+    sensitivities = np.stack(
         [np.exp(-0.5 * ((nm - peak) / sigma) ** 2) for peak, sigma in SENSITIVITIES_NM]
     )
     eye = luminous_efficiency(nm)
-    red, green, blue = (seen @ led) / (eye @ led) / ((seen @ day) / (eye @ day))
+    red, green, blue = (
+        (sensitivities @ led) / (eye @ led) / ((sensitivities @ day) / (eye @ day))
+    )
     return float(red), float(green), float(blue)
 
 
@@ -132,24 +134,26 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
         if self.grey not in ("luma", *CHANNELS):
             rule = f"one of luma, {', '.join(CHANNELS)}"
             raise VoccError.of(f"scene.effects.{self.name}.grey", repr(self.grey), rule)
-        for one in FURTHER:
+        for ordinal in FURTHER:
             if (
-                getattr(self, f"{one}_nm") is None
-                and getattr(self, f"{one}_share") != 1
+                getattr(self, f"{ordinal}_nm") is None
+                and getattr(self, f"{ordinal}_share") != 1
             ):
-                raise self.refusal(f"{one}_share", f"left out without {one}_nm")
+                raise self.refusal(f"{ordinal}_share", f"left out without {ordinal}_nm")
 
     @property
     def further(self) -> tuple[str, ...]:
         """The further colours, ``second`` and ``third``, that a panel sends in."""
-        return tuple(one for one in FURTHER if getattr(self, f"{one}_nm") is not None)
+        return tuple(
+            ordinal for ordinal in FURTHER if getattr(self, f"{ordinal}_nm") is not None
+        )
 
     def sent(self, context: Context) -> Tensor:
         """Draw bits of the context's further LEDs, (B,R,C) bool; a preamble has them all On or all Off."""
         shape, stream = context.panel.shape, f"{self.name}.bits{context.leds}"
         drawn = [
-            one.integers(2, size=(shape.rows, shape.columns))
-            for one in context.generators(stream)
+            generator.integers(2, size=(shape.rows, shape.columns))
+            for generator in context.generators(stream)
         ]
         bits = torch.from_numpy(np.stack(drawn)).bool()
         for i, key in enumerate(context.keys):
@@ -165,19 +169,21 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
 
     def shares(self, context: Context) -> Tensor:
         """What the context's channel sees of each frame's LEDs, (B,); without one, what luma does."""
-        seen, leds = [], context.leds[1:]
+        lumas, leds = [], context.leds[1:]
         for generator in context.generators(self.name + context.leds, of_scene=True):
             peak = self.drawn(f"{leds or 'peak'}_nm", generator)
             white = generator.random() < self.white and not leds
-            each = (1.0, 1.0, 1.0) if white else channel_shares(peak, self.width_nm)
-            luma = sum(weight * share for weight, share in zip(LUMA, each, strict=True))
-            seen.append(luma if context.channel is None else each[context.channel])
-        return torch.tensor(seen, dtype=torch.float64)
+            shares = (1.0, 1.0, 1.0) if white else channel_shares(peak, self.width_nm)
+            luma = sum(
+                weight * share for weight, share in zip(LUMA, shares, strict=True)
+            )
+            lumas.append(luma if context.channel is None else shares[context.channel])
+        return torch.tensor(lumas, dtype=torch.float64)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Weigh (B,R,C) LED luminance."""
-        own = getattr(self, f"{context.leds[1:]}_share") if context.leds else 1.0
-        return value * (own * self.shares(context)).to(value).view(-1, 1, 1)
+        share = getattr(self, f"{context.leds[1:]}_share") if context.leds else 1.0
+        return value * (share * self.shares(context)).to(value).view(-1, 1, 1)
 
 
 def of_leds(light_cd_m2: Tensor, context: Context) -> Tensor:
@@ -216,5 +222,5 @@ def tints(seed: int, parts: int, channel: int) -> NDArray[np.float64]:
     drawn = np.random.Generator(np.random.SFC64(seed)).standard_normal((parts + 1, 3))
     # One colour for the thing, and a little of its own for each part.
     colours = np.exp(0.25 * drawn[:1] + 0.1 * drawn[1:])
-    seen: NDArray[np.float64] = colours[:, channel] / (colours @ np.array(LUMA))
-    return seen
+    ratios: NDArray[np.float64] = colours[:, channel] / (colours @ np.array(LUMA))
+    return ratios

@@ -115,10 +115,12 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
             (self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2))
             for g in streams
         ]
-        each = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device)
-        fill, reflectance, shape, seen = each.unbind(1)
+        values = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device)
+        fill, reflectance, shape, visibility = values.unbind(1)
         radius = fill * (context.panel.pitch_m / 2)
-        return Look(radius, shape < self.square, reflectance, seen >= self.invisible)
+        return Look(
+            radius, shape < self.square, reflectance, visibility >= self.invisible
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,8 +160,8 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
             (self.drawn("refresh_hz", g), *g.random(2))
             for g in context.generators(self.name)
         ]
-        each = torch.tensor(drawn, dtype=torch.float64).to(value.device)
-        rate, phase, chosen = each.unsqueeze(-1).unbind(1)
+        values = torch.tensor(drawn, dtype=torch.float64).to(value.device)
+        rate, phase, chosen = values.unsqueeze(-1).unbind(1)
         length = rate * context.camera.exposure_time_s
         begin = (
             torch.arange(value.shape[1], device=value.device)
@@ -172,8 +174,10 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
     def _lit(self, until: Tensor, begin: Tensor) -> Tensor:
         """For how much of the first ``until`` periods (B,1) the rows that begin at ``begin`` (R,) are lit."""
-        whole = torch.floor(until)
-        return whole / self.groups + (until - whole - begin).clamp(0, 1 / self.groups)
+        periods = torch.floor(until)
+        return periods / self.groups + (until - periods - begin).clamp(
+            0, 1 / self.groups
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,16 +222,16 @@ class Housing(street.Sketched):
 
     def draw(self, layer: street.Layer, generator: np.random.Generator) -> None:
         """Draw one frame's board, rim and cables, where it has a panel."""
-        parts, there = (
+        parts, panel_present = (
             self.sketch(generator, layer.seen.context).parts,
             present(layer.seen.context),
         )
-        if parts and (there is None or bool(there)):
+        if parts and (panel_present is None or bool(panel_present)):
             layer.lay(parts, functools.partial(street.onto, layer.seen))
 
     def sketch(self, generator: np.random.Generator, context: Context) -> Sketch:
         """Draw one frame's parts, m from the panel's middle."""
-        panel, made = context.panel, Sketch()
+        panel, drawing = context.panel, Sketch()
         parts = ("board", "rim", "rim_reflectance", "cables")
         board, rim, reflectance, cables = (
             self.drawn(name, generator) for name in parts
@@ -245,9 +249,9 @@ class Housing(street.Sketched):
             )
             side = np.array([thick / 2, 0.0])
             outline = [*(line - side), *(line + side)[::-1]]
-            made.polygon(outline, max(white * generator.uniform(0.02, 0.7), 1e-6))
+            drawing.polygon(outline, max(white * generator.uniform(0.02, 0.7), 1e-6))
         if rim and not bare:
-            made.box(-x - rim, -y - rim, x + rim, y + rim, shade)
+            drawing.box(-x - rim, -y - rim, x + rim, y + rim, shade)
         elif rim:
             for left, top, right, bottom in (
                 (-x, -y, x, -y),
@@ -255,10 +259,10 @@ class Housing(street.Sketched):
                 (-x, -y, -x, y),
                 (x, -y, x, y),
             ):
-                made.box(left - rim, top - rim, right + rim, bottom + rim, shade)
+                drawing.box(left - rim, top - rim, right + rim, bottom + rim, shade)
         if not bare:
-            made.box(-x, -y, x, y, max(white * board, 1e-6))
-        return made
+            drawing.box(-x, -y, x, y, max(white * board, 1e-6))
+        return drawing
 
 
 def replaces_board(context: Context) -> bool:
@@ -269,7 +273,12 @@ def replaces_board(context: Context) -> bool:
 def look(context: Context) -> Look | None:
     """How each frame's LEDs look, or None where all are as the panel says."""
     return next(
-        (one.look(context) for one in context.effects if isinstance(one, LedLook)), None
+        (
+            effect.look(context)
+            for effect in context.effects
+            if isinstance(effect, LedLook)
+        ),
+        None,
     )
 
 
@@ -277,9 +286,9 @@ def present(context: Context) -> Tensor | None:
     """Which frames have a panel, (B,) bool, or None where all have."""
     return next(
         (
-            one.present(context)
-            for one in context.effects
-            if isinstance(one, PanelAbsent)
+            effect.present(context)
+            for effect in context.effects
+            if isinstance(effect, PanelAbsent)
         ),
         None,
     )

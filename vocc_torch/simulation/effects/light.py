@@ -149,7 +149,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         # The panel with a cell around it.
         rows = torch.stack([y.amin(dim=1) - cell, y[:, 0], y.amax(dim=1) + cell])
         top, centre, bottom = torch.floor(rows).clamp(0, camera.height_px - 1)
-        shown_s, told = self._shown_s(context)
+        shown_s, shown_number = self._shown_s(context)
         truth_s = -torch.tensor(shown_s, dtype=torch.float64, device=top.device)
         begins, ends = (
             self._begins_s(top - centre, context),
@@ -169,7 +169,11 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         edges = truth_s.unsqueeze(-1) + steps * self.symbol_s
         # A frame's own symbols end its timeline, not the batch's: so the batch cannot change a frame.
         edges = edges.masked_fill(steps <= first.unsqueeze(-1), -torch.inf)
-        return edges.masked_fill(steps > last.unsqueeze(-1), torch.inf), centre, told
+        return (
+            edges.masked_fill(steps > last.unsqueeze(-1), torch.inf),
+            centre,
+            shown_number,
+        )
 
     def _shown_s(self, context: Context) -> tuple[Sequence[float], Sequence[Any]]:
         """Draw for how long each frame's truth has shown, s, and give the streams of its neighbours."""
@@ -209,9 +213,9 @@ class Playback(RollingShutter):
 
     def symbols(self, numbers: torch.Tensor, leds: str = "") -> torch.Tensor:
         """Give symbols by number, of any shape, (...,R,C) bool; dark where there is none."""
-        there = (numbers >= 0) & (numbers < len(self.film))
+        in_film = (numbers >= 0) & (numbers < len(self.film))
         film = self.further[leds] if leds else self.film
-        return film[numbers.clamp(0, len(film) - 1)] & there[..., None, None]
+        return film[numbers.clamp(0, len(film) - 1)] & in_film[..., None, None]
 
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Put each frame's (B,R,C) bits amid their neighbours in the film, (B,K,R,C)."""
@@ -421,8 +425,8 @@ class Airlight(Effect, on=Quantity.UNLIT):
         horizon = photometry.reflected_luminance_cd_m2(
             scene.ambient_lx, self.horizon_factor
         )
-        kept, added = torch.exp(depth), horizon * -torch.expm1(depth)
-        return value * kept.to(value.dtype).view(-1, 1, 1, 1) + added.to(
+        transmitted, added = torch.exp(depth), horizon * -torch.expm1(depth)
+        return value * transmitted.to(value.dtype).view(-1, 1, 1, 1) + added.to(
             value.dtype
         ).view(-1, 1, 1, 1)
 
@@ -484,8 +488,10 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
         ):
             # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
             steps = torch.arange(value.shape[3 - axis], device=low.device)
-            whole = raster.interval_cover(low[:, axis], high[:, axis], side)
-            covers.append(whole.gather(1, context.first_px[:, axis : axis + 1] + steps))
+            full_cover = raster.interval_cover(low[:, axis], high[:, axis], side)
+            covers.append(
+                full_cover.gather(1, context.first_px[:, axis : axis + 1] + steps)
+            )
         across, down = covers
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
         surface = photometry.reflected_luminance_cd_m2(

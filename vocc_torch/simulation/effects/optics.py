@@ -70,9 +70,9 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
         """Check the ranges."""
         Effect.__post_init__(self)
         if self.velocity_x_m_s == self.velocity_y_m_s == 0:
-            rest = "one of the two must not be 0 (leave the effect out for no motion)"
+            rule = "one of the two must not be 0 (leave the effect out for no motion)"
             raise VoccError(
-                f"scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: {rest}"
+                f"scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: {rule}"
             )
 
     def shift_px(self, camera: Camera, distance_m: Tensor) -> tuple[Tensor, Tensor]:
@@ -235,8 +235,8 @@ def airy_quarter(lambda_n_px: float, reach_px: int) -> Tensor:
     light = (columns.view(reach_px + 1, points, -1) * weights.view(1, -1, 1)).sum(1)
     mirrors = torch.full((reach_px + 1,), 2.0, dtype=torch.float64)
     mirrors[0] = 1.0
-    whole: Tensor = mirrors @ light @ mirrors
-    return light / whole
+    kernel: Tensor = mirrors @ light @ mirrors
+    return light / kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -596,7 +596,7 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
         >>> [round(float(r), 2) for r in wide]
         [0.5, 19.99]
     """
-    wanted = diameter_px * diameter_px / 16
+    area = diameter_px * diameter_px / 16
     low, high = torch.full_like(diameter_px, 0.5), diameter_px / 2 + 1
     steps = torch.arange(
         math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device
@@ -608,8 +608,8 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
         # A running sum adds a frame's terms in the same order whatever else is in the batch.
         moment = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1]
         low, high = (
-            torch.where(moment < wanted, middle, low),
-            torch.where(moment < wanted, high, middle),
+            torch.where(moment < area, middle, low),
+            torch.where(moment < area, high, middle),
         )
     return low
 

@@ -92,8 +92,8 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
         alike = len({(x % 2, y % 2) for x, y in places}) == 1
         cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
         planes = [
-            one.repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
-            for one in cells
+            cell.repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
+            for cell in cells
         ]
         return (
             torch.stack(planes)
@@ -153,9 +153,9 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
         photons = pitch_m**2 / photon_j / self.luminous_efficacy_lm_w
         electrons, (fewest, most) = self.quantum_efficiency * photons, CONVERSIONS
         if not fewest <= electrons <= most:
-            made = f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
+            rate = f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
             raise VoccError(
-                f"scene.effects.photoelectrons {made}: it must be {fewest:g} to {most:g}"
+                f"scene.effects.photoelectrons {rate}: it must be {fewest:g} to {most:g}"
             )
         return electrons
 
@@ -255,7 +255,9 @@ class SensorPattern(ElectronNoise):
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Leave what has been drawn behind."""
         return type(self), tuple(
-            getattr(self, one.name) for one in fields(self) if one.init
+            getattr(self, attribute.name)
+            for attribute in fields(self)
+            if attribute.init
         )
 
     @abstractmethod

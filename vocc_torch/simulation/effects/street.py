@@ -212,10 +212,10 @@ class Layer:
     ) -> None:
         """Lay a sketch before what is there: a mirror's ``share`` of it, in the colours of a ``seed``."""
         if seed is not None and self.seen.context.channel is not None:
-            seen = colour.tints(seed, len(parts), self.seen.context.channel)
+            tints = colour.tints(seed, len(parts), self.seen.context.channel)
             parts = [
                 (points, light * tint)
-                for (points, light), tint in zip(parts, seen, strict=True)
+                for (points, light), tint in zip(parts, tints, strict=True)
             ]
         if thing := sketch.Drawing.on_sensor(parts, place, share):
             self.things.append(thing)
@@ -250,16 +250,17 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
             alone = replace(
                 context, scene=context.scene[row], keys=keys, origin_px=origin
             )
-            (left, top), seen = (
+            (left, top), camera_view = (
                 origin[0].tolist(),
                 view.View(every.placement[row], alone, every.effects),
             )
-            layers.append(Layer(seen, (left, top, left + width, top + height)))
+            layers.append(Layer(camera_view, (left, top, left + width, top + height)))
             self.draw(layers[-1], generator)
-        if not any(one.things for one in layers):
+        if not any(layer.things for layer in layers):
             return value
         drawn = [
-            {rows[0] // sketch.TILE_PX: rows for rows in one.drawn()} for one in layers
+            {rows[0] // sketch.TILE_PX: rows for rows in layer.drawn()}
+            for layer in layers
         ]
 
         def change(frame: int, strip: Tensor, top: int) -> Tensor:
@@ -268,7 +269,7 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
             first, stays, light = drawn[frame][top // sketch.TILE_PX]
             rows = slice(top - first, top - first + len(strip))
             keep, added = (
-                torch.from_numpy(one[rows]).to(strip) for one in (stays, light)
+                torch.from_numpy(strips[rows]).to(strip) for strips in (stays, light)
             )
             return strip * keep + added
 
@@ -327,15 +328,15 @@ class Clutter(Sketched):
 
     def draw(self, layer: Layer, generator: Generator) -> None:
         """Draw one frame's things."""
-        seen, (left, top, right, bottom) = layer.seen, layer.window
-        scene = seen.context.scene
+        camera_view, (left, top, right, bottom) = layer.seen, layer.window
+        scene = camera_view.context.scene
         white, led = (
             float(scene.ambient_lx[0]) / math.pi,
             float(scene.led_luminance_cd_m2[0]),
         )
         light = roadside.Light(white, led, self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
-        for _, thing, place, seed, (x, y), reach in self.placed(generator, seen):
+        for _, thing, place, seed, (x, y), reach in self.placed(generator, camera_view):
             if max(x - right, left - x, y - bottom, top - y) > reach:
                 continue
             parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
@@ -348,7 +349,7 @@ class Clutter(Sketched):
                 )
             layer.lay(parts, place, seed=seed)
         # No surface is of one shade: dirt, and what it mirrors.
-        layer.dirt = noise_nodes(generator, seen.context.camera.sensor_px)
+        layer.dirt = noise_nodes(generator, camera_view.context.camera.sensor_px)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
@@ -441,10 +442,10 @@ def plane_onto(
     middle = np.array([camera.width_px / 2, camera.height_px / 2])
 
     def place(points: sketch.Array) -> sketch.Array:
-        seen = points @ axes + foot
-        onto: sketch.Array = middle + camera.focal_length_px * seen[:, :2] / np.maximum(
-            seen[:, 2:], 0.5
-        )
+        projected = points @ axes + foot
+        onto: sketch.Array = middle + camera.focal_length_px * projected[
+            :, :2
+        ] / np.maximum(projected[:, 2:], 0.5)
         return onto
 
     return place

@@ -82,9 +82,9 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         """Check the ranges."""
         Effect.__post_init__(self)
         if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
-            rest = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
+            rule = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
             raise VoccError(
-                f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rest}"
+                f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rule}"
             )
 
     def _angles_deg(self) -> list[Distribution]:
@@ -107,17 +107,20 @@ class Pose(Effect, on=Quantity.PLACEMENT):
                 for generator in context.generators(self.name, of_scene=True)
             )
             drawn = [
-                [one.draw(own, 1) for one, own in zip(angles, three, strict=True)]
+                [
+                    angle.draw(generator, 1)
+                    for angle, generator in zip(angles, three, strict=True)
+                ]
                 for three in streams
             ]
             degrees = torch.from_numpy(np.array(drawn))[..., 0].mT
         (cy, cp, cr), (sy, sp, sr) = (
             f(torch.deg2rad(degrees.to(value))) for f in (torch.cos, torch.sin)
         )
-        one, zero = torch.ones_like(cy), torch.zeros_like(cy)
-        yaw = [[cy, zero, -sy], [zero, one, zero], [sy, zero, cy]]
-        pitch = [[one, zero, zero], [zero, cp, sp], [zero, -sp, cp]]
-        roll = [[cr, -sr, zero], [sr, cr, zero], [zero, zero, one]]
+        unit, zero = torch.ones_like(cy), torch.zeros_like(cy)
+        yaw = [[cy, zero, -sy], [zero, unit, zero], [sy, zero, cy]]
+        pitch = [[unit, zero, zero], [zero, cp, sp], [zero, -sp, cp]]
+        roll = [[cr, -sr, zero], [sr, cr, zero], [zero, zero, unit]]
         about = (
             torch.stack([torch.stack(row, -1) for row in rows], -2)
             for rows in (yaw, pitch, roll)
@@ -218,9 +221,9 @@ class LensDistortion(PointEffect):
             if 0 < abs(getattr(self, name)) < SMALLEST:
                 raise self.refusal(name, f"0, or at least {SMALLEST:g} either way")
         if self.k1 == self.k2 == self.k3 == 0:
-            rest = "one of the three must not be 0 (leave the effect out for no distortion)"
+            rule = "one of the three must not be 0 (leave the effect out for no distortion)"
             raise VoccError(
-                f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rest}"
+                f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rule}"
             )
 
     @property

@@ -151,8 +151,8 @@ def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
             "rows": experiment.rows,
         }
         scenes = {**study["experiment"], "training": None, **axes}
-    kept = {name: study[name] for name in ("seed", "world", "made_with")}
-    return {**kept, "experiment": scenes, "export": asdict(config)}
+    shared = {name: study[name] for name in ("seed", "world", "made_with")}
+    return {**shared, "experiment": scenes, "export": asdict(config)}
 
 
 @dataclass(frozen=True)
@@ -206,14 +206,14 @@ class Shard:
             range(0, self.frames, plan.batch_frames),
             plan.world.framing == "crop",
         )
-        for scene, bits, names, (seen,) in rendered(
+        for scene, bits, names, (takes,) in rendered(
             simulator, self.model, keys, batches, False, crop
         ):
             panels = simulator.true_panels(scene, names, rendered=True)
             further = simulator.further_bits(scene, names).items()
             sent = {"bits": bits} | {f"bits_{name}": values for name, values in further}
-            rows = truth.rows_of(scene, sent, names, seen, panels)
-            for pixels, row in zip(seen.pixels, rows, strict=True):
+            rows = truth.rows_of(scene, sent, names, takes, panels)
+            for pixels, row in zip(takes.pixels, rows, strict=True):
                 name = f"{number:07d}.png"
                 Image.fromarray(pixels).save(folder / name)
                 yield (f"{self.place}/{name}", *row)

@@ -57,13 +57,13 @@ def rows_of(
     """
     height, width = seen.grey.shape[-2:]
     heads = (
-        (one.block.seed, one.block.point, one.block.block, one.frame, width, height)
-        for one in names
+        (name.block.seed, name.block.point, name.block.block, name.frame, width, height)
+        for name in names
     )
     corners = (panels.corners_px - seen.origin_px[:, None]).flatten(1).tolist()
     surround = [None] * len(scene) if seen.surround is None else seen.surround.tolist()
     texts = {
-        name: ["".join("01"[bit] for bit in one) for one in sent.flatten(1).tolist()]
+        name: ["".join("01"[bit] for bit in row) for row in sent.flatten(1).tolist()]
         for name, sent in bits.items()
     }
     sent, *further = (texts.get(name, [""] * len(scene)) for name in ("bits", *FURTHER))
@@ -78,8 +78,8 @@ def rows_of(
         *further,
         strict=True,
     )
-    for head, origin, rest, at, text, scenes, *more in every:
-        yield (*head, *origin, rest, *at, text, *scenes, *more)
+    for head, origin, offset, at, text, scenes, *extra in every:
+        yield (*head, *origin, offset, *at, text, *scenes, *extra)
 
 
 def read_truth(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
@@ -100,8 +100,8 @@ def write_truth(path: Path, files: Sequence[Path]) -> None:
 
     def lines() -> Iterator[Sequence[str]]:
         yield COLUMNS
-        for one in files:
-            with one.open(newline="", encoding="utf-8") as file:
+        for file_row in files:
+            with file_row.open(newline="", encoding="utf-8") as file:
                 yield from list(csv.reader(file))[1:]
 
     write_rows(path, lines())
@@ -130,13 +130,13 @@ def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
     }
     with atomic_file(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(json.dumps(head).removesuffix("}"))
-        for name, made in (("images", image_of), ("annotations", annotation_of)):
+        for name, build in (("images", image_of), ("annotations", annotation_of)):
             file.write(f',\n"{name}": [')
             every = (
-                made(number, row) for number, row in enumerate(read_truth(files), 1)
+                build(number, row) for number, row in enumerate(read_truth(files), 1)
             )
-            for index, one in enumerate(one for one in every if one is not None):
-                file.write(f"{',' * (index > 0)}\n{json.dumps(one)}")
+            for index, item in enumerate(item for item in every if item is not None):
+                file.write(f"{',' * (index > 0)}\n{json.dumps(item)}")
             file.write("]")
         file.write("}\n")
 
@@ -149,8 +149,8 @@ def image_of(number: int, row: dict[str, Any]) -> dict[str, Any]:
         "width": row["width_px"],
         "height": row["height_px"],
     }
-    own = {"file", "width_px", "height_px", "bits", *FURTHER, *CORNERS}
-    return known | {name: value for name, value in row.items() if name not in own}
+    columns = {"file", "width_px", "height_px", "bits", *FURTHER, *CORNERS}
+    return known | {name: value for name, value in row.items() if name not in columns}
 
 
 def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
@@ -164,15 +164,15 @@ def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
     if left == right or top == bottom:
         return None
     x, y = inside.T
-    seen = (inside == corners).all(axis=1)
-    keypoints = np.column_stack([corners, np.full(4, 2.0)]) * seen[:, None]
+    visible = (inside == corners).all(axis=1)
+    keypoints = np.column_stack([corners, np.full(4, 2.0)]) * visible[:, None]
     return {
         **{"id": number, "image_id": number, "category_id": 1, "iscrowd": 0},
         "bbox": [left, top, right - left, bottom - top],
         "area": float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2),
         "segmentation": [inside.flatten().tolist()],
         "keypoints": keypoints.flatten().tolist(),
-        "num_keypoints": int(seen.sum()),
+        "num_keypoints": int(visible.sum()),
         "bits": row["bits"],
         **{name: row[name] for name in FURTHER if row.get(name)},
     }
