@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import vocc_torch as vt
+from vocc_torch.app.config import FileConfigSource
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure.config import read_flat
@@ -91,6 +92,9 @@ READERS = {
     "plan": MessagePlan.read,
     "configuration of a run": read_flat,
     "file": read_yaml,
+    "option of Hydra's": lambda path: FileConfigSource(
+        "own", str(path.parent)
+    ).load_config(path.name),
 }
 
 

@@ -190,12 +190,16 @@ def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp
         ),
         ("--config-name nothing", ["nothing"]),
         ("--run -m", ["--multirun"]),
-        ("--config-dir mine scene=bad", ["bad.yaml is not YAML at line 2"]),
+        ("--config-dir mine scene=bad", ["bad.yaml cannot be read", "line 2"]),
+        ("--config-dir mine scene=alias", ["alias.yaml cannot be read", "an alias"]),
+        ("--config-dir mine scene=list", ["list.yaml is [1]", "a mapping"]),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(app, tmp_path, words, parts):
     (tmp_path / "mine" / "scene").mkdir(parents=True)
     (tmp_path / "mine" / "scene" / "bad.yaml").write_text("ambient_lx: 1\n  led: [\n")
+    (tmp_path / "mine" / "scene" / "alias.yaml").write_text("a: &a [1]\nb: *a")
+    (tmp_path / "mine" / "scene" / "list.yaml").write_text("- 1")
     complaint = app(*words.split()).complaint
     assert all(part in complaint for part in parts)
     assert not (tmp_path / "runs").exists()

@@ -19,7 +19,13 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
-from vocc_torch.app.jobs import Jobs, begin_again, beside_others, write_down
+from vocc_torch.app.jobs import (
+    Jobs,
+    begin_again,
+    beside_others,
+    watch_joblib,
+    write_down,
+)
 from vocc_torch.app.resolve import refusal, resolved
 from vocc_torch.errors import VoccError, printable, shown
 from vocc_torch.files import locked, sweep
@@ -244,6 +250,8 @@ def run() -> int:
     # argparse takes keys on one side of a flag only, and users write them on both.
     sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
     sys.argv[1:] += own_scenes(sys.argv[1:])
+    if set(MULTIRUN) & set(sys.argv):
+        watch_joblib()
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()

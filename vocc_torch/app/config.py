@@ -8,11 +8,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from hydra._internal.core_plugins import file_config_source
+from hydra._internal.sources_registry import SourcesRegistry
 from hydra.conf import HydraConf, JobConf, RunDir, SweepDir
 from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
+from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, shown
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.messages.config import (
     MessagesConfig,
@@ -30,6 +34,7 @@ from vocc_torch.studies.export import ExportConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 from vocc_torch.studies.train_detector import TrainDetectorConfig
+from vocc_torch.yaml_text import read_yaml
 
 TASKS = {
     "train": ("studies.curve:run_train", None),
@@ -425,8 +430,32 @@ def hydra_settings() -> HydraConf:
     )
 
 
+class FileConfigSource(file_config_source.FileConfigSource):
+    """A folder of configuration files that a user names: ``--config-dir``, ``--config-path``, a run's scene.
+
+    Hydra's workers take a class of this name for Hydra's own reader, and leave it in its place.
+    """
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Read a file as :func:`~vocc_torch.yaml_text.read_yaml` does, with Hydra's ``# @package`` on top.
+
+        Raises:
+            VoccError: no mapping, or what the reader refuses.
+        """
+        path = Path(self.path, self._normalize_file_name(config_path))
+        plain = read_yaml(path, "configuration")
+        if not isinstance(plain, dict | None):
+            raise VoccError.of(str(path), shown(plain), "a mapping, as in key: value")
+        with path.open(encoding="utf-8") as file:
+            header = self._get_header_dict(file.read(512))
+        config = OmegaConf.create(plain or {})
+        return ConfigResult(self.provider, f"file://{self.path}", config, header)
+
+
 def register_schema() -> None:
-    """Make the schema and the run's folder known to Hydra; calling it again changes nothing."""
+    """Make the schema, the run's folder and the reader of files known to Hydra; again changes nothing."""
+    Plugins.instance()  # which registers Hydra's own reader
+    SourcesRegistry.instance().types["file"] = FileConfigSource
     store = ConfigStore.instance()
     store.store(name="schema", node=schema(Composed))
     store.store(

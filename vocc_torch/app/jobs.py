@@ -1,6 +1,7 @@
 """A job among others: its lines on the terminal, and the word it leaves of how it ended."""
 
 import contextlib
+import functools
 import io
 import json
 import multiprocessing
@@ -201,9 +202,23 @@ class JobLines(io.TextIOBase):
 
 def end_with(parent: int) -> None:
     """End this process once its parent is gone: a killed parent cannot tell its workers to end."""
-    while os.getppid() == parent:
-        time.sleep(1)
-    os._exit(1)
+
+    def wait() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def watch_joblib() -> None:
+    """Have joblib's workers end with this process, also those that wait for a job."""
+    with contextlib.suppress(ImportError):  # which Hydra says
+        from joblib.parallel import BACKENDS, register_parallel_backend
+
+        watched = {"initializer": end_with, "initargs": (os.getpid(),)}
+        loky = functools.partial(BACKENDS["loky"], **watched)
+        register_parallel_backend("loky", loky)
 
 
 @contextlib.contextmanager
@@ -217,7 +232,6 @@ def beside_others(job: int) -> Iterator[None]:
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=end_with, args=(os.getppid(),), daemon=True).start()
     # The launcher leaves its own method here, which the processes that a job starts in turn do not know.
     multiprocessing.set_start_method("spawn", force=True)
     prefix, width = f"job {job} | ", os.environ.get("COLUMNS")

@@ -12,7 +12,6 @@ from typing import Any, get_args, get_origin
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from yaml import MarkedYAMLError
 
 from vocc_torch.app.config import (
     NAMES,
@@ -333,13 +332,8 @@ def refusal(error: Exception, arguments: Sequence[str]) -> str | None:
         return (
             "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
         )
-    if isinstance(error, MarkedYAMLError):
-        mark = error.problem_mark
-        return (
-            f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}"
-            if mark
-            else str(error)
-        )
+    if isinstance(error, VoccError):
+        return str(error)
     # Hydra trips over a group whose option is a list of numbers, and over a number that no float holds.
     hydras = (
         HydraException
