@@ -9,52 +9,85 @@ to ``docs/results/attack.csv``, those of whole families.
 """
 
 import argparse
+import copy
 import csv
 import io
 import itertools
+import json
 import os
 import pickle
 import random
 import resource
 import shutil
 import signal
+import sqlite3
 import sys
 import tempfile
 import time
 import traceback
-import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from PIL import Image
 
+import vocc_torch as vt
 from vocc_torch.__main__ import main as main_of_command
 from vocc_torch.app.config import TASKS, AppConfig, keys_of
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.model_file import read_model, write_model
 
 ROOT = Path(__file__).resolve().parents[1]
 PHOTO = ROOT / "tests" / "data" / "led-panel-8x8-photo.png"
-LIMIT_S, MOST_BYTES = 60, 6 << 30
-TINY = (
-    "budget.frames=128",
-    "budget.training_frames=64",
-    "tensorboard=false",
-    "device=cpu",
+LIMIT_S = 60
+MOST_BYTES = 6 << 30
+TINY = "budget.frames=128 budget.training_frames=64 tensorboard=false device=cpu name=x"
+RUN = f"{TINY} experiment.values=[1000,4000] receiver.names=[flda_3]"
+LEARNED = f"{TINY} experiment.values=[1000] classifier=mlp receiver.names=[]"
+LEARNED += " classifiers.mlp.training.frames=128 classifiers.mlp.training.epochs=2"
+TRAIN = "task=train budget.training_frames=64 tensorboard=false device=cpu name=x"
+DECODE = "task=decode model=receiver.pt device=cpu name=x"
+RECORD = "task=record input=sent name=x device=cpu record.fps=60"
+OPEN = {"_target_": "builtins.open", "file": "../victim/owned", "mode": "w"}
+ORDER = "${oc.create:{_target_:builtins.open,file:../victim/owned,mode:w}}"
+DIGITS = "9" * 5000
+BRACKETS = "[" * 500 + "]" * 500
+ALIASES = "a: &a [x]\n" + "".join(
+    f"{n}: &{n} [{', '.join(['*' + p] * 9)}]\n"
+    for p, n in itertools.pairwise("abcdefghi")
 )
-QUICK_MLP = ("classifiers.mlp.training.frames=128", "classifiers.mlp.training.epochs=2")
-RUN = (*TINY, "experiment.values=[1000,4000]", "receiver.names=[flda_3]", "name=x")
-LEARNED = (
-    *TINY,
-    "experiment.values=[1000]",
-    "classifier=mlp",
-    "receiver.names=[]",
-    *QUICK_MLP,
-    "name=x",
+YAML = {
+    "secret": "seed: ${oc.env:SECRET}\n",
+    "order": f"seed: {ORDER}\n",
+    "aliases": ALIASES,
+    "nested": f"a: {BRACKETS}\n",
+    "digits": f"seed: {DIGITS}\n",
+    "tag": "a: !!python/object/apply:os.system ['touch ../victim/owned']\n",
+    "binary": "\x00\x01\x02",
+    "empty": "",
+    "list": "- 1\n",
+    "twice": "seed: 1\nseed: 2\n",
+    "octal": "distance_m: 030\n",
+    "sexagesimal": "distance_m: 1:30\n",
+    "large": "#" * (1 << 20),
+}
+"""Texts that no reader of YAML may resolve, expand or execute."""
+ODD_NAMES = r""". .. / ../victim ../../victim a/../../../victim /victim/owned x[/b] [red]x
+`<b>` -m ${seed} ${oc.env:HOME} ~ x\y é null true 1e5 a,b [a,b] {a:b} CON x.
+'#' '$HOME' '`id`' $(id) *"""
+ODD_VALUES = (
+    "null -1 0 1e400 nan [] {} '' x true ${seed} ${panel} ${oc.env:HOME} [1,[2]]"
 )
-DECODE = ("task=decode", "model=receiver.pt", "device=cpu", "name=x")
+ODD_FILES = ("fifo", "device", "folder", "dangling", "heavy")
+Act = Callable[[Path], object]
 
 
 @dataclass(frozen=True)
@@ -67,68 +100,74 @@ class Ran:
     @property
     def refused(self) -> bool:
         """Whether it was refused in one line of ours."""
-        lines = [
-            line
-            for line in self.said.splitlines()
-            if not line.startswith("vocc-torch: warning:")
-        ]
-        return (
-            self.status == 2
-            and len(lines) == 1
-            and lines[0].startswith("vocc-torch: error:")
-        )
+        lines = self.said.splitlines()
+        lines = [text for text in lines if not text.startswith("vocc-torch: warning:")]
+        start = "vocc-torch: error:"
+        return self.status == 2 and len(lines) == 1 and lines[0].startswith(start)
 
 
 @dataclass
 class Attempt:
-    """One attack: a command in a folder of its own that ``prepare`` has filled."""
+    """One attack: words or a call, in a folder of its own that ``prepare`` has filled."""
 
     name: str
-    arguments: tuple[str, ...]
-    prepare: Callable[[Path], object] = lambda folder: None
+    words: str | tuple[str, ...] | Callable[[], object]
+    prepare: Act = lambda folder: None
     wrong: Callable[[Path, Ran], str] = lambda folder, ran: ""
     act: Callable[[Path, int], object] = lambda folder, process: None
     most_file_bytes: int | None = None
-    afterwards: tuple[str, ...] | None = None
+    again: bool = False
     ended_by: tuple[int, ...] = ()
 
 
-def start(
-    arguments: tuple[str, ...], folder: Path, most_file_bytes: int | None = None
-) -> int:
-    """Start a command in a child of this process, which has imported all that it needs."""
+def called(words: str | tuple[str, ...] | Callable[[], object]) -> int:
+    """Run a command, or a call as the command line would, and give its exit status."""
+    if callable(words):
+        try:
+            words()
+        except VoccError as error:
+            print(f"vocc-torch: error: {error}", file=sys.stderr)
+            return 2
+        return 0
+    words = words.split() if isinstance(words, str) else words
+    sys.argv = ["vocc-torch", *words]
+    try:
+        main_of_command()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 1
+    return 0
+
+
+def start(attempt: Attempt, folder: Path) -> int:
+    """Start an attempt in a child of this process, which has imported all that it needs."""
     process = os.fork()
     if process:
         return process
     os.setsid()
     os.chdir(folder)
-    for stream, name in ((1, ".out"), (2, ".err")):
-        os.dup2(
-            os.open(f"{folder}{name}", os.O_CREAT | os.O_WRONLY | os.O_TRUNC), stream
-        )
+    for stream in (1, 2):
+        flags = os.O_CREAT | os.O_WRONLY | os.O_TRUNC
+        os.dup2(os.open(f"{folder}.{stream}", flags), stream)
     resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
-    if most_file_bytes is not None:
+    if (most := attempt.most_file_bytes) is not None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most_file_bytes, most_file_bytes))
-    sys.argv = ["vocc-torch", *arguments]
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     status = 1
     try:
-        main_of_command()
-    except SystemExit as end:
-        status = end.code if isinstance(end.code, int) else 1
+        status = called(attempt.words)
     except BaseException:
         traceback.print_exc()
-        sys.stderr.flush()
+    sys.stderr.flush()
     os._exit(status)
 
 
 def finish(process: int, folder: Path) -> Ran:
-    """Wait for a command, at most a minute."""
+    """Wait for an attempt, at most a minute."""
     until = time.monotonic() + LIMIT_S
     while time.monotonic() < until:
         ended, status = os.waitpid(process, os.WNOHANG)
         if ended:
-            said = Path(f"{folder}.err").read_bytes().decode(errors="replace")
+            said = Path(f"{folder}.2").read_bytes().decode(errors="replace")
             return Ran(os.waitstatus_to_exitcode(status), said)
         time.sleep(0.01)
     os.killpg(process, signal.SIGKILL)
@@ -136,44 +175,39 @@ def finish(process: int, folder: Path) -> Ran:
     return Ran(-99, f"no end after {LIMIT_S} s")
 
 
-def run(arguments: tuple[str, ...], folder: Path) -> Ran:
+def run(words: str, folder: Path) -> Ran:
     """Run a command to its end."""
     folder.mkdir(exist_ok=True)
-    return finish(start(arguments, folder), folder)
+    return finish(start(Attempt("", words), folder), folder)
 
 
 def outside(folder: Path) -> dict[str, bytes]:
-    """Every file around ``runs/`` with its bytes."""
-    return {
-        os.fsdecode(path): path.read_bytes()
-        for path in [*folder.glob("*"), *(folder.parent / "victim").rglob("*")]
-        if path.is_file() and not path.is_symlink() and path.stat().st_size < 1 << 24
-    }
+    """Give every file around ``runs/`` with its bytes."""
+    found = [*folder.glob("*"), *(folder.parent / "victim").rglob("*")]
+    small = [path for path in found if path.is_file() and not path.is_symlink()]
+    small = [path for path in small if path.stat().st_size < 1 << 24]
+    return {os.fsdecode(path): path.read_bytes() for path in small}
 
 
 def judged(attempt: Attempt, place: Path) -> tuple[str, str]:
     """Make one attempt: ``answered``, ``refused`` or ``wrong``, and why."""
-    folder = place / "work"
-    for path in place.iterdir():
-        shutil.rmtree(
-            path
-        ) if path.is_dir() and not path.is_symlink() else path.unlink()
-    (place / "victim" / "0").mkdir(parents=True)
-    (place / "victim" / "failed.txt").write_text("mine\n")
-    (place / "victim" / "0" / "failed.txt").write_text("mine\n")
+    folder, victim = place / "work", place / "victim"
+    shutil.rmtree(place)
+    (victim / "0").mkdir(parents=True)
+    for mine in (victim / "failed.txt", victim / "0" / "failed.txt"):
+        mine.write_text("mine\n")
     folder.mkdir()
     attempt.prepare(folder)
     before = outside(folder)
-    process = start(attempt.arguments, folder, attempt.most_file_bytes)
+    process = start(attempt, folder)
     attempt.act(folder, process)
-    ran = finish(process, folder)
+    ran = first = finish(process, folder)
     if outside(folder) != before:
         return "wrong", "files outside runs/ changed"
-    if attempt.afterwards is not None:
-        interrupted = ran.status in (0, 2, *attempt.ended_by)
-        if not interrupted or "Traceback" in ran.said:
-            return "wrong", f"status {ran.status}: {ran.said[-300:]}"
-        ran = run(attempt.afterwards, folder)
+    if attempt.again and first.status in (0, 2, *attempt.ended_by):
+        ran = run(str(attempt.words), folder)
+        # What had ended well is not done once more.
+        ran = first if ran.refused and first.status == 0 else ran
     left = [path for path in folder.rglob("*") if ".tmp" in path.name]
     if left and ran.status == 0:
         return "wrong", f"{left[0].name} was left"
@@ -183,6 +217,71 @@ def judged(attempt: Attempt, place: Path) -> tuple[str, str]:
         why = attempt.wrong(folder, ran)
         return ("wrong", why) if why else ("answered", "")
     return "wrong", f"status {ran.status}: {ran.said[-300:]}"
+
+
+def encoded(image: Image.Image, kind: str, **options: Any) -> bytes:
+    """Give a picture as the bytes of a file."""
+    buffer = io.BytesIO()
+    image.save(buffer, kind, **options)
+    return buffer.getvalue()
+
+
+def film(photo: Image.Image) -> bytes:
+    """Give a film of twelve frames."""
+    import av
+
+    buffer = io.BytesIO()
+    small = photo.resize((photo.width // 2 * 2, photo.height // 2 * 2))
+    with av.open(buffer, "w", format="matroska") as container:
+        stream = container.add_stream(
+            "mpeg4", 25, width=small.width, height=small.height
+        )
+        stream.pix_fmt = "yuv420p"
+        for _ in range(12):
+            container.mux(stream.encode(av.VideoFrame.from_image(small)))
+        container.mux(stream.encode(None))
+    return buffer.getvalue()
+
+
+def odd_file(path: Path, kind: str) -> None:
+    """Put what is no file where one is expected."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "dangling":
+        path.symlink_to(Path("../victim/new"))
+    elif kind == "heavy":
+        with path.open("wb") as file:
+            file.truncate(5 << 30)
+
+
+def written(folder: Path, place: Path, content: bytes) -> None:
+    """Write over a file of a folder."""
+    (folder / place).write_bytes(content)
+
+
+def in_runs(call: Callable[[], object]) -> None:
+    """Make a call that may write where it is made."""
+    os.chdir("runs")
+    call()
+
+
+def changed(value: Any, odd: Any) -> Iterator[tuple[str, Any]]:
+    """Put an odd value in each place of nested settings, one at a time."""
+    places = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, inner in list(places):
+        other = copy.copy(value)
+        other[key] = odd
+        yield str(key), other
+        if isinstance(inner, dict | list) and inner:
+            for name, inside in changed(inner, odd):
+                other = copy.copy(value)
+                other[key] = inside
+                yield f"{key}.{name}", other
 
 
 class Attacks:
@@ -195,409 +294,351 @@ class Attacks:
 
     def __init__(self, seed: int, place: Path) -> None:
         """Run what is attacked once without a disturbance."""
-        self.random = random.Random(seed)
-        self.kept = place / "kept"
-        for name, arguments in {
-            "run": RUN,
-            "learned": LEARNED,
-            "model": ("task=train", TINY[1], "device=cpu", "name=x"),
+        self.random, self.place = random.Random(seed), place
+        place.mkdir()
+        shutil.copytree(PHOTO.parent, place / "sent" / "pictures")
+        commands = {"run": RUN, "learned": LEARNED, "train": TRAIN}
+        commands["transmit"] = "task=transmit input=text.txt name=x"
+        for name, words in commands.items():
+            (place / name).mkdir()
+            (place / name / "text.txt").write_text("a message")
+            self.undisturbed(words, place / name)
+        self.sent = place / "transmit" / "runs" / "x"
+        self.model = place / "train" / "runs" / "x" / "receiver.pt"
+        for name, words in {
+            "decode": f"{DECODE} input=pictures",
+            "record": RECORD,
         }.items():
-            place.mkdir(exist_ok=True)
-            if (ran := run(arguments, place / name)).status:
-                raise SystemExit(f"the undisturbed {name} failed: {ran.said}")
-        self.run, self.learned = (
-            place / name / "runs" / "x" for name in ("run", "learned")
-        )
-        self.model = place / "model" / "runs" / "x" / "receiver.pt"
-        shutil.copy(self.model, place / "receiver.pt")
-        run((*DECODE, f"input={PHOTO}"), place)
-        self.bits = (place / "runs" / "x" / "bits.csv").read_bytes()
-
-    def damaged(
-        self, whole: bytes, cuts: int, flips: int
-    ) -> Iterator[tuple[str, bytes]]:
-        """Cut a file short, and flip bits of it."""
-        for _ in range(cuts):
-            at = self.random.randrange(len(whole))
-            yield f"cut at {at}", whole[:at]
-        for _ in range(flips):
-            part, at = bytearray(whole), self.random.randrange(len(whole))
-            part[at] ^= 1 << self.random.randrange(8)
-            yield f"bit flipped in byte {at}", bytes(part)
-
-    def pictures(self) -> Iterator[Attempt]:
-        """Pictures and recordings that are damaged, odd, misnamed or no pictures."""
-        photo = Image.open(PHOTO).convert("RGB")
-        grey = photo.convert("L")
-
-        def encoded(image: Image.Image, kind: str, **options: object) -> bytes:
-            buffer = io.BytesIO()
-            image.save(buffer, kind, **options)  # type: ignore[arg-type]
-            return buffer.getvalue()
-
-        files = {
-            "empty.png": b"",
-            "text.png": b"hello\n" * 100,
-            "page.png": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
-            "evil.png": b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(../victim/owned) (w) file\n",
-            "huge.png": encoded(Image.new("L", (8, 8)), "PNG").replace(
-                b"\0\0\0\x08\0\0\0\x08", b"\x7f\xff\xff\xff" * 2
-            ),
-            "one.png": encoded(Image.new("L", (1, 1)), "PNG"),
-            "long.png": encoded(Image.new("L", (1, 40000)), "PNG"),
-            "black.png": encoded(Image.new("L", (640, 480)), "PNG"),
-            "film.gif": encoded(photo, "GIF", save_all=True, append_images=[photo] * 3),
-            "film.webp": encoded(
-                photo, "WEBP", save_all=True, append_images=[photo] * 3, lossless=True
-            ),
-            "pages.tiff": encoded(
-                photo, "TIFF", save_all=True, append_images=[photo] * 3
-            ),
-            "cmyk.jpg": encoded(photo.convert("CMYK"), "JPEG"),
-            "palette.png": encoded(photo.convert("P"), "PNG"),
-            "clear.png": encoded(photo.convert("RGBA"), "PNG"),
-            "float.tiff": encoded(grey.convert("F"), "TIFF"),
-            "deep.png": encoded(
-                Image.fromarray(np.asarray(grey).astype(np.uint16) * 257), "PNG"
-            ),
-            "no-picture.mp4": b"\0" * 4000,
-        }
-        for name, content in itertools.chain(
-            files.items(),
-            (
-                (f"{name}.png", content)
-                for name, content in self.damaged(PHOTO.read_bytes(), 20, 60)
-            ),
-            (
-                (f"{name}.jpg", content)
-                for name, content in self.damaged(encoded(photo, "JPEG"), 20, 60)
-            ),
-        ):
-            yield Attempt(
-                name,
-                (*DECODE, "input=pictures"),
-                lambda folder, n=name, c=content: self.given(
-                    folder, {f"pictures/{n}": c}
-                ),
-                self.whole_bits,
-            )
-        odd = (
-            b"\xff\xfe.png",
-            b"\x1b[31mred\x1b[0m.png",
-            b"a\nb.png",
-            b"-x.png",
-            b"`<b>.png",
-            "\u202egnp.png".encode(),
-        )
-        for name in odd:
-            yield Attempt(
-                repr(name),
-                (*DECODE, "input=pictures"),
-                lambda folder, n=name: self.given(
-                    folder, {"pictures/" + os.fsdecode(n): PHOTO.read_bytes()}
-                ),
-                lambda folder, ran: (
-                    "an escape code was printed"
-                    if "\x1b" in ran.said
-                    else self.whole_bits(folder, ran)
-                ),
-            )
-        for kind in ("fifo", "device", "folder", "nothing"):
-            yield Attempt(
-                kind,
-                (*DECODE, "input=it.png"),
-                lambda folder, k=kind: self.odd_file(folder, "it.png", k),
-            )
-        frames = self.film(photo)
-        for name, content in self.damaged(frames, 20, 20):
-            yield Attempt(
-                f"{name} of a film",
-                (*DECODE, "input=film.mkv"),
-                lambda folder, c=content: self.given(folder, {"film.mkv": c}),
-                lambda folder, ran: self.all_frames(folder, ran, 12),
-            )
+            self.given(place / name, {})
+            self.undisturbed(words, place / name)
+        self.bits = (place / "decode" / "runs" / "x" / "bits.csv").read_bytes()
 
     @staticmethod
-    def film(photo: Image.Image) -> bytes:
-        """A film of twelve frames; none where PyAV is missing."""
-        import av
-
-        buffer = io.BytesIO()
-        small = photo.resize((photo.width // 2 * 2, photo.height // 2 * 2))
-        with av.open(buffer, "w", format="matroska") as container:
-            stream = container.add_stream(
-                "mpeg4", rate=25, width=small.width, height=small.height
-            )
-            stream.pix_fmt = "yuv420p"
-            for _ in range(12):
-                container.mux(stream.encode(av.VideoFrame.from_image(small)))
-            container.mux(stream.encode(None))
-        return buffer.getvalue()
+    def undisturbed(words: str, folder: Path) -> None:
+        """Run a command that must end well."""
+        if (ran := run(words, folder)).status:
+            raise SystemExit(f"{words} failed: {ran.said}")
 
     def given(self, folder: Path, files: dict[str, bytes]) -> None:
-        """Write the files of an attempt beside the model."""
+        """Write the files of an attempt beside a model, a picture and a message that was sent."""
+        if not files:
+            files = {f"pictures/{n}.png": PHOTO.read_bytes() for n in range(3)}
+            if hasattr(self, "sent"):
+                shutil.copytree(self.sent, folder / "sent")
         for name, content in {"receiver.pt": self.model.read_bytes(), **files}.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
 
-    def odd_file(self, folder: Path, name: str, kind: str) -> None:
-        """Put what is no file where one is expected."""
-        if name != "receiver.pt":
-            self.given(folder, {})
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if kind == "fifo":
-            os.mkfifo(path)
-        elif kind == "device":
-            path.symlink_to("/dev/zero")
-        elif kind == "folder":
-            path.mkdir()
-        elif kind == "dangling":
-            path.symlink_to(folder.parent / "victim" / "new")
-        elif kind == "heavy":
-            with path.open("wb") as file:
-                file.truncate(5 << 30)
+    def damaged(
+        self, content: bytes, cuts: int, flips: int
+    ) -> Iterator[tuple[str, bytes]]:
+        """Cut a file short, and flip bits of it."""
+        for _ in range(cuts):
+            at = self.random.randrange(len(content))
+            yield f"cut at {at}", content[:at]
+        for _ in range(flips):
+            part, at = bytearray(content), self.random.randrange(len(content))
+            part[at] ^= 1 << self.random.randrange(8)
+            yield f"bit flipped in byte {at}", bytes(part)
 
     @staticmethod
     def rows(folder: Path) -> list[dict[str, str]]:
-        """The rows of ``bits.csv``."""
-        with (folder / "runs" / "x" / "bits.csv").open(
-            newline="", errors="surrogateescape"
-        ) as file:
+        """Read the rows of ``bits.csv``."""
+        path = folder / "runs" / "x" / "bits.csv"
+        with path.open(newline="", errors="surrogateescape") as file:
             return list(csv.DictReader(file))
 
-    def whole_bits(self, folder: Path, ran: Ran) -> str:
+    def odd_bits(self, folder: Path, ran: Ran) -> str:
         """Say what is wrong with bits of a folder of pictures."""
         rows = self.rows(folder)
-        broken = [
-            row
-            for row in rows
-            if row["found"] == "1"
-            and (len(row["bits"]) != 64 or set(row["bits"]) - {*"01"})
-        ]
-        return "bits are not bits" if broken or not rows else ""
+        found = [row["bits"] for row in rows if row["found"] == "1"]
+        if not rows or any(len(bits) != 64 or {*bits} - {*"01"} for bits in found):
+            return "bits are not bits"
+        return "an escape code was printed" if "\x1b" in ran.said else ""
 
-    def all_frames(self, folder: Path, ran: Ran, frames: int) -> str:
-        """Say where a film was cut short without a word."""
-        fewer = len(self.rows(folder)) < frames and "warning" not in ran.said
+    def all_frames(self, folder: Path, ran: Ran) -> str:
+        """Say where a film of twelve frames was cut short without a word."""
+        fewer = len(self.rows(folder)) < 12 and "warning" not in ran.said
         return "frames are missing without a word" if fewer else ""
 
-    def models(self) -> Iterator[Attempt]:
-        """Model files that are damaged, forged, foreign or no files."""
+    def same(self, name: str, file: str) -> Callable[[Path, Ran], str]:
+        """Compare a file of results with that of the undisturbed run."""
+        wanted = (self.place / name / "runs" / "x" / file).read_bytes()
+        return lambda folder, ran: (
+            ""
+            if (folder / "runs" / "x" / file).read_bytes() == wanted
+            else f"other {file}"
+        )
 
-        def same(folder: Path, ran: Ran) -> str:
-            return (
-                ""
-                if (folder / "runs" / "x" / "bits.csv").read_bytes() == self.bits
-                else "other bits"
-            )
+    def pictures(self) -> Iterator[Attempt]:
+        """Pictures and films that are damaged, odd, misnamed or no pictures."""
+        photo = Image.open(PHOTO).convert("RGB")
+        grey = photo.convert("L")
+        several = {"save_all": True, "append_images": [photo] * 3}
+        deep = Image.fromarray(np.asarray(grey).astype(np.uint16) * 257)
+        size = b"\0\0\0\x08\0\0\0\x08"
+        huge = encoded(Image.new("L", (8, 8)), "PNG").replace(
+            size, b"\x7f\xff\xff\xff" * 2
+        )
+        files = {
+            "empty.png": b"",
+            "text.png": b"hello\n" * 100,
+            "page.png": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+            "evil.png": b"%!PS-Adobe-3.0 EPSF-3.0\n(../victim/owned) (w) file\n",
+            "huge.png": huge,
+            "dot.png": encoded(Image.new("L", (1, 1)), "PNG"),
+            "long.png": encoded(Image.new("L", (1, 40000)), "PNG"),
+            "black.png": encoded(Image.new("L", (640, 480)), "PNG"),
+            "film.gif": encoded(photo, "GIF", **several),
+            "film.webp": encoded(photo, "WEBP", lossless=True, **several),
+            "pages.tiff": encoded(photo, "TIFF", **several),
+            "cmyk.jpg": encoded(photo.convert("CMYK"), "JPEG"),
+            "palette.png": encoded(photo.convert("P"), "PNG"),
+            "clear.png": encoded(photo.convert("RGBA"), "PNG"),
+            "float.tiff": encoded(grey.convert("F"), "TIFF"),
+            "deep.png": encoded(deep, "PNG"),
+            "no-picture.mp4": b"\0" * 4000,
+        }
+        odd = (
+            b"\xff\xfe",
+            b"\x1b[31mred\x1b[0m",
+            b"a\nb",
+            b"-x",
+            b"`<b>`",
+            b"\xe2\x80\xaegnp",
+        )
+        files |= {f"{os.fsdecode(name)}.png": PHOTO.read_bytes() for name in odd}
+        for kind, content in (
+            ("png", PHOTO.read_bytes()),
+            ("jpg", encoded(photo, "JPEG")),
+        ):
+            files |= {f"{n}.{kind}": part for n, part in self.damaged(content, 20, 60)}
+        for name, content in files.items():
+            prepare = partial(self.given, files={f"pictures/{name}": content})
+            yield Attempt(name, f"{DECODE} input=pictures", prepare, self.odd_bits)
+        for name, content in self.damaged(film(photo), 20, 20):
+            prepare = partial(self.given, files={"film.mkv": content})
+            yield Attempt(name, f"{DECODE} input=film.mkv", prepare, self.all_frames)
+
+    def devices(self) -> Iterator[Attempt]:
+        """Pipes, devices, folders and files of gigabytes wherever a file is named."""
+        tasks = ("decode", "transmit", "receive", "record", "collect", "calibrate")
+        for kind, task in itertools.product(ODD_FILES, tasks):
+
+            def prepare(folder: Path, k: str = kind) -> None:
+                self.given(folder, {})
+                odd_file(folder / "odd.png", k)
+
+            yield Attempt(f"input {kind}", f"task={task} input=odd.png name=x", prepare)
+        places = {
+            "receiver.pt": f"{DECODE} input=pictures",
+            "runs/x/ledger.sqlite": RUN,
+            "sent/plan.yaml": RECORD,
+            "sent/frames.npy": RECORD,
+            "runs/x/config.yaml": "task=collect input=runs name=c",
+            "runs/x/ber.csv": "task=collect input=runs name=c",
+            "mine/scene/odd.yaml": f"--config-dir mine scene=odd {RUN}",
+        }
+        for kind, (place, words) in itertools.product(ODD_FILES, places.items()):
+
+            def put(folder: Path, k: str = kind, p: str = place) -> None:
+                self.given(folder, {})
+                (folder / p).unlink(missing_ok=True)
+                odd_file(folder / p, k)
+
+            yield Attempt(f"{place} {kind}", words, put)
+
+    def models(self) -> Iterator[Attempt]:
+        """Model files that are damaged, forged or foreign."""
 
         class Evil:
             def __reduce__(self) -> tuple[object, ...]:
                 return os.system, ("touch ../victim/owned",)
 
-        pickled, saved, zipped = pickle.dumps(Evil()), io.BytesIO(), io.BytesIO()
+        saved = io.BytesIO()
         torch.save({"evil": Evil()}, saved)
-        with zipfile.ZipFile(zipped, "w") as archive:
-            archive.writestr("../../victim/owned", "x")
         content = {
-            "a pickle": pickled,
+            "pickle": pickle.dumps(Evil()),
             "torch.save of code": saved.getvalue(),
-            "a path outside": zipped.getvalue(),
-        }
-        content |= {
-            "a picture": PHOTO.read_bytes(),
+            "picture": PHOTO.read_bytes(),
             "empty": b"",
             "braces": b"{" * 100_000,
             "brackets": b"[" * 100_000,
         }
-        for name, whole in itertools.chain(
-            content.items(), self.damaged(self.model.read_bytes(), 25, 125)
+        content |= dict(self.damaged(self.model.read_bytes(), 25, 125))
+        settings, state = read_model(self.model)
+        for odd in (
+            ORDER,
+            "${oc.env:HOME}",
+            OPEN,
+            [OPEN],
+            None,
+            -1,
+            DIGITS,
+            [],
+            {},
+            2**70,
         ):
-            given = {"receiver.pt": whole}
-            yield Attempt(
-                name,
-                (*DECODE, f"input={PHOTO}"),
-                lambda folder, g=given: self.given(folder, g),
-                same,
-            )
-        for kind in ("fifo", "device", "folder", "dangling", "heavy"):
-            yield Attempt(
-                kind,
-                (*DECODE, f"input={PHOTO}"),
-                lambda folder, k=kind: self.odd_file(folder, "receiver.pt", k),
-            )
+            for place, other in changed(settings, odd):
+                path = self.place / "forged.pt"
+                write_model(path, other, state)
+                content[f"{place} is {str(odd)[:20]}"] = path.read_bytes()
+        for name, one in content.items():
+            files = {"receiver.pt": one, "pictures/0.png": PHOTO.read_bytes()}
+            prepare = partial(self.given, files=files)
+            yield Attempt(name, f"{DECODE} input=pictures", prepare, self.odd_bits)
 
-    def resumed(
-        self, reference: Path, damage: Callable[[Path], object]
-    ) -> Callable[[Path], object]:
+    def resumed(self, name: str, damage: Act) -> Act:
         """Put a finished run without its results there, and damage it."""
 
         def prepare(folder: Path) -> None:
-            shutil.copytree(reference, folder / "runs" / "x")
+            shutil.copytree(self.place / name / "runs" / "x", folder / "runs" / "x")
             (folder / "runs" / "x" / "ber.csv").unlink()
             damage(folder / "runs" / "x")
 
         return prepare
 
-    def same_counts(self, reference: Path) -> Callable[[Path, Ran], str]:
-        """Compare ``ber.csv`` with that of the undisturbed run."""
-
-        def wrong(folder: Path, ran: Ran) -> str:
-            same = (folder / "runs" / "x" / "ber.csv").read_bytes() == (
-                reference / "ber.csv"
-            ).read_bytes()
-            return "" if same else "other counts"
-
-        return wrong
+    def damaged_files(
+        self, name: str, words: str, files: list[Path], many: int
+    ) -> Iterator[Attempt]:
+        """Go on with a run of which one file is damaged."""
+        for file in files:
+            place = file.relative_to(self.place / name / "runs" / "x")
+            for what, content in self.damaged(file.read_bytes(), many, 5 * many):
+                prepare = self.resumed(
+                    name, partial(written, place=place, content=content)
+                )
+                yield Attempt(
+                    f"{place}: {what}", words, prepare, self.same(name, "ber.csv")
+                )
 
     def ledgers(self) -> Iterator[Attempt]:
-        """Ledgers that are damaged, those of others, and what is no ledger."""
-        whole = (self.run / "ledger.sqlite").read_bytes()
-        for name, content in self.damaged(whole, 25, 125):
-            prepare = self.resumed(
-                self.run, lambda run, c=content: (run / "ledger.sqlite").write_bytes(c)
-            )
-            yield Attempt(name, RUN, prepare, self.same_counts(self.run))
-        for kind in ("fifo", "device", "folder", "dangling"):
-
-            def put(folder: Path, k: str = kind) -> None:
-                self.odd_file(folder, "runs/x/ledger.sqlite", k)
-
-            yield Attempt(kind, RUN, put)
-        for other in (
-            "seed=1",
-            "budget.training_frames=65",
-            "camera.gamma=2",
-            "panel.rows=4",
-            "scene=night",
-        ):
+        """Ledgers that are damaged, and those of other settings."""
+        ledger = self.place / "run" / "runs" / "x" / "ledger.sqlite"
+        yield from self.damaged_files("run", RUN, [ledger], 25)
+        others = (
+            "seed=1 budget.training_frames=65 camera.gamma=2 panel.rows=4 scene=night"
+        )
+        for other in others.split():
+            whole = self.resumed("run", lambda run: None)
             yield Attempt(
-                other,
-                (*RUN, other),
-                self.resumed(self.run, lambda run: None),
-                lambda *_: "taken for its own",
+                other, f"{RUN} {other}", whole, lambda *_: "taken for its own"
             )
+
+    def sealed(self) -> Iterator[Attempt]:
+        """Ledgers whose rows are changed and whose checksums are right."""
+        ledger = self.place / "run" / "runs" / "x" / "ledger.sqlite"
+        with closing(sqlite3.connect(ledger)) as file:
+            packed = file.execute("SELECT content FROM blocks").fetchone()[0]
+            trained = json.loads(
+                file.execute("SELECT content FROM trained").fetchone()[0]
+            )
+        table = np.frombuffer(zlib.decompress(packed), "<i4").reshape(4, -1)
+        blocks = {"nothing": b"", "text": b"text", "short": zlib.compress(b"1234")}
+        blocks["bomb"] = zlib.compress(b"\0" * (1 << 28))
+        for row, value in itertools.product(range(4), (-1, 2, 7, 10**9, -(2**31))):
+            numbers = table.copy()
+            numbers[row] = value
+            blocks[f"row {row} of {value}"] = zlib.compress(numbers.tobytes())
+        for name, content in blocks.items():
+            yield self.forged(f"blocks: {name}", "blocks", content)
+        for odd in ("a", None, -1, [], {}, {"a": 1}, 10**30, ORDER):
+            yield self.forged(f"trained is {odd}", "trained", json.dumps(odd))
+            for place, other in changed(trained, odd):
+                yield self.forged(f"{place} is {odd}", "trained", json.dumps(other))
+
+    def forged(self, name: str, table: str, content: str | bytes) -> Attempt:
+        """Go on with a ledger of which every row of a table has other content."""
+
+        def forge(run: Path) -> None:
+            with closing(sqlite3.connect(run / "ledger.sqlite")) as file, file:
+                settings = file.execute("SELECT settings FROM identity").fetchone()[0]
+                for *row, _, _ in file.execute(f"SELECT * FROM {table}").fetchall():
+                    text = content.hex() if isinstance(content, bytes) else content
+                    digest = sha256(json.dumps([settings, *row, text]).encode())
+                    change = f"UPDATE {table} SET content=?, digest=? WHERE "
+                    keys = (
+                        ("point", "block", "frames") if table == "blocks" else ("key",)
+                    )
+                    where = " AND ".join(f"{key}=?" for key in keys)
+                    file.execute(change + where, (content, digest.hexdigest(), *row))
+
+        return Attempt(name, RUN, self.resumed("run", forge))
 
     def checkpoints(self) -> Iterator[Attempt]:
         """Checkpoints of a training that are damaged."""
-        files = [
-            p
-            for p in self.learned.rglob("*")
-            if p.is_file() and p.suffix in (".pt", ".ckpt", ".sqlite")
-        ]
-        for file in files:
-            for name, content in self.damaged(file.read_bytes(), 10, 40):
-                place = file.relative_to(self.learned)
-                prepare = self.resumed(
-                    self.learned,
-                    lambda run, c=content, p=place: (run / p).write_bytes(c),
-                )
-                yield Attempt(
-                    f"{place}: {name}", LEARNED, prepare, self.same_counts(self.learned)
-                )
+        files = (self.place / "learned" / "runs" / "x").rglob("*")
+        kept = [path for path in files if path.suffix in (".pt", ".ckpt", ".sqlite")]
+        yield from self.damaged_files("learned", LEARNED, kept, 10)
 
     def names(self) -> Iterator[Attempt]:
         """Names of runs that lead out, hide, shout or do not fit."""
         bad = [
             "",
-            ".",
-            "..",
-            "/",
-            "../victim",
-            "../../victim",
-            "a/../../../victim",
-            "/victim/owned",
-            "x[/b]",
-            "[red]x",
-            "`<b>`",
-        ]
-        bad += [
+            " x",
+            "'x y'",
             "'\x1b[31mx'",
             "'a\nb'",
             "a" * 300,
             "/".join("a" * 40),
-            "-m",
-            "${seed}",
-            "${oc.env:HOME}",
-            "~",
-            "x\\y",
-            "é",
-            "'x y'",
         ]
-        bad += [
-            "null",
-            "true",
-            "1e5",
-            "a,b",
-            "[a,b]",
-            "{a:b}",
-            "CON",
-            "x.",
-            " x",
-            "'#'",
-            "'$HOME'",
-            "'`id`'",
-            "$(id)",
-            "*",
-        ]
-        for name in bad:
-            for many in ((), ("-m", "seed=0,1")):
-                arguments = (*many, *RUN[:-1], "budget.frames=2", f"name={name}")
-                yield Attempt(f"{name!r} {' '.join(many)}", arguments)
+        bad += ODD_NAMES.split()
+        for name, many in itertools.product(bad, ((), ("-m", "seed=0,1"))):
+            words = [word for word in RUN.split() if word != "name=x"]
+            words = [*many, *words, "budget.frames=2", f"name={name}"]
+            yield Attempt(f"{name!r} {' '.join(many)}", tuple(words))
 
-    def signals(self) -> Iterator[Attempt]:
-        """A run that is ended from outside at any moment goes on to the same counts."""
-        for sent, _ in itertools.product(
-            (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGHUP), range(10)
-        ):
-            wait_s = self.random.uniform(0, 3)
+    def kills(self) -> Iterator[Attempt]:
+        """Commands that are ended from outside at any moment: the same command ends with the same results."""
+        commands = {
+            "run": (RUN, "ber.csv"),
+            "learned": (LEARNED, "ber.csv"),
+            "train": (TRAIN, "config.yaml"),
+            "decode": (f"{DECODE} input=pictures", "bits.csv"),
+            "record": (RECORD, "truth.csv"),
+        }
+        signals = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGHUP)
+        for (name, (words, file)), sent in itertools.product(commands.items(), signals):
+            for _ in range(10):
+                wait_s = self.random.uniform(0, 3)
 
-            def send(
-                folder: Path, process: int, s: signal.Signals = sent, w: float = wait_s
-            ) -> None:
-                time.sleep(w)
-                os.kill(process, s)
+                def send(
+                    _: Path, process: int, s: signal.Signals = sent, w: float = wait_s
+                ) -> None:
+                    time.sleep(w)
+                    os.kill(process, s)
 
-            ended = (130, -sent, 128 + sent)
-            yield Attempt(
-                f"{sent.name} after {wait_s:.2f} s",
-                RUN,
-                wrong=self.same_counts(self.run),
-                act=send,
-                afterwards=RUN,
-                ended_by=ended,
-            )
+                yield Attempt(
+                    f"{name}: {sent.name} after {wait_s:.2f} s",
+                    words,
+                    lambda folder: self.given(folder, {}),
+                    self.same(name, file),
+                    send,
+                    again=True,
+                    ended_by=(130, -sent, 128 + sent),
+                )
 
     def two_at_once(self) -> Iterator[Attempt]:
         """Two runs of one name at once: one counts, the other is refused, and the numbers are right."""
-        for arguments, reference in ((RUN, self.run), (LEARNED, self.learned)):
+        for name, words in (("run", RUN), ("learned", LEARNED)):
             for _ in range(5):
                 wait_s = self.random.uniform(0, 2)
 
                 def second(
-                    folder: Path,
-                    process: int,
-                    a: tuple[str, ...] = arguments,
-                    w: float = wait_s,
+                    folder: Path, _: int, w: str = words, s: float = wait_s
                 ) -> None:
-                    time.sleep(w)
+                    time.sleep(s)
                     (folder.parent / "second").mkdir()
                     (folder.parent / "second" / "runs").symlink_to(folder / "runs")
-                    ran = run(a, folder.parent / "second")
-                    (folder.parent / "second.err").write_text(ran.said)
+                    run(w, folder.parent / "second")
 
-                yield Attempt(
-                    f"after {wait_s:.2f} s",
-                    arguments,
-                    wrong=self.same_counts(reference),
-                    act=second,
-                    afterwards=arguments,
-                )
+                told = f"{name} after {wait_s:.2f} s"
+                same = self.same(name, "ber.csv")
+                yield Attempt(told, words, wrong=same, act=second, again=True)
 
     def disk_full(self) -> Iterator[Attempt]:
         """A disk full at any size of a file, also of that of the refusal; afterwards there is room."""
-        for size in (
+        sizes = (
             0,
             1000,
             4000,
@@ -609,168 +650,179 @@ class Attacks:
             30_000,
             50_000,
             100_000,
+        )
+        for size, (name, words) in itertools.product(
+            sizes, (("run", RUN), ("learned", LEARNED))
         ):
-            for arguments, reference in ((RUN, self.run), (LEARNED, self.learned)):
-                yield Attempt(
-                    f"files of at most {size} bytes",
-                    arguments,
-                    wrong=self.same_counts(reference),
-                    most_file_bytes=size,
-                    afterwards=arguments,
-                )
+            yield Attempt(
+                f"{name}: files of at most {size} bytes",
+                words,
+                wrong=self.same(name, "ber.csv"),
+                most_file_bytes=size,
+                again=True,
+            )
 
     def configuration(self) -> Iterator[Attempt]:
         """Any key with any odd value, as a user or a script might write it."""
-        odd = [
-            "null",
-            "-1",
-            "0",
-            "1e400",
-            "nan",
-            "[]",
-            "{}",
-            "''",
-            "x",
-            "true",
-            "${seed}",
-            "${panel}",
-            "${oc.env:HOME}",
-            "[1,[2]]",
-        ]
+        odd = ODD_VALUES.split()
         odd += [
-            "9" * 5000,
-            "[" * 300 + "]" * 300,
             "é\u202e",
             "os.system",
             "{_target_:os.system}",
             "1e-320",
             "-0.0",
+            DIGITS,
+            BRACKETS,
         ]
         for key, value in itertools.product(keys_of(AppConfig), odd):
-            yield Attempt(
-                f"{key}={value[:30]}",
-                (*RUN[:-1], "budget.frames=2", "name=x", f"{key}={value}"),
-            )
+            words = (*RUN.split(), "budget.frames=2", f"{key}={value}")
+            yield Attempt(f"{key}={value[:30]}", words)
         for task in TASKS:
             yield Attempt(
-                f"task={task} of nothing",
-                (f"task={task}", "input=nothing", "model=nothing", "name=x"),
+                f"{task} of nothing", f"task={task} input=nothing model=nothing name=x"
             )
 
-    def collections(self) -> Iterator[Attempt]:
-        """Multiruns that somebody else has made."""
-        aliases = "a: &a [x]\n" + "".join(
-            f"{n}: &{n} [{', '.join(['*' + p] * 9)}]\n"
-            for p, n in itertools.pairwise("abcdefghi")
-        )
-        bad = {
-            "secret": "name: ${oc.env:SECRET}\n",
-            "aliases": aliases,
-            "nested": "a: " + "[" * 5000 + "]" * 5000,
-            "digits": "seed: " + "9" * 5000 + "\n",
-            "tag": "!!python/object/apply:os.system ['touch ../victim/owned']\n",
-            "binary": "\x00\x01\x02",
-            "empty": "",
-        }
+    def yaml(self) -> Iterator[Attempt]:
+        """Scenes, plans, saved configurations and multiruns that a stranger has made."""
         os.environ["SECRET"] = "very-secret"
 
         def told(folder: Path, ran: Ran) -> str:
             text = b"".join(path.read_bytes() for path in folder.rglob("*.csv"))
             return "a secret was told" if b"very-secret" in text else ""
 
-        for name, config in bad.items():
+        places = {
+            "mine/scene/odd.yaml": f"--config-dir mine scene=odd {RUN}",
+            "mine/odd.yaml": f"--config-path ../work/mine --config-name odd {RUN}",
+            "runs/odd/scene/odd.yaml": f"scene=odd {RUN}",
+            "sent/plan.yaml": RECORD,
+            "runs/m/1/config.yaml": "task=collect input=runs/m name=c",
+        }
+        for (name, text), (place, words) in itertools.product(
+            YAML.items(), places.items()
+        ):
 
-            def prepare(folder: Path, c: str = config) -> None:
-                for job, text in (
-                    ("0", (self.run / "config.yaml").read_text()),
-                    ("1", c),
-                ):
-                    shutil.copytree(self.run, folder / "runs" / "m" / job)
-                    (folder / "runs" / "m" / job / "config.yaml").write_text(text)
+            def prepare(folder: Path, t: str = text, p: str = place) -> None:
+                self.given(folder, {})
+                for job in ("0", "1"):
+                    run = self.place / "run" / "runs" / "x"
+                    shutil.copytree(run, folder / "runs" / "m" / job)
                 (folder / "runs" / "m" / "multirun.yaml").write_text("hydra: {}\n")
+                (folder / p).parent.mkdir(parents=True, exist_ok=True)
+                (folder / p).write_text(t)
 
-            yield Attempt(
-                f"config.yaml: {name}",
-                ("task=collect", "input=runs/m", "name=c"),
-                prepare,
-                told,
-            )
-        for row in ("frames,-512", "ber,nan", "frames," + "9" * 5000):
-            column, value = row.split(",")
+            yield Attempt(f"{place}: {name}", words, prepare, told)
+        for column, value in (("frames", "-512"), ("ber", "nan"), ("frames", DIGITS)):
 
             def forge(folder: Path, c: str = column, v: str = value) -> None:
-                for job in ("0", "1"):
-                    shutil.copytree(self.run, folder / "runs" / "m" / job)
-                path = folder / "runs" / "m" / "1" / "ber.csv"
-                with path.open(newline="") as file:
-                    rows = list(csv.DictReader(file))
-                rows[0][c] = v
-                with path.open("w", newline="") as file:
-                    writer = csv.DictWriter(file, rows[0].keys())
-                    writer.writeheader()
-                    writer.writerows(rows)
+                shutil.copytree(
+                    self.place / "run" / "runs" / "x", folder / "runs" / "m" / "0"
+                )
+                path = folder / "runs" / "m" / "0" / "ber.csv"
+                head, first, *others = path.read_text().splitlines()
+                cells = dict(zip(head.split(","), first.split(","), strict=True)) | {
+                    c: v
+                }
+                path.write_text("\n".join([head, ",".join(cells.values()), *others]))
 
             yield Attempt(
-                f"ber.csv: {row[:20]}",
-                ("task=collect", "input=runs/m", "name=c"),
-                forge,
+                f"{column} {value[:9]}", "task=collect input=runs/m name=c", forge
             )
 
+    def python(self) -> Iterator[Attempt]:
+        """Arguments of the public functions that are of another kind."""
+        odd = [
+            "a",
+            1.5,
+            -1,
+            0,
+            None,
+            True,
+            [],
+            {},
+            [None],
+            10**400,
+            float("nan"),
+            b"a",
+            object(),
+        ]
+        odd += [
+            np.ones((2, 2)),
+            torch.ones(2).to_sparse(),
+            torch.ones(2, device="meta"),
+            "\0",
+            "/dev/null",
+        ]
+        receiver = vt.Receiver.load(self.model)
+        usual = {"scene": "paper", "frames": 64}
+        axis = {"receivers": receiver, "axis": "distance_m", "values": [30]}
+        calls: list[tuple[Callable[..., object], dict[str, object]]] = [
+            (vt.load_scene, {"scene": "paper"}),
+            (
+                vt.train,
+                {
+                    **usual,
+                    "locator": "paper",
+                    "classifier": "flda_3",
+                    "features": None,
+                    "seed": 0,
+                },
+            ),
+            (
+                lambda **known: next(vt.simulate(**known)),
+                {**usual, "seed": 0, "batch": 64, "point": "a"},
+            ),
+            (
+                vt.measure,
+                {
+                    **usual,
+                    **axis,
+                    "seed": 0,
+                    "experiment": "e",
+                    "progress": len,
+                    "store": None,
+                },
+            ),
+            (receiver.decode, {"images": None}),
+            (receiver.save, {"path": None}),
+            (vt.Receiver.load, {"path": self.model, "plug_ins": ()}),
+        ]
+        for function, known in calls:
+            for key, value in itertools.product(known, odd):
+                call = partial(function, **known | {key: value})
+                inside = partial(in_runs, call)
+                name = f"{getattr(function, '__name__', '')} {key}={str(value)[:30]}"
+                yield Attempt(name, inside, lambda folder: (folder / "runs").mkdir())
 
-FAMILIES = (
-    "pictures",
-    "models",
-    "ledgers",
-    "checkpoints",
-    "names",
-    "signals",
-    "two_at_once",
-    "disk_full",
-    "configuration",
-    "collections",
-)
+
+FAMILIES = "pictures devices models ledgers sealed checkpoints names kills two_at_once"
+FAMILIES += " disk_full configuration yaml python"
+ENDS = ("answered", "refused", "wrong")
 
 
 def keep(counts: dict[str, Counter[str]]) -> None:
     """Write the counts of whole families in their places among those of earlier runs."""
-    path, ends = (
-        ROOT / "docs" / "results" / "attack.csv",
-        ("answered", "refused", "wrong"),
-    )
-    rows = {}
+    path, rows = ROOT / "docs" / "results" / "attack.csv", {}
     if path.exists():
         with path.open(newline="") as file:
             rows = {row[0]: row for row in csv.reader(file)}
     for family, count in counts.items():
-        rows[family] = [
-            family,
-            str(sum(count.values())),
-            *(str(count[end]) for end in ends),
-        ]
+        rows[family] = [family, str(count.total()), *(str(count[end]) for end in ENDS)]
     with path.open("w", newline="") as file:
-        lines = [
-            ["family", "tried", *ends],
-            *(rows[family] for family in FAMILIES if family in rows),
-        ]
-        csv.writer(file, lineterminator="\n").writerows(lines)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["family", "tried", *ENDS])
+        writer.writerows(rows[name] for name in FAMILIES.split() if name in rows)
 
 
 def main() -> int:
     """Attack, print what is wrong and write the counts; status 1 where anything is wrong."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "families", nargs="*", help=f"of {', '.join(FAMILIES)}; all by default"
-    )
-    parser.add_argument(
-        "--share", type=float, default=1.0, help="of the attempts of each family"
-    )
+    kind = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=kind)
+    parser.add_argument("families", nargs="*", help=f"of {FAMILIES}; all by default")
+    parser.add_argument("--share", type=float, default=1.0, help="of each family")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    if stray := set(options.families) - set(FAMILIES):
+    if stray := {*options.families} - {*FAMILIES.split()}:
         parser.error(f"no such family: {', '.join(stray)}")
-    families = options.families or FAMILIES
     torch.set_num_threads(1)
     counts: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -778,7 +830,7 @@ def main() -> int:
         place.mkdir()
         attacks = Attacks(options.seed, Path(folder) / "undisturbed")
         draw = random.Random(options.seed)
-        for family in families:
+        for family in options.families or FAMILIES.split():
             counts[family] = Counter()
             for attempt in getattr(attacks, family)():
                 if draw.random() >= options.share:

@@ -145,7 +145,7 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
         ),
         (
             lambda: vt.train("paper", classifier=None),
-            "classifier is None: it must be of type str",
+            "classifier is None: it must be text",
         ),
         (lambda: vt.train("paper", locator="refind"), "locator is 'refind'"),
         (lambda: vt.train("paper", features=["agr", "colour"]), "features is"),
@@ -189,7 +189,10 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
             "experiment.axis is 'colour'",
         ),
         (lambda: vt.measure({}, "paper", "distance_m", [50]), "receivers is {}"),
-        (lambda: vt.measure({"a": 3}, "paper", "distance_m", [50]), "receivers.a is 3"),
+        (
+            lambda: vt.measure({"a": 3}, "paper", "distance_m", [50]),
+            "receivers is {'a': 3}",
+        ),
     ],
 )
 def test_mistakes_are_one_line_that_names_the_argument(call, says):

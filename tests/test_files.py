@@ -12,11 +12,13 @@ import pytest
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate.task import known_bits
 from vocc_torch.files import (
+    UNFINISHED,
     atomic_file,
     locked,
     ordinary_file,
     read_file,
     sweep,
+    unfinished,
     write_atomically,
 )
 from vocc_torch.hardware import PanelShape
@@ -24,7 +26,7 @@ from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver.locators import LearnedLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.reading import read_recording
-from vocc_torch.report.folder import read_tables
+from vocc_torch.report.folder import read_tables, refuse_results
 from vocc_torch.simulation.effects.backdrops import pictures_of
 
 
@@ -166,6 +168,42 @@ def test_what_a_killed_process_left_is_swept_and_nothing_else(tmp_path):
         (tmp_path / name).write_bytes(b"")
     sweep(tmp_path.iterdir())
     assert set(names(tmp_path)) == kept
+
+
+def test_the_same_command_alone_goes_on_over_what_a_killed_one_left(tmp_path):
+    """And not over results that a command ended well with."""
+    result = tmp_path / "receiver.pt"
+    killed(
+        "from pathlib import Path\nfrom vocc_torch.files import unfinished\n"
+        f"with unfinished(Path({str(tmp_path)!r}), 'task=train'):\n"
+        f"    Path({str(result)!r}).write_text('half')"
+    )
+    for words, goes_on in (("task=decode", False), ("task=train", True)):
+        with unfinished(tmp_path, words):
+            if goes_on:
+                refuse_results(tmp_path)
+            else:
+                with pytest.raises(VoccError, match=r"already holds receiver\.pt"):
+                    refuse_results(tmp_path)
+    assert names(tmp_path) == ["receiver.pt"]
+    with unfinished(tmp_path, "task=train"), pytest.raises(VoccError):
+        refuse_results(tmp_path)
+
+
+@pytest.mark.parametrize("left", [["a.png"], []])
+def test_an_interrupted_command_goes_on_where_it_had_written_anything(tmp_path, left):
+    def work():
+        with unfinished(tmp_path, "task=tradeoff"):
+            for name in left:
+                (tmp_path / name).write_text("")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert [name for name in names(tmp_path) if name != UNFINISHED] == left
+    assert (tmp_path / UNFINISHED).exists() == bool(left)
+    with unfinished(tmp_path, "task=tradeoff"):
+        refuse_results(tmp_path)
 
 
 def test_a_folder_is_held_by_one_process_until_it_ends_or_is_killed(tmp_path):

@@ -17,8 +17,18 @@ def stop(*_: object) -> None:
     os._exit(130)
 
 
+def open_streams() -> None:
+    """Put the null device where a stream was closed: files that are opened later would get its number."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            if (handle := os.open(os.devnull, os.O_RDWR)) != number:
+                os.dup2(handle, number)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r"))
+
+
 def main() -> None:
     """Run the command line; Ctrl-C ends it in one line, also while it loads and while it ends."""
+    open_streams()
     if "--version" in sys.argv[1:]:
         print(f"vocc-torch {__version__}, hydra-core {version('hydra-core')}")
         return

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import torch
 from omegaconf import OmegaConf
 
-from vocc_torch.errors import VoccError, demand_kind, section, shown, told_known
+from vocc_torch.boundary import checked
+from vocc_torch.errors import VoccError, section, shown, told_known
 from vocc_torch.files import demand_folder
 from vocc_torch.measure import curve, runner, sweep
 from vocc_torch.measure import train as training
@@ -51,6 +52,7 @@ TEMPLATES = ("own", "sklearn")
 """Options of the group classifier that name no class."""
 
 
+@checked
 def load_scene(
     scene: str | Path | Mapping[str, object] = "paper", *overrides: str
 ) -> World:
@@ -74,7 +76,8 @@ def load_scene(
     plain: Any = _shipped("scene", str(scene)) if shipped else scene
     if isinstance(scene, str | Path) and not shipped:
         plain = read_yaml(scene, "scene")
-    demand_kind("scene", plain, Mapping)
+    if not isinstance(plain, Mapping):
+        raise VoccError.of("scene", shown(plain), "a mapping, as in key: value")
     demand_plain("scene", plain, allowed=(TARGET,))
     if not shipped:
         plain = {**_shipped("scene", "paper"), "name": "own", **plain}
@@ -115,6 +118,7 @@ def _shipped(group: str, name: str) -> dict[str, Any]:
     return dict(plain)
 
 
+@checked
 def train(
     scene: World | str,
     *,
@@ -147,9 +151,6 @@ def train(
         ('flda_3', 64)
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
-    demand_kind("scene", world, World)
-    for name, value in (("locator", locator), ("classifier", classifier)):
-        demand_kind(name, value, str)
     builtin = classifier if classifier in FLDA_FEATURES else "flda_3"
     receiver = ReceiverSettings(
         [builtin], locator, list(features or FEATURE_NAMES), save=classifier
@@ -204,6 +205,7 @@ class Simulated(NamedTuple):
     further: Mapping[str, torch.Tensor]
 
 
+@checked
 def simulate(
     scene: World | str,
     frames: int,
@@ -218,7 +220,7 @@ def simulate(
         scene: what :func:`load_scene` gave, or the name of a scene.
         frames: how many, at least 1.
         seed: of every random draw.
-        batch: frames at a time, at least 1.
+        batch: frames at a time, at least 1; no more scenes than that are drawn ahead.
         point: names the draws, so that another name gives other frames.
 
     Raises:
@@ -229,18 +231,27 @@ def simulate(
         >>> [len(bits) for bits in sent]
         [64, 36]
     """
-    for name, value in (("frames", frames), ("batch", batch)):
-        if type(value) is not int or value < 1:
-            raise VoccError.of(name, value, "a whole number of at least 1")
     world = load_scene(scene) if isinstance(scene, str) else scene
-    simulator, keys = world.simulator(), block_keys(seed, point, frames)
-    for drawn, bits, names, takes in rendered(
-        simulator, world.scene, keys, range(0, frames, batch), False
-    ):
-        corners = simulator.true_panels(drawn, names, rendered=True).corners_px
-        yield Simulated(
-            takes[0], bits, corners, drawn, simulator.further_bits(drawn, names)
-        )
+    return _simulated(world, frames, seed, batch, point)
+
+
+def _simulated(
+    world: World, frames: int, seed: int, batch: int, point: str
+) -> Iterator[Simulated]:
+    """Simulate frames, drawing no more scenes at a time than a batch or a block needs."""
+    simulator = world.simulator()
+    window = batch * -(-BLOCK_FRAMES // batch)
+    for start in range(0, frames, window):
+        stop, before = min(start + window, frames), start // BLOCK_FRAMES * BLOCK_FRAMES
+        keys = block_keys(seed, point, stop, start)
+        rows = range(start - before, stop - before, batch)
+        for drawn, bits, names, takes in rendered(
+            simulator, world.scene, keys, rows, False
+        ):
+            corners = simulator.true_panels(drawn, names, rendered=True).corners_px
+            yield Simulated(
+                takes[0], bits, corners, drawn, simulator.further_bits(drawn, names)
+            )
 
 
 @dataclass(frozen=True)
@@ -290,6 +301,7 @@ def _demand_path(path: object) -> None:
     demand_folder(path)
 
 
+@checked
 def measure(
     receivers: Receiver | Mapping[str, Receiver],
     scene: World | str,
@@ -326,7 +338,6 @@ def measure(
         [(30.0, 64), (50.0, 64)]
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
-    demand_kind("receivers", receivers, Receiver, Mapping)
     named = (
         {receivers.name: receivers}
         if isinstance(receivers, Receiver)
@@ -334,8 +345,6 @@ def measure(
     )
     if not named:
         raise VoccError.of("receivers", "{}", "a receiver, or several by name")
-    for name, receiver in named.items():
-        demand_kind(f"receivers.{name}", receiver, Receiver)
     axes = Experiment(experiment, axis, tuple(map(float, values)))
     reader = next(iter(named.values())).reader
     plan = Plan(world, ReceiverPlan(reader=reader), axes, Budget(frames), NOWHERE, seed)

@@ -158,7 +158,7 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
 
 
 def demand_least(section: str, owner: object, **least: int) -> None:
-    """Refuse by name the first attribute that is below the least allowed; None is nothing given.
+    """Refuse by name the first attribute that is no whole number, or too low; None is nothing given.
 
     Args:
         section: what its keys begin with, with the point.
@@ -166,11 +166,11 @@ def demand_least(section: str, owner: object, **least: int) -> None:
         **least: the least allowed by name.
     """
     for name, low in least.items():
-        if (value := getattr(owner, name)) is not None and value < low:
-            raise VoccError.of(f"{section}{name}", value, f"at least {low}")
+        if (value := getattr(owner, name)) is not None:
+            whole_number(f"{section}{name}", value, low)
 
 
-def whole_number(name: str, value: object, low: int, high: int) -> int:
+def whole_number(name: str, value: object, low: int, high: int | None = None) -> int:
     """Give a whole number from ``low`` to ``high``, also one of NumPy, as an int, or refuse it by name.
 
     Raises:
@@ -180,12 +180,11 @@ def whole_number(name: str, value: object, low: int, high: int) -> int:
         >>> whole_number("panel.rows", 8, 1, 1024)
         8
     """
-    if (
-        isinstance(value, Integral)
-        and not isinstance(value, bool)
-        and low <= int(value) <= high
-    ):
-        return int(value)
-    raise VoccError.of(
-        name, shown(value), f"a whole number, at least {low} and at most {high}"
-    )
+    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+    number = int(value) if isinstance(value, Integral) else low - 1
+    if is_whole and low <= number and (high is None or number <= high):
+        return number
+    rule = f"at least {low}" + (f" and at most {high}" if high is not None else "")
+    if high is not None or not is_whole:
+        rule = f"a whole number, {rule}"
+    raise VoccError.of(name, shown(value), rule)

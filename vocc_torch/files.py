@@ -252,6 +252,54 @@ def demand_folder(path: str | Path) -> None:
         raise VoccError(f"cannot write {path}: {Path(path).parent} is no folder")
 
 
+UNFINISHED = ".unfinished"
+"""In a folder that a command writes to: the command's process and words, while it has not ended."""
+
+
+@contextmanager
+def unfinished(folder: Path, words: str) -> Iterator[None]:
+    """Mark a folder while a command fills it; the same command after a kill finds and takes over the mark.
+
+    A folder that holds anything but the mark of these words is not marked. After Ctrl-C the mark stays beside
+    whatever was written.
+
+    Args:
+        folder: there already.
+        words: of the command.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with unfinished(Path(folder), "task=train"):
+        ...         is_unfinished(Path(folder))
+        ...     is_unfinished(Path(folder))
+        True
+        False
+    """
+    mark = folder / UNFINISHED
+    begun = mark.read_text(errors="replace") if mark.is_file() else ""
+    marked, stays = (
+        begun.partition("\n")[2] == words or not any(folder.iterdir()),
+        False,
+    )
+    if marked:
+        write_atomically(mark, f"{os.getpid()}\n{words}".encode(errors="replace"))
+    try:
+        yield
+    except (KeyboardInterrupt, BrokenPipeError):
+        stays = any(path != mark for path in folder.iterdir())
+        raise
+    finally:
+        if marked and not stays:
+            mark.unlink(missing_ok=True)
+
+
+def is_unfinished(folder: Path) -> bool:
+    """Whether what a folder holds is of this process's command, begun now or before a kill."""
+    mark = folder / UNFINISHED
+    return mark.is_file() and mark.read_text().startswith(f"{os.getpid()}\n")
+
+
 def sweep(paths: Iterable[Path]) -> None:
     """Remove those paths that have a temporary name, as of :func:`atomic_file`, by a process that is gone.
 

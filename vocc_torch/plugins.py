@@ -41,6 +41,9 @@ PREFIX = "vocc_torch_file_"
 EXPECTED: dict[str, str] = {}
 """In a worker: what :func:`files_read` gave in the process that began it."""
 
+LONGEST_NAME = 100
+"""Most letters of a part's name, which is in the names of files."""
+
 READ: dict[str, tuple[str, str]] = {}
 """Absolute path and digest of each file that this process has run, by the path as it is named."""
 
@@ -237,10 +240,9 @@ class PlugIn:
 
     def __post_init__(self) -> None:
         """Check the name and the form of the target."""
-        if not self.name.isidentifier():
-            raise VoccError(
-                f"{self.key}: the name of a part must be a word, and {shown(self.name)} is none"
-            )
+        if not self.name.isidentifier() or len(self.name) > LONGEST_NAME:
+            rule = f"a word of at most {LONGEST_NAME} letters"
+            raise VoccError.of(f"{self.key}: the name", shown(self.name), rule)
         for target in (self.target, *targets(self.arguments)):
             if (
                 not is_target(target)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, whole_number
 
 BLOCK_FRAMES = 64
 """Frames in a block, the unit of random draws and of Monte Carlo bookkeeping."""
@@ -44,7 +44,7 @@ class BlockKey:
         block: index of the block within the point, at least 0.
 
     Raises:
-        VoccError: ``seed`` or ``block`` is negative.
+        VoccError: ``seed`` or ``block`` is negative or no whole number.
 
     Example:
         >>> key = BlockKey(seed=0, point="train", block=3)
@@ -61,10 +61,7 @@ class BlockKey:
     def __post_init__(self) -> None:
         """Refuse what SeedSequence would refuse later and less clearly."""
         for name in ("seed", "block"):
-            if getattr(self, name) < 0:
-                raise VoccError(
-                    f"{name} is {getattr(self, name)}: it must be at least 0"
-                )
+            whole_number(name, getattr(self, name), 0)
 
     def generator(self, stream: str) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again."""
@@ -168,7 +165,5 @@ def sensor_generator(seed: int, stream: str) -> np.random.Generator:
         >>> float(sensor_generator(0, "prnu").random()) == float(sensor_generator(0, "prnu").random())
         True
     """
-    if seed < 0:
-        raise VoccError(f"seed is {seed}: it must be at least 0")
-    entropy = [seed, *_words("sensor"), *_words(stream)]
+    entropy = [whole_number("seed", seed, 0), *_words("sensor"), *_words(stream)]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))

@@ -188,13 +188,16 @@ def tensor_of(name: str, value: object) -> Tensor:
     """Give a tensor as it is and a NumPy array copied to a tensor, or refuse anything else by name.
 
     Raises:
-        VoccError: anything else, and an array of what is no number.
+        VoccError: anything else, an array of what is no number, and a tensor that is sparse, nested or meta.
 
     Example:
         >>> tensor_of("images", np.zeros((2, 2), np.uint8)).dtype
         torch.uint8
     """
     if isinstance(value, Tensor):
+        if value.layout != torch.strided or value.is_nested or value.is_meta:
+            kind = "meta" if value.is_meta else value.layout
+            raise VoccError.of(name, kind, "a dense tensor with values")
         return value
     try:
         if isinstance(value, np.ndarray):

@@ -205,6 +205,21 @@ def test_a_mistake_is_one_line_and_leaves_nothing(app, tmp_path, words, parts):
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_stream_that_is_closed_takes_no_file_s_place(tmp_path, closed):
+    """What is written to a stream that was closed goes nowhere."""
+    done = f"{sys.executable} -m vocc_torch task=transmit input=a.txt name=x {closed}"
+    (tmp_path / "a.txt").write_text("hello")
+    ran = subprocess.run(done, shell=True, cwd=tmp_path, capture_output=True, text=True)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert (tmp_path / "runs" / "x" / "plan.yaml").read_text().startswith("rows: 8")
+
+
+def test_a_key_of_hundreds_of_letters_is_one_line(app):
+    key = "classifiers." + "a" * 300
+    assert "has 312 letters" in app(f"+{key}.build._target_=mine.py:A").complaint
+
+
 def test_a_fault_of_ours_is_not_disguised(app, monkeypatch, tmp_path):
     """A ValueError that no user caused keeps its traceback."""
 

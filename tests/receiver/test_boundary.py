@@ -123,7 +123,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "bank's classifier": (lambda: ReceiverBank(["flda_3"], "flda"), "flda is 'flda'"),
     "load a number": (
         lambda: Receiver.load(5),
-        "path is 5: it must be of type str or Path",
+        "path is 5: it must be text, or a path",
     ),
     "save at the root": (
         lambda: RECEIVER.save("/"),
@@ -131,7 +131,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "save nowhere": (
         lambda: RECEIVER.save(None),
-        "path is None: it must be of type str or Path",
+        "path is None: it must be text, or a path",
     ),
     "render no scene": (
         lambda: SIMULATOR.render(None, BITS),

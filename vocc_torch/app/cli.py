@@ -28,7 +28,7 @@ from vocc_torch.app.jobs import (
 )
 from vocc_torch.app.resolve import refusal, resolved
 from vocc_torch.errors import VoccError, printable, shown
-from vocc_torch.files import locked, sweep
+from vocc_torch.files import locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
 
 GRID = "studies.curve:run_grid"
@@ -135,7 +135,8 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
             settings = resolved(config, words)
             if jobs.elsewhere and settings.workers is None:
                 settings.workers = 1  # the jobs share the cores
-            run_task(settings, folder)
+            with unfinished(folder, " ".join(words)):
+                run_task(settings, folder)
         return
     except BrokenPipeError:
         raise

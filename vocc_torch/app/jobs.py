@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import importlib
 import io
 import json
 import multiprocessing
@@ -18,7 +19,7 @@ from typing import Any, TextIO
 
 from vocc_torch.app.config import AppConfig, inside_runs
 from vocc_torch.errors import VoccError
-from vocc_torch.files import read_file, write_atomically
+from vocc_torch.files import UNFINISHED, read_file, write_atomically
 
 FAILED, CONFIG = "failed.txt", "config.yaml"
 
@@ -122,6 +123,7 @@ def begin_again(folder: Path) -> bool:
         True
     """
     names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
+    names.discard(UNFINISHED)
     if not inside_runs(folder):
         try:
             lines = read_file(folder / CONFIG).decode("utf-8", "replace").splitlines()
@@ -214,11 +216,11 @@ def end_with(parent: int) -> None:
 def watch_joblib() -> None:
     """Have joblib's workers end with this process, also those that wait for a job."""
     with contextlib.suppress(ImportError):  # which Hydra says
-        from joblib.parallel import BACKENDS, register_parallel_backend
+        parallel: Any = importlib.import_module("joblib.parallel")
 
         watched = {"initializer": end_with, "initargs": (os.getpid(),)}
-        loky = functools.partial(BACKENDS["loky"], **watched)
-        register_parallel_backend("loky", loky)
+        loky = functools.partial(parallel.BACKENDS["loky"], **watched)
+        parallel.register_parallel_backend("loky", loky)
 
 
 @contextlib.contextmanager

@@ -1,5 +1,6 @@
 """From what Hydra composed to the settings, checked; and what Hydra refuses, said in one line."""
 
+import errno
 import multiprocessing
 import re
 from collections.abc import Sequence
@@ -345,6 +346,9 @@ def refusal(error: Exception, arguments: Sequence[str]) -> str | None:
     )
     if isinstance(error, hydras):
         return one_line(error, arguments)
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        longest = max((word.partition("=")[0] for word in arguments), key=len)
+        return f"{shown(longest)} has {len(longest)} letters: it is no known key"
     if isinstance(error, OSError):
         where = f" {error.filename}" if error.filename else ""
         return f"cannot make the run's folder{where} ({error.strerror}): choose another with name="

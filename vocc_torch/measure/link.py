@@ -288,11 +288,12 @@ def rendered(
         yield scene, bits, names[rows], tuple(takes)
 
 
-def block_keys(seed: int, point: str, frames: int) -> list[BlockKey]:
-    """Name the blocks that hold ``frames`` frames; the last may be used in part.
+def block_keys(seed: int, point: str, frames: int, first: int = 0) -> list[BlockKey]:
+    """Name the blocks that hold ``frames`` frames from the one of frame ``first`` on; the last may be cut.
 
     Example:
         >>> len(block_keys(0, "train", 1000))
         16
     """
-    return [BlockKey(seed, point, block) for block in range(-(-frames // BLOCK_FRAMES))]
+    blocks = range(first // BLOCK_FRAMES, -(-frames // BLOCK_FRAMES))
+    return [BlockKey(seed, point, block) for block in blocks]

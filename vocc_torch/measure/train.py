@@ -536,7 +536,7 @@ class PanelStream:
 
     def _seen(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
         """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
-        keys = block_keys(self.seed, self.point, first + count)[first // BLOCK_FRAMES :]
+        keys = block_keys(self.seed, self.point, first + count, first)
         parts = (
             [self._simulated(keys, count)]
             if self.kept is None

@@ -8,7 +8,8 @@ from typing import NamedTuple, Self
 import torch
 
 from vocc_torch import __version__
-from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.boundary import checked
+from vocc_torch.errors import VoccError, demand_kind, shown, whole_number
 from vocc_torch.files import demand_folder
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import Preambles, ReceiverBank
@@ -241,6 +242,7 @@ class Receiver(torch.nn.Module):
             raise VoccError(
                 "this receiver's locator sees one panel in a frame: learned sees several"
             )
+        whole_number("most", most, 1)
         with torch.inference_mode():
             found = self.locator.locate(frames, self.shape)
             whose, panels = found.panels(
@@ -288,13 +290,13 @@ class Receiver(torch.nn.Module):
         self.decider = self.decider.to(self.device)
         return self
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write the receiver to one file of text: settings, arrays and a checksum, and no code.
 
         Raises:
             VoccError: no path, a missing folder, a part that cannot be kept, or the file cannot be written.
         """
-        demand_kind("path", path, str, Path)
         if not Path(path).name:
             raise VoccError.of("path", shown(str(path)), "that of a file")
         demand_folder(path)
@@ -328,6 +330,7 @@ class Receiver(torch.nn.Module):
         )
 
     @classmethod
+    @checked
     def load(cls, path: str | Path, plug_ins: Sequence[str] = ()) -> Self:
         """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
 
@@ -340,7 +343,6 @@ class Receiver(torch.nn.Module):
             VoccError: no path, a file that is missing, damaged, of another kind or of another version, or a
                 part whose code was not named or has changed.
         """
-        demand_kind("path", path, str, Path)
         settings, state = read_model(Path(path))
         try:
             features = [

@@ -14,7 +14,13 @@ from typing import Any, TypeAlias, get_type_hints
 from rich.console import Console
 
 from vocc_torch.errors import VoccError, printable
-from vocc_torch.files import atomic_file, ordinary_file, write_atomically
+from vocc_torch.files import (
+    UNFINISHED,
+    atomic_file,
+    is_unfinished,
+    ordinary_file,
+    write_atomically,
+)
 from vocc_torch.measure import config, curve, train
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.paired import paired_interval, sign_test
@@ -45,7 +51,7 @@ LEDGERS = "ledgers"
 
 
 def refuse_results(folder: Path, ledgers: str | None = None) -> None:
-    """Refuse a folder that holds results, before any work is done.
+    """Refuse a folder that holds results, unless the same command was killed over them, before any work.
 
     Args:
         folder: the run's folder.
@@ -53,11 +59,10 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
     """
     holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     # A run that was killed before its first result leaves no more than these.
-    holds = [
-        name
-        for name in holds
-        if name not in (CONFIG, SAMPLES) and not name.endswith(".tmp")
-    ]
+    few = (UNFINISHED, CONFIG, SAMPLES)
+    holds = [name for name in holds if name not in few and not name.endswith(".tmp")]
+    if is_unfinished(folder):
+        return
     if holds and ledgers not in holds:
         raise VoccError(
             f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder"

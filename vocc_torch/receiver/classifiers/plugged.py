@@ -2,8 +2,10 @@
 
 import inspect
 import random
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from typing import Any, cast
 
 import numpy as np
@@ -16,6 +18,7 @@ from vocc_torch.receiver.classifiers import adapters
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.receiver.model_file import MOST_BYTES
 
 SKOPS = "skops"
 """The name under which an estimator's file, made by skops, stands among the arrays."""
@@ -210,6 +213,9 @@ def restored(
                     f"scikit-learn was {values['release']} and is {release}: train it again"
                 )
             packed = arrays[SKOPS].numpy().tobytes()
+            parts = zipfile.ZipFile(BytesIO(packed)).infolist()
+            if (size := sum(part.file_size for part in parts)) > MOST_BYTES:
+                raise VoccError(f"it unpacks to {size} bytes, at most {MOST_BYTES}")
             # Of the classes that skops does not know, those of the file that the user named.
             kind_text = ""
             if plug_in.file is not None:

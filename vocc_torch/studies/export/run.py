@@ -20,7 +20,6 @@ from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.store import what_changed
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import samples, terminal
-from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.studies.export import ExportConfig, manifest, truth
@@ -198,9 +197,7 @@ class Shard:
     def render(self, folder: Path) -> Iterable[run_folder.Cells]:
         """Render the pictures into a folder; yield the row of each."""
         plan, number = self.plan, self.first
-        keys = block_keys(plan.seed, self.point, self.first + self.frames)[
-            self.first // BLOCK_FRAMES :
-        ]
+        keys = block_keys(plan.seed, self.point, number + self.frames, number)
         simulator = plan.world.simulator()
         batches, crop = (
             range(0, self.frames, plan.batch_frames),

@@ -1,0 +1,108 @@
+"""Arguments of public functions, checked against their annotations before anything is done."""
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from numbers import Integral, Real
+from pathlib import Path
+from types import GenericAlias, NoneType, UnionType
+from typing import Any, ParamSpec, TypeVar, get_args, get_origin
+
+from vocc_torch.errors import VoccError, shown, whole_number
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+LEAST = {"seed": 0}
+"""The least of a whole number by its name; of any other it is 1."""
+NUMBERS = {int: Integral, float: Real}
+WORDS = {
+    int: "a whole number",
+    float: "a finite number",
+    str: "text",
+    Path: "a path",
+    NoneType: "None",
+    Callable: "a function",
+    object: "anything",
+}
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """Refuse by name an argument that its annotation does not allow.
+
+    Example:
+        >>> @checked
+        ... def repeated(frames: int, names: Sequence[str] = ()) -> int:
+        ...     return frames
+        >>> repeated(2, names=["a"])
+        2
+        >>> repeated(1.5)
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: frames is 1.5: it must be a whole number, at least 1
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            parameter = signature.parameters[name]
+            hint = parameter.annotation
+            if parameter.kind is parameter.VAR_POSITIONAL:
+                hint = GenericAlias(Sequence, (hint,))
+            if hint is int:
+                whole_number(name, value, LEAST.get(name, 1))
+            elif hint is not parameter.empty and not fits(value, hint):
+                raise VoccError.of(name, shown(value), allowed(hint))
+        return function(*args, **kwargs)
+
+    return call
+
+
+def fits(value: Any, hint: Any) -> bool:
+    """Whether an annotation allows a value: a class, a union, a sequence, a mapping or a function.
+
+    Example:
+        >>> fits([1, 2.5], Sequence[float]), fits("12", Sequence[str]), fits(None, str | None)
+        (True, False, True)
+    """
+    if isinstance(hint, UnionType):
+        return any(fits(value, part) for part in get_args(hint))
+    kind, parts = get_origin(hint) or hint, get_args(hint)
+    if isinstance(value, bool) and kind in NUMBERS:
+        return False
+    if kind is float and isinstance(value, Real):
+        return bool(abs(value) <= sys.float_info.max)  # type: ignore[operator]
+    if kind is Sequence:
+        value = getattr(value, "tolist", lambda: value)()
+        if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+            return False
+        return all(fits(item, parts[0]) for item in value)
+    if kind is Mapping:
+        if not isinstance(value, Mapping):
+            return False
+        pairs = [*zip(value, value.values(), strict=True)]
+        return all(
+            fits(item, hint)
+            for pair in pairs
+            for item, hint in zip(pair, parts, strict=True)
+        )
+    return isinstance(value, NUMBERS.get(kind, kind))
+
+
+def allowed(hint: Any) -> str:
+    """Say what an annotation allows.
+
+    Example:
+        >>> allowed(Sequence[float] | None), allowed(Mapping[str, int])
+        ('a list, each of it a finite number, or None', 'a mapping of text to a whole number')
+    """
+    if isinstance(hint, UnionType):
+        return ", or ".join(map(allowed, get_args(hint)))
+    kind, parts = get_origin(hint) or hint, get_args(hint)
+    if kind is Sequence:
+        return f"a list, each of it {allowed(parts[0])}"
+    if kind is Mapping:
+        return f"a mapping of {allowed(parts[0])} to {allowed(parts[1])}"
+    return WORDS.get(kind, f"a {kind.__name__}")
