@@ -23,7 +23,7 @@ import vocc_torch as vt
 from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
-from vocc_torch.studies.decode.reading import decode
+from vocc_torch.studies.decode.reading import read_panels
 from vocc_torch.types import StatedPanels
 
 SHIPPED = (
@@ -126,7 +126,7 @@ def row(
     frames = (
         RecordedFrame("", i, None, nowhere, one) for i, one in enumerate(pictures)
     )
-    read = list(decode(receiver, frames))
+    read = list(read_panels(receiver, frames))
     calm = [i for i, one in enumerate(read) if one.found and not one.is_doubtful]
     sure = [i for i in calm if not read[i].unlike and not read[i].one_level]
     well = sum(one.found and one.panel_score >= DOUBTFUL_SCORE for one in read)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from vocc_torch.receiver.flda import FLDA
     from vocc_torch.receiver.receiver import Decoded, Receiver
     from vocc_torch.simulation.simulator import Simulator
+    from vocc_torch.studies.decode.decoder import decode
+    from vocc_torch.studies.decode.reading import Reading
     from vocc_torch.types import Frames, Panels, PanelShape, Scene
 
 __version__ = "0.1.0"
@@ -28,6 +30,7 @@ __all__ = [
     "LedPanel",
     "PanelShape",
     "Panels",
+    "Reading",
     "Receiver",
     "Scene",
 ]
@@ -36,6 +39,7 @@ __all__ += [
     "Simulator",
     "Table",
     "VoccError",
+    "decode",
     "load_scene",
     "measure",
     "simulate",
@@ -49,6 +53,10 @@ _HOMES = {
 }
 _HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
 _HOMES |= {"api": ["Simulated", "Table", "load_scene", "measure", "simulate", "train"]}
+_HOMES |= {
+    "studies.decode.decoder": ["decode"],
+    "studies.decode.reading": ["Reading"],
+}
 _HOMES |= {"types": ["Frames", "PanelShape", "Panels", "Scene"]}
 
 

@@ -15,43 +15,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.distributions import SCENE_RANGES, demand_in_range
 from vocc_torch.errors import VoccError, finite_number, shown, whole_number
 from vocc_torch.hardware import PanelShape as PanelShape
 
-SCENE_RANGES = {
-    "ambient_lx": (0.0, 1e12),
-    "led_luminance_cd_m2": (0.0, 1e12),
-    "distance_m": (0.0, 1e9),
-}
-SCENE_RANGES |= {
-    "background_grey": (0.0, 255.0),
-    "offset_x_m": (-1e9, 1e9),
-    "offset_y_m": (-1e9, 1e9),
-}
-"""Lowest and highest allowed of each value of a scene."""
-
-ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})
-"""Those whose lowest itself is not allowed."""
-
 MOST_FRAMES = 1 << 24
 """Most frames of a scene made from plain numbers: 0.8 GB."""
-
-
-def demand_in_range(name: str, low: float, high: float) -> None:
-    """Refuse by name a value of a scene that can be as low as ``low`` and as high as ``high``.
-
-    Raises:
-        VoccError: a bound outside :data:`SCENE_RANGES`.
-
-    Example:
-        >>> demand_in_range("distance_m", 30.0, 70.0)
-    """
-    least, most = SCENE_RANGES[name]
-    if low < least or (low == least and name in ABOVE_LOWEST):
-        rule = "above" if name in ABOVE_LOWEST else "at least"
-        raise VoccError.of(f"scene.{name}", f"{low:g}", f"{rule} {least:g}")
-    if high > most:
-        raise VoccError.of(f"scene.{name}", f"{high:g}", f"at most {most:g}")
 
 
 _NOTHING = nullcontext()

@@ -14,7 +14,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix
-from vocc_torch.studies.decode.reading import COLUMNS, decode
+from vocc_torch.studies.decode.reading import COLUMNS, read_panels
 
 SHAPE, ANY = PanelShape(8, 8), LearnedLocator(false_alarms=math.inf)
 BITS = torch.rand(8, 8, generator=torch.Generator().manual_seed(3)) < 0.5
@@ -58,19 +58,21 @@ def test_two_panels_are_two_rows(two):
     receiver = Receiver("flda_3", ANY, Reader(SHAPE), flda)
     colour = two.numpy()[..., None].repeat(3, 2)
     frame = RecordedFrame("two.png", 0, None, colour, two.numpy())
-    read = list(decode(receiver, iter([frame]), 2))
+    read = list(read_panels(receiver, iter([frame]), 2))
     assert [one.panel for one in read] == [0, 1]
     assert all(len(one.row()) == len(COLUMNS) for one in read)
     left = sorted(float(one.corners_px[0, 0]) for one in read)
     assert left == pytest.approx([50, 200], abs=2)
-    twice = list(decode(receiver, iter([frame]), 2, lights=(Mix("red"), Mix("blue"))))
+    twice = list(
+        read_panels(receiver, iter([frame]), 2, lights=(Mix("red"), Mix("blue")))
+    )
     assert [(one.panel, one.frame.light) for one in twice] == [
         (panel, light) for light in ("red", "blue") for panel in (0, 1)
     ]
     assert [one.text for one in twice] == [one.text for one in read] * 2
     with pytest.raises(VoccError, match=r"decode\.most is 2"):
         list(
-            decode(
+            read_panels(
                 Receiver("flda_3", PaperLocator(), Reader(SHAPE), flda),
                 iter([frame]),
                 2,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import torch
 
+from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
 from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
@@ -22,7 +23,7 @@ from vocc_torch.receiver import bank, reader
 from vocc_torch.receiver.classifiers import Inputs, training
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PaperLocator
-from vocc_torch.simulation.scene import SCENE_FIELDS, SceneModel, parsed_scene
+from vocc_torch.simulation.scene import SceneModel
 from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import MISSING, OmegaConf
 
+from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
 from vocc_torch.errors import VoccError, demand_least
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.plugins import DIRECTIVES, demand_plain
@@ -136,12 +137,6 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Check the distributions, the axes and their values."""
-        # Which needs torch.
-        from vocc_torch.simulation.scene import (
-            SCENE_FIELDS,
-            parsed_scene,
-        )
-
         self.values, self.rows = tuple(self.values), tuple(self.rows)
         for part in ("scene", "training"):
             parsed_scene(getattr(self, part), f"experiment.{part}")

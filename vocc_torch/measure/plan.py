@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
+from vocc_torch.distributions import parsed_scene
 from vocc_torch.errors import VoccError, demand_least, finite_number, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
@@ -26,7 +27,6 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
 from vocc_torch.simulation.effects.backdrops import Photographs
-from vocc_torch.simulation.scene import parsed_scene
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 

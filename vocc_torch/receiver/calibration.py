@@ -9,7 +9,6 @@ from typing import Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.reader import Readings
@@ -131,6 +130,9 @@ def _learned(
     distances, wrong, frame = distances[order], wrong[order], frame[order]
     places, sizes = [0.0], [0.0]
     if len(wrong):
+        # Loaded here because reading a picture needs no SciPy.
+        from scipy.optimize import isotonic_regression
+
         ends = isotonic_regression(
             wrong.astype(np.float64), increasing=False
         ).blocks.tolist()

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import torch
-from kornia.morphology import dilation, erosion
 
 from vocc_torch.errors import VoccError
 from vocc_torch.types import without_autocast
@@ -41,6 +40,9 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     """
     if size_px < 1 or size_px % 2 == 0:
         raise VoccError(f"size_px is {size_px}: it must be odd and at least 1")
+    # Loaded here because the other locators close no mask.
+    from kornia.morphology import dilation, erosion
+
     # Of a larger square only a half or a quarter plane meets the mask, as of one of the mask's size.
     size_px = min(size_px, max(mask.shape[-2:]) | 1)
     if size_px == 1 or not mask.numel():

@@ -5,7 +5,6 @@ from collections.abc import Collection
 from functools import lru_cache
 from typing import Literal, get_args
 
-import kornia.filters
 import torch
 
 from vocc_torch.errors import VoccError
@@ -195,18 +194,16 @@ def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
         [1.0, 2.0]
     """
     if kernel == "sobel":
+        # Loaded here because a classifier of grey levels needs no Kornia.
+        from kornia.filters import spatial_gradient
+
         # Of more than a hundred frames torch's convolution takes five times as long for each.
         parts = (
             [patches]
             if is_exporting() or patches.is_cuda
             else torch.split(patches, _CONVOLVED_FRAMES)
         )
-        return torch.cat(
-            [
-                kornia.filters.spatial_gradient(part, mode="sobel")[:, 0]
-                for part in parts
-            ]
-        )
+        return torch.cat([spatial_gradient(part, mode="sobel")[:, 0] for part in parts])
     if kernel != "central":
         raise VoccError.of(
             "receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}"

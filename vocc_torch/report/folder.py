@@ -1,44 +1,38 @@
-"""A run's folder: what may be in it before, its ledgers and configuration, and its tables as CSV files."""
+"""Ledgers and tables of bit error rates in a run's folder."""
 
 import csv
 import io
 import re
-import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import MISSING, astuple, fields, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, TypeAlias, get_type_hints
+from typing import Any, get_type_hints
 
 from rich.console import Console
 
 from vocc_torch.errors import VoccError, printable
-from vocc_torch.files import (
-    UNFINISHED,
-    atomic_file,
-    is_unfinished,
-    ordinary_file,
-    write_atomically,
-)
+from vocc_torch.files import ordinary_file
 from vocc_torch.measure import config, curve, train
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import SUFFIX, Store
 from vocc_torch.measure.sweep import Study
-
-Cells: TypeAlias = Sequence[str | int | float | None]
-"""What a line of a CSV file holds."""
-
-CONFIG = "config.yaml"
-"""The resolved configuration."""
+from vocc_torch.report.run_files import CONFIG as CONFIG
+from vocc_torch.report.run_files import SAMPLES as SAMPLES
+from vocc_torch.report.run_files import Cells as Cells
+from vocc_torch.report.run_files import board_hint as board_hint
+from vocc_torch.report.run_files import cell_text as cell_text
+from vocc_torch.report.run_files import print_places as print_places
+from vocc_torch.report.run_files import refuse_results as refuse_results
+from vocc_torch.report.run_files import write_config as write_config
+from vocc_torch.report.run_files import write_rows as write_rows
 
 MOST_TABLE_BYTES = 1 << 26
 """Most bytes of a table that is read: a sweep's has a hundred thousand."""
 
-SAMPLES = "samples.png"
-"""What the scenes look like, written before anything is counted."""
 
 LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
@@ -48,25 +42,6 @@ MANIFEST = "manifest.json"
 
 LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
-
-
-def refuse_results(folder: Path, ledgers: str | None = None) -> None:
-    """Refuse a folder that holds results, unless the same command was killed over them, before any work.
-
-    Args:
-        folder: the run's folder.
-        ledgers: a file or folder whose presence says that the run can be resumed, or None.
-    """
-    holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-    # A run that was killed before its first result leaves no more than these.
-    few = (UNFINISHED, CONFIG, SAMPLES)
-    holds = [name for name in holds if name not in few and not name.endswith(".tmp")]
-    if is_unfinished(folder):
-        return
-    if holds and ledgers not in holds:
-        raise VoccError(
-            f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder"
-        )
 
 
 @contextmanager
@@ -127,11 +102,6 @@ def resumable(
         raise
 
 
-def write_config(settings: config.Settings, folder: Path) -> None:
-    """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
-    write_atomically(folder / CONFIG, config.as_yaml(settings).encode())
-
-
 def write_training(
     settings: config.Settings, plan: Plan, training: train.Training, folder: Path
 ) -> None:
@@ -143,78 +113,6 @@ def write_training(
 def as_markdown(settings: config.Settings) -> str:
     """The configuration as TensorBoard shows text."""
     return "```yaml\n" + config.as_yaml(settings) + "\n```"
-
-
-def print_places(
-    console: Console,
-    folder: Path,
-    places: Iterable[tuple[str, str]],
-    board: bool = False,
-) -> None:
-    """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
-    lines = [f"{what:<9} {printable(str(folder / name))}" for what, name in places]
-    if board:
-        command, address = board_hint(folder / "tensorboard").splitlines()
-        lines += [f"{'board':<9} {printable(command)}", f"{'':<9} {address}"]
-    for line in lines:
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
-
-
-def board_hint(folder: str | Path) -> str:
-    """Give the command that serves the board and the link that opens it with smoothing off.
-
-    Args:
-        folder: the folder given to ``write_boards``.
-
-    Example:
-        >>> print(board_hint("runs/ambient/board"))
-        tensorboard --logdir runs/ambient/board
-        http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0
-    """
-    link = "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
-    return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
-
-
-def write_rows(path: str | Path, rows: Iterable[Cells], *, short: bool = False) -> None:
-    r"""Write a CSV file, whole or not at all. Floats read back to the same float; None is an empty cell.
-
-    Args:
-        path: the file, replaced.
-        rows: the names of the columns, and then as many cells each.
-        short: whether whole numbers lose their point, as :func:`cell_text` writes them.
-
-    Raises:
-        VoccError: the file cannot be written.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     write_rows(Path(folder) / "a.csv", [("grey", "pixels", "of"), (7, 0.1, None)])
-        ...     (Path(folder) / "a.csv").read_text()
-        'grey,pixels,of\n7,0.1,\n'
-    """
-    with (
-        atomic_file(path) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
-        lines = (map(cell_text, row) for row in rows) if short else rows
-        csv.writer(file, lineterminator="\n").writerows(lines)
-
-
-def cell_text(value: str | int | float | None) -> str:
-    """Write a cell: the shortest digits that give the float again, whole numbers without a point.
-
-    Example:
-        >>> cell_text(1000.0), cell_text(0.1), cell_text(3), cell_text(None)
-        ('1000', '0.1', '3', '')
-    """
-    return (
-        repr(value).removesuffix(".0")
-        if isinstance(value, float)
-        else ""
-        if value is None
-        else str(value)
-    )
 
 
 def cells(row: curve.Row) -> list[str]:

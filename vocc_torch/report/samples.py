@@ -13,9 +13,9 @@ from PIL import Image, ImageDraw, ImageFont
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
-from vocc_torch.report.canvas import enlarged
-from vocc_torch.report.folder import SAMPLES
+from vocc_torch.report.annotation import enlarged
 from vocc_torch.report.plots import LOOK, Pixels
+from vocc_torch.report.run_files import SAMPLES
 from vocc_torch.report.styles import axis_label, count_text
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator

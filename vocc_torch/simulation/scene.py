@@ -1,123 +1,18 @@
 """Scenes drawn from distributions, each value from a keyed stream of its own name."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Self, get_args
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.distributions import SCENE_FIELDS as SCENE_FIELDS
+from vocc_torch.distributions import Distribution as Distribution
+from vocc_torch.distributions import demand_in_range, parsed_scene
+from vocc_torch.errors import section
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.types import PanelShape, Scene, demand_in_range
-
-Kind = Literal["constant", "uniform", "log_uniform", "choice"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-LARGEST = float(np.finfo(np.float64).max)
-
-
-def _is_finite(value: object) -> bool:
-    """Whether a value is a number, and one that float64 holds."""
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and abs(value) <= LARGEST
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Distribution:
-    """How one value of a scene is drawn; no draw lies outside the bounds, and equal bounds are a constant.
-
-    Args:
-        kind: ``constant`` (one value), ``uniform`` or ``log_uniform`` (low, high), ``choice`` (any number).
-        values: the numbers of the kind.
-
-    Raises:
-        VoccError: an unknown kind, a wrong number of values, values that are not finite, or bounds
-            that are not in order or farther apart than the largest number.
-
-    Example:
-        >>> Distribution.parse(["uniform", 40, 60], "distance_m").bounds
-        (40.0, 60.0)
-        >>> Distribution.parse(50, "distance_m").kind
-        'constant'
-    """
-
-    kind: Kind
-    values: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be drawn from."""
-        shown = f"distribution {self.kind} of {list(self.values)}"
-        if self.kind not in KINDS:
-            raise VoccError(
-                f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}"
-            )
-        expected = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(
-            self.kind, max(1, len(self.values))
-        )
-        if len(self.values) != expected or not all(map(_is_finite, self.values)):
-            raise VoccError(f"{shown} must have {expected} finite values")
-        if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
-            raise VoccError(f"{shown}: low must not exceed high")
-        if self.kind == "log_uniform" and self.values[0] <= 0:
-            raise VoccError(f"{shown}: a log_uniform low must be above 0")
-        if self.kind == "uniform" and self.values[1] - self.values[0] > LARGEST:
-            raise VoccError(
-                f"{shown}: high must not exceed low by more than {LARGEST:g}"
-            )
-
-    @classmethod
-    def parse(cls, spec: float | Sequence[object], name: str) -> Self:
-        """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
-        allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
-        refused = f"scene.{name} is {spec!r}: it must be {allowed}"
-        words = (
-            [spec]
-            if isinstance(spec, str) or not isinstance(spec, Sequence)
-            else list(spec)
-        )
-        kind = (
-            words.pop(0)
-            if words and words[0] in KINDS and len(words) > 1
-            else "constant"
-        )
-        if not all(map(_is_finite, words)):
-            raise VoccError(refused)
-        values = tuple(float(word) for word in words if isinstance(word, int | float))
-        if (
-            isinstance(spec, Sequence)
-            and kind == "constant"
-            and spec[:1] != ["constant"]
-        ):
-            raise VoccError(refused)
-        try:
-            return cls(kind, values)  # type: ignore[arg-type]  # one of KINDS
-        except VoccError as error:
-            raise VoccError(f"{refused} ({error})") from None
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Lowest and highest value that can be drawn."""
-        return min(self.values), max(self.values)
-
-    def draw(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
-        """Draw ``count`` values."""
-        if self.kind in ("uniform", "log_uniform"):
-            low, high = self.values
-            if self.kind == "uniform":
-                drawn = generator.uniform(low, high, count)
-            else:
-                drawn = np.exp(generator.uniform(math.log(low), math.log(high), count))
-            # Rounding can carry a draw a hair beyond its bounds.
-            return drawn.clip(low, high)
-        values = np.array(self.values, dtype=np.float64)
-        if self.kind == "constant":
-            return values.repeat(count)
-        return values[generator.integers(len(values), size=count)]
+from vocc_torch.types import PanelShape, Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +63,6 @@ class SceneModel:
         return Scene(*values), bits.bool()
 
 
-SCENE_FIELDS = tuple(attribute.name for attribute in fields(SceneModel))
-
-
 def narrowed(
     model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene"
 ) -> SceneModel:
@@ -191,29 +83,3 @@ def narrowed(
     read = parsed_scene(changes, key)
     with section(key, before="scene"):
         return replace(model, **read)
-
-
-def parsed_scene(
-    specs: Mapping[str, Any], key: str = "scene"
-) -> dict[str, Distribution]:
-    """Read distributions by name, as a configuration writes them; ``key`` is theirs in a refusal.
-
-    Raises:
-        VoccError: an unknown name or a specification that cannot be read.
-
-    Example:
-        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
-        (40.0, 60.0)
-    """
-    for name in specs:
-        if name not in SCENE_FIELDS:
-            raise VoccError(
-                f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
-            )
-    with section(key, before="scene"):
-        return {
-            name: spec
-            if isinstance(spec, Distribution)
-            else Distribution.parse(spec, name)
-            for name, spec in specs.items()
-        }

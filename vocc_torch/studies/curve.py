@@ -27,6 +27,7 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import (
+    annotation,
     canvas,
     heatmap,
     plots,
@@ -364,11 +365,11 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
         ):
             # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
             scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
-            plain = drawn = np.asarray(canvas.enlarged(crop.pixels, scale))
+            plain = drawn = np.asarray(annotation.enlarged(crop.pixels, scale))
             if read.found[i]:
                 corners = (read.corners_px[i].cpu() - crop.origin_px).numpy()
                 drawn = np.asarray(
-                    canvas.annotated(
+                    annotation.annotated(
                         crop.pixels, corners, read.bits[i].cpu().numpy(), scale
                     )
                 )

@@ -17,8 +17,8 @@ from vocc_torch.receiver.resample import rectify_takes
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed
-from vocc_torch.studies.decode.reading import decode
-from vocc_torch.studies.decode.run import in_best_channel, in_each_colour
+from vocc_torch.studies.decode.decoder import in_channel
+from vocc_torch.studies.decode.reading import read_panels
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -51,12 +51,12 @@ def recorded(colours):
 def test_a_red_panel_on_white_is_read_in_its_colour(receiver):
     """White is brighter than red LEDs by luma; in the plane that is found no bit of six frames is wrong."""
     colours, bits = red_on_white(frames=6)
-    by_luma = list(decode(receiver, recorded(colours)))
+    by_luma = list(read_panels(receiver, recorded(colours)))
     assert all(
         (one.bits != bit).mean() > 0.1 for one, bit in zip(by_luma, bits, strict=True)
     )
-    frames, told = in_best_channel(receiver, recorded(colours))
-    read = list(decode(receiver, frames))
+    frames, told, _ = in_channel(receiver, recorded(colours), "auto")
+    read = list(read_panels(receiver, frames))
     assert len(read) == 6
     assert np.array_equal([one.bits for one in read], bits)
     assert "red" in told
@@ -67,7 +67,7 @@ def test_a_red_panel_on_white_is_read_in_its_colour(receiver):
 def test_grey_pictures_are_luma_to_the_byte(receiver):
     colours, _ = red_on_white(frames=2)
     greys = colours[..., :1].repeat(3, axis=-1)
-    frames, told = in_best_channel(receiver, recorded(greys))
+    frames, told, _ = in_channel(receiver, recorded(greys), "auto")
     assert all(np.array_equal(one.grey, greys[one.index, ..., 0]) for one in frames)
     assert told == "decode.channel=auto: luma, for the first 2 frames are grey"
 
@@ -155,8 +155,8 @@ LEAK = np.array([[1.0, 0.35, 0.05], [0.4, 1.0, 0.3], [0.1, 0.45, 1.0]])
 def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
     """Without a wrong bit, where single channels have many; the mixes undo the leak."""
     colours, bits = three_colours(LEAK)
-    frames, told, lights = in_each_colour(receiver, recorded(colours))
-    read = list(decode(receiver, frames, follow=follow, lights=lights))
+    frames, told, lights = in_channel(receiver, recorded(colours), "unmix")
+    read = list(read_panels(receiver, frames, follow=follow, lights=lights))
     assert [one.row()[-1] for one in read] == ["red", "green", "blue"] * 2
     assert np.array_equal(
         np.stack([one.bits for one in read]).reshape(2, 3, 8, 8), bits
@@ -166,7 +166,7 @@ def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
     ratio = LEAK @ own.T  # of each colour's light in each plane
     assert np.abs(ratio / ratio.diagonal() - np.eye(3)).max() < 0.1
     mixed = [
-        next(decode(receiver, iter([replace(one, grey=one.colour[..., 1])])))
+        next(read_panels(receiver, iter([replace(one, grey=one.colour[..., 1])])))
         for one in recorded(colours)
     ]
     assert (
@@ -210,10 +210,10 @@ def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(
         tmp_path / "runs/x/frames/train/0000000",
     )
     sent = [row[name] for row in truth for name in names]
-    by_luma = decode(receiver, read_recording(folder, "luma"))
+    by_luma = read_panels(receiver, read_recording(folder, "luma"))
     assert all(one.text != row["bits"] for one, row in zip(by_luma, truth, strict=True))
-    frames, _, lights = in_each_colour(receiver, read_recording(folder, "luma"))
-    read = list(decode(receiver, frames, lights=lights))
+    frames, _, lights = in_channel(receiver, read_recording(folder, "luma"), "unmix")
+    read = list(read_panels(receiver, frames, lights=lights))
     assert [one.text for one in read] == sent
     assert [one.frame.light for one in read] == ["red", "green", "blue"] * 4
 
@@ -225,7 +225,7 @@ def test_one_colour_is_not_unmixed(receiver):
             VoccError,
             match=r"decode\.channel is unmix: it must be auto, or one channel",
         ):
-            in_each_colour(receiver, recorded(one))
+            in_channel(receiver, recorded(one), "unmix")
 
 
 def test_a_photograph_of_one_colour_is_not_unmixed(photo):
@@ -235,4 +235,4 @@ def test_a_photograph_of_one_colour_is_not_unmixed(photo):
     with pytest.raises(
         VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"
     ):
-        in_each_colour(receiver, read_recording(photo, "luma"))
+        in_channel(receiver, read_recording(photo, "luma"), "unmix")

@@ -18,10 +18,10 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.reading import read_recording
-from vocc_torch.report.canvas import annotated
+from vocc_torch.report.annotation import annotated
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.studies.decode.reading import COLUMNS, decode
+from vocc_torch.studies.decode.reading import COLUMNS, read_panels
 from vocc_torch.types import PanelShape
 
 
@@ -66,7 +66,7 @@ def test_real_photograph_is_read_without_an_error(make_plan, photo, photo_bits, 
     receiver = receiver_for(
         make_plan(locator="paper", training_frames=64, seed=seed), None
     )
-    (reading,) = decode(receiver, read_recording(photo, "luma"))
+    (reading,) = read_panels(receiver, read_recording(photo, "luma"))
     assert len(photo_bits) == 64
     assert reading.text == photo_bits
     assert reading.margin > 0
@@ -97,7 +97,8 @@ def test_folder_of_pictures_of_different_sizes(
     (tmp_path / "b.png").write_bytes(photo.read_bytes())
     save(tmp_path / "c.png", frames[1])
     readings = [
-        reading.text for reading in decode(receiver, read_recording(tmp_path, "luma"))
+        reading.text
+        for reading in read_panels(receiver, read_recording(tmp_path, "luma"))
     ]
     assert readings == [text_of(bits[0]), photo_bits, text_of(bits[1])]
 
@@ -106,7 +107,7 @@ def test_picture_without_a_panel_beside_one_with(receiver, near, tmp_path):
     frames, bits = near
     save(tmp_path / "a.png", np.full((60, 80), 90, np.uint8))
     save(tmp_path / "b.png", frames[0])
-    without, with_one = decode(receiver, read_recording(tmp_path, "luma"))
+    without, with_one = read_panels(receiver, read_recording(tmp_path, "luma"))
     assert (without.found, without.text, without.candidates) == (False, "", 0)
     assert (with_one.found, with_one.text) == (True, text_of(bits[0]))
     empty, full = (
@@ -129,7 +130,7 @@ def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(
     receiver, tmp_path, size, level
 ):
     path = save(tmp_path / "flat.png", np.full(size, level, np.uint8))
-    (reading,) = decode(receiver, read_recording(path, "luma"))
+    (reading,) = read_panels(receiver, read_recording(path, "luma"))
     assert not reading.found
     assert (reading.text, reading.row()[12]) == ("", "")
 
@@ -142,7 +143,8 @@ def test_channels_see_their_colour(receiver, near, tmp_path):
     path = save(tmp_path / "red.png", colour)
     channels = ("luma", "max", "red", "green", "blue")
     seen = {
-        name: next(decode(receiver, read_recording(path, name))) for name in channels
+        name: next(read_panels(receiver, read_recording(path, name)))
+        for name in channels
     }
     for name in ("luma", "max", "red"):
         assert seen[name].text == text_of(bits[0]), name
@@ -176,7 +178,9 @@ def write_video(path, frames, codec="mpeg4"):
 def test_video_frame_by_frame(receiver, near, tmp_path, name):
     frames, bits = near
     readings = list(
-        decode(receiver, read_recording(write_video(tmp_path / name, frames), "luma"))
+        read_panels(
+            receiver, read_recording(write_video(tmp_path / name, frames), "luma")
+        )
     )
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
     assert [reading.frame.index for reading in readings] == list(range(8))
@@ -200,7 +204,7 @@ def test_a_panel_is_followed_in_a_video(
         lambda self, *given: searched.append(1) or plain(self, *given),
     )
     path = write_video(tmp_path / "film.mp4", grey)
-    read = list(decode(receiver, read_recording(path, "luma"), follow=follow))
+    read = list(read_panels(receiver, read_recording(path, "luma"), follow=follow))
     assert [reading.text for reading in read] == [text_of(one) for one in bits]
     assert searches is None or len(searched) == searches
 
@@ -211,7 +215,7 @@ def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
     )
     frames, bits = near
     readings = list(
-        decode(
+        read_panels(
             receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")
         )
     )
@@ -222,7 +226,7 @@ def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
 
 
 def test_rows_are_the_columns(receiver, photo, photo_bits):
-    (reading,) = decode(receiver, read_recording(photo, "luma"))
+    (reading,) = read_panels(receiver, read_recording(photo, "luma"))
     row = dict(zip(COLUMNS, reading.row(), strict=True))
     assert (row["source"], row["frame"], row["time_s"], row["found"]) == (
         photo.name,
@@ -240,7 +244,7 @@ def test_rows_are_the_columns(receiver, photo, photo_bits):
 def test_annotation_marks_on_and_off(receiver, near, tmp_path):
     """A filled mark on every On LED and none inside an Off LED's ring; the corner stays as it was."""
     frames, bits = near
-    (reading,) = decode(
+    (reading,) = read_panels(
         receiver, read_recording(save(tmp_path / "a.png", frames[0]), "luma")
     )
     for scale in (1, 2):

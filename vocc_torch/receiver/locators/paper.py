@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-import scipy.ndimage
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -532,11 +531,10 @@ def choose_single(
     plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(
         1
     )
-    several = [
-        r
-        for r in (~plain).nonzero()[0]
-        if scipy.ndimage.label(closed[r], _TOUCHING)[1] != 1
-    ]
+    # Loaded here because the other locators need no SciPy.
+    from scipy.ndimage import label
+
+    several = [r for r in (~plain).nonzero()[0] if label(closed[r], _TOUCHING)[1] != 1]
     area_px[several] = 0
     single = (area_px >= search.min_area_px).nonzero()[0]
     lit = mask[single]

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
+from vocc_torch.distributions import LARGEST, Distribution
 from vocc_torch.errors import VoccError, demand_kind, shown, told_known
 from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.simulation.effects import (
@@ -29,7 +30,6 @@ from vocc_torch.simulation.effects.base import (
     Quantity,
     within,
 )
-from vocc_torch.simulation.scene import LARGEST, Distribution
 
 __all__ = [
     "CAMERA_STEPS",

@@ -66,3 +66,8 @@ class DecodeConfig:
             raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")
         if self.turn not in TURNS:
             raise VoccError.of("decode.turn", self.turn, "0, 90, 180 or 270 degrees")
+
+    @property
+    def first_channel(self) -> str:
+        """How colour becomes grey where a recording is read: luma until its channel is chosen."""
+        return "luma" if self.channel in ("auto", "unmix") else self.channel

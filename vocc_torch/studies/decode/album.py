@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from vocc_torch.files import atomic_file
-from vocc_torch.report.canvas import annotated
+from vocc_torch.report.annotation import annotated
 from vocc_torch.studies.decode.reading import Reading
 
 MOST_NAME_BYTES = 200

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.recordings.streams import LiveStream
-from vocc_torch.report.terminal import Console
 from vocc_torch.studies.decode.reading import COLUMNS, Reading
+from vocc_torch.studies.decode.summary import print_line
 from vocc_torch.studies.decode.viewer import Viewer
 
 MS_PER_S = 1000
@@ -80,20 +81,13 @@ def decode_live(
                 table.writerow(reading.row())
                 file.flush()
                 run.add(reading)
-                console.print(
-                    line_of(reading), soft_wrap=True, markup=False, highlight=False
-                )
+                print_line(console, line_of(reading))
                 if viewer is not None:
                     viewer.show(reading)
         except KeyboardInterrupt:
             pass
         finally:
-            console.print(
-                run.summary(stream.dropped),
-                soft_wrap=True,
-                markup=False,
-                highlight=False,
-            )
+            print_line(console, run.summary(stream.dropped))
     if not run.frames:
         raise VoccError(f"input {stream.source}: no frame arrived")
     return run

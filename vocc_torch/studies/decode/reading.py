@@ -126,7 +126,7 @@ class Reading:
         return [*head, *corners, self.text, *judged, *rest]
 
 
-def decode(
+def read_panels(
     receiver: Receiver,
     recording: Iterator[RecordedFrame],
     most: int = 1,

@@ -1,0 +1,46 @@
+"""Pictures with the panel's outline and its bits drawn in."""
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+Pixels = NDArray[np.uint8]
+"""A picture, (H,W,3): red, green, blue."""
+
+
+def annotated(
+    colour: Pixels,
+    corners_px: NDArray[np.float64],
+    bits: NDArray[np.bool_],
+    scale: int = 1,
+) -> Image.Image:
+    """Draw the panel's outline and a mark a bit onto a picture: filled for On, hollow for Off.
+
+    Args:
+        colour: (H,W,3) uint8.
+        corners_px: (4,2), clockwise from the top left, in px of the picture.
+        bits: (R,C) bool.
+        scale: the picture is enlarged by this whole number before.
+    """
+    picture = enlarged(colour, scale)
+    draw, corners = ImageDraw.Draw(picture), corners_px * scale
+    sides = np.linalg.norm(corners[[1, 3]] - corners[0], axis=1)
+    cell_px = float(min(sides / bits.shape[::-1]))
+    outline = list(map(tuple, corners[[0, 1, 2, 3, 0]].tolist()))
+    draw.line(outline, fill=(0, 158, 115), width=max(1, round(cell_px / 12)))
+    radius = max(0.6, 0.16 * cell_px)
+    for place, bit in np.ndenumerate(bits):
+        # Bilinear in the quadrilateral is close enough to draw a mark at.
+        v, u = (np.array(place) + 0.5) / bits.shape
+        x, y = np.array([(1 - v) * (1 - u), (1 - v) * u, v * u, v * (1 - u)]) @ corners
+        box = (x - radius, y - radius, x + radius, y + radius)
+        draw.ellipse(box, fill=(0, 114, 178) if bit else None, outline=(86, 180, 233))
+    return picture
+
+
+def enlarged(colour: Pixels, scale: int) -> Image.Image:
+    """Show each pixel as a square of ``scale`` by ``scale``."""
+    picture = Image.fromarray(colour)
+    return picture.resize(
+        (picture.width * scale, picture.height * scale), Image.Resampling.NEAREST
+    )

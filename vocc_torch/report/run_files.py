@@ -1,0 +1,125 @@
+"""Files of a run's folder: what it may hold before, its configuration, its tables, and where they are."""
+
+import csv
+import shlex
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+from rich.console import Console
+
+from vocc_torch.errors import VoccError, printable
+from vocc_torch.files import (
+    UNFINISHED,
+    atomic_file,
+    is_unfinished,
+    write_atomically,
+)
+from vocc_torch.measure import config
+
+Cells: TypeAlias = Sequence[str | int | float | None]
+"""What a line of a CSV file holds."""
+
+
+CONFIG = "config.yaml"
+"""The resolved configuration."""
+
+
+SAMPLES = "samples.png"
+"""What the scenes look like, written before anything is counted."""
+
+
+def refuse_results(folder: Path, ledgers: str | None = None) -> None:
+    """Refuse a folder that holds results, unless the same command was killed over them, before any work.
+
+    Args:
+        folder: the run's folder.
+        ledgers: a file or folder whose presence says that the run can be resumed, or None.
+    """
+    holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    # A run that was killed before its first result leaves no more than these.
+    few = (UNFINISHED, CONFIG, SAMPLES)
+    holds = [name for name in holds if name not in few and not name.endswith(".tmp")]
+    if is_unfinished(folder):
+        return
+    if holds and ledgers not in holds:
+        raise VoccError(
+            f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder"
+        )
+
+
+def write_config(settings: config.Settings, folder: Path) -> None:
+    """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
+    write_atomically(folder / CONFIG, config.as_yaml(settings).encode())
+
+
+def print_places(
+    console: Console,
+    folder: Path,
+    places: Iterable[tuple[str, str]],
+    board: bool = False,
+) -> None:
+    """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
+    lines = [f"{what:<9} {printable(str(folder / name))}" for what, name in places]
+    if board:
+        command, address = board_hint(folder / "tensorboard").splitlines()
+        lines += [f"{'board':<9} {printable(command)}", f"{'':<9} {address}"]
+    for line in lines:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+def board_hint(folder: str | Path) -> str:
+    """Give the command that serves the board and the link that opens it with smoothing off.
+
+    Args:
+        folder: the folder given to ``write_boards``.
+
+    Example:
+        >>> print(board_hint("runs/ambient/board"))
+        tensorboard --logdir runs/ambient/board
+        http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0
+    """
+    link = "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
+    return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
+
+
+def write_rows(path: str | Path, rows: Iterable[Cells], *, short: bool = False) -> None:
+    r"""Write a CSV file, whole or not at all. Floats read back to the same float; None is an empty cell.
+
+    Args:
+        path: the file, replaced.
+        rows: the names of the columns, and then as many cells each.
+        short: whether whole numbers lose their point, as :func:`cell_text` writes them.
+
+    Raises:
+        VoccError: the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_rows(Path(folder) / "a.csv", [("grey", "pixels", "of"), (7, 0.1, None)])
+        ...     (Path(folder) / "a.csv").read_text()
+        'grey,pixels,of\n7,0.1,\n'
+    """
+    with (
+        atomic_file(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        lines = (map(cell_text, row) for row in rows) if short else rows
+        csv.writer(file, lineterminator="\n").writerows(lines)
+
+
+def cell_text(value: str | int | float | None) -> str:
+    """Write a cell: the shortest digits that give the float again, whole numbers without a point.
+
+    Example:
+        >>> cell_text(1000.0), cell_text(0.1), cell_text(3), cell_text(None)
+        ('1000', '0.1', '3', '')
+    """
+    return (
+        repr(value).removesuffix(".0")
+        if isinstance(value, float)
+        else ""
+        if value is None
+        else str(value)
+    )

@@ -1,0 +1,223 @@
+"""Anything that holds frames in, readings out: what ``vt.decode`` and ``task=decode`` share."""
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain, islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.locators import PanelLocator, locator_words
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.shipped import SHIPPED, shipped_receiver
+from vocc_torch.recordings.frames import RecordedFrame, turned
+from vocc_torch.recordings.reading import read_source, readable
+from vocc_torch.recordings.streams import is_stream
+from vocc_torch.studies.decode import DecodeConfig
+from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
+from vocc_torch.studies.decode.reading import Reading, is_adjustable, read_panels
+from vocc_torch.types import PanelShape, resolve_device
+
+
+class Decoding(NamedTuple):
+    """Readings as they come, and how the grey plane was chosen; empty where it was named."""
+
+    readings: Iterator[Reading]
+    channel: str
+
+
+def decode(
+    source: object,
+    model: str | Path | Receiver = "street",
+    *,
+    rows: int | None = None,
+    columns: int | None = None,
+    channel: str = "luma",
+    most: int = 1,
+    follow: bool | None = None,
+    turn: int = 0,
+    mirror: bool = False,
+    false_alarms: float | None = None,
+    plug_ins: Sequence[str] = (),
+    device: str = "auto",
+) -> Iterator[Reading]:
+    """Read the bits of pictures, films, arrays or a live source, frame by frame.
+
+    ``vocc-torch task=decode`` reads the same bits. Files of a folder that cannot be read are named in a
+    warning after all others.
+
+    Args:
+        source: a path of a picture, a folder of pictures, a film or a NumPy file; a live source
+            (``camera:0``, ``rtsp://...``, ``-``); a Pillow picture; or an array or tensor (H,W), (H,W,3),
+            (B,H,W) or (B,H,W,3) of integers or of floats from 0 to 1.
+        model: a receiver, the file of one, or the name of one that ships.
+        rows: of the panel; null takes those of the receiver.
+        columns: likewise.
+        channel: how colour becomes grey, as ``decode.channel``.
+        most: panels read in a frame, at most.
+        follow: whether the panel is followed from frame to frame; null follows in a live source alone.
+        turn: clockwise angle in degrees by which frames are turned, 0, 90, 180 or 270.
+        mirror: whether left and right are then exchanged.
+        false_alarms: in a frame without a panel, at which one is found; null takes the receiver's.
+        plug_ins: Python files and packages whose code the model may run.
+        device: ``auto``, ``cpu`` or ``cuda``.
+
+    Returns:
+        One reading a panel: ``bits`` (R,C), ``text``, ``corners_px``, ``found``, ``margin`` and ``frame``.
+
+    Raises:
+        VoccError: a source, model or option that cannot be used, by its name.
+
+    Example:
+        >>> import numpy as np
+        >>> [reading.found for reading in decode(np.zeros((2, 40, 60)))]
+        [False, False]
+    """
+    try:
+        words = None if follow is None else str(follow)
+        config = DecodeConfig(
+            channel, most=most, follow=words, turn=turn, mirror=mirror
+        )
+    except VoccError as error:
+        raise VoccError(str(error).removeprefix("decode.")) from None
+    failures: list[str] = []
+    recording = readable(read_source(source, config.first_channel), failures)
+    first = list(islice(recording, 1))
+    if not first:
+        raise VoccError(failures[0])
+    receiver = opened_receiver(model, rows, columns, plug_ins, false_alarms, device)
+    is_live = isinstance(source, str) and is_stream(source)
+    decoding = readings_of(receiver, chain(first, recording), config, is_live)
+    return with_warning(decoding.readings, failures)
+
+
+def with_warning(found: Iterator[Reading], failures: list[str]) -> Iterator[Reading]:
+    """Pass readings on, and warn at the end of what could not be read."""
+    yield from found
+    if failures:
+        warnings.warn(failures[0], stacklevel=2)
+
+
+def opened_receiver(
+    model: str | Path | Receiver,
+    rows: int | None = None,
+    columns: int | None = None,
+    plug_ins: Sequence[str] = (),
+    false_alarms: float | None = None,
+    device: str = "cpu",
+) -> Receiver:
+    """Take a receiver, load one from a file, or take one that ships, for a panel of these rows and columns.
+
+    Raises:
+        VoccError: a model that cannot be read or is for another panel, or a locator without such a rate.
+    """
+    if isinstance(model, Receiver):
+        receiver = model
+    elif str(model) in SHIPPED:
+        receiver = shipped_receiver(str(model))
+    else:
+        receiver = Receiver.load(model, plug_ins)
+    has = receiver.shape
+    shape = PanelShape(
+        has.rows if rows is None else rows, has.columns if columns is None else columns
+    )
+    if shape != has and str(model) in SHIPPED:
+        receiver = shipped_receiver(str(model), shape)
+    elif shape != has:
+        size = f"panel.rows x panel.columns is {shape.rows} x {shape.columns}"
+        reads = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
+        raise VoccError(f"{reads}, and {size}: make them agree")
+    if false_alarms is not None:
+        receiver.locator = at_rate(receiver.locator, false_alarms)
+    return receiver.to(resolve_device(device))
+
+
+def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
+    """Give a model's locator another rate of false alarms.
+
+    Raises:
+        VoccError: a locator that states none, or a rate outside its range.
+    """
+    if not is_adjustable(locator):
+        rule = f"only learned states them, and the model's locator is {locator_words(locator)[0]}"
+        raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
+    return locator.at_rate(false_alarms)
+
+
+def readings_of(
+    receiver: Receiver,
+    recording: Iterator[RecordedFrame],
+    config: DecodeConfig,
+    is_live: bool = False,
+) -> Decoding:
+    """Turn frames upright, choose their grey plane, and read them.
+
+    Args:
+        receiver: locates and decides.
+        recording: the frames.
+        config: how they are read.
+        is_live: whether each frame is read as it arrives, and the panel followed.
+
+    Raises:
+        VoccError: colours that cannot be separated, or several panels of a locator that sees one.
+    """
+    recording = turned(recording, config.turn, config.mirror)
+    recording, text, lights = in_channel(receiver, recording, config.channel)
+    follow = config.follow or ("true" if is_live else "false")
+    at_once = 1 if is_live else 64
+    found = read_panels(receiver, recording, config.most, follow, lights, at_once)
+    return Decoding(found, text)
+
+
+def in_channel(
+    receiver: Receiver, recording: Iterator[RecordedFrame], channel: str
+) -> tuple[Iterator[RecordedFrame], str, tuple[Mix, ...]]:
+    """Choose the grey plane, or the planes of several colours, by the first frames where that is asked for.
+
+    Raises:
+        VoccError: colours that cannot be separated.
+    """
+    if channel not in ("auto", "unmix"):
+        return recording, "", ()
+    shown, every = first_colours(recording)
+    if channel == "unmix":
+        best, mixes = unmixed(receiver, shown)
+        if not mixes:
+            none = f"the first {len(shown)} frames show no panel on which three colours differ"
+            raise VoccError.of(
+                "decode.channel", "unmix", f"auto, or one channel: {none}"
+            )
+        weights = "; ".join(map(str, mixes))
+        text = (
+            f"decode.channel=unmix: {weights}, of linear light; located in {best.name}"
+        )
+        return in_plane(every, best), text, mixes
+    mix, apart, sure = channel_of(receiver, shown)
+    reason = f"On and Off lie {apart:.3g} standard deviations apart in the first {len(shown)} frames"
+    reason += f", {sure} of them without doubt"
+    if math.isnan(apart):
+        reason = f"the first {len(shown)} frames are grey"
+    elif not apart:
+        reason = f"no panel was found in the first {len(shown)} frames"
+    frames = every if mix.name == "luma" else in_plane(every, mix)
+    return frames, f"decode.channel=auto: {mix}, for {reason}", ()
+
+
+def in_plane(recording: Iterator[RecordedFrame], mix: Mix) -> Iterator[RecordedFrame]:
+    """Replace the greys of frames by another mix of their colours."""
+    return (replace(frame, grey=mix(frame.colour)) for frame in recording)
+
+
+def first_colours(
+    recording: Iterator[RecordedFrame],
+) -> tuple[list[NDArray[np.uint8]], Iterator[RecordedFrame]]:
+    """Give the pictures of one size that decide for all of a recording, and all of the recording."""
+    first = list(islice(recording, SEEN_FRAMES))
+    size = first[0].colour.shape
+    colours = [frame.colour for frame in first if frame.colour.shape == size]
+    return colours, chain(first, recording)
