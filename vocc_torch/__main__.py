@@ -32,6 +32,10 @@ def main() -> None:
     if "--version" in sys.argv[1:]:
         print(f"vocc-torch {__version__}, hydra-core {version('hydra-core')}")
         return
+    if sys.argv[1:] == ["doctor"]:
+        from vocc_torch.app.doctor import run_doctor
+
+        sys.exit(run_doctor())
     # Threads that wait for each other sleep, where they would spin beside other work; torch reads it once.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("KMP_BLOCKTIME", "0")

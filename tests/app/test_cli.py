@@ -15,6 +15,9 @@ from pathlib import Path
 import pytest
 import yaml
 from composing import built, composed
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hypothesis import example, given
+from hypothesis import strategies as st
 from PIL import Image
 
 import vocc_torch as vt
@@ -531,3 +534,28 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     for words in (words for words, where in SHOWN.items() if where == page):
         # The scene of a run that was calibrated before; tests/extras/calibrate has one.
         built(composed(*(word for word in words if word != "scene=mine")))
+
+
+@given(st.text(st.characters(blacklist_categories=["Cs", "Cc"]), min_size=1))
+@example("a=b, [c] {d}.png")
+@example('panel\'s "best".png')
+@example("Bühne 1 \\")
+@example("\\'")
+@example("(a)~b:c*.png")
+def test_a_name_of_a_file_is_read_as_it_is(name):
+    """Whatever Hydra's grammar makes of its signs; a name in quotes is unquoted, as users were told."""
+    word = cli.with_quoted_input(f"input={name}", sweeps=False)
+    if name[0] == name[-1] in ("'", '"') or "${" in name or word == f"input={name}":
+        return
+    read = OverridesParser.create().parse_override(word)
+    assert (read.key_or_group, read.value()) == ("input", name)
+
+
+def test_a_sweep_of_inputs_stays_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        cli.with_quoted_input("input=a.png,b.png", sweeps=True) == "input=a.png,b.png"
+    )
+    Path("a,b.png").touch()
+    assert cli.with_quoted_input("input=a,b.png", sweeps=True) == "input='a,b.png'"
+    assert cli.with_quoted_input("seed=[1,2]", sweeps=False) == "seed=[1,2]"

@@ -217,6 +217,39 @@ def run_jobs(jobs: Jobs) -> int:
     return 2 if failures else 0
 
 
+def quoted(text: str) -> str:
+    r"""Quote a text for Hydra's grammar.
+
+    Example:
+        >>> print(quoted("panel's, [2].png"))
+        'panel\'s, [2].png'
+    """
+    # A backslash counts as one only before a quote.
+    escaped = re.sub(r"(\\*)'", lambda found: found[1] * 2 + r"\'", text)
+    ending = len(escaped) - len(escaped.rstrip("\\"))
+    return f"'{escaped}{ending * chr(92)}'"
+
+
+def with_quoted_input(word: str, sweeps: bool) -> str:
+    """Quote the name of an input that Hydra's grammar would read as another thing than a name.
+
+    Args:
+        word: of the command line.
+        sweeps: whether commas separate values; then only a name that exists is one.
+
+    Example:
+        >>> with_quoted_input("input=a=b, c.png", False), with_quoted_input("seed=1,2", True)
+        ("input='a=b, c.png'", 'seed=1,2')
+    """
+    key, _, name = word.partition("=")
+    if key != "input" or re.fullmatch(r"[\w./:@-]*", name, re.ASCII) or "${" in name:
+        return word
+    if sweeps or name[0] == name[-1] in ("'", '"'):
+        with contextlib.suppress(OSError, ValueError):
+            return f"{key}={quoted(name)}" if Path(name).exists() else word
+    return f"{key}={quoted(name)}"
+
+
 def own_scenes(words: Sequence[str]) -> list[str]:
     """Give the search path for scenes that task=calibrate wrote into runs' folders, as a word of Hydra's.
 
@@ -239,10 +272,7 @@ def own_scenes(words: Sequence[str]) -> list[str]:
     ]
     if not found or any(word.startswith("hydra.searchpath=") for word in words):
         return []
-    paths = ",".join(
-        "'file://{}'".format(str(path).replace("'", r"\'"))
-        for path in dict.fromkeys(found)
-    )
+    paths = ",".join(quoted(f"file://{path}") for path in dict.fromkeys(found))
     return [f"hydra.searchpath=[{paths}]"]
 
 
@@ -250,6 +280,8 @@ def run() -> int:
     """Run the application on the process's arguments and give its exit status."""
     # argparse takes keys on one side of a flag only, and users write them on both.
     sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
+    sweeps = any(word in MULTIRUN for word in sys.argv[1:])
+    sys.argv[1:] = [with_quoted_input(word, sweeps) for word in sys.argv[1:]]
     sys.argv[1:] += own_scenes(sys.argv[1:])
     if set(MULTIRUN) & set(sys.argv):
         watch_joblib()

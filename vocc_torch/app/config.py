@@ -98,6 +98,11 @@ class AppConfig(Settings):
         run_folder(self.name)
         if self.task not in TASKS:
             raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
+        for side in ("rows", "columns"):
+            value = getattr(self.panel, side)
+            if isinstance(value, str) and (value, self.task) != ("auto", "decode"):
+                rule = "a whole number, and auto for task=decode alone"
+                raise VoccError.of(f"panel.{side}", repr(value), rule)
         finds = self.task == "calibrate" or (
             self.task in ("decode", "receive") and self.model is None
         )

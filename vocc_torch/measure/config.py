@@ -203,8 +203,17 @@ class Experiment:
         return narrowed(world.scene, self.training, "experiment.training")
 
 
-def _schema(name: str, *domains: type, without: str, unset: bool = False) -> type:
-    """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null."""
+def _schema(
+    name: str,
+    *domains: type,
+    without: str,
+    unset: bool = False,
+    texts: tuple[str, ...] = (),
+) -> type:
+    """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null.
+
+    Those that ``texts`` names may be text too.
+    """
     domain_fields: list[Any] = [
         attribute
         for domain in domains
@@ -214,7 +223,11 @@ def _schema(name: str, *domains: type, without: str, unset: bool = False) -> typ
     section_fields = [
         (entry.name, entry.type | None, None)
         if unset
-        else (entry.name, entry.type, entry.default)
+        else (
+            entry.name,
+            entry.type | str if entry.name in texts else entry.type,
+            entry.default,
+        )
         for entry in domain_fields
     ]
     description = "\n    ".join(str(domain.__doc__) for domain in domains)
@@ -233,7 +246,14 @@ else:
     CameraChanges = _schema(
         "CameraChanges", Camera, without="calibration_constant", unset=True
     )
-    PanelSettings = _schema("PanelSettings", PanelShape, LedPanel, without="shape")
+    # A number of rows or columns, or auto where task=decode looks for it.
+    PanelSettings = _schema(
+        "PanelSettings",
+        PanelShape,
+        LedPanel,
+        without="shape",
+        texts=("rows", "columns"),
+    )
 
 
 @dataclass

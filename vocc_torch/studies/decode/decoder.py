@@ -21,6 +21,7 @@ from vocc_torch.recordings.streams import is_stream
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import Reading, is_adjustable, read_panels
+from vocc_torch.studies.decode.shapes import AUTO, ShapeChoice, find_shape
 from vocc_torch.types import PanelShape, resolve_device
 
 
@@ -31,12 +32,20 @@ class Decoding(NamedTuple):
     channel: str
 
 
+class Sized(NamedTuple):
+    """A receiver for a panel, all of a recording, and what was found of the panel's shape, or None."""
+
+    receiver: Receiver
+    recording: Iterator[RecordedFrame]
+    choice: ShapeChoice | None
+
+
 def decode(
     source: object,
     model: str | Path | Receiver = "street",
     *,
-    rows: int | None = None,
-    columns: int | None = None,
+    rows: int | str | None = None,
+    columns: int | str | None = None,
     channel: str = "luma",
     most: int = 1,
     follow: bool | None = None,
@@ -56,14 +65,15 @@ def decode(
             (``camera:0``, ``rtsp://...``, ``-``); a Pillow picture; or an array or tensor (H,W), (H,W,3),
             (B,H,W) or (B,H,W,3) of integers or of floats from 0 to 1.
         model: a receiver, the file of one, or the name of one that ships.
-        rows: of the panel; null takes those of the receiver.
+        rows: of the panel; None takes those of the receiver, ``auto`` tries usual shapes and warns where
+            none is sure.
         columns: likewise.
         channel: how colour becomes grey, as ``decode.channel``.
         most: panels read in a frame, at most.
-        follow: whether the panel is followed from frame to frame; null follows in a live source alone.
+        follow: whether the panel is followed from frame to frame; None follows in a live source alone.
         turn: clockwise angle in degrees by which frames are turned, 0, 90, 180 or 270.
         mirror: whether left and right are then exchanged.
-        false_alarms: in a frame without a panel, at which one is found; null takes the receiver's.
+        false_alarms: in a frame without a panel, at which one is found; None takes the receiver's.
         plug_ins: Python files and packages whose code the model may run.
         device: ``auto``, ``cpu`` or ``cuda``.
 
@@ -90,9 +100,13 @@ def decode(
     first = list(islice(recording, 1))
     if not first:
         raise VoccError(failures[0])
-    receiver = opened_receiver(model, rows, columns, plug_ins, false_alarms, device)
+    every = turned(chain(first, recording), turn, mirror)
+    parts = rows, columns, plug_ins, false_alarms, device
+    receiver, every, choice = sized_receiver(every, model, *parts)
+    if choice is not None and not choice.is_sure:
+        warnings.warn(str(choice), stacklevel=2)
     is_live = isinstance(source, str) and is_stream(source)
-    decoding = readings_of(receiver, chain(first, recording), config, is_live)
+    decoding = readings_of(receiver, every, config, is_live)
     return with_warning(decoding.readings, failures)
 
 
@@ -103,10 +117,39 @@ def with_warning(found: Iterator[Reading], failures: list[str]) -> Iterator[Read
         warnings.warn(failures[0], stacklevel=2)
 
 
+def sized_receiver(
+    recording: Iterator[RecordedFrame],
+    model: str | Path | Receiver,
+    rows: int | str | None,
+    columns: int | str | None,
+    plug_ins: Sequence[str] = (),
+    false_alarms: float | None = None,
+    device: str = "cpu",
+) -> Sized:
+    """Open a receiver for the panel's shape, which the first frames decide where it is ``auto``.
+
+    Raises:
+        VoccError: what :func:`opened_receiver` and :func:`~vocc_torch.studies.decode.shapes.find_shape`
+            refuse, or a shape to be found by a receiver that does not ship.
+    """
+    choice = None
+    if AUTO in (rows, columns):
+        if str(model) not in SHIPPED:
+            rule = "a whole number for a receiver that does not ship"
+            raise VoccError.of("panel.rows or panel.columns", AUTO, rule)
+        first = list(islice(recording, SEEN_FRAMES))
+        recording = chain(first, recording)
+        greys = [np.asarray(frame.grey) for frame in first]
+        choice = find_shape(str(model), greys, rows or AUTO, columns or AUTO)
+        rows, columns = choice.shape.rows, choice.shape.columns
+    receiver = opened_receiver(model, rows, columns, plug_ins, false_alarms, device)
+    return Sized(receiver, recording, choice)
+
+
 def opened_receiver(
     model: str | Path | Receiver,
-    rows: int | None = None,
-    columns: int | None = None,
+    rows: int | str | None = None,
+    columns: int | str | None = None,
     plug_ins: Sequence[str] = (),
     false_alarms: float | None = None,
     device: str = "cpu",
@@ -123,9 +166,9 @@ def opened_receiver(
     else:
         receiver = Receiver.load(model, plug_ins)
     has = receiver.shape
-    shape = PanelShape(
-        has.rows if rows is None else rows, has.columns if columns is None else columns
-    )
+    sides = zip((rows, columns), (has.rows, has.columns), strict=True)
+    # What is no number is refused there.
+    shape = PanelShape(*(own if side is None else side for side, own in sides))  # type: ignore[arg-type]
     if shape != has and str(model) in SHIPPED:
         receiver = shipped_receiver(str(model), shape)
     elif shape != has:
@@ -155,18 +198,17 @@ def readings_of(
     config: DecodeConfig,
     is_live: bool = False,
 ) -> Decoding:
-    """Turn frames upright, choose their grey plane, and read them.
+    """Choose the grey plane of frames, and read them.
 
     Args:
         receiver: locates and decides.
-        recording: the frames.
+        recording: the frames, upright.
         config: how they are read.
         is_live: whether each frame is read as it arrives, and the panel followed.
 
     Raises:
         VoccError: colours that cannot be separated, or several panels of a locator that sees one.
     """
-    recording = turned(recording, config.turn, config.mirror)
     recording, text, lights = in_channel(receiver, recording, config.channel)
     follow = config.follow or ("true" if is_live else "false")
     at_once = 1 if is_live else 64

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED
-from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.frames import RecordedFrame, turned
 from vocc_torch.recordings.reading import ALLOWED, read_recording, readable
 from vocc_torch.recordings.streams import LiveStream, is_stream
 from vocc_torch.report.run_files import (
@@ -24,7 +24,7 @@ from vocc_torch.report.run_files import (
 )
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
-from vocc_torch.studies.decode.decoder import opened_receiver, readings_of
+from vocc_torch.studies.decode.decoder import Sized, readings_of, sized_receiver
 from vocc_torch.studies.decode.live import decode_live
 from vocc_torch.studies.decode.reading import COLUMNS, demand_several
 from vocc_torch.studies.decode.summary import Summary, print_line
@@ -39,7 +39,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     """
     refuse_results(folder)
     if settings.input is None:
-        raise VoccError(f"input is null: {ALLOWED}")
+        raise VoccError(f"input is null: task=decode needs input=PICTURE; {ALLOWED}")
     if is_stream(settings.input):
         with closing(LiveStream(settings.input, config.first_channel)) as stream:
             run_live(settings, config, folder, stream)
@@ -67,7 +67,9 @@ def run_files(
         VoccError: no panel in any frame; at the end, files that cannot be read.
     """
     console = Console()
-    receiver = receiver_of(settings, config, folder)
+    receiver, recording, choice = receiver_of(settings, config, folder, recording)
+    if choice is not None:
+        print_line(console, str(choice))
     decoding = readings_of(receiver, recording, config)
     print_line(console, decoding.channel)
     summary = Summary()
@@ -113,8 +115,10 @@ def run_live(
         VoccError: the source fails; what it gave until then is written.
     """
     console = Console()
-    receiver = receiver_of(settings, config, folder)
-    decoding = readings_of(receiver, iter(stream), config, is_live=True)
+    receiver, frames, choice = receiver_of(settings, config, folder, iter(stream))
+    if choice is not None:
+        print_line(console, str(choice))
+    decoding = readings_of(receiver, frames, config, is_live=True)
     print_line(console, decoding.channel)
     viewer = Viewer() if config.show else None
     folder.mkdir(parents=True, exist_ok=True)
@@ -123,16 +127,23 @@ def run_live(
     print_places(console, folder, [("bits", "bits.csv")])
 
 
-def receiver_of(settings: Settings, config: DecodeConfig, folder: Path) -> Receiver:
+def receiver_of(
+    settings: Settings,
+    config: DecodeConfig,
+    folder: Path,
+    recording: Iterator[RecordedFrame],
+) -> Sized:
     """Take the receiver that ships or that a model file holds; train one where ``model`` is null.
 
     Raises:
         VoccError: a model that cannot be read or is for another panel, or several panels of a locator that
             finds one.
     """
+    recording = turned(recording, config.turn, config.mirror)
     if settings.model is not None:
         panel = asdict(settings.panel)
-        return opened_receiver(
+        return sized_receiver(
+            recording,
             settings.model,
             panel["rows"],
             panel["columns"],
@@ -148,7 +159,7 @@ def receiver_of(settings: Settings, config: DecodeConfig, folder: Path) -> Recei
     (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
     demand_several(finder, config.most)
     at_truth = finder is not None and finder.finds_several
-    return receiver_for(plan, None, at_truth=at_truth)
+    return Sized(receiver_for(plan, None, at_truth=at_truth), recording, None)
 
 
 def write_receiver(settings: Settings, receiver: Receiver, folder: Path) -> None:

@@ -1,0 +1,180 @@
+"""``vocc-torch doctor``: what the machine has, what is missing, and how long a picture takes."""
+
+import os
+import platform
+import re
+import sys
+import time
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import NamedTuple
+
+from packaging.requirements import Requirement
+
+from vocc_torch import __version__
+
+DISTRIBUTION = "vocc-torch"
+DEVELOPMENT = ("test", "docs", "benchmark")
+"""Extras that a user does not need."""
+PURPOSES = {
+    "video": "films, cameras and standard input",
+    "heif": "pictures of phones (HEIC)",
+    "viewer": "decode.show=true",
+    "messages": "films of messages and Reed-Solomon codes",
+    "ldpc": "LDPC codes of 5G",
+    "parallel": "several jobs at a time",
+    "ray": "executor=ray",
+    "dask": "executor=dask",
+    "classifiers": "classifiers of scikit-learn",
+    "onnx": "receivers as ONNX graphs",
+}
+CELL_PX = 12
+"""Side of an LED's cell in the picture that is decoded."""
+
+
+class Check(NamedTuple):
+    """One line of the report.
+
+    Args:
+        name: what was looked at.
+        is_good: whether nothing is to be done.
+        found: what there is.
+        advice: what to do about it; empty where nothing is.
+    """
+
+    name: str
+    is_good: bool
+    found: str
+    advice: str = ""
+
+    def __str__(self) -> str:
+        """The line, which begins with ok or a dash."""
+        mark = "ok" if self.is_good else "--"
+        advice = f": {self.advice}" if self.advice else ""
+        return f"{mark}  {self.name:<12} {self.found}{advice}"
+
+
+def run_doctor() -> int:
+    """Print every check; status 1 where a picture cannot be decoded."""
+    status = 0
+    for check in (*versions(), *extras(), cameras(), runs_folder(), *decoding()):
+        print(check, flush=True)
+        status |= check.name == "decode" and not check.is_good
+    return status
+
+
+def versions() -> Iterator[Check]:
+    """Versions of Python and of the libraries, the device and its threads."""
+    import torch
+
+    system = (
+        f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+    )
+    yield Check(DISTRIBUTION, True, f"{__version__}, {system}")
+    names = ("kornia", "numpy", "hydra-core")
+    libraries = ", ".join(f"{name} {version(name)}" for name in names)
+    yield Check("libraries", True, f"torch {torch.__version__}, {libraries}")
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
+    threads = f"{torch.get_num_threads()} threads of torch on {cores} cores"
+    if torch.cuda.is_available():
+        gigabytes = torch.cuda.get_device_properties(0).total_memory / 2**30
+        name = f"cuda, {torch.cuda.get_device_name(0)}, {gigabytes:.0f} GiB"
+        yield Check("device", True, f"{name}; {threads}")
+    else:
+        advice = "device=cuda needs an NVIDIA GPU and a torch built for it"
+        yield Check("device", True, f"cpu, {threads}", advice)
+
+
+def extras() -> Iterator[Check]:
+    """The extras of the package, each with the line that installs it."""
+    wanted: dict[str, list[Requirement]] = {}
+    for text in requires(DISTRIBUTION) or ():
+        requirement = Requirement(text)
+        extra = re.search(r"extra == ['\"](\w+)", str(requirement.marker))
+        if extra and extra[1] not in DEVELOPMENT:
+            wanted.setdefault(extra[1], []).append(requirement)
+    for name, requirements in wanted.items():
+        lacking = [str(one.name) for one in requirements if not is_there(one)]
+        purpose = PURPOSES.get(name, "")
+        found = f"without {', '.join(lacking)}" if lacking else "installed"
+        advice = (
+            f"for {purpose} pip install '{DISTRIBUTION}[{name}]'" if lacking else ""
+        )
+        yield Check(name, not lacking, found, advice)
+
+
+def is_there(requirement: Requirement) -> bool:
+    """Whether a distribution is installed in a version that is asked for."""
+    try:
+        return requirement.specifier.contains(
+            version(requirement.name), prereleases=True
+        )
+    except PackageNotFoundError:
+        return False
+
+
+def cameras() -> Check:
+    """Cameras that ``input=camera:NUMBER`` may open."""
+    try:
+        import av
+    except ImportError:
+        return Check(
+            "camera", False, "no reader", f"pip install '{DISTRIBUTION}[video]'"
+        )
+    from vocc_torch.recordings.streams import CAMERA_DRIVERS
+
+    driver, _ = CAMERA_DRIVERS.get(sys.platform, CAMERA_DRIVERS["linux"])
+    readers = {name for names in av.formats_available for name in names.split(",")}
+    if driver not in readers:
+        return Check(
+            "camera", False, f"PyAV without {driver}", "use input=- or rtsp://"
+        )
+    if sys.platform != "linux":
+        return Check("camera", True, driver, "input=camera:0 opens the first")
+    found = sorted(path.name for path in Path("/dev").glob("video*"))
+    if not found:
+        return Check("camera", False, f"{driver}, no /dev/video*", "connect a camera")
+    return Check("camera", True, f"{driver}, {', '.join(found)}", "input=camera:0")
+
+
+def runs_folder() -> Check:
+    """Whether results can be written below ``runs``."""
+    folder = Path("runs") if Path("runs").exists() else Path()
+    place = str(folder.resolve())
+    if os.access(folder, os.W_OK):
+        return Check("runs", True, f"{place} is writable")
+    return Check("runs", False, f"{place} is not writable", "start in another folder")
+
+
+def decoding() -> Iterator[Check]:
+    """Decode a drawn panel of known bits with the receiver that ships, and time each stage."""
+    begin = time.perf_counter()
+    import numpy as np
+
+    from vocc_torch.receiver.shipped import shipped_receiver
+    from vocc_torch.types import Frames
+
+    receiver = shipped_receiver("street")
+    loaded = time.perf_counter()
+    bits = np.random.default_rng(0).integers(0, 2, (8, 8)).astype(bool)
+    away = (np.indices((CELL_PX, CELL_PX)) + 0.5 - CELL_PX / 2) ** 2
+    spot = away.sum(0) < (CELL_PX / 4) ** 2
+    grey = np.full((480, 640), 90, np.uint8)
+    panel = np.where(np.kron(bits, spot), 220, 60)
+    grey[190 : 190 + len(panel), 270 : 270 + len(panel)] = panel
+    frames = Frames.of(grey)
+    panels = receiver.stages.locate(frames)
+    located = time.perf_counter()
+    read = receiver(frames, panels).bits[0].numpy()
+    done = time.perf_counter()
+    wrong = int((read != bits).sum())
+    found = f"{wrong} of {bits.size} bits of a drawn panel are wrong"
+    yield Check("decode", not wrong, found, "install the package again" * bool(wrong))
+    stages = {
+        "load": loaded - begin,
+        "locate": located - loaded,
+        "read": done - located,
+    }
+    times = ", ".join(f"{name} {1000 * taken:.0f} ms" for name, taken in stages.items())
+    yield Check("times", True, f"{times} for a frame of 640 x 480")

@@ -1,0 +1,117 @@
+"""``panel.rows=auto``: which of the usual shapes a panel has, and how sure that is."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.shipped import shipped_receiver
+from vocc_torch.types import PanelShape
+
+AUTO = "auto"
+"""In place of a number of rows or columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeSettings:
+    """Limits of the search."""
+
+    sides: tuple[tuple[int, int], ...] = (
+        *((4, 4), (4, 8), (8, 4), (8, 8), (8, 16), (16, 8)),
+        *((16, 16), (8, 32), (32, 8), (16, 32), (32, 16), (32, 32)),
+    )
+    # rows and columns of usual panels: modules of 8 x 8 LEDs, and halves of them
+    sure_rate: float = 1e-3  # false alarms a frame of a shape that is sure, at most
+    sure_ratio: float = (
+        30.0  # of the next shape's false alarms to those of a sure one, at least
+    )
+
+
+class ShapeChoice(NamedTuple):
+    """The shape that a panel most likely has.
+
+    Args:
+        shape: rows and columns.
+        false_alarms: expected in a frame without a panel, at the place where the panel was found.
+        rival: the next likely shape.
+        rival_alarms: its false alarms.
+        is_sure: whether the first is far likelier than the next.
+    """
+
+    shape: PanelShape
+    false_alarms: float
+    rival: PanelShape
+    rival_alarms: float
+    is_sure: bool
+
+    def __str__(self) -> str:
+        """Say the shape and how sure it is, in one line."""
+        first, second = (
+            f"{one.rows} x {one.columns}" for one in (self.shape, self.rival)
+        )
+        rates = f"{self.false_alarms:.2g} false alarms expected, and {self.rival_alarms:.2g} for {second}"
+        sure = "sure" if self.is_sure else "not sure, give panel.rows and panel.columns"
+        return f"panel {first}, {sure}: {rates}"
+
+
+def find_shape(
+    model: str,
+    greys: Sequence[NDArray[np.uint8]],
+    rows: int | str,
+    columns: int | str,
+    settings: ShapeSettings | None = None,
+) -> ShapeChoice:
+    """Try the usual shapes on frames until one is sure; the likeliest shape where none is.
+
+    Args:
+        model: the receiver that ships.
+        greys: frames (H,W), the likeliest first.
+        rows: of the panel, or ``auto``.
+        columns: likewise.
+        settings: limits of the search.
+
+    Raises:
+        VoccError: a number that no usual shape has.
+    """
+    settings = settings or ShapeSettings()
+    shapes = [
+        PanelShape(*sides)
+        for sides in settings.sides
+        if rows in (AUTO, sides[0]) and columns in (AUTO, sides[1])
+    ]
+    if len(shapes) < 2:
+        key, value = (
+            ("panel.rows", rows) if columns == AUTO else ("panel.columns", columns)
+        )
+        usual = sorted({sides[key == "panel.columns"] for sides in settings.sides})
+        raise VoccError.of(key, value, f"one of {usual} where the other is auto")
+    choices = []
+    for grey in greys:
+        choices.append(likeliest(model, grey, shapes, settings))
+        if choices[-1].is_sure:
+            return choices[-1]
+    return min(choices, key=lambda choice: choice.false_alarms)
+
+
+def likeliest(
+    model: str,
+    grey: NDArray[np.uint8],
+    shapes: Sequence[PanelShape],
+    settings: ShapeSettings,
+) -> ShapeChoice:
+    """Compare shapes on one frame by the false alarms that the locator states."""
+    (rate, place), (next_rate, second) = sorted(alarms_of(model, grey, shapes))[:2]
+    is_sure = rate <= settings.sure_rate and next_rate >= settings.sure_ratio * rate
+    return ShapeChoice(shapes[place], rate, shapes[second], next_rate, is_sure)
+
+
+def alarms_of(
+    model: str, grey: NDArray[np.uint8], shapes: Sequence[PanelShape]
+) -> Iterator[tuple[float, int]]:
+    """Give the false alarms of each shape and its place in the list; 1 where nothing is like a panel."""
+    for place, shape in enumerate(shapes):
+        alarms = shipped_receiver(model, shape).decode(grey).false_alarms
+        yield min(float(alarms.nan_to_num(nan=1.0)[0]), 1.0), place
