@@ -4,7 +4,6 @@ import errno
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -32,32 +31,6 @@ from vocc_torch.simulation.effects.backdrops import pictures_of
 
 def names(folder):
     return sorted(entry.name for entry in folder.iterdir())
-
-
-def test_missing_folders_are_made_and_an_old_file_is_replaced(tmp_path):
-    path = tmp_path / "a" / "b" / "c.txt"
-    for content in (b"first, and longer", b"second", b""):
-        write_atomically(str(path), content)
-        assert path.read_bytes() == content
-    assert names(path.parent) == ["c.txt"]
-
-
-def test_a_file_is_as_readable_as_any_other(tmp_path):
-    """Not the 0600 of a private temporary file: results are shared."""
-    (tmp_path / "plain").write_bytes(b"")
-    write_atomically(tmp_path / "ours", b"")
-    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
-def test_the_temporary_path_lies_beside_the_file_and_keeps_its_suffix(tmp_path):
-    """On the same file system, so that it moves at once; with the suffix, for writers that go by it."""
-    with atomic_file(tmp_path / "curve.png") as temporary:
-        assert temporary.parent == tmp_path
-        assert temporary.suffix == ".png"
-        assert temporary.name.startswith(".")
-        temporary.write_bytes(b"png")
-        assert not (tmp_path / "curve.png").exists()
-    assert names(tmp_path) == ["curve.png"]
 
 
 @pytest.mark.parametrize(
@@ -104,35 +77,6 @@ def test_what_stands_in_the_place_is_refused_by_name(tmp_path):
         with pytest.raises(VoccError, match=rf"^cannot write .*{place}"):
             write_atomically(tmp_path / place, b"")
     assert names(tmp_path) == ["file", "folder"]
-
-
-def test_nothing_written_is_an_error_and_not_an_empty_file(tmp_path):
-    with (
-        pytest.raises(VoccError, match=r"^cannot write "),
-        atomic_file(tmp_path / "a.txt"),
-    ):
-        pass
-    assert names(tmp_path) == []
-
-
-def test_a_reader_never_meets_half_a_file(tmp_path):
-    """One thread rewrites the file 40 times, with one letter throughout; the reader sees one letter."""
-    path, size, seen = tmp_path / "state", 20_000, set()
-    write_atomically(path, b"a" * size)
-    done = threading.Event()
-
-    def write():
-        for turn in range(40):
-            write_atomically(path, bytes([ord("a") + turn % 26]) * size)
-        done.set()
-
-    writer = threading.Thread(target=write)
-    writer.start()
-    while not done.is_set():
-        content = path.read_bytes()
-        seen.add((len(content), len(set(content))))
-    writer.join()
-    assert seen == {(size, 1)}
 
 
 @pytest.mark.parametrize("planted", ["folder", "link", "dangling"])

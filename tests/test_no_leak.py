@@ -13,35 +13,12 @@ from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from paper_runs import white
 
 from vocc_torch.measure import sweep as sweep_module
-from vocc_torch.measure import train as train_module
-from vocc_torch.measure.plan import Experiment
 from vocc_torch.receiver.classifiers.adapters import TorchClassifier
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
-from vocc_torch.studies.tradeoff import plan as tradeoff_module
-from vocc_torch.studies.tradeoff.plan import TradeoffStudy
 
-TRADEOFF = (
-    *(
-        "task=tradeoff",
-        "device=cpu",
-        "workers=1",
-        "tensorboard=false",
-        "budget.frames=16",
-    ),
-    *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
-    *("scene.offset_x_m=0", "scene.offset_y_m=0", "scene.distance_m=[uniform,50,70]"),
-    *("budget.training_frames=64", "tradeoff.repeats=1"),
-    *(
-        "tradeoff.batch_sizes=[1]",
-        "tradeoff.locators=[truth]",
-        "tradeoff.varied=[flda_3]",
-    ),
-    *("receiver.names=[flda_3]", "classifier=lmmse", "tradeoff.samples_per_led=[8,4]"),
-)
 COMMANDS = {
     "test": (*LITTLE, "receiver.locator=paper"),
-    "tradeoff": TRADEOFF,
     "classifiers": (
         *(
             "experiment=classifiers",
@@ -80,7 +57,6 @@ COMMANDS = {
 def undrawn(app, monkeypatch):
     """Run the command line without drawing, and without timing a call more often than once."""
     monkeypatch.setattr("vocc_torch.report.canvas.save_figure", white)
-    monkeypatch.setattr(tradeoff_module, "LEAST_FRAMES", 1)
     return app
 
 
@@ -115,37 +91,8 @@ def test_training_and_tests_have_no_frame_in_common(undrawn, monkeypatch, name):
         } <= watch.pupils
 
 
-def test_seeds_have_no_frame_in_common(undrawn, monkeypatch):
-    """Trained with one seed, tested with another: as disjoint as within one."""
-    watch = Watch(monkeypatch)
-    few = (
-        "budget.frames=64",
-        "budget.training_frames=128",
-        "experiment.values=[4000]",
-        "classifier=lmmse",
-    )
-    for seed in (0, 1):
-        assert undrawn(*LITTLE[:3], *few, f"seed={seed}", f"name=x{seed}").status == 0
-    assert watch.leaks() == set()
-    assert [len(watch.keys[phase]) for phase in ("train", "test")] == [2 * 128, 2 * 64]
-    # Within a phase too: two seeds of one frame would be one frame twice.
-    assert [len(watch.bits[phase]) for phase in ("train", "test")] == [2 * 128, 2 * 64]
-
-
 def names_of_training(monkeypatch):
     monkeypatch.setattr(sweep_module, "point_name", lambda *_: "train")
-
-
-def names_of_tests(monkeypatch):
-    """What is trained on has the names of test frames."""
-    monkeypatch.setattr(
-        train_module,
-        "block_keys",
-        lambda seed, _, frames: [
-            BlockKey(seed, "ambient/ambient_lx=4000", i)
-            for i in range(-(-frames // 64))
-        ],
-    )
 
 
 def draws_without_names(monkeypatch):
@@ -158,39 +105,9 @@ def draws_without_names(monkeypatch):
     )
 
 
-def same_scenes_as_well(monkeypatch):
-    names_of_tests(monkeypatch)
-    monkeypatch.setattr(
-        Experiment, "training_model", lambda self, world: self.model_at(world, 4000.0)
-    )
-
-
-def names_of_training_in_the_price_list(monkeypatch):
-    monkeypatch.setattr(TradeoffStudy, "point", lambda *_: "train")
-
-
 LEAKS = {
     names_of_training: {"frames of one name", "bits", "labels of test frames"},
-    names_of_tests: {"frames of one name", "bits", "labels of test frames"},
-    names_of_training_in_the_price_list: {
-        *(
-            "frames of one name",
-            "pictures",
-            "bits",
-            "labels of test frames",
-            "what is seen of a panel",
-        ),
-    },
     draws_without_names: {"bits", "labels of test frames"},
-    same_scenes_as_well: {
-        *(
-            "frames of one name",
-            "pictures",
-            "bits",
-            "labels of test frames",
-            "what is seen of a panel",
-        ),
-    },
 }
 
 
@@ -204,9 +121,7 @@ def test_a_leak_made_on_purpose_is_found(undrawn, monkeypatch, leak):
         "classifier=lmmse",
         "name=x",
     )
-    if leak is names_of_training_in_the_price_list:
-        few = (*TRADEOFF, "tradeoff.varied=[]", "name=x")
-    ran = undrawn(*(ONE if few[0] != TRADEOFF[0] else ()), *few)
+    ran = undrawn(*ONE, *few)
     assert ran.status == 0, ran.err
     assert watch.leaks() - {"frames of calibration"} == LEAKS[leak]
 

@@ -3,7 +3,6 @@
 Frames are rendered once. Then scene, corners, bits and keys are others', and no score may move.
 """
 
-import copy
 import dataclasses
 import pickle
 
@@ -17,17 +16,12 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.measure import link as link_module
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.runner import Job
 from vocc_torch.measure.train import train
-from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles
+from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, Simulator
-from vocc_torch.studies.tradeoff.run import Apart
-from vocc_torch.types import Frames
 
 
 @pytest.fixture(scope="module")
@@ -160,53 +154,6 @@ def test_bits_hidden_in_what_a_receiver_sees_are_found(plan, bank, tape, monkeyp
     assert told >= {"flda_3", "mlp", "mlp_features", "flda_patch", "lmmse", "logistic"}
 
 
-def staged_scores(plan, bank, model, seed):
-    """Decisions of the price list's receivers on a block, whose truth errors are counted against."""
-    locator = plan.receiver.finders(["paper"])["paper"]
-    receivers = []
-    for name in (one for one in bank.deciders if "greyscale" not in one):
-        own = copy.copy(bank)
-        own.deciders = {name: bank.deciders[name]}
-        receivers.append(
-            (
-                Key("paper", name),
-                StagedReceiver(own, plan.receiver.reader, locator, torch.float32),
-            )
-        )
-    given, decide = [], StagedReceiver.decide
-    with pytest.MonkeyPatch.context() as patch:
-
-        def recorded(one, readings, preambles):
-            scores = decide(one, readings, preambles)
-            given.append((readings.features, next(iter(scores.values())) >= 0))
-            return scores
-
-        patch.setattr(StagedReceiver, "decide", recorded)
-        job = Job(
-            dataclasses.replace(plan, seed=seed), model, "swapped", Apart(receivers)
-        )
-        return given, job.count([0], 64).half_errors
-
-
-def test_receivers_of_the_price_list_see_frames_alone(plan, bank, tape):
-    first, wrong = staged_scores(plan, bank, plan.world.scene, seed=0)
-    tape.play()
-    again, swapped = staged_scores(
-        plan, bank, held(plan.world.scene, distance_m=37), seed=1
-    )
-    assert (
-        len(first)
-        == len(again)
-        == len(SHIPPED) + len([n for n in plan.receiver.names if n in FLDA_FEATURES])
-    )
-    for (x, decided), (x_again, decided_again) in zip(first, again, strict=True):
-        assert torch.equal(x, x_again)
-        assert torch.equal(decided, decided_again)
-    # Only what counts errors knows the truth: against another one half the bits are wrong.
-    assert wrong.mean() < 20
-    assert swapped.mean() == pytest.approx(64, abs=4)
-
-
 def test_no_receiver_learns_from_what_it_is_asked(plan, bank):
     before = {
         name: pickle.dumps(one)
@@ -219,41 +166,3 @@ def test_no_receiver_learns_from_what_it_is_asked(plan, bank):
         for name, one in bank.deciders.items()
         if name not in FLDA_FEATURES
     } == before
-
-
-@pytest.mark.parametrize("locator", ["paper", "refined"])
-def test_where_the_simulator_cuts_the_crop_tells_a_receiver_nothing(
-    plan, bank, locator
-):
-    """The crop is centred on the panel, so its place is truth: with more of the uniform surround on one side
-    than on the other the same bits are decided at the same corners."""
-    simulator, shape = plan.world.simulator(), plan.world.panel.shape
-    finder = plan.receiver.finders([locator])[locator]
-    scene, bits = plan.world.scene.draw(BlockKey(4, "cut", 0), shape)
-    frames = simulator.render(scene[:16], bits[:16])
-    padded = torch.nn.functional.pad(frames.grey.int(), (31, 2, 5, 18), value=-1)
-    wide = torch.where(padded < 0, frames.surround.int().view(-1, 1, 1, 1), padded).to(
-        torch.uint8
-    )
-    moved = Frames(
-        wide,
-        frames.origin_px - torch.tensor([31, 5]),
-        frames.sensor_px,
-        frames.surround,
-    )
-    given = []
-    for one in (frames, moved):
-        panels = finder(one, shape)
-        readings = plan.receiver.reader.read(one, panels)
-        # Any preambles will do.
-        given.append(
-            (panels, bank.scores(readings, Preambles(readings.greys, readings.greys)))
-        )
-    (panels, scores), (panels_moved, scores_moved) = given
-    assert panels.found.all()
-    torch.testing.assert_close(
-        panels.corners_px, panels_moved.corners_px, rtol=0, atol=1e-9
-    )
-    for name, one in scores.items():
-        torch.testing.assert_close(one, scores_moved[name], rtol=1e-4, atol=1e-4)
-        assert torch.equal(one >= 0, scores_moved[name] >= 0), name

@@ -103,12 +103,6 @@ def test_a_field_that_is_no_tensor_of_real_numbers_is_refused(wrong):
             scene.checked()
 
 
-def test_checked_gives_the_scene_back():
-    scene = Scene.of(2, offset_x_m=-1.0, offset_y_m=-1.0, led_luminance_cd_m2=0.0)
-    assert scene.checked() is scene
-    assert len(scene[0:0].checked()) == 0
-
-
 def test_slices_and_joins_are_inverse():
     scene = numbered(7)
     assert same(Scene.cat([scene[:2], scene[2:3], scene[3:]]), scene)
@@ -127,16 +121,3 @@ def test_whole_frames_start_at_the_sensors_corner_and_have_no_surround(size):
     assert frames.origin_px.dtype == torch.int64
     assert frames.sensor_px == (4, 6)
     assert frames.surround is None
-
-
-def test_a_slice_of_frames_keeps_what_belongs_to_them():
-    grey = torch.arange(5, dtype=torch.uint8).view(5, 1, 1, 1).expand(5, 1, 2, 3)
-    origins = torch.arange(10).view(5, 2)
-    frames = Frames(grey, origins, (20, 30), torch.arange(5) * 7)
-    part = frames[1:4]
-    assert len(part) == 3
-    assert part.grey[:, 0, 0, 0].tolist() == [1, 2, 3]
-    assert part.origin_px.tolist() == [[2, 3], [4, 5], [6, 7]]
-    assert part.sensor_px == (20, 30)
-    assert part.surround.tolist() == [7, 14, 21]
-    assert Frames(grey, origins, (20, 30))[1:2].surround is None

@@ -1,7 +1,6 @@
 """The command line as a user meets it: what runs write, and one line for every mistake."""
 
 import csv
-import io
 import re
 import resource
 import shlex
@@ -283,15 +282,6 @@ def test_what_stands_in_the_way_is_left_alone(app, tmp_path):
     assert files_in(tmp_path) == {mine.relative_to(tmp_path): b"mine"}
 
 
-def test_runs_is_a_file(app, tmp_path):
-    (tmp_path / "runs").write_text("mine")
-    complaint = app(*QUICK).complaint
-    assert "cannot make the run's folder" in complaint
-    assert "runs" in complaint
-    assert "name=" in complaint
-    assert files_in(tmp_path) == {Path("runs"): b"mine"}
-
-
 @pytest.mark.parametrize(
     ("limit", "failing"),
     [(500, "ledger.sqlite"), (20_000, "samples.png"), (20_000, "ber.png")],
@@ -408,26 +398,6 @@ def test_reader_that_leaves_early(tmp_path):
     assert left <= {"ledger.sqlite", "config.yaml", "samples.png"}
 
 
-@pytest.mark.skipif(
-    not Path("/dev/full").exists(), reason="needs a disk that is always full"
-)
-def test_a_mistake_that_nobody_can_be_told_is_a_mistake_still(tmp_path):
-    with Path("/dev/full").open("w") as full:
-        command = [sys.executable, "-m", "vocc_torch", "seed=x"]
-        assert (
-            subprocess.run(command, cwd=tmp_path, stdout=full, stderr=full).returncode
-            == 2
-        )
-
-
-def test_a_terminal_of_ascii_gets_escapes(app, monkeypatch):
-    terminal = io.TextIOWrapper(io.BytesIO(), "ascii")
-    monkeypatch.setattr(cli, "run_task", lambda settings, folder: print(folder))
-    monkeypatch.setattr(sys, "stdout", terminal)
-    assert app("name='\u00fcber'").status == 0
-    assert terminal.buffer.getvalue().endswith(rb"runs/\xfcber" + b"\n")
-
-
 # Help, and what is shipped
 
 WITHOUT_TORCH = """
@@ -466,10 +436,6 @@ def test_help_describes_keys_and_lists_what_is_there_by_name_and_needs_no_torch(
 def test_the_version_is_the_packages_and_hydras(command, tmp_path):
     said = command("--version", cwd=tmp_path).out
     assert said == f"vocc-torch {vt.__version__}, hydra-core {version('hydra-core')}\n"
-
-
-def test_misspelled_key_needs_no_torch(command, tmp_path):
-    assert command("sede=1", cwd=tmp_path, code=WITHOUT_TORCH).out == "2 []\n"
 
 
 SHIPPED = sorted(

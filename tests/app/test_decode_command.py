@@ -2,10 +2,7 @@
 
 import csv
 import json
-import math
-import os
 import re
-import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -15,24 +12,18 @@ import numpy as np
 import pytest
 import torch
 from composing import composed
-from hypothesis import given
-from hypothesis import strategies as st
-from omegaconf import OmegaConf
 from PIL import Image
 from skimage import data
 
-from vocc_torch import Scene, Simulator, train
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
-from vocc_torch.hardware import Camera, PanelShape
-from vocc_torch.receiver.locators import PaperLocator, RefinedLocator, learned
+from vocc_torch.hardware import PanelShape
+from vocc_torch.receiver.locators import RefinedLocator, learned
 from vocc_torch.receiver.locators.learned import LearnedLocator, sighted
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import shipped_receiver
 from vocc_torch.recordings.frames import RecordedFrame
-from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.album import Album
-from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
+from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
 from vocc_torch.studies.decode.reading import Reading
 from vocc_torch.studies.decode.summary import Summary
 
@@ -162,105 +153,6 @@ def nothing_in(*rates):
     return read
 
 
-@pytest.mark.parametrize(
-    ("rates", "said"),
-    [
-        (
-            (0.2,),
-            "in film.mp4, frame 0, 0.2 false alarms are expected in a frame without a panel: give",
-        ),
-        (
-            (math.inf, 0.04, 1.0, 0.02, 0.03, math.nan),
-            "in film.mp4, frame 3, 0.02 false alarms are expected",
-        ),
-        ((0.02,) * 10, "in a frame without a panel, 0.2 in 10: give"),
-        (
-            (1.0, 0.04) * 5,
-            "one surely enough: check panel.rows and panel.columns, or try decode.channel=auto",
-        ),
-        ((math.inf,), "one surely enough"),
-    ],
-)
-def test_where_nothing_is_found_the_likeliest_place_is_named(rates, said):
-    """The least rate of all frames, and what chance gives in as many."""
-    assert said in nothing_in(*rates).hint(DecodeConfig(), True, TOLD)
-
-
-@given(st.floats(1e-12, 0.29))
-def test_the_rate_that_is_named_is_enough_and_hardly_more(rate):
-    said = nothing_in(rate).hint(DecodeConfig(), True, TOLD)
-    named = float(re.search(r"give receiver\.false_alarms=(\S+) to", said)[1])
-    assert rate <= named <= 1.1 * rate
-    assert said.endswith("if the panel has 4 x 4 LEDs")
-
-
-def test_what_was_tried_is_not_advised():
-    paper = SimpleNamespace(locator=PaperLocator(), shape=TOLD.shape)
-    said = nothing_in(math.nan, 0.0, -1.0).hint(DecodeConfig(), True, paper)
-    assert (
-        "see receiver.location for the locator's limits and decode.channel=auto" in said
-    )
-    assert "see receiver.location" not in nothing_in(math.nan).hint(
-        DecodeConfig(), True, TOLD
-    )
-    followed = nothing_in(math.nan).hint(DecodeConfig(follow="auto"), True, TOLD)
-    assert followed.startswith("try decode.follow=false")
-    assert "channel" not in nothing_in(math.inf).hint(
-        DecodeConfig(channel="auto"), True, TOLD
-    )
-    assert "receiver=recommended" not in nothing_in(math.inf).hint(
-        DecodeConfig(), False, TOLD
-    )
-    assert (
-        nothing_in(0.01)
-        .hint(DecodeConfig(follow="true"), True, TOLD)
-        .startswith("try decode.follow=false")
-    )
-
-
-def test_the_settings_of_a_run_are_those_of_its_model(decode, photo, tmp_path):
-    """Not those that decode takes without one."""
-    words = "receiver.location.closing_px=9", "budget.training_frames=16"
-    run_task(
-        composed("task=train", *words, "receiver.locator=refined", "name=x"),
-        tmp_path / "trained",
-    )
-    decode(photo, f"model={tmp_path / 'trained' / 'receiver.pt'}")
-    used = OmegaConf.load(tmp_path / "out" / "config.yaml")
-    assert (
-        used.receiver.locator,
-        used.receiver.save,
-        used.receiver.location.closing_px,
-    ) == (
-        "refined",
-        "flda_3",
-        9,
-    )
-    assert not used.classifiers
-
-
-def test_a_model_of_few_leds_brings_its_own_locator(decode, photo, tmp_path):
-    """Of which the one that decode takes without a model states nothing."""
-    small, few = (
-        ("panel.rows=2", "panel.columns=4"),
-        ("budget.training_frames=16", "name=x"),
-    )
-    with pytest.raises(
-        VoccError, match="panel is 2 x 4: it must be of at least 16 LEDs"
-    ):
-        decode(photo, *small)
-    folder = tmp_path / "trained"
-    run_task(composed("task=train", *small, *few), folder)
-    assert len(decode(photo, *small, f"model={folder / 'receiver.pt'}")[0]["bits"]) == 8
-
-
-def test_a_receiver_that_is_named_is_taken_instead():
-    words = "receiver=paper", "receiver=recommended", "classifier=svm"
-    given = [composed("task=decode", "name=x", word) for word in words]
-    assert [one.receiver.locator for one in given] == ["paper", "refined", "learned"]
-    assert [[*one.classifiers] for one in given] == [[], ["tag_planes"], ["svm"]]
-
-
 def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys):
     pictures = tmp_path / "pictures"
     pictures.mkdir()
@@ -285,31 +177,6 @@ def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys
         assert one.size == other.size == (given.width * 2, given.height * 2)
 
 
-def test_annotated_pictures_have_names_of_their_own(decode, model, photo, tmp_path):
-    """Two endings, the name that one of them could get, capitals, two pages, a long name and no text."""
-    (tmp_path / "pictures").mkdir()
-    names = [
-        "a.bmp",
-        "a.jpg",
-        "a.jpg.png",
-        "A.png",
-        "a-1.png",
-        "a-2.png",
-        "a-3.png",
-        "é" * 125 + ".png",
-    ]
-    for name in [*names, os.fsdecode(b"\xff.png")]:
-        (tmp_path / "pictures" / name).write_bytes(photo.read_bytes())
-    with Image.open(photo) as one:
-        one.save(
-            tmp_path / "pictures" / "a.tiff", save_all=True, append_images=[one.copy()]
-        )
-    rows = decode(tmp_path / "pictures", f"model={model}")
-    drawn = [path.stem for path in (tmp_path / "out" / "annotated").iterdir()]
-    assert len(rows) == len({name.lower() for name in drawn}) == len(names) + 3
-    assert {"A", "\\udcff"} < set(drawn)
-
-
 def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
     """The locator gives the best blob there is: noise scores low, a wall high but without two levels."""
     noise = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)
@@ -321,28 +188,6 @@ def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
     assert "may be no panel" in capsys.readouterr().out
     low, *high = (float(row["panel_score"]) for row in rows)
     assert low < DOUBTFUL_SCORE < min(high)
-
-
-def test_leds_that_look_alike_are_told(decode, model, tmp_path, capsys):
-    """All On, and beside it random bits; the receiver that is recommended splits what is alike."""
-    scene = Scene.of(frames=3, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=40)
-    bits = torch.rand(3, 8, 8, generator=torch.Generator().manual_seed(1)) < 0.5
-    bits[1], bits[2] = True, False
-    camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
-    seen = Simulator(camera, framing="full").render(scene, bits)
-    (tmp_path / "pictures").mkdir()
-    for number, grey in enumerate(seen.grey[:, 0].numpy()):
-        Image.fromarray(grey).save(tmp_path / "pictures" / f"{number}.png")
-    with pytest.warns(UserWarning, match="LEDs look alike in 2 of 3 frames"):
-        decode(tmp_path / "pictures", f"model={model}")
-    split = train("paper", classifier="tag_planes", frames=2)
-    read = split(seen, Simulator(camera).true_panels(scene))
-    assert (parted(read.scores, read.bits) < LEAST_PARTED).tolist() == [
-        False,
-        True,
-        True,
-    ]
-    assert (read.bits[1:] != bits[1:]).float().mean() > 0.2
 
 
 def test_one_bad_picture_is_named_and_the_others_are_kept(
@@ -362,26 +207,6 @@ def test_one_bad_picture_is_named_and_the_others_are_kept(
         ("c.png", photo_bits),
     ]
     assert len(list((tmp_path / "out" / "annotated").iterdir())) == 2
-
-
-def test_each_colour_of_a_picture_has_a_picture_of_its_own(tmp_path):
-    """And a second panel of the same colour is drawn into it."""
-    told, album, empty = Summary(), Album(tmp_path, 1), np.zeros((9, 9, 3), np.uint8)
-    for light in ("red", "green"):
-        frame = RecordedFrame("a.png", 0, None, empty, empty[..., 0], light)
-        for x in (0.0, 5.0):
-            corners = np.array([[x, 0], [x + 3, 0], [x + 3, 3], [x, 3]])
-            read = corners, np.ones((1, 1), bool), {}, 1.0, 1.0, 1, False, 0.0, False
-            reading = Reading(frame, True, *read)
-            album.add(reading)
-            told.add(reading)
-    assert (told.frames, told.shown, told.counted) == (1, 1, "4 readings")
-    names = sorted(path.name for path in (tmp_path / "annotated").iterdir())
-    assert names == ["a-green.png", "a-red.png"]
-    for name in names:
-        drawn = np.asarray(Image.open(tmp_path / "annotated" / name).convert("L"))
-        assert drawn[:, :4].any()
-        assert drawn[:, 6:].any()
 
 
 RECORDINGS = {
@@ -432,15 +257,6 @@ def test_models_that_do_not_fit(decode, model, photo, tmp_path):
         with pytest.raises(VoccError, match=part):
             decode(photo, f"model={path}", *more)
         assert not (tmp_path / "out").exists()
-
-
-def test_a_picture_is_read_without_training(decode, photo, photo_bits, tmp_path):
-    """The receiver that ships reads it, also where the panel's shape is set; no receiver is written."""
-    assert decode(photo)[0]["bits"] == photo_bits
-    assert not (tmp_path / "out" / "receiver.pt").exists()
-    bits, shape = truth_of(photo, FAR)
-    shutil.rmtree(tmp_path / "out")
-    assert decode(photo.parent / FAR, *shape)[0]["bits"] == bits
 
 
 def test_the_receiver_that_ships_is_what_its_command_trains(decode, photo, tmp_path):

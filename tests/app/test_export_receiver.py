@@ -6,7 +6,6 @@ import itertools
 from dataclasses import replace
 from functools import lru_cache
 
-import numpy as np
 import onnx
 import pytest
 import torch
@@ -15,7 +14,6 @@ from composing import composed, study_of
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import calibrated_receiver, train
 from vocc_torch.receiver import onnx_graph
-from vocc_torch.receiver.calibration import Calibration
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.studies.export_receiver import (
     GRAPHS,
@@ -186,38 +184,3 @@ def test_a_receiver_that_no_graph_holds_is_refused_by_its_name(name, reason, tmp
         onnx_graph.write_graph(receiver_of(name), tmp_path / "receiver.onnx", *given)
     assert "\n" not in str(refusal.value)
     assert not list(tmp_path.iterdir())
-
-
-def test_without_the_extra_it_says_what_to_install(app, monkeypatch):
-    monkeypatch.setattr(
-        onnx_graph, "find_spec", lambda name: None if name == "onnxscript" else name
-    )
-    said = app("task=export_receiver", "name=one").complaint
-    assert said == "an ONNX graph needs onnxscript: pip install 'vocc-torch[onnx]'"
-
-
-@pytest.mark.parametrize("word", ["input=photo.png", "plug_ins=[mine.py]"])
-def test_what_it_does_not_use_is_refused(app, word):
-    assert app("task=export_receiver", "name=one", word).complaint.startswith(
-        word.partition("=")[0]
-    )
-
-
-def test_ratios_are_numpys_interpolation_to_the_last_bit():
-    rng = np.random.default_rng(3)
-    off, on = (
-        tuple(tuple(np.sort(rng.exponential(size=40)).tolist()) for _ in range(2))
-        for _ in range(2)
-    )
-    on = ((*on[0][:5], on[0][4], *on[0][5:]), (*on[1], 9.0))  # a place twice
-    scores = np.concatenate(
-        [
-            rng.normal(size=4000) * 3,
-            on[0],
-            np.negative(off[0]),
-            [0.0, -0.0, 1e300, -1e300],
-        ]
-    )
-    wanted = np.where(scores >= 0, np.interp(scores, *on), -np.interp(-scores, *off))
-    given = Calibration(off, on)(torch.from_numpy(scores))
-    assert given.numpy().tobytes() == wanted.tobytes()

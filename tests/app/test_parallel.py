@@ -1,19 +1,14 @@
 """Jobs of a multirun at the same time: the same results, and every failure heard of."""
 
-import io
 import os
 import signal
 import subprocess
 import sys
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from joblib import cpu_count
 
-from vocc_torch.app import cli
-from vocc_torch.app.jobs import CONFIG, FAILED, JobLines, Jobs, begin_again, write_down
-from vocc_torch.errors import VoccError
+from vocc_torch.app.jobs import FAILED
 
 PARALLEL = ("-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 
@@ -156,107 +151,4 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
 # One after the other: the same care
 
 
-def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_path):
-    """Its complaint goes when it succeeds, and is a new one when it fails for another reason."""
-    causes = iter(["the disk is full", "the disk is still full", None])
-
-    def run_task(settings, folder):
-        assert not list(folder.iterdir())
-        if cause := next(causes):
-            raise VoccError(cause)
-        (folder / "result.txt").write_text("")
-
-    monkeypatch.setattr(cli, "run_task", run_task)
-    folder = tmp_path / "runs" / "two" / "0"
-    for complaint in ("the disk is full", "the disk is still full"):
-        assert app("-m", "seed=1", "name=two").complaint == complaint
-        assert (folder / FAILED).read_text() == f"{complaint}\n"
-    assert app("-m", "seed=1", "name=two").status == 0
-    assert [path.name for path in folder.iterdir()] == ["result.txt"]
-
-
-MISTAKES = {
-    "hydra/launcher=jolib": ["hydra/launcher is 'jolib'", "basic, joblib"],
-    "hydra.launcher.n_jobs=2": ["hydra.launcher.n_jobs", "=joblib"],
-    "hydra/launcher=joblib hydra.launcher.n_jobs=0": [
-        "hydra.launcher.n_jobs is 0",
-        "-1 for one a core",
-    ],
-    "hydra/launcher=joblib hydra.launcher.n_jobs=two": [
-        "hydra.launcher.n_jobs is 'two'",
-        "a whole number",
-    ],
-}
-
-
-@pytest.mark.parametrize("words", MISTAKES)
-def test_mistakes_of_the_launcher_are_one_line(app, words):
-    complaint = app("-m", "seed=1,2", *words.split()).complaint
-    assert all(part in complaint for part in MISTAKES[words])
-
-
 # What jobs leave
-
-
-@pytest.mark.parametrize(
-    ("held", "left", "mine"),
-    [
-        ((), (), True),
-        ((FAILED,), (), True),
-        ((FAILED, CONFIG), (), True),
-        (("ledger.sqlite",), ("ledger.sqlite",), True),
-        ((FAILED, "ledgers"), ("ledgers",), True),
-        ((FAILED, CONFIG, "ledger.sqlite"), (CONFIG, "ledger.sqlite"), True),
-        (
-            ("ber.csv", CONFIG, "ledger.sqlite"),
-            ("ber.csv", CONFIG, "ledger.sqlite"),
-            False,
-        ),
-        (("ber.csv", FAILED, "ledger.sqlite"), ("ber.csv", "ledger.sqlite"), False),
-        ((CONFIG,), (CONFIG,), False),
-        (("mine.txt",), ("mine.txt",), False),
-        ((FAILED, "mine.txt"), (FAILED, "mine.txt"), False),
-    ],
-)
-def test_only_a_failed_attempt_is_taken_away(tmp_path, monkeypatch, held, left, mine):
-    monkeypatch.chdir(tmp_path)
-    folder = tmp_path / "runs" / "x"
-    folder.mkdir(parents=True)
-    for name in held:
-        (folder / name).write_text("")
-    assert begin_again(folder) is mine
-    assert {path.name for path in folder.iterdir()} == set(left)
-
-
-def test_failures_are_told_in_order_or_raised(tmp_path):
-    """Hydra carries to the parent what cannot be told: a full disk must not make a failed job look well."""
-    jobs = Jobs(tmp_path, parent=-1)
-    for job, complaint, trace in ((10, "ten", "Traceback\n  ä"), (9, "nine", "")):
-        jobs.failed(job, complaint, trace)
-    assert [tuple(one.values()) for one in jobs.told("failed")] == [
-        (9, "nine", ""),
-        (10, "ten", "Traceback\n  ä"),
-    ]
-    assert jobs.elsewhere
-    (tmp_path / "file").write_text("")
-    with pytest.raises(VoccError, match="no panel"):
-        Jobs(tmp_path / "file", os.getpid()).failed(0, "no panel")
-    write_down(tmp_path / "file", "no panel", "", "")
-    assert (tmp_path / "file").read_text() == ""
-
-
-@given(st.lists(st.text(alphabet="ab \n", max_size=6), max_size=8))
-def test_lines_are_numbered_however_they_are_written(pieces):
-    under = io.StringIO()
-    lines = JobLines(under, "job 3 | ")
-    for piece in pieces:
-        assert lines.write(piece) == len(piece)
-        assert under.getvalue() == "" or under.getvalue().endswith("\n")
-    lines.close()
-    text = "".join(pieces)
-    wanted = (
-        text.split("\n") if text and not text.endswith("\n") else text.split("\n")[:-1]
-    )
-    assert under.getvalue().splitlines() == [
-        f"job 3 | {line}".rstrip() for line in wanted
-    ]

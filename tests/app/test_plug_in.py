@@ -2,19 +2,15 @@
 
 import csv
 import pickle
-import random
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-from composing import composed, study_of
+from composing import study_of
 from PIL import Image
 
-from vocc_torch import Receiver, Scene, Simulator, plugins
-from vocc_torch.app.cli import run_task
-from vocc_torch.errors import VoccError
+from vocc_torch import Scene, Simulator
 from vocc_torch.measure.train import train
 from vocc_torch.report import plots
 
@@ -33,15 +29,6 @@ LOCATOR, FEATURE, CLASSIFIER = (
         FILES, ("Brightest", "cell_deviation", "NearestMean"), strict=True
     )
 )
-TINY = (
-    *(
-        "experiment.values=[4000]",
-        "budget.frames=64",
-        "budget.training_frames=128",
-        "tensorboard=false",
-    ),
-    *("receiver.names=[flda_3]", "receiver.locator=truth", "device=cpu"),
-)
 
 
 def receivers(folder):
@@ -57,25 +44,6 @@ def own(path, target):
     )
 
 
-def test_classes_of_others_and_of_the_user_are_measured(app, tmp_path):
-    """A torch module and a class from files, and an estimator of scikit-learn."""
-    module = own(ROOT / "tests" / "data" / "attention_net.py", "NeighbourNet")[1:]
-    patch = "+classifiers.own.inputs.patch={cells: 3, samples: 1}"
-    training = "+classifiers.own.training={frames: 192, epochs: 12}"
-    mean = f"+classifiers.mean.build._target_={CLASSIFIER}"
-    shell = [
-        "classifier=[sklearn,own]",
-        "classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB",
-    ]
-    ran = app(*TINY, *shell, *module, patch, training, mean, "name=x")
-    assert ran.status == 0, ran.err
-    found = receivers(tmp_path / "runs" / "x")
-    assert {
-        name: float(row["ber"]) < 0.1 for name, row in found.items()
-    } == dict.fromkeys(("flda_3", "sklearn", "own", "mean"), True)
-    assert float(found["sklearn"]["ber"]) < 0.05
-
-
 def test_workers_know_a_class_from_a_file(monkeypatch):
     """The pickled classifier takes its file along, which a worker has not read yet."""
     plan = study_of(
@@ -89,54 +57,6 @@ def test_workers_know_a_class_from_a_file(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     assert torch.equal(pickle.loads(packed).decision_function(x), before)
     assert float(before.std()) > 0
-
-
-RANDOM = """
-import random
-import numpy as np
-import torch
-from composing import study_of
-from PIL import Image
-
-from vocc_torch import Receiver, Scene, Simulator
-from vocc_torch.report import plots
-
-
-class Drawn:
-    def fit(self, x, bits):
-        self.weights = torch.randn(x.shape[-1]) + np.random.normal() + random.random()
-
-    def decision_function(self, x):
-        return x @ self.weights - 1
-"""
-
-
-def test_a_classifier_that_draws_at_random_is_the_same_each_time(tmp_path):
-    """Whatever it draws from, or a run that is resumed would count errors of two classifiers as one's."""
-    (tmp_path / "drawn.py").write_text(RANDOM)
-    build = "classifiers.sklearn.build"
-    forest = (
-        f"{build}._target_=sklearn.ensemble.RandomForestClassifier",
-        f"+{build}.n_estimators=1",
-    )
-    chosen = (
-        "classifier=[sklearn,own]",
-        *forest,
-        *own(tmp_path / "drawn.py", "Drawn")[1:],
-    )
-    plan, scores = study_of(*TINY, *chosen, "budget.training_frames=20"), []
-    x = 2 * torch.rand(2, 8, 8, 3, generator=torch.Generator().manual_seed(0))
-    for seed in (1, 2):
-        random.seed(seed)
-        np.random.seed(seed)  # noqa: NPY002
-        torch.manual_seed(seed)
-        learned = train(plan).classifiers
-        scores.append(
-            [learned[name].decision_function(x) for name in ("sklearn", "own")]
-        )
-    for one, other in zip(*scores, strict=True):
-        assert torch.equal(one, other)
-        assert float(one.std()) > 0
 
 
 # A locator, a feature and a classifier at once
@@ -226,72 +146,3 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(
     with (tmp_path / "runs" / "y" / "bits.csv").open(newline="") as file:
         read = [row["bits"] for row in csv.DictReader(file)]
     assert read == ["".join(map(str, one.flatten().int().tolist())) for one in bits]
-
-
-def test_a_worker_refuses_a_file_that_changed_since_its_run_began(
-    tmp_path, monkeypatch
-):
-    """Or one ledger would count the frames of two texts as those of one; a copy elsewhere changes nothing."""
-    copy = tmp_path / "elsewhere" / "mine.py"
-    copy.parent.mkdir()
-    copy.write_text("ANSWER = 42")
-    assert plugins.ModuleFile(str(copy)).named("ANSWER") == 42
-    path = tmp_path / "mine.py"
-    path.write_text("ANSWER = 42")
-    monkeypatch.setattr(plugins, "READ", {**plugins.READ})
-    assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
-    monkeypatch.setattr(plugins, "EXPECTED", plugins.files_read())
-    assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
-    path.write_text("ANSWER = 43")
-    with pytest.raises(
-        VoccError, match=r"mine.py has changed since this run began: begin it again"
-    ):
-        plugins.ModuleFile(str(path)).named("ANSWER")
-
-
-def test_a_grid_takes_a_classifier_and_a_locator_by_name(app, tmp_path):
-    """Its parts are trained apart, and the pictures tell of each locator; so does a price list."""
-    plan = study_of(
-        "task=tradeoff",
-        f"receiver.locator={LOCATOR}",
-        f"receiver.features=[agr,{FEATURE}]",
-    )
-    assert [one.locator for one in plan.settings[:1]] == ["Brightest"]
-    small = (
-        "experiment.values=[500]",
-        "experiment.rows=[2000]",
-        *TINY[1:4],
-        "device=cpu",
-    )
-    ran = app(
-        "experiment=dimming",
-        *small,
-        "classifier=lmmse",
-        f"receiver.locator={LOCATOR}",
-        "name=x",
-    )
-    assert ran.status == 0, ran.err
-    assert (tmp_path / "runs" / "x" / "dimming_Brightest.png").exists()
-    assert (
-        Receiver.load(tmp_path / "runs" / "x" / "receiver.pt", [str(FILES[0])]).name
-        == "lmmse"
-    )
-
-
-def test_the_classifier_that_is_asked_for_is_kept_and_decodes(photo, tmp_path):
-    brief = "++classifiers.mlp.training={frames: 32, epochs: 1}"
-    few, margins = ("budget.training_frames=32", "name=x"), []
-    kinds = {"mlp": ("task=train", "classifier=mlp", brief)}
-    kinds |= {
-        name: ("task=decode", f"input='{photo}'", name)
-        for name in ("receiver=paper", "classifier=lmmse")
-    }
-    for place, (name, words) in enumerate(kinds.items()):
-        folder = tmp_path / str(place)
-        run_task(composed(*words, *few), folder)
-        wanted = "flda_3" if name == "receiver=paper" else name.rpartition("=")[2]
-        assert Receiver.load(folder / "receiver.pt").name == wanted
-        if words[0] == "task=decode":
-            with (folder / "bits.csv").open(newline="") as file:
-                margins += [row["margin"] for row in csv.DictReader(file)]
-    assert len(set(margins)) == 2

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vocc_torch.app.config import AppConfig, job_folder, run_folder
+from vocc_torch.app.config import AppConfig, run_folder
 from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
 from vocc_torch.files import locked
@@ -76,20 +76,6 @@ def test_only_folders_below_runs_are_given(outside):
             run_folder(name)
 
 
-@pytest.mark.parametrize("folder", ["../victim/0", "../victim", "../empty"])
-def test_a_folder_that_the_user_names_keeps_what_it_had(outside, folder):
-    """hydra.run.dir may lead outside runs/: what looks like a failed run there was not ours."""
-    before = everything(outside)
-    assert begin_again(Path(folder)) == (folder == "../empty")
-    assert everything(outside) == before
-
-
-def test_a_job_that_is_a_link_out_is_refused(outside):
-    with pytest.raises(VoccError, match="below runs/"):
-        job_folder("two", 0)
-    assert job_folder("two", 1) == "1"
-
-
 def test_a_failed_job_is_begun_again_where_a_run_of_ours_failed(outside):
     """Below runs/, and elsewhere beside a configuration that a run wrote."""
     whole = "".join(f"{key.name}: 1\n" for key in fields(AppConfig))
@@ -99,26 +85,6 @@ def test_a_failed_job_is_begun_again_where_a_run_of_ours_failed(outside):
         (place / "failed.txt").write_text("a reason\n")
         assert begin_again(place)
         assert list(place.iterdir()) == []
-
-
-def test_runs_may_be_a_link_of_the_users(outside, monkeypatch):
-    (outside / "other").mkdir()
-    (outside / "other" / "runs").symlink_to(outside / "empty")
-    monkeypatch.chdir(outside / "other")
-    assert run_folder("deep/x") == "runs/deep/x"
-
-
-def test_a_sweep_elsewhere_takes_results_and_begins_a_failed_job_again(app, outside):
-    sweep = ("-m", "hydra.sweep.dir=../elsewhere")
-    assert app(*SMALL, *sweep, "panel.rows=0").complaint.startswith("panel.rows is 0")
-    place = outside / "elsewhere" / "0"
-    assert sorted(path.name for path in place.iterdir()) == [
-        "config.yaml",
-        "failed.txt",
-    ]
-    assert app("task=train", *SMALL, *sweep, "panel.rows=4").status == 0
-    assert (place / "receiver.pt").exists()
-    assert not (place / "failed.txt").exists()
 
 
 def test_the_second_of_two_runs_at_once_is_refused_and_deletes_nothing(

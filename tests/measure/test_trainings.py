@@ -17,10 +17,9 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.runner import Part
 from vocc_torch.measure.train import train
-from vocc_torch.measure.trainings import Trained, mean_difference, t_reach, widened
+from vocc_torch.measure.trainings import Trained, t_reach, widened
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BlockKey
 
@@ -137,20 +136,6 @@ def test_the_scatter_is_students_and_joins_the_frames_interval():
     assert widened(frames, [0.2] * 5, logarithmic=True) == pytest.approx(frames)
     one = widened(Estimate(0.2, 0.2, 0.2), [0.19, 0.2, 0.21], against_one=True)
     assert 0.2 - one.low == pytest.approx(2 * t_reach([0.19, 0.2, 0.21]))
-
-
-def test_without_errors_the_limit_is_that_of_one_receiver():
-    clean = Counts(2000, 128_000)
-    both = Trained((clean, clean), Counts(2000, 256_000))
-    for size in (1.0, 20.0):
-        one = ber_interval(clean, errors_per_frame_error=size)
-        assert both.interval(errors_per_frame_error=size).high == pytest.approx(
-            one.high, rel=1e-12
-        )
-    paired = mean_difference(both, both, PairedCounts(2000, 256_000))
-    assert paired.high == pytest.approx(
-        paired_interval(PairedCounts(2000, 128_000)).high, rel=1e-12
-    )
 
 
 def test_what_cannot_be_of_the_same_trainings_is_refused():

@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import av
 import cv2
@@ -13,10 +12,10 @@ import pytest
 from test_pictures import read_to_the_end
 
 from vocc_torch.errors import VoccError
-from vocc_torch.recordings.films import field, read_film
+from vocc_torch.recordings.films import read_film
 from vocc_torch.recordings.frames import FilmGrey
 from vocc_torch.recordings.reading import read_recording
-from vocc_torch.recordings.streams import CAMERA_QUEUE_FRAMES, LiveStream, is_stream
+from vocc_torch.recordings.streams import CAMERA_QUEUE_FRAMES, LiveStream
 
 
 @pytest.fixture(scope="module")
@@ -111,27 +110,6 @@ def test_each_field_of_interlaced_film_is_a_frame(frames, tmp_path):
     assert read[1].time_s - read[0].time_s == pytest.approx(0.02, abs=1e-3)
 
 
-@pytest.mark.parametrize("parity", [0, 1])
-@pytest.mark.parametrize("height", [1, 2, 5, 6])
-def test_a_field_of_a_ramp_is_the_ramp(parity, height):
-    """Means of neighbouring lines are exact on a ramp, but for the outer lines."""
-    ramp = np.arange(height, dtype=np.uint8)[:, None] * 10
-    filled = field(ramp, parity)
-    assert filled[1:-1].tolist() == ramp[1:-1].tolist()
-    assert np.abs(filled.astype(int) - ramp).max() <= 10
-
-
-@pytest.mark.parametrize(
-    "name", ["12:30:05.mp4", "http:/127.0.0.1:8765/a.mp4", "pipe:0.mp4"]
-)
-def test_a_name_that_reads_as_an_address_is_a_file(frames, tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
-    path = Path(name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_film(tmp_path / "drive.mp4", frames).rename(path)
-    assert len(list(read_recording(path, "luma"))) == 8
-
-
 @pytest.mark.parametrize("name", ["drive.mkv", "drive.avi"])
 def test_of_a_film_that_is_cut_the_beginning_is_read(frames, tmp_path, name):
     path = write_film(tmp_path / name, frames)
@@ -159,20 +137,6 @@ def test_of_a_damaged_film_the_other_frames_are_read(frames, tmp_path):
         done, refusal = read_to_the_end(read_recording(path, "luma"))
     assert done == 7
     assert "cannot be read as a video after 7 frames" in refusal
-
-
-def test_a_file_with_sound_alone_is_refused(tmp_path):
-    with av.open(str(tmp_path / "sound.mkv"), "w") as container:
-        stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
-        sound = av.AudioFrame.from_ndarray(
-            np.zeros((1, 800), np.int16), format="s16", layout="mono"
-        )
-        sound.sample_rate = 8000
-        container.mux([*stream.encode(sound), *stream.encode()])
-    with pytest.raises(
-        VoccError, match=r"sound.mkv cannot be read as a video after 0 frames"
-    ):
-        list(read_recording(tmp_path / "sound.mkv", "luma"))
 
 
 @pytest.mark.parametrize("content", [bytes(range(256)) * 20, b""])
@@ -223,20 +187,6 @@ def test_a_slow_receiver_of_a_camera_gets_the_newest_frames(
     read = [frame.index for frame in stream]
     assert read[-1] == 7
     assert len(read) + stream.dropped == 8
-
-
-@pytest.mark.parametrize(
-    ("source", "is_live"),
-    [
-        ("-", True),
-        ("camera:0", True),
-        ("rtsp://127.0.0.1/x", True),
-        ("a.mp4", False),
-        ("camera0.png", False),
-    ],
-)
-def test_what_is_live(source, is_live):
-    assert is_stream(source) == is_live
 
 
 def test_a_camera_that_is_not_there_is_refused():

@@ -2,20 +2,15 @@
 
 import base64
 import io
-import re
 import sys
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from jinja2 import UndefinedError
-from markdown_it import MarkdownIt
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.report.page import code, fence, html, md, render
+from vocc_torch.report.page import html, render
 
 
 class Tags(HTMLParser):
@@ -74,53 +69,6 @@ def test_hostile_names_stay_words(package, words):
     assert [link["href"] for link in tags.named("a")] == ["#_text"]
     shown = "".join(tags.words)
     assert shown.count(" ".join(words.split())) >= 4
-
-
-@given(st.text(max_size=40))
-def test_escaped_words_come_out_of_markdown_as_they_were(words):
-    tokens = MarkdownIt().parse(f"x {md(words)} y")
-    assert [token.type for token in tokens] == [
-        "paragraph_open",
-        "inline",
-        "paragraph_close",
-    ]
-    assert {child.type for child in tokens[1].children} <= {"text", "text_special"}
-    shown = "".join(child.content for child in tokens[1].children)
-    assert shown.split() == re.split(r"[\s\x00-\x1f\x7f-\x9f]+", f"x {words} y")
-
-
-@given(st.text(max_size=40))
-def test_code_keeps_its_words(words):
-    (inline,) = (
-        token
-        for token in MarkdownIt().parse(f"x {code(words)} y")
-        if token.type == "inline"
-    )
-    assert "html_inline" not in {child.type for child in inline.children}
-
-
-def test_fence_holds_any_lines():
-    tokens = MarkdownIt().parse(f"{fence('```' + chr(10) + '<b>')}\n")
-    assert [(token.type, token.content) for token in tokens] == [
-        ("fence", "```\n<b>\n")
-    ]
-
-
-def test_filters_write_rates_and_links(package):
-    interval = type("Made", (), {"low": 1.5e-5, "high": 1.2e-2})()
-    (package / "a.md.j2").write_text(
-        "{{ 6.64e-4|rate }} ({{ of|interval }}) [x](#{{ 'Fig. 22'|slug }})\n"
-    )
-    assert (
-        render(package.name, "a.md.j2", of=interval)
-        == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
-    )
-
-
-def test_a_value_that_is_not_given_is_an_error(package):
-    (package / "a.md.j2").write_text("{{ nothing }}")
-    with pytest.raises(UndefinedError):
-        render(package.name, "a.md.j2")
 
 
 REPORT = """# Evidence

@@ -10,7 +10,6 @@ from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.report.folder import PAIRED_COLUMNS as COLUMNS
 from vocc_torch.report.folder import write_paired
-from vocc_torch.studies.curve import compared
 
 NAMES = ("average_greyscale", "flda_2", "flda_3")
 EVEN = PairedCounts(2000, 128_000)
@@ -92,46 +91,4 @@ def test_real_says_whether_the_interval_leaves_out_0(tmp_path, curves):
     assert float(swapped["sign_test_p"]) == pytest.approx(2 * 0.5**100)
 
 
-def test_nothing_compared_is_the_header_alone(tmp_path):
-    pairs = {("flda_2", "flda_3", 1.0): PairedCounts(), ("flda_2", "flda_3", 2.0): EVEN}
-    assert [row["value"] for row in written(tmp_path, made_up(pairs, NAMES[1:]))] == [
-        "2"
-    ]
-    assert written(tmp_path, made_up({}, ("flda_3",))) == []
-    assert (tmp_path / "paired.csv").read_text() == ",".join(COLUMNS) + "\n"
-
-
 # On the terminal
-
-
-def test_where_receivers_differ_for_certain(curves):
-    # Seen from each of them, the same differences.
-    told = {
-        "flda_3": (
-            "average_greyscale: more errors at 1000",
-            "flda_2: fewer errors at 2500.5",
-        ),
-        "flda_2": (
-            "average_greyscale: more errors at 1000",
-            "flda_3: more errors at 2500.5",
-        ),
-        "average_greyscale": (
-            "flda_2: fewer errors at 1000",
-            "flda_3: fewer errors at 1000",
-        ),
-    }
-    for name, lines in told.items():
-        heading, *said = compared(curves, name)
-        assert [line.strip() for line in said] == list(lines)
-        assert heading.startswith("\nCompared with ")
-    assert compared(curves, "cnn") == compared(made_up({}, ("flda_3",)), "flda_3") == []
-
-
-def test_both_ways_and_no_difference():
-    pairs = {("flda_2", "flda_3", value): A_WORSE for value in (1.0, 2.0)}
-    pairs["flda_2", "flda_3", 3.0] = A_WORSE.swapped()
-    pairs["flda_2", "flda_3", 4.0] = A_BARELY_WORSE
-    (_, line) = compared(made_up(pairs, NAMES[1:]), "flda_3")
-    assert line == "  flda_2: more errors at 1, 2; fewer errors at 3"
-    same = made_up({("flda_2", "flda_3", 1.0): A_BARELY_WORSE}, NAMES[1:])
-    assert compared(same, "flda_3")[1] == "  flda_2: no difference shown"

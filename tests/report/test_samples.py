@@ -1,10 +1,7 @@
 """``samples.png``: the first scenes of training and of the points, before anything is counted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.report import samples
@@ -35,38 +32,6 @@ def test_crops_are_parts_of_the_frames_that_are_counted(make_plan, effects):
         (x, y), (height, width) = crop.origin_px.tolist(), crop.pixels.shape[:2]
         assert (np.diff(crop.pixels, axis=2) == 0).all()
         assert np.array_equal(crop.pixels[..., 0], frame[y : y + height, x : x + width])
-
-
-def test_a_dozen_scenes_stand_on_the_page(make_plan, tmp_path):
-    samples.write_samples(tmp_path, make_plan())
-    page = np.asarray(Image.open(tmp_path / "samples.png").convert("L"))
-    step = samples.CELL_PX + samples.GAP_PX
-    first = samples.MARGIN_PX + samples.HEAD_PX
-    for row in (first, first + samples.HEAD_PX + samples.CELL_PX + samples.CAPTION_PX):
-        for column in range(6):
-            left = samples.MARGIN_PX + column * step
-            cell = page[row : row + samples.CELL_PX, left : left + samples.CELL_PX]
-            assert 60 < np.median(cell) < 130  # the background, where the page is white
-            assert (
-                page[row : row + samples.CELL_PX, left + samples.CELL_PX + 2] == 255
-            ).all()
-
-
-def test_a_wide_panel_leaves_no_empty_band(make_plan):
-    """Rows are as tall as what stands in them."""
-    plan = make_plan()
-    crop = next(
-        samples.crops(
-            plan.world.simulator(), BlockKey(0, "train", 0), plan.world.scene, 1
-        )
-    )
-    wide = replace(crop, pixels=np.full((20, 200, 3), 90, np.uint8))
-    page = np.asarray(samples.picture_of({"Wide": [("", wide)] * 7}).convert("L"))
-    tall = round(samples.CELL_PX * 20 / 200)
-    assert (
-        page.shape[0]
-        < 2 * (tall + samples.CAPTION_PX) + samples.HEAD_PX + 2 * samples.MARGIN_PX + 5
-    )
 
 
 def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted_nothing(

@@ -15,7 +15,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.plugins.hparams import plugin_data_pb2
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.report import tensorboard
 from vocc_torch.report.plots import ber_figure, figure_pixels
@@ -218,92 +217,3 @@ def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
         ]
         assert {band.value, band.lower, band.upper} <= tags
         assert len(limits) == any(row.error_free for row in one)
-
-
-def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
-    tables = campaign()
-    write_boards(tmp_path, tables)
-    for receiver in RECEIVERS:
-        events = read(tmp_path, receiver)
-        settings = {
-            name: value.string_value for name, value in start_of(events).hparams.items()
-        }
-        experiments = ", ".join(f"{axis} study" for axis in AXES)
-        assert settings == {
-            "receiver": receiver,
-            "locator": "paper, truth",
-            "experiment": experiments,
-            "group": "25mm-paper, 25mm-truth",
-        }
-        rates = {
-            tag for tag in events.Tags()["scalars"] if tag.startswith("all_points/")
-        }
-        assert rates == {
-            f"all_points/{group}/BER/{axis}" for group in tables for axis in AXES
-        }
-
-
-def test_runs_begin_in_the_order_that_gives_receivers_their_colours(tmp_path):
-    # TensorBoard orders runs by their first event (core_plugin.py) and colours them in that order.
-    write_boards(tmp_path, campaign(("my_cnn", *RECEIVERS)))
-    first = {
-        path.name: read(tmp_path, path.name).FirstEventTimestamp()
-        for path in tmp_path.iterdir()
-    }
-    own = ["average_greyscale", "flda_2", "flda_3", "center_greyscale"]
-    assert sorted(first, key=first.__getitem__) == [*own, "my_cnn", SUMMARY_RUN]
-
-
-def test_how_to_read_names_every_step_and_every_groups_corners(tmp_path):
-    write_boards(tmp_path / "many", campaign())
-    text = text_of(read(tmp_path / "many", SUMMARY_RUN), "how to read")
-    units = (
-        "**1000 x log10 of Ambient light (lx)**, **1000 x log10 of LED luminance (cd/m²)**, "
-        "**Distance in dm** or **Contrast in thousandths**"
-    )
-    assert units in text
-    assert (
-        "the panel's corners come from: paper in `25mm-paper`; truth in `25mm-truth`."
-        in text
-    )
-    write_board(tmp_path / "one", campaign()["25mm-truth"][2])
-    text = text_of(read(tmp_path / "one", SUMMARY_RUN), "how to read")
-    assert (
-        "is **Distance in dm**. Runs are receivers; the panel's corners come from: truth. "
-        in text
-    )
-
-
-def test_a_groups_name_may_have_signs_that_mean_more_in_a_regular_expression(
-    tmp_path, table
-):
-    write_boards(tmp_path, {"lx=1e+06": [table], "lx=1e106": [table]})
-    tags = read(tmp_path, "flda_3").Tags()["scalars"]
-    (pattern,) = categories(read(tmp_path, SUMMARY_RUN))[0].chart[0].multiline.tag
-    assert [tag for tag in tags if re.match(pattern, tag)] == [
-        "lx=1e+06/log10_BER/ambient_lx"
-    ]
-
-
-def test_writing_again_replaces_the_curve_and_leaves_other_files(tmp_path, table):
-    write_board(
-        tmp_path,
-        BerTable([made_up_point(500, "flda_3", 9), made_up_point(99000, "flda_3", 9)]),
-    )
-    (tmp_path / "flda_3" / "notes.txt").write_text("mine")
-    write_board(tmp_path, table)
-    steps = [step for step, _ in series(read(tmp_path, "flda_3"), "BER/ambient_lx")]
-    assert steps == [3000, 3903, 4505]
-    assert (tmp_path / "flda_3" / "notes.txt").read_text() == "mine"
-
-
-def test_values_that_would_hide_each_other_are_refused(tmp_path):
-    table = BerTable([made_up_point(value, "flda_3", 9) for value in (1.1, 5, 0.9)])
-    with pytest.raises(VoccError, match=r"^ambient_lx is 0.9 and 1.1: .* both give 1$"):
-        write_board(tmp_path, table)
-
-
-def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, table):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(VoccError, match=r"^cannot write "):
-        write_board(tmp_path / "file", table)

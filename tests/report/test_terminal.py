@@ -2,9 +2,6 @@
 
 import io
 import re
-from dataclasses import replace
-from importlib import import_module
-from types import SimpleNamespace
 
 import pytest
 from made_up_points import made_up_point
@@ -12,9 +9,8 @@ from made_up_points import table as table
 from rich.console import Console
 
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.measure.train import Making
 from vocc_torch.report.styles import rate_text
-from vocc_torch.report.terminal import StudyView, print_table, train_shown
+from vocc_torch.report.terminal import StudyView, print_table
 
 OURS = [
     "center_greyscale",
@@ -77,14 +73,6 @@ def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
         assert part in " ".join(text().split())
 
 
-def test_ascii_output_stays_ascii(table):
-    screen, text = console(encoding="ascii")
-    print_table(table, screen)
-    with StudyView("led_luminance_cd_m2", [1.0], ["flda_3"], 64, screen) as view:
-        view.finish([made_up_point(1, "flda_3", 2, axis="led_luminance_cd_m2")])
-    assert text().isascii()
-
-
 def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twice(
     table,
 ):
@@ -101,55 +89,6 @@ def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twi
         f"ambient_lx={value}: 2000 frames, the whole budget"
         for value in (1000, 8000, 32000)
     ]
-
-
-def test_why_a_point_stopped_is_said_in_words():
-    screen, text = console()
-    with StudyView("x", [1.0], ["a"], 64, screen) as view:
-        view.finish(
-            [replace(made_up_point(1, "a", 5, axis="x"), stopped_by="precision")]
-        )
-    assert "the precision asked for" in text()
-
-
-def test_the_live_table_and_the_finished_one_state_the_same_limit(table):
-    """A limit takes wrong frames to be as at the receiver's other points: two wrong bits, not one."""
-    screen, text = console(width=100, terminal=True)
-    points = [
-        made_up_point(value, "flda_3", wrong)
-        for value, wrong in ((1000, 100), (8000, 0))
-    ]
-    with StudyView("ambient_lx", [1000.0, 8000.0], ["flda_3"], 2000, screen) as view:
-        for point in points:
-            view.finish([point])
-        view._bar.refresh()
-        live = text()
-    print_table(BerTable(points), screen)
-    (limit,) = set(re.findall(r"< \d\.\de-\d", text()[len(live) :]))
-    assert limit in live.rpartition("left")[2]
-
-
-@pytest.mark.parametrize("terminal", [True, False])
-def test_training_shows_its_progress_and_says_how_many_frames_it_saw(
-    monkeypatch, terminal
-):
-    def trained(plan, progress):
-        progress(250)
-        progress(250)
-        made = {"svm": Making(training_s=12.3, frames=497), "panel_otsu": Making()}
-        return SimpleNamespace(frames=500, missed=3, made=made)
-
-    monkeypatch.setattr(import_module("vocc_torch.measure.train"), "train", trained)
-    budget, receiver = (
-        SimpleNamespace(training_frames=500, trainings=1),
-        SimpleNamespace(classifiers=()),
-    )
-    screen, text = console(terminal=terminal)
-    train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)
-    last = "trained on 500 frames, 3 without a located panel left out\ntrained svm on 497 frames in 12 s\n"
-    assert text().endswith(last)
-    assert ("100 %" in text()) == terminal
-    assert terminal or text() == last
 
 
 def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
@@ -169,53 +108,3 @@ def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
     assert rate_text(made_up_point(1000, "flda_3", 9).counts.ber) in plain
     assert "\N{HORIZONTAL ELLIPSIS}" in plain
     assert text().endswith("\x1b[2K") or "\x1b[?25h" in text()
-
-
-def test_the_view_ends_cleanly_when_the_study_fails():
-    screen, text = console(terminal=True)
-    with (
-        pytest.raises(RuntimeError, match="broken"),
-        StudyView("x", [1.0], ["a"], 64, screen),
-    ):
-        raise RuntimeError("broken")
-    assert "\x1b[?25h" in text()  # the cursor is back
-
-
-def test_frames_that_were_not_needed_leave_the_total():
-    screen, _ = console()
-    view = StudyView("ambient_lx", [1.0, 2.0, 3.0], ["flda_3"], 1000, screen)
-    task = view._bar.tasks[0]
-    view.count(200)
-    view.finish([made_up_point(1, "flda_3", 5)])
-    assert (task.completed, task.total) == (200, 2200)
-    view.finish([made_up_point(2, "flda_3", 5)])  # all of it came from the ledger
-    assert (task.completed, task.total) == (200, 1200)
-    view.count(1000)
-    view.finish([made_up_point(3, "flda_3", 5)])
-    assert task.percentage == 100
-
-
-def test_values_that_are_run_together_are_one_run():
-    screen, _ = console()
-    view = StudyView("contrast", [0.1, 0.2], ["flda_3"], 1000, screen, runs=1)
-    task = view._bar.tasks[0]
-    view.count(1000)
-    view.finish(
-        [made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)]
-    )
-    assert (task.description, task.completed, task.total) == ("contrast", 1000, 1000)
-
-
-def test_a_dumb_terminal_gets_plain_lines():
-    file = io.StringIO()
-    screen = Console(
-        file=file,
-        force_terminal=True,
-        width=80,
-        color_system=None,
-        _environ={"TERM": "dumb"},
-    )
-    with StudyView("x", [1.0], ["a"], 64, screen) as view:
-        view.finish([made_up_point(1, "a", 5, axis="x")])
-    assert file.getvalue() == "x=1: 2000 frames, the whole budget\n"
-    assert "\x1b" not in file.getvalue()

@@ -18,18 +18,15 @@ from vocc_torch import (
     load_scene,
 )
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.drawing import OF_FRAME, Drawing
+from vocc_torch.extras.calibrate.drawing import Drawing
 from vocc_torch.extras.calibrate.fit import BASE, RecordingFit, settled
-from vocc_torch.extras.calibrate.leds import decided, start, two_levels
-from vocc_torch.extras.calibrate.noise import Noise, encoded, expected
-from vocc_torch.extras.calibrate.reading import Footage, agreeing, read_footage, thinned
-from vocc_torch.extras.calibrate.scene import Findings, Named, Value, of_size, spread
-from vocc_torch.extras.calibrate.study import calibrate, demand_contrast, fitting
-from vocc_torch.extras.calibrate.surround import Surround, compression, falloff, natural
-from vocc_torch.extras.calibrate.task import known_bits, next_command
-from vocc_torch.extras.calibrate.transfer import transfer
+from vocc_torch.extras.calibrate.leds import decided, start
+from vocc_torch.extras.calibrate.noise import Noise, expected
+from vocc_torch.extras.calibrate.reading import Footage, agreeing, read_footage
+from vocc_torch.extras.calibrate.scene import Findings, Named, Value, spread
+from vocc_torch.extras.calibrate.study import calibrate, demand_contrast
+from vocc_torch.extras.calibrate.task import known_bits
 from vocc_torch.receiver.locators import PaperLocator, locator_named
-from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.types import Panels
 
@@ -144,15 +141,6 @@ def test_bits_are_decided_again_where_the_first_guess_is_wrong():
     assert (fit.lit == LIT).all()
 
 
-def test_bits_of_leds_far_beyond_white_are_mended():
-    truth = fit_of(
-        Scene.of(1, **AT, **(LIGHT | {"led_luminance_cd_m2": 2e5})), LIT[:1], size=48
-    )
-    wrong = truth.lit.copy()
-    wrong[0, [2, 7]] = 1 - wrong[0, [2, 7]]
-    assert (decided(replace(truth, lit=wrong), ("background",)).lit == LIT[:1]).all()
-
-
 def test_the_mean_of_noisy_greys_is_what_clipped_normal_numbers_have():
     draws, noise = np.random.default_rng(0), Noise(3e-3, 4e-4)
     for light in (1e-4, 0.01, 0.5, 5.4):
@@ -165,20 +153,6 @@ def test_the_mean_of_noisy_greys_is_what_clipped_normal_numbers_have():
         assert variance[0] == pytest.approx(greys.var(), rel=0.12)
 
 
-def test_frames_that_are_fitted_worse_are_told_from_noisy_ones():
-    truth = fit_of(Scene.of(8, **AT, **LIGHT), np.tile(LIT, (4, 1)), size=48)
-    noise = np.random.default_rng(1).standard_normal(truth.grey.shape)
-    elsewhere = truth.own.copy()
-    elsewhere[3:6, OF_FRAME.index("x_px")] += (
-        3.0  # even where it is so in nearly half of the frames
-    )
-    for sigma in (0.3, 6.0):
-        fit = replace(truth, grey=(truth.grey + sigma * noise).round())
-        assert fitting(fit).all()
-        odd = (~fitting(replace(fit, own=elsewhere))).nonzero()[0].tolist()
-        assert odd == [3, 4, 5][: 3 * (sigma < 1)]
-
-
 def test_leds_that_are_all_alike_are_refused():
     truth = fit_of(Scene.of(2, **AT, **LIGHT), LIT, size=48)
     for alike in (
@@ -188,44 +162,6 @@ def test_leds_that_are_all_alike_are_refused():
         with pytest.raises(VoccError, match="all LEDs look alike in all 2 frames"):
             demand_contrast(alike)
     demand_contrast(truth)
-
-
-@pytest.mark.parametrize("slope", [5e-5, 1.5e-4])
-@pytest.mark.parametrize("grey", [100.0, 100.5])
-def test_little_noise_is_told_from_rounding(grey, slope):
-    """Where all pixels of the background are rounded alike, near to whole values or far from them."""
-    truth = fit_of(Scene.of(2, **AT, **(LIGHT | {"background_grey": grey})), LIT)
-    x, draws = truth.light(), np.random.default_rng(0).standard_normal(truth.grey.shape)
-    curve = transfer(
-        replace(truth, grey=encoded(x + np.sqrt(slope * x) * draws, 2.2).round())
-    )
-    assert curve.noise.floor == 0
-    assert curve.noise.slope == pytest.approx(slope, rel=4 * curve.slope_error)
-    assert curve.slope_error < 0.05
-
-
-def test_light_that_falls_off_is_told_from_even_light():
-    wide = Camera(
-        width_px=320,
-        height_px=240,
-        sensor_width_mm=13.2 * 320 / 1920,
-        focal_length_mm=2.75,
-    )
-    drawing = Drawing(wide, SMALL, torch.zeros(1, 2, dtype=torch.int64), wide.sensor_px)
-    shade, out = natural(drawing)
-    y, x = np.mgrid[:240, :320] + 0.5
-    square = (x - 160) ** 2 + (y - 120) ** 2
-    assert np.abs(shade - 1 / (1 + square / wide.focal_length_px**2) ** 2).max() < 1e-9
-    corners = np.array([[[140.0, 100], [180, 100], [180, 140], [140, 140]]]).repeat(
-        4, 0
-    )
-    draws = np.random.default_rng(3)
-    for plane, there in ((shade * (1 - 0.2 * out), True), (np.ones_like(shade), False)):
-        greys = 110 * plane ** (1 / 2.2) + draws.normal(0, 2, (4, 240, 320))
-        found = falloff(Surround.of(greys.round(), corners, 8), drawing, 2.2)
-        assert (found.gain > 0) is there
-        if there:
-            assert found.corner_loss == pytest.approx(0.2, abs=4 * found.deviation)
 
 
 EFFECTS = {
@@ -318,38 +254,6 @@ def test_the_scene_can_be_simulated_and_trained_for(study, tmp_path):
     assert frames.grey.dtype == torch.uint8
 
 
-@pytest.mark.parametrize("quality", [60, 85])
-def test_the_quality_of_coded_pictures_is_found(quality):
-    import io
-
-    from PIL import Image
-
-    draws = np.random.default_rng(1)
-    plane = np.clip(120 + 30 * draws.standard_normal((160, 160)), 0, 255).astype(
-        np.uint8
-    )
-    file = io.BytesIO()
-    Image.fromarray(plane).save(file, "JPEG", quality=quality)
-    coded = np.array(Image.open(file))
-    found, sure = compression(coded[None])
-    assert abs(found - quality) <= 1
-    assert sure > 12 > compression(plane[None])[1]
-
-
-def test_memory_stays_flat_however_long_the_recording_is():
-    one = np.zeros((4, 4), np.uint8)
-
-    def many():
-        for index in range(10_000):
-            yield RecordedFrame("a", index, None, one, one)
-
-    kept, read = thinned(many(), 16)
-    assert read == 10_000
-    assert 16 <= len(kept) <= 32
-    steps = np.diff([frame.index for frame in kept])
-    assert (steps == steps[0]).all()
-
-
 @pytest.mark.parametrize(
     ("frames", "said"),
     [
@@ -413,19 +317,6 @@ def test_frames_that_agree_on_the_panel_outvote_false_alarms():
     assert agreeing(still).tolist() == [True, True, True, False, True, False, True]
 
 
-@pytest.mark.slow
-def test_a_frame_whose_corners_are_wrong_is_left_out(recording):
-    panel, _, bits, footage = recording
-    corners = footage.corners_px.copy()
-    corners[2] = corners[2, 0] + (corners[2] - corners[2, 0]) * 1.22
-    study = calibrate(
-        replace(footage, corners_px=corners), CAMERA, panel, CalibrateConfig(frames=6)
-    )
-    assert study.footage.numbers.tolist() == [0, 1, 3, 4, 5]
-    assert (study.fit.bits == bits.flatten(1).numpy()[study.footage.numbers]).all()
-    assert "1 of the frames" in study.unknown[-1]
-
-
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
     draws, error = np.random.default_rng(0).standard_normal(30), np.full(30, 0.1)
     stays, moves = (
@@ -440,36 +331,6 @@ def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
         pytest.approx(mean - half),
         pytest.approx(mean + half),
     ]
-
-
-def test_two_levels_are_parted_as_otsu_parts_them():
-    from skimage.filters import threshold_otsu
-
-    greys = np.random.default_rng(4).integers(0, 200, (5, 64)).astype(np.float64)
-    for row, lit in zip(greys, two_levels(greys), strict=True):
-        assert (lit == (row > threshold_otsu(row, nbins=200))).mean() > 0.95
-
-
-def test_cameras_of_another_size_are_scaled_or_cut():
-    camera = Camera()
-    half, told = of_size(camera, 540, 960)
-    assert half.sensor_width_mm == camera.sensor_width_mm
-    assert "scaled" in told
-    part, told = of_size(camera, 300, 300)
-    assert part.focal_length_px == pytest.approx(camera.focal_length_px)
-    assert "same size" in told
-    assert of_size(camera, 1080, 1920) == (camera, "")
-
-
-def test_the_next_command_says_the_panel():
-    assert next_command("mine", LedPanel()) == "vocc-torch scene=mine task=train"
-    other = LedPanel(shape=PanelShape(4, 8), led_reflectance=0.2, board_reflectance=0.1)
-    words = next_command("mine", other).split()
-    assert {
-        "panel.rows=4",
-        "panel.led_reflectance=0.2",
-        "panel.board_reflectance=0.1",
-    } <= set(words)
 
 
 def test_bits_of_another_panel_are_refused(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from channels import seen, through
 
-from vocc_torch.extras.messages.clock import DELAY, SymbolClock
+from vocc_torch.extras.messages.clock import SymbolClock
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Assembly
 from vocc_torch.extras.messages.reception import Reception, film_of
@@ -87,33 +87,6 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
     assert 0 < doubted < 0.08 * frames
 
 
-@pytest.mark.parametrize("begin", [104.2, 104.6, 105.0, 105.4, 105.8, 106.2])
-def test_frames_beside_a_gap_are_doubted_alike_where_those_before_it_are_settled(begin):
-    """The gap lies at the 256th frame, up to which frames are settled when 512 are there."""
-
-    def gap(times, _):
-        return times[(times < begin) | (times > begin + 12)]
-
-    llr, _, stamps = seen(
-        FILM[:300], 2.4, np.random.default_rng(1), faults=gap, begin=0.0
-    )
-    doubted = {}
-    for size in (64, len(llr)):
-        clock, ticks = SymbolClock(Layout(PLAN)), []
-        for at in range(0, len(llr), size):
-            ticks.append(
-                clock.push(
-                    llr[at : at + size],
-                    stamps[at : at + len(llr[at : at + size])] / 100,
-                )
-            )
-        ticks.append(clock.finish())
-        agreement = np.concatenate([one.agreement for one in ticks if one is not None])
-        doubted[size] = np.flatnonzero(~agreement.any(axis=1)).tolist()
-    assert doubted[64] == doubted[len(llr)]
-    assert {255, 256, 257} & {*doubted[64]}
-
-
 def dropped(times, draws):
     return times[draws.random(len(times)) > 0.1]
 
@@ -121,12 +94,6 @@ def dropped(times, draws):
 def repeated(times, draws):
     again = np.flatnonzero(draws.random(len(times)) < 0.1)
     times[again] = times[np.maximum(again - 1, 0)]
-    return times
-
-
-def black(times, draws):
-    times[draws.random(len(times)) < 0.1] = np.nan
-    times[330:370] = np.nan
     return times
 
 
@@ -175,31 +142,6 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
     assert all("no frame showed" in one.why for one in got if one.unseen > 0.5)
 
 
-def test_black_frames_cost_what_they_hide_and_nothing_else():
-    llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(6), faults=black, begin=0.0)
-    (message,) = received(llr, stamps)[0].messages
-    # Forty frames of the second block.
-    assert {*range(message.packets)} - {*message.parts} <= {
-        4,
-        5,
-        6,
-        7,
-    }
-
-
-@pytest.mark.parametrize(
-    "dead",
-    [(slice(2, 3), slice(None)), slowly((slice(0, 2), slice(0, 2))), slowly("clock")],
-)
-def test_a_row_or_a_corner_that_is_hidden_costs_no_packet(dead):
-    """Cells of a hidden part all decide Off with confidence; among them a clock cell."""
-    llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(7), begin=0.0, ber=0.005)
-    where = np.argwhere(Layout(PLAN).kind == "clock")[1] if dead == "clock" else dead
-    llr[(slice(None), *where)] = -6.0
-    assembly, _, _ = received(llr, stamps)
-    assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
-
-
 def test_nothing_is_received_where_nothing_was_sent():
     draws = np.random.default_rng(8)
     for llr in (
@@ -210,18 +152,3 @@ def test_nothing_is_received_where_nothing_was_sent():
         assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
         assert not assembly.messages
         assert all(one.why for one in got)
-
-
-def test_what_is_held_does_not_grow_with_the_recording():
-    draws, reception, held = np.random.default_rng(9), Reception(PLAN), []
-    llr, _, _ = seen(FILM, 2.4, draws, begin=0.0)
-    for turn in range(3):
-        for at in range(0, len(llr), 64):
-            times = [
-                (turn * len(llr) + at + i) / 240 for i in range(len(llr[at : at + 64]))
-            ]
-            list(reception.push(llr[at : at + 64], times))
-            own = reception.combiner
-            held.append((len(own._waiting), len(own.clock._back), len(own._open)))
-    assert np.array(held).max(axis=0).tolist() <= [2 * DELAY + 64, 2 * DELAY + 64, 3]
-    assert held[-1][2] <= 3

@@ -138,48 +138,6 @@ def test_a_file_comes_back_from_the_video(seen, model, tmp_path, capsys):
     assert truth[-1]["symbol"] == "255"
 
 
-def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(
-    seen, model, tmp_path
-):
-    greys = np.load(seen / "recording.npy")
-    np.save(tmp_path / "cut.npy", greys[: len(greys) // 2 + 20])
-    plan = f"receive.plan='{seen / 'plan.yaml'}'"
-    rows, said = receive(
-        tmp_path / "cut.npy", tmp_path / "out", model, plan, "receive.fps=170"
-    )
-    assert (
-        "of 5 packets of the message 1 are missing (4), more than the 4 that the recording"
-        in said
-    )
-    part = (tmp_path / "out" / "message.partial").read_bytes()
-    assert not (tmp_path / "out" / "message.bin").exists()
-    missing = rows_of(tmp_path / "out" / "missing.csv")
-    first = int(missing[0]["first_byte"])
-    assert part == TEXT[:first]
-    assert all(row["why"] for row in rows if row["arrived"] == "0")
-
-
-@pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.8])
-def test_a_video_that_was_cut_gives_what_it_has(seen, model, tmp_path, share):
-    whole = (seen / "recording.mp4").read_bytes()
-    (tmp_path / "cut.mp4").write_bytes(whole[: int(share * len(whole))])
-    with pytest.warns(UserWarning, match="its header speaks of"):
-        rows, said = receive(
-            tmp_path / "cut.mp4",
-            tmp_path / "out",
-            model,
-            f"receive.plan='{seen / 'plan.yaml'}'",
-        )
-    arrived = [row for row in rows if row["arrived"] == "1"]
-    assert bool(arrived) == (share > 0.5)
-    assert "packet" in said
-    assert not (tmp_path / "out" / "message.bin").exists()
-    if arrived:
-        part = (tmp_path / "out" / "message.partial").read_bytes()
-        assert part[:100] == TEXT[:100]
-        assert len(part) < len(TEXT)
-
-
 def test_receiving_that_is_interrupted_writes_what_it_has(
     seen, model, tmp_path, monkeypatch
 ):
@@ -306,37 +264,6 @@ def test_what_is_refused_is_named(words, said):
     assert complaint_of(*words.split()).startswith(said)
 
 
-@pytest.mark.parametrize(
-    ("task", "place", "said"),
-    [
-        ("transmit", "none", "cannot be read"),
-        ("transmit", "empty", "input is of 0 bytes"),
-        ("record", "", "frames.npy cannot be read"),
-        ("receive", "none.npy", "does not exist"),
-        ("receive", None, "input is null: task=receive needs"),
-        ("transmit", "/dev/zero", "input /dev/zero .* must be an ordinary file"),
-        (
-            "calibrate",
-            "/dev/null",
-            "name is 'night': it must be another name than that of a scene that ships",
-        ),
-    ],
-)
-def test_inputs_that_are_not_there(tmp_path, sent, task, place, said):
-    (tmp_path / "empty").touch()
-    (tmp_path / "plan.yaml").write_text((sent / "plan.yaml").read_text())
-    words = () if place is None else (f"input='{tmp_path / place}'",)
-    with pytest.raises(VoccError, match=said):
-        run_task(
-            composed(
-                f"task={task}",
-                f"name={'night' if task == 'calibrate' else 'x'}",
-                *words,
-            ),
-            tmp_path / "out",
-        )
-
-
 SMALL = (
     *(
         "experiment=messages",
@@ -362,34 +289,6 @@ SMALL = (
         "batch_frames=32",
     ),
 )
-
-
-def test_a_recording_that_loses_all_its_frames_loses_its_packets_and_the_study_goes_on(
-    tmp_path,
-):
-    """Recordings of fewer than 150 frames, and runs of 300: all of one is lost, or a part."""
-    words = (
-        "receiver.names=[flda_3]",
-        "messages.soft=[scores]",
-        "messages.interleave=[true]",
-    )
-    words += (
-        "messages.codes=[none]",
-        "messages.distance_m=[40]",
-        "messages.record.burst_frames=300",
-    )
-    run_task(
-        composed(
-            *SMALL, *words, "messages.record.dropped=0.7", "messages.recordings=4"
-        ),
-        tmp_path / "a",
-    )
-    (row,) = rows_of(tmp_path / "a" / "messages.csv")
-    assert 0 < int(row["lost"]) < int(row["packets"])
-    assert float(row["raw_ber"]) < 0.01
-    run_task(composed(*SMALL, *words, "messages.record.dropped=0.999"), tmp_path / "b")
-    (row,) = rows_of(tmp_path / "b" / "messages.csv")
-    assert (row["lost"], row["raw_ber"], row["frames"]) == (row["packets"], "", "0")
 
 
 @pytest.mark.slow

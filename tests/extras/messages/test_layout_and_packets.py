@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.codes import ReedSolomon, code_of
-from vocc_torch.extras.messages.layout import Layout, sync_bits
+from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Assembly, packed, unpacked
 from vocc_torch.extras.messages.receive_task import doubts, lost, write_messages
-from vocc_torch.extras.messages.reception import film_of
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
 
@@ -26,13 +25,6 @@ def plan(rows=8, columns=8, **options):
 
 def layout(*args, **options):
     return Layout(plan(*args, **options))
-
-
-@pytest.mark.parametrize("order", [5, 6, 7, 8])
-def test_a_few_sync_bits_tell_their_place(order):
-    bits = sync_bits(order)
-    windows = {tuple(np.roll(bits, -at)[:order]) for at in range(len(bits))}
-    assert len(bits) == len(windows) == 2**order
 
 
 @pytest.mark.parametrize(
@@ -56,33 +48,6 @@ def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
     clocks = film[:, own.kind == "clock"]
     assert clocks.shape[1] == bands
     assert (np.roll(clocks, 1, axis=0) != clocks).all()  # each symbol, round the block
-
-
-def test_a_dead_row_or_corner_takes_no_more_of_any_word_than_its_share():
-    own = layout(code="rs")
-    for rows, columns in ((slice(3, 4), slice(None)), (slice(0, 3), slice(0, 3))):
-        dead = np.zeros((own.symbols, 8, 8), dtype=np.float32)
-        dead[:, rows, columns] = 1
-        by_byte = own.take(dead).reshape(own.packets, -1, 8)
-        # A byte keeps to its cell.
-        assert (by_byte.any(axis=2) == by_byte.all(axis=2)).all()
-        share = dead[0][own.kind == "data"].mean()
-        assert by_byte.mean(axis=(1, 2)).max() < share + 0.08
-    plain = layout(code="rs", interleave=False)
-    early = np.zeros((plain.symbols, 8, 8), dtype=np.float32)
-    early[:16] = 1  # two of sixteen times eight symbols
-    assert plain.take(early).mean(axis=1).max() > 0.45
-    assert own.take(early).mean(axis=1).max() < 0.2
-
-
-def test_any_message_has_random_transitions_once_it_is_scrambled():
-    """Of a file of zeros all cells that carry data are Off without it."""
-    for scramble in (True, False):
-        film = film_of(bytes(1800), plan(code="none", scramble=scramble))
-        share = film.mean(axis=0)[layout().kind == "data"]
-        assert (
-            (0.3 < share.min() < share.max() < 0.7) if scramble else share.max() < 0.2
-        )
 
 
 @given(message=st.binary(min_size=1, max_size=400), size=st.integers(17, 200))
@@ -240,31 +205,6 @@ def test_convolutional_words_are_those_of_the_tabled_generators(rate):
     assert code.decode(llr) == [one.tobytes() for one in info]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "rate", "deviates", "least", "most"),
-    [("ldpc", 0.7, 1.645, 16, 1), ("conv", 0.5, 1.405, 10, 5)],
-)
-def test_soft_values_carry_what_hard_ones_lose(name, rate, deviates, least, most):
-    """At 5 and 8 % of wrong bits: most words or all by soft values, and hardly one by their signs."""
-    pytest.importorskip("sionna")
-    own, draws = layout(code=name, code_rate=rate), np.random.default_rng(1)
-    code = code_of(own)
-    info = draws.integers(256, size=(16, code.info_bytes), dtype=np.uint8)
-    sigma = 1 / deviates
-    y = 2.0 * code.encode(info) - 1 + sigma * draws.standard_normal((16, own.word_bits))
-    soft, hard = (
-        (2 * y / sigma**2).astype(np.float32),
-        (2.9 * np.sign(y)).astype(np.float32),
-    )
-    right = [
-        sum(a == b.tobytes() for a, b in zip(code.decode(llr), info, strict=True))
-        for llr in (soft, hard)
-    ]
-    assert right[0] >= least
-    assert right[1] <= most
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -279,30 +219,6 @@ def test_noise_is_no_packet(code, words):
     llr = (3 * draws.standard_normal((words, own.word_bits))).astype(np.float32)
     infos = [info for info in coder.decode(llr) if info is not None]
     assert [info for info in infos if unpacked(info)] == []
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (
-            {"code": "turbo"},
-            "transmit.code is 'turbo': it must be one of rs, ldpc, conv, none",
-        ),
-        ({"code_rate": 1.0}, "transmit.code_rate is 1: it must be above 0 and below 1"),
-        ({"symbol_rate_hz": 0}, "transmit.symbol_rate_hz is 0: it must be above 0"),
-        (
-            {"block_symbols": 100},
-            "transmit.block_symbols is 100: it must be 32, 64, 128 or 256",
-        ),
-        ({"bands": 9}, "transmit.bands is 9: it must be at most the panel's rows, 8"),
-        ({"rows": 1, "columns": 4, "bands": 1}, "panel of 1 x 4 LEDs is too small"),
-        ({"code_rate": 0.05}, "a packet of 10 bytes has no room beside 16"),
-    ],
-)
-def test_plans_that_cannot_be(options, said):
-    with pytest.raises(VoccError) as refused:
-        film_of(b"x", plan(**options))
-    assert str(refused.value).startswith(said)
 
 
 def test_a_plan_reads_back_and_a_strange_one_is_refused(tmp_path):

@@ -7,7 +7,7 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.recording import Shutter, further_films, record
+from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
 
@@ -50,40 +50,6 @@ def test_an_exposure_that_catches_two_symbols_has_the_light_of_both_by_its_share
     assert not torch.allclose(before, after, rtol=0.01)
 
 
-def test_leds_of_a_further_colour_play_a_film_of_their_own():
-    """Amid symbols and across their edges a frame's light is that of both films, each in its colour."""
-    camera, shutter = (
-        Camera(exposure_time_s=0.004, gamma=1.0),
-        Shutter(130.0, 0.003, readout_s=0.02),
-    )
-
-    def light(film, **colour):
-        simulator = Simulator(
-            camera, effects=LINEAR | {"colour": colour}, dtype=torch.float64
-        )
-        parts = taken(shutter, simulator, film, batch=3)
-        return torch.cat([part.frames.colour for part in parts]), further_films(
-            simulator, film, KEY
-        )
-
-    both, more = light(FILM, peak_nm=630, second_nm=470)
-    assert 0.4 < float((more[".second"] ^ FILM).float().mean()) < 0.6
-    red, blue = light(FILM, peak_nm=630)[0], light(more[".second"], peak_nm=470)[0]
-    none = light(torch.zeros_like(FILM))[0]
-    torch.testing.assert_close(both, red + blue - none)
-
-
-def test_rows_below_the_edge_show_the_next_symbol():
-    lit = torch.stack([torch.ones(8, 8), torch.zeros(8, 8)]).bool()
-    camera = Camera(exposure_time_s=1e-6)
-    part = taken(Shutter(1e4, 0.01, readout_s=0.1), Simulator(camera), lit)[0]
-    greys = part.frames.grey[0, 0].float().amax(dim=1)
-    panel = greys[greys.shape[0] // 4 : -greys.shape[0] // 4]
-    top, bottom = panel[: len(panel) // 2 - 3], panel[len(panel) // 2 + 3 :]
-    assert top.max() > 150
-    assert bottom.max() < top.max() - 30
-
-
 def test_drops_repeats_and_black_frames_are_told_and_batches_change_nothing():
     shutter = Shutter(700.0, 0.001, dropped=0.1, repeated=0.1, black=0.1)
     one, many = taken(shutter), taken(shutter, batch=7)
@@ -114,21 +80,4 @@ def test_lost_frames_come_in_runs_and_their_share_is_what_was_asked_for(dropped,
     with pytest.raises(VoccError, match="lose all of 9 frames"):
         Shutter(1.0, dropped=0.999, burst_frames=9000).taken_s(
             9.0, np.random.default_rng(1)
-        )
-
-
-def test_a_panel_that_moves_keeps_its_truth():
-    far = list(
-        record(Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-100.0)
-    )
-    corners = far[0].panels.corners_px
-    width = corners[:, 1, 0] - corners[:, 0, 0]
-    assert torch.allclose(
-        width * (40.0 - 100.0 * torch.from_numpy(far[0].taken_s)), width[0] * 40.0
-    )
-    with pytest.raises(VoccError, match="distance_m"):
-        list(
-            record(
-                Simulator(), SCENE, FILM, 0.01, Shutter(200.0), KEY, speed_m_s=-1000.0
-            )
         )

@@ -2,33 +2,23 @@
 
 import csv
 import io
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from rich.console import Console
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
-from vocc_torch.measure.trainings import Trained
-from vocc_torch.report.tensorboard import write_boards
-from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import (
-    GENIE,
     Comparison,
     GeniePoint,
     Transfer,
-    ratio_text,
     summary,
 )
-from vocc_torch.studies.classifiers.run import board_numbers, print_table, write_tables
+from vocc_torch.studies.classifiers.run import print_table, write_tables
 
 FRAMES = 1000
 WRONG = {
@@ -152,19 +142,6 @@ def lines_of(path):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize(
-    ("ratio", "text"),
-    [
-        ((0.0, 0.0, 0.01), "< 1/100"),
-        ((0.97, 0.9, 1.1), "0.97 x"),
-        ((1906.0, 900.0, 3000.0), "1906 x"),
-        ((0.001234, 0.001, 0.002), "1/810"),
-    ],
-)
-def test_ratios_are_fractions_or_multiples(ratio, text):
-    assert ratio_text(Estimate(*ratio)) == text
-
-
 def test_the_tables_state_what_was_counted(made_up, tmp_path):
     write_tables(tmp_path, made_up)
     rows = lines_of(tmp_path / "classifiers.csv")
@@ -206,47 +183,6 @@ def test_the_tables_state_what_was_counted(made_up, tmp_path):
     )
 
 
-def test_after_several_trainings_the_algorithms_are_compared(made_up, tmp_path):
-    """The net's second training was bad, and so its ratio is another one, in a wider interval."""
-    worse = WRONG | {"net": (50, 40)}
-
-    def trained(name, i):
-        """As counts() shares wrong bits out, frame by frame."""
-        each, frames = [], np.arange(FRAMES)
-        for of in (WRONG, worse):
-            whole, more = divmod(of[name][i], FRAMES)
-            each.append(
-                FrameErrors(2 * (whole + (frames < more))[None], frames[None] >= 0, 64)
-            )
-        return Trained(
-            tuple(one.counts[0] for one in each), FrameErrors.pooled(each).counts[0]
-        )
-
-    of = {
-        (name, value): trained(name, i)
-        for name in WRONG
-        for i, value in enumerate((30.0, 70.0))
-    }
-    twice = replace(made_up, curves={"distance": replace(curves(), trained=of)})
-    ratio, first = (one.ratio("distance", "net", 70.0) for one in (twice, made_up))
-    assert (ratio.value, first.value) == (pytest.approx(20 / 200), 0)
-    # 0 and 40 wrong bits scatter by a factor that two trainings hardly bound.
-    assert ratio.low < 0.02 < ratio.high
-    assert ratio.high > 1
-    assert twice.first_ratio("distance", "net", 70.0) == first
-    assert "means over 2 trainings" in words_of(twice)
-    assert "means over" not in words_of(made_up)
-    write_tables(tmp_path, twice)
-    (row,) = (
-        row
-        for row in lines_of(tmp_path / "classifiers.csv")
-        if row["receiver"] == "net"
-    )
-    assert [row[f"distance_70_{name}"] for name in ("ber", "ratio")] == ["0", "0"]
-    assert float(row["distance_70_algorithm_ratio"]) == pytest.approx(0.1)
-    assert row["trainings"] == "2"
-
-
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_terminal_shows_the_best_first_and_fits(made_up, width):
     console = Console(width=width, record=True, file=io.StringIO())
@@ -282,122 +218,3 @@ def test_the_words_are_the_numbers(made_up):
     assert " ," not in words
     assert " ." not in words
     assert max(map(len, summary(made_up, 70).splitlines())) <= 70
-
-
-def test_what_is_sure_by_itself_may_not_be_among_many(made_up):
-    """Six wrong frames more, and none less, are told apart alone (p = 1/32), but not among four."""
-    one = transfer("flda_3", "paper", "night", 6, 0)
-    assert one.surely_worse()
-    assert not one.surely_worse(4)
-    others = [each for each in made_up.transfers if each.receiver != "flda_3"]
-    both = [transfer("flda_3", "paper", "night", wrong, 0) for wrong in (6, 60)]
-    for pair, said in zip(both, (False, True), strict=True):
-        words = words_of(replace(made_up, transfers=[*others, pair]))
-        assert ("flda_3 trained on paper is surely worse" in words) == said
-
-
-def test_what_is_missing_or_odd_is_said(made_up):
-    beaten = {"distance": {30.0: genie_point(), 70.0: genie_point(wrong=3, net=1)}}
-    why = "the genie knows no likelihood for scene.effects.jpeg"
-    curves = made_up.curves["distance"]
-    same = {
-        **curves.counts,
-        **{("plain", value): curves.counts["net", value] for value in curves.values},
-    }
-    tied = replace(curves, counts=same)
-    cases = {
-        "Left out: svm, since scikit-learn is not installed.": {
-            "left_out": {"svm": "scikit-learn is not installed"}
-        },
-        "receivers have fewer wrong bits than the genie at distance 70 (net);": {
-            "genie": beaten
-        },
-        f"No genie for distance: {why}.": {"genie": {}, "no_genie": {"distance": why}},
-        "Without the scenes fog: no panel.": {"lost_scenes": {"fog": "no panel"}},
-        "As few wrong bits over all points: plain.": {"curves": {"distance": tied}},
-    }
-    for said, changes in cases.items():
-        assert said in words_of(replace(made_up, **changes))
-    assert "What is possible" not in words_of(replace(made_up, genie={}))
-
-
-def test_each_receiver_has_a_picture_of_its_own(made_up):
-    figure = curves_figure(made_up, "distance")
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == [
-        "1. net",
-        "2. FLDA: AGR + GRI + NGR",
-        "3. plain",
-        "4. Average greyscale",
-    ]
-    # All pictures show the same rates.
-    assert len({axes.get_ylim() for axes in figure.axes}) == 1
-    notes = [
-        "".join(text.get_text() for text in axes.texts if "at" in text.get_text())
-        for axes in figure.axes
-    ]
-    assert notes[0].endswith("at 70")
-    assert notes[1:3] == ["", "2.5 \N{MULTIPLICATION SIGN} at 70"]
-    assert any(
-        "knows the scene" in text.get_text() for text in figure.legends[0].get_texts()
-    )
-    # A genie without errors lies along the foot, and the faint lines are the others' rates.
-    foot = figure.axes[0].get_ylim()[0]
-    dashed = [line for line in figure.axes[0].lines if line.get_linestyle() == "--"]
-    assert [list(line.get_ydata()) for line in dashed] == [[foot, foot]]
-    drawn = [list(line.get_ydata()) for line in figure.axes[0].lines]
-    assert [9000 / 64000, 4000 / 64000] in drawn
-    figure.draw_without_rendering()
-
-
-def test_the_map_of_scenes_says_what_is_certain(made_up):
-    out, back = scenes_figure(made_up).axes[:2]
-    assert [text.get_text() for text in out.get_xticklabels()] == ["paper", "night"]
-    assert [text.get_text() for text in back.get_xticklabels()] == ["night"]
-    assert [text.get_text() for text in out.get_yticklabels()] == [
-        "net",
-        "FLDA: AGR + GRI + NGR",
-        "plain",
-    ]
-    shown = [[text.get_text() for text in axes.texts] for axes in (out, back)]
-    of_home = ["< 4.7e-5", "", "3.1e-3", "", "1.6e-3", ""]
-    at_night = [
-        "4.7e-4",
-        "0 there",
-        "3.9e-3",
-        "",
-        "1.9e-3",
-        "1.1 \N{MULTIPLICATION SIGN}",
-    ]
-    assert shown[0] == [
-        *of_home[:2],
-        *at_night[:2],
-        *of_home[2:4],
-        *at_night[2:4],
-        *of_home[4:],
-        *at_night[4:],
-    ]
-    assert shown[1] == [
-        "6.3e-4",
-        "0 there",
-        "1.4e-2",
-        "4.5 \N{MULTIPLICATION SIGN}",
-        "1.6e-3",
-        "",
-    ]
-
-
-def test_the_board_has_the_prices_in_each_receivers_row(made_up, tmp_path):
-    write_boards(
-        tmp_path, {"": list(made_up.tables.values())}, numbers=board_numbers(made_up)
-    )
-    assert {path.name for path in tmp_path.iterdir()} == {*WRONG, GENIE, "_summary"}
-    events = EventAccumulator(str(tmp_path / "net"))
-    events.Reload()
-    assert events.Scalars("making/training_s")[0].value == 12
-    assert events.Scalars("making/parameters")[0].value == 5185
-    assert events.Scalars("of_flda_3/distance_70")[0].value == 0
-    assert [one.step for one in events.Scalars("BER/distance_m")] == [300, 700]
-    genie = EventAccumulator(str(tmp_path / GENIE))
-    genie.Reload()
-    assert "making/training_s" not in genie.Tags()["scalars"]

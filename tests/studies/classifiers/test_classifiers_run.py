@@ -1,13 +1,10 @@
 """experiment=classifiers at a tiny budget: what it writes, what it rests on, and what it refuses."""
 
 import shutil
-from importlib import import_module
 
 import pytest
 import yaml
 from paper_runs import files_in, rows_of, run_in
-
-from vocc_torch.errors import VoccError
 
 TINY = (
     *("budget.frames=64", "budget.training_frames=64", "device=cpu"),
@@ -133,32 +130,3 @@ def test_a_run_goes_on_where_it_was_interrupted(place, whole):
         row for row in rows_of(whole[0] / "ber.csv") if row["receiver"] != "genie"
     ]
     assert rows_of(again / "ber.csv") == theirs
-
-
-def test_without_scikit_learn_its_classifiers_are_left_out(place, monkeypatch):
-    def told(study, *_):
-        raise VoccError(f"{study.base.receiver.names} without {study.left_out}")
-
-    monkeypatch.setattr(
-        import_module("vocc_torch.measure.build"), "find_spec", lambda _: None
-    )
-    monkeypatch.setattr("vocc_torch.studies.classifiers.run.compare_classifiers", told)
-    receivers = ("receiver.names=[flda_3]", "classifier=[panel_otsu,svm]")
-    ran = run_in(place, "experiment=classifiers", *receivers, "name=without", *QUICK)
-    assert ran.complaint.startswith(
-        "('flda_3', 'panel_otsu') without {'svm': 'scikit-learn is not installed"
-    )
-
-
-def test_a_grid_is_refused(place):
-    ran = run_in(
-        place,
-        *BASE,
-        "name=refused",
-        *QUICK,
-        "+experiment@rivals.experiments.dimming=dimming",
-    )
-    assert ran.complaint.startswith(
-        "rivals.experiments.dimming is a grid over ambient_lx"
-    )
-    assert not (place / "runs" / "refused").exists()

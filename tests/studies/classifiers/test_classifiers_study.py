@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from one_point import job_of
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import ClassifierPlan, Experiment, World
 from vocc_torch.measure.store import Store
@@ -21,12 +19,9 @@ from vocc_torch.report.terminal import ProgressView
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.classifiers import RivalsConfig
-from vocc_torch.studies.classifiers import study as study_module
 from vocc_torch.studies.classifiers.study import (
     ClassifierStudy,
-    across_scenes,
     compare_classifiers,
-    genie_points,
     train_or_say_why,
 )
 
@@ -141,43 +136,6 @@ def test_costs_and_times_are_stated(whole):
     assert 0 < whole.decision_ms["average_greyscale"] < whole.decision_ms["flda_3"]
 
 
-def test_beside_the_genie_are_the_receivers_on_its_own_frames(plan, whole, kept):
-    """Counted anew on the first frames: what a study of so few frames counts."""
-    point = whole.genie["far"][70.0]
-    errors = job_of(plan, {"truth": kept.bank(NAMES)}, 70.0).count([0], 8)
-    assert point.receivers == dict(zip(NAMES, errors.counts, strict=True))
-    assert point.unbeaten
-    assert (
-        point.genie.counts.frames,
-        point.genie.counts.half_errors,
-        point.genie.proven,
-    ) == (8, 0, 8)
-
-
-def test_only_what_the_genie_cannot_know_is_no_result(study, monkeypatch):
-    """Another error goes through, whatever its words."""
-
-    def raising(error):
-        def call(*_):
-            raise error
-
-        return call
-
-    def asked():
-        with Workers(1) as alone:
-            return genie_points(study, {"far": None}, alone, lambda what, frames: None)
-
-    monkeypatch.setattr(
-        study_module, "genie_reference", raising(UnknownLikelihoodError("full"))
-    )
-    assert asked() == ({}, {"far": "full"})
-    monkeypatch.setattr(
-        study_module, "genie_reference", raising(VoccError("the genie at its worst"))
-    )
-    with pytest.raises(VoccError, match="at its worst"):
-        asked()
-
-
 def test_pairs_of_scenes_are_what_a_link_of_their_own_counts(study, whole):
     """Home's receivers in fog, counted along the way that any other study goes."""
     home, fog = study.scene_plans.values()
@@ -194,74 +152,6 @@ def test_pairs_of_scenes_are_what_a_link_of_their_own_counts(study, whole):
     }
     assert {name: one.counts.bit_errors for name, one in found.items()} == wrong
     assert wrong["flda_3"] > 0
-
-
-def test_pairs_have_home_on_one_side_and_those_that_learn_nothing_are_left_out(whole):
-    pairs = dict.fromkeys((one.trained_on, one.tested_on) for one in whole.transfers)
-    assert list(pairs) == [
-        ("paper", "paper"),
-        ("fog", "paper"),
-        ("paper", "fog"),
-        ("fog", "fog"),
-    ]
-    assert {one.receiver for one in whole.transfers} == {
-        "flda_2",
-        "flda_3",
-        "lmmse",
-        "net",
-    }
-    own = {
-        (one.tested_on, one.receiver): one.counts
-        for one in whole.transfers
-        if one.trained_on == one.tested_on
-    }
-    for one in whole.transfers:
-        assert one.counts.frames == 70
-        assert one.at_home == own[one.tested_on, one.receiver]
-        assert (
-            one.paired.half_difference
-            == one.at_home.half_errors - one.counts.half_errors
-        )
-        if one.trained_on == one.tested_on:
-            assert one.counts == one.at_home
-            assert not one.surely_worse()
-
-
-def test_a_mix_of_scenes_is_of_those_of_its_home(study):
-    home, fog = (plan.receiver.classifiers for plan in study.scene_plans.values())
-    assert home[1].scene == NET.scene
-    assert fog[1].scene == {}
-    assert {plan.budget.training_frames for plan in study.scene_plans.values()} == {64}
-
-
-def test_scenes_that_the_genie_does_not_know_are_named(study):
-    plan = study.base
-    world = replace(plan.world, effects={**plan.world.effects, "jpeg": {"quality": 90}})
-    other = replace(study, plans={"far": replace(plan, world=world)}, scenes={})
-    with Workers(1) as alone:
-        points, refused = genie_points(
-            other, {"far": None}, alone, lambda what, frames: None
-        )
-    assert points == {}
-    assert "scene.effects.jpeg" in refused["far"]
-
-
-def test_a_scene_without_panels_is_left_out_and_named(study, monkeypatch):
-    home, fog = study.scene_plans.values()
-    tiny = replace(fog.world, camera=replace(fog.world.camera, focal_length_mm=1.0))
-    lost = replace(fog, world=tiny, receiver=replace(fog.receiver, locator="paper"))
-    with Workers(1) as alone:
-        found, why = across_scenes(
-            {"paper": home, "lost": lost, "fog": fog}, alone, lambda what, frames: None
-        )
-        monkeypatch.setattr(study_module, "train_or_say_why", lambda plan: "no panel")
-        none, _ = across_scenes(
-            {"paper": home, "fog": fog}, alone, lambda what, frames: None
-        )
-    assert list(why) == ["lost"]
-    assert "no panel in any of 64 frames" in why["lost"]
-    assert {one.trained_on for one in found} == {"paper", "fog"}
-    assert none == []
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import os
 
 import pytest
 import yaml
-from hypothesis import given
 from hypothesis import strategies as st
 from paper_runs import white
 from PIL import Image
@@ -16,16 +15,10 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
 from vocc_torch.report.folder import ber_rows, write_rows
 from vocc_torch.studies.collect import (
-    MOST_FACETS,
     Job,
     collected_rows,
-    differing_keys,
-    duplicates,
     find_jobs,
-    jobs_figure,
-    label,
     print_jobs,
-    setting_text,
 )
 
 QUICK = (
@@ -137,18 +130,6 @@ def test_collecting_again_replaces_and_another_name_is_another_place(
     )
 
 
-def test_more_jobs_than_a_figure_takes_are_paged(app, tmp_path):
-    source = tmp_path / "runs" / "many"
-    for seed in range(MOST_FACETS + 1):
-        write_job(source / str(seed), {"seed": seed}, failed="no\n")
-    (source / "collected-3.png").write_bytes(b"of an earlier time")
-    ran = app("task=collect", "input=runs/many")
-    assert ran.status == 0
-    pictures = {path.name for path in source.glob("*.png")}
-    assert pictures == {"collected.png", "collected-2.png"}
-    assert all(name in ran.out for name in pictures)
-
-
 MISTAKES = {
     "no input": ((), ["input is null", "input=runs/NAME"]),
     "missing": (
@@ -227,46 +208,6 @@ def test_every_state_of_a_job_is_told(tmp_path):
     assert by_name["10"].table.rows == made_up_table().rows
 
 
-def test_each_row_of_a_grid_is_shown_like_a_job(tmp_path):
-    """Such a ``ber.csv`` has the second quantity in a column before its own."""
-    write_job(tmp_path / "0", {"seed": 0}, made_up_table())
-    write_job(tmp_path / "1", {"seed": 1, "experiment": {"row_axis": "ambient_lx"}})
-    write_job(tmp_path / "2", {"seed": 2})
-    (tmp_path / "2" / "ledgers").mkdir()
-    (tmp_path / "2" / "ledgers" / "1000.sqlite").write_text("")
-    write_job(tmp_path / "figures" / "ledgers", None)
-    (tmp_path / "figures" / "report.md").write_text("")
-    table = (tmp_path / "0" / "ber.csv").read_text().splitlines()
-    grid = [
-        f"ambient_lx,{table[0]}",
-        *(f"{at},{line}" for at in ("1000", "4000") for line in table[1:]),
-    ]
-    (tmp_path / "1" / "ber.csv").write_text("\n".join(grid) + "\n")
-    jobs = find_jobs(tmp_path)
-    assert [(job.name, job.status) for job in jobs] == [
-        *(("0", "done"), ("1", "done"), ("1", "done"), ("2", "unfinished"))
-    ]
-    keys = differing_keys(jobs)
-    assert [label(job, keys) for job in jobs[1:3]] == [
-        f"seed=1, row_axis=ambient_lx, ambient_lx={at}" for at in ("1000", "4000")
-    ]
-    assert jobs[1].table.rows == jobs[2].table.rows == jobs[0].table.rows
-    assert duplicates(jobs) == []
-
-
-@pytest.mark.parametrize(
-    "text", [b"a: [", b"- 1\n- 2\n", b"", b"\xff\xfe\x00", b"a: ${nothing}"]
-)
-def test_a_damaged_configuration_costs_no_result(tmp_path, text):
-    write_job(tmp_path / "0", None, made_up_table())
-    (tmp_path / "0" / "config.yaml").write_bytes(text)
-    (job,) = find_jobs(tmp_path)
-    assert (job.status, len(job.table), dict(job.settings)) == ("done", 4, {})
-    assert "config.yaml" in job.complaint
-    assert "\n" not in job.complaint
-    assert label(job, ["seed"]) == "settings not known"
-
-
 # What differs
 
 
@@ -279,78 +220,6 @@ def settings_of(**values):
     )
 
 
-def test_keys_of_an_experiment_that_follow_from_its_name_are_left_out():
-    jobs = [
-        settings_of(
-            experiment__name=name,
-            experiment__axis=axis,
-            experiment__scene__x=x,
-            seed=seed,
-        )
-        for name, axis, x in (("ambient", "lx", 1), ("distance", "m", None))
-        for seed in (0, 1)
-    ]
-    assert differing_keys(jobs) == ["experiment.name", "seed"]
-    assert label(jobs[3], ["experiment.name", "seed"]) == "experiment=distance, seed=1"
-    other = settings_of(
-        experiment__name="distance",
-        experiment__axis="m",
-        experiment__scene__x=5,
-        seed=0,
-    )
-    assert differing_keys([*jobs, other]) == [
-        "experiment.name",
-        "experiment.scene.x",
-        "seed",
-    ]
-
-
-def test_keys_that_change_no_result_and_numbers_that_are_equal_do_not_differ():
-    one = settings_of(
-        name="a",
-        device="cpu",
-        workers=1,
-        decode__scale=1,
-        camera__focal_length_mm=18,
-        seed=1,
-    )
-    two = settings_of(
-        name="b",
-        device="cuda",
-        workers=2,
-        decode__scale=2,
-        camera__focal_length_mm=18.0,
-        seed=1,
-    )
-    unknown = Job("y", "unfinished")
-    assert differing_keys([one, two, unknown]) == []
-    assert label(one, []) == ""
-    older = settings_of(camera__focal_length_mm=18, seed=1, receiver__gradient=None)
-    assert differing_keys([one, older]) == []
-
-
-def test_labels_shorten_keys_only_where_that_is_clear():
-    job = settings_of(precision="float32", budget__precision=0.1, camera__gamma=2.2)
-    keys = ["precision", "budget.precision", "camera.gamma"]
-    assert label(job, keys) == "precision=float32, budget.precision=0.1, gamma=2.2"
-
-
-def test_jobs_that_were_asked_the_same_are_told():
-    table, other = made_up_table(), made_up_table(errors=50)
-    settings = {"seed": 1, "workers": 1}
-    jobs = [
-        Job("0", "done", table=table, settings=settings),
-        Job("1", "done", table=table, settings={"seed": 2}),
-        Job("2", "done", table=table, settings={**settings, "workers": 2}),
-        Job("3", "done", table=other, settings={"seed": 2}),
-        Job("4", "done", table=table),
-    ]
-    same, changed = duplicates(jobs)
-    assert same == "the same settings and the same results: jobs 0, 2"
-    assert changed.startswith("the same settings and other results")
-    assert changed.endswith("jobs 1, 3")
-
-
 _VALUES = st.recursive(
     st.none()
     | st.booleans()
@@ -359,26 +228,6 @@ _VALUES = st.recursive(
     | st.sampled_from("ab"),
     lambda inner: st.lists(inner, max_size=3),
 )
-
-
-@given(
-    st.lists(
-        st.dictionaries(st.sampled_from(["a", "b.c", "seed"]), _VALUES, min_size=1),
-        max_size=5,
-    )
-)
-def test_differing_keys_tell_all_jobs_apart_that_can_be_told_apart(settings):
-    jobs = [
-        Job(str(number), "done", settings=one) for number, one in enumerate(settings)
-    ]
-    keys = differing_keys(jobs)
-    whole = {
-        repr({key: setting_text(one.get(key)) for key in ("a", "b.c", "seed")})
-        for one in settings
-    }
-    assert len({label(job, keys) for job in jobs}) == len(whole)
-    head, *lines = collected_rows(jobs, keys)
-    assert {len(line) for line in lines} <= {len(head)}
 
 
 # Picture and table
@@ -393,37 +242,6 @@ def jobs():
         Job("1", "failed", "seed is 2: it must be another", settings={"seed": 2}),
         Job("2", "done", table=more, settings={"seed": 3}),
     ]
-
-
-def test_facets_share_the_scale_of_rates_and_say_what_is_missing():
-    figure = jobs_figure(jobs(), ["seed"], "Three")
-    first, failed, last = figure.axes
-    assert first.get_ylim() == last.get_ylim()
-    assert (first.get_xlabel(), last.get_xlabel()) == (
-        "Distance (m)",
-        "Ambient light (lx)",
-    )
-    assert [axes.get_title("left") for axes in figure.axes] == [
-        *("job 0: seed=1", "job 1: seed=2, failed", "job 2: seed=3")
-    ]
-    assert "seed is 2" in "".join(text.get_text() for text in failed.texts)
-
-
-@pytest.mark.parametrize("width", [60, 160])
-def test_the_table_says_each_range_and_every_complaint_at_every_width(width):
-    console = Console(width=width, record=True, file=io.StringIO())
-    print_jobs(jobs(), ["seed"], console)
-    text = console.export_text()
-    for job in jobs():
-        for receiver in job.table.receivers if job.table else ():
-            highest = max(row.ber for row in job.table.of(receiver))
-            assert f"{highest:.1e}".replace("e-0", "e-") in text
-    assert "< " in text
-    assert "job 1 failed: seed is 2: it must be another" in text
-    assert all(
-        len(line.rstrip()) <= width or line.startswith("job 1")
-        for line in text.splitlines()
-    )
 
 
 def test_escape_codes_in_what_others_wrote_do_not_reach_the_terminal(tmp_path):

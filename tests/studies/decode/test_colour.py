@@ -1,6 +1,5 @@
 """``decode.channel=auto``: the plane that parts On from Off is found, and luma stays where none is better."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from vocc_torch.receiver.locators import LearnedLocator
 from vocc_torch.receiver.resample import rectify_takes
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording
-from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix, unmixed
+from vocc_torch.studies.decode.colour import FIXED, fisher_mix, unmixed
 from vocc_torch.studies.decode.decoder import in_channel
 from vocc_torch.studies.decode.reading import read_panels
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -72,12 +71,6 @@ def test_grey_pictures_are_luma_to_the_byte(receiver):
     assert told == "decode.channel=auto: luma, for the first 2 frames are grey"
 
 
-def test_noise_in_colour_stays_luma(receiver):
-    """What lies no farther apart than chance lets it is no reason for another plane."""
-    noise = np.random.default_rng(0).integers(0, 256, (2, 60, 80, 3)).astype(np.uint8)
-    assert [channel_of(receiver, [one])[0].name for one in noise] == ["luma"] * 2
-
-
 def corners(left, top, right, bottom):
     return torch.tensor(
         [[[left, top], [right, top], [right, bottom], [left, bottom]]],
@@ -110,28 +103,6 @@ def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
     mixed = rows @ np.array(weights) + offset
     assert mixed[on].mean() > mixed[~on].mean()
     assert (mixed.min(), mixed.max()) == pytest.approx((63.75, 191.25))
-
-
-def test_a_singular_scatter_has_a_finite_mix_and_one_group_none():
-    """Two channels that are equal in all cells, and no noise: the scatter has rank 1 at most."""
-    (colour,), (bits,) = red_on_white(noise=0.0)
-    colour[22:118, 27:123] = (
-        np.kron(bits, np.ones((12, 12)))[..., None] * np.array([90, 9, 9]) + 20
-    )
-    takes = [
-        Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i])))
-        for i in range(3)
-    ]
-    panels, truth = (
-        Panels.known(corners(27.0, 22.0, 123.0, 118.0)),
-        torch.from_numpy(bits)[None],
-    )
-    weights, offset = fisher_mix(takes, panels, truth, SHAPE, margin=False)
-    plane = colour[22:118:12, 27:123:12] @ np.array(weights) + offset
-    assert plane[bits] == pytest.approx(191.25, abs=3)
-    assert plane[~bits] == pytest.approx(63.75, abs=3)
-    for one in (torch.zeros_like(truth), torch.ones_like(truth)):
-        assert fisher_mix(takes, panels, one, SHAPE, margin=False) is None
 
 
 def three_colours(leak, frames=2, gamma=2.2):
@@ -175,57 +146,6 @@ def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
         )
         > 0.02
     )
-
-
-def test_exported_panels_of_three_colours_are_unmixed_without_a_wrong_bit(
-    app, receiver, tmp_path
-):
-    """Each row of the table of bits against the truth of the light that it names; luma has many wrong."""
-    scene = (
-        "scene.distance_m=20",
-        "scene.ambient_lx=4000",
-        "scene.offset_x_m=0",
-        "scene.offset_y_m=0",
-    )
-    # A lit board between the LEDs hides the third colour's light.
-    scene += ("panel.board_reflectance=null",)
-    colour = (
-        "+scene.effects.colour={peak_nm:630,second_nm:525,third_nm:470,third_share:0.2}"
-    )
-    assert (
-        app(
-            "task=export",
-            "name=x",
-            "export.frames=4",
-            "export.shard_frames=64",
-            *scene,
-            colour,
-        ).status
-        == 0
-    )
-    with (tmp_path / "runs/x/truth.csv").open(newline="") as file:
-        truth = list(csv.DictReader(file))
-    names, folder = (
-        ("bits", "bits_second", "bits_third"),
-        tmp_path / "runs/x/frames/train/0000000",
-    )
-    sent = [row[name] for row in truth for name in names]
-    by_luma = read_panels(receiver, read_recording(folder, "luma"))
-    assert all(one.text != row["bits"] for one, row in zip(by_luma, truth, strict=True))
-    frames, _, lights = in_channel(receiver, read_recording(folder, "luma"), "unmix")
-    read = list(read_panels(receiver, frames, lights=lights))
-    assert [one.text for one in read] == sent
-    assert [one.frame.light for one in read] == ["red", "green", "blue"] * 4
-
-
-def test_one_colour_is_not_unmixed(receiver):
-    colours, _ = red_on_white(frames=2)
-    for one in (colours, np.full_like(colours, 90)):
-        with pytest.raises(
-            VoccError,
-            match=r"decode\.channel is unmix: it must be auto, or one channel",
-        ):
-            in_channel(receiver, recorded(one), "unmix")
 
 
 def test_a_photograph_of_one_colour_is_not_unmixed(photo):

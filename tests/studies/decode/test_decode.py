@@ -89,20 +89,6 @@ def test_receiver_does_not_depend_on_the_experiments_training(make_plan):
 # Pictures
 
 
-def test_folder_of_pictures_of_different_sizes(
-    receiver, near, photo, photo_bits, tmp_path
-):
-    frames, bits = near
-    save(tmp_path / "a.png", frames[0])
-    (tmp_path / "b.png").write_bytes(photo.read_bytes())
-    save(tmp_path / "c.png", frames[1])
-    readings = [
-        reading.text
-        for reading in read_panels(receiver, read_recording(tmp_path, "luma"))
-    ]
-    assert readings == [text_of(bits[0]), photo_bits, text_of(bits[1])]
-
-
 def test_picture_without_a_panel_beside_one_with(receiver, near, tmp_path):
     frames, bits = near
     save(tmp_path / "a.png", np.full((60, 80), 90, np.uint8))
@@ -122,34 +108,6 @@ def test_picture_without_a_panel_beside_one_with(receiver, near, tmp_path):
     ]
     assert full["found"] == "1"
     assert float(full["margin"]) > 0
-
-
-@pytest.mark.parametrize("level", [0, 255])
-@pytest.mark.parametrize("size", [(1, 1), (1, 300), (2, 2), (40, 50)])
-def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(
-    receiver, tmp_path, size, level
-):
-    path = save(tmp_path / "flat.png", np.full(size, level, np.uint8))
-    (reading,) = read_panels(receiver, read_recording(path, "luma"))
-    assert not reading.found
-    assert (reading.text, reading.row()[12]) == ("", "")
-
-
-def test_channels_see_their_colour(receiver, near, tmp_path):
-    """A panel that shines in red only is there in red and in the brightest channel, and nowhere else."""
-    frames, bits = near
-    colour = np.full((*frames[0].shape, 3), 60, np.uint8)
-    colour[..., 0] = frames[0]
-    path = save(tmp_path / "red.png", colour)
-    channels = ("luma", "max", "red", "green", "blue")
-    seen = {
-        name: next(read_panels(receiver, read_recording(path, name)))
-        for name in channels
-    }
-    for name in ("luma", "max", "red"):
-        assert seen[name].text == text_of(bits[0]), name
-    for name in ("green", "blue"):
-        assert not seen[name].found, name
 
 
 # Videos
@@ -188,57 +146,7 @@ def test_video_frame_by_frame(receiver, near, tmp_path, name):
     assert times == pytest.approx([index / 25 for index in range(8)], abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("follow", "searches"), [("false", None), ("true", 1), ("auto", 1)]
-)
-def test_a_panel_is_followed_in_a_video(
-    receiver, near, tmp_path, monkeypatch, follow, searches
-):
-    """One full search of eight frames where it is followed; the bits are the same."""
-    grey, bits = near
-    searched, locator = [], type(receiver.locator)
-    plain = locator.__call__
-    monkeypatch.setattr(
-        locator,
-        "__call__",
-        lambda self, *given: searched.append(1) or plain(self, *given),
-    )
-    path = write_video(tmp_path / "film.mp4", grey)
-    read = list(read_panels(receiver, read_recording(path, "luma"), follow=follow))
-    assert [reading.text for reading in read] == [text_of(one) for one in bits]
-    assert searches is None or len(searched) == searches
-
-
-def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "vocc_torch.studies.decode.reading.BATCH_PIXELS", 3 * near[0][0].size
-    )
-    frames, bits = near
-    readings = list(
-        read_panels(
-            receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")
-        )
-    )
-    assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
-
-
 # What is written
-
-
-def test_rows_are_the_columns(receiver, photo, photo_bits):
-    (reading,) = read_panels(receiver, read_recording(photo, "luma"))
-    row = dict(zip(COLUMNS, reading.row(), strict=True))
-    assert (row["source"], row["frame"], row["time_s"], row["found"]) == (
-        photo.name,
-        "0",
-        "",
-        "1",
-    )
-    assert row["bits"] == photo_bits
-    # Clockwise from the top left.
-    left, right = float(row["x_top_left"]), float(row["x_bottom_right"])
-    assert left == float(row["x_bottom_left"]) < right == float(row["x_top_right"])
-    assert float(row["y_top_left"]) < float(row["y_bottom_left"])
 
 
 def test_annotation_marks_on_and_off(receiver, near, tmp_path):
@@ -461,13 +369,3 @@ def test_models_with_impossible_numbers_or_settings(model):
     assert refused(model).endswith(
         "has format version 4: this package reads versions 1 and 2 and 3"
     )
-
-
-def test_images_that_are_none(receiver):
-    for images in (
-        torch.zeros(4, 4),
-        torch.zeros(1, 4, 4),
-        torch.zeros(1, 3, 4, 4, dtype=torch.uint8),
-    ):
-        with pytest.raises(VoccError, match="it must be uint8 of shape"):
-            receiver.decode(images)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import itertools
 from pathlib import Path
 
 import pytest
@@ -24,8 +23,8 @@ from vocc_torch.simulation import Camera, Distribution, SceneModel, Simulator
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.effects import EffectsConfig, Severity, measured
-from vocc_torch.studies.effects.measured import frames_to_do, measure_costs, run_effects
-from vocc_torch.studies.effects.plan import ORDER, EffectStudy, group_of
+from vocc_torch.studies.effects.measured import measure_costs, run_effects
+from vocc_torch.studies.effects.plan import ORDER, EffectStudy
 
 CONF = Path(__file__).parents[3] / "conf"
 SHIPPED = OmegaConf.to_container(
@@ -127,39 +126,6 @@ def test_two_scenes_differ_in_the_effect_alone(scene):
             assert row.present[row.name] == SCENES[scene][row.name]
 
 
-@pytest.mark.parametrize("scene", SCENES)
-def test_all_together_is_the_scene_and_every_part(scene):
-    catalogue = shipped(scene)
-    together = catalogue.together
-    assert set(together.present) == set(ORDER)
-    named = {name: SCENES[scene][name] for name in ORDER if name in SCENES[scene]}
-    # The fog that is added is in one air with what dims the LEDs, also in the scene without fog.
-    assert together.absent == {**named, "attenuation": together.present["airlight"]}
-    own = [name for row in catalogue.pairs if not row.in_scene for name in row.own]
-    assert sorted(own) == sorted(together.own)
-
-
-def test_companions_stand_on_both_sides():
-    row = shipped().pair("shot_noise")
-    assert row.own == ("shot_noise",)
-    assert row.companions == ("photoelectrons", "gain")
-    assert set(row.absent) == {*SCENES["paper"], "photoelectrons", "gain"}
-
-
-def test_what_cannot_stand_without_the_effect_is_away_on_both_sides():
-    row = shipped().pair("saturation")
-    assert set(row.absent) == {"attenuation", "blooming"}
-    assert set(row.present) == {"attenuation", "blooming", "saturation"}
-
-
-def test_what_is_chosen_is_added_together_over_its_companions():
-    """One effect of many: its companions are no cost of its own."""
-    together = shipped(names=("shot_noise",)).together
-    assert together.own == ("shot_noise",)
-    assert together.companions == ("photoelectrons", "gain")
-    assert shipped(names=("blooming",)).together is None
-
-
 @pytest.mark.parametrize("name", SHIPPED["severity"])
 def test_severities_change_one_parameter(name):
     catalogue = shipped()
@@ -175,11 +141,6 @@ def test_severities_change_one_parameter(name):
         )
     if usual is not None:
         assert min(severity.values) <= usual <= max(severity.values)
-
-
-def test_groups_are_runs_in_physical_order():
-    groups = [group for group, _ in itertools.groupby(group_of(name) for name in ORDER)]
-    assert groups == ["view", "LEDs", "surroundings", "optics", "sensor", "encoding"]
 
 
 def severity(parameter, *values, of="blooming"):
@@ -347,74 +308,6 @@ def test_a_change_is_that_of_the_same_frames_decided_twice(
     )
 
 
-def test_an_effect_that_changes_nothing_changes_no_bit(results):
-    """Electrons without noise are a scale, taken back by the gain."""
-    row = row_of(results, "photoelectrons")
-    assert row.pair.own == ("photoelectrons", "gain")
-    for reading in ("true_corners", "located"):
-        change = row.changes[reading, "flda_3"]
-        assert change.present.frames == FRAMES
-        assert change.present == change.absent
-        locator = "truth" if reading == "true_corners" else "paper"
-        assert change.absent == results.base[locator, "flda_3"]
-
-
-def test_frames_that_fill_the_sensor_are_fewer_for_the_locator(results):
-    row = row_of(results, "shot_noise")
-    assert row.fills_sensor
-    assert row.changes["true_corners", "flda_3"].present.frames == FRAMES
-    assert row.changes["located", "flda_3"].present.frames == 4
-    assert (
-        row_of(results, "defocus").changes["located", "flda_3"].present.frames == FRAMES
-    )
-
-
-def test_what_the_scene_has_is_taken_away(results):
-    row = row_of(results, "blooming")
-    assert row.pair.in_scene
-    change = row.changes["true_corners", "flda_3"]
-    # A receiver that never met blur reads it badly; one that trained with it does not.
-    assert change.estimate.low > 0
-    assert row.changes["retrained", "flda_3"].estimate.value < change.estimate.value
-    assert row.changes["retrained", "flda_3"].present == results.base["truth", "flda_3"]
-
-
-def test_severity_at_the_usual_value_is_the_table(costs, results):
-    [(name, curve)] = results.severities.items()
-    values = list(dict.fromkeys(value for value, _, _ in curve))
-    assert (name, values, results.study.usual(name)) == (
-        "defocus",
-        [20.0, 6.0, 3.0],
-        6.0,
-    )
-    whole = study_of(names=("defocus",), frames=(0, FRAMES, 1))
-    with Workers(1) as workers:
-        again = run_effects(whole, costs, workers)
-    errors, row = again.severities["defocus"], row_of(again, "defocus")
-    for reading in ("true_corners", "retrained"):
-        assert errors[6.0, reading, "flda_3"] == row.changes[reading, "flda_3"].present
-    assert again.readings == ["true_corners", "retrained"]
-    rates = [curve[value, "true_corners", "flda_3"].ber for value in values]
-    assert rates == sorted(rates)
-
-
-def test_batches_change_nothing(costs, results):
-    small = study_of(names=("shot_noise",), batch_frames=40)
-    with Workers(1) as workers:
-        again = run_effects(small, costs, workers)
-    mine, others = (row_of(one, "shot_noise") for one in (again, results))
-    for reading in ("true_corners", "retrained", "located"):
-        assert (
-            mine.changes[reading, "flda_3"].estimate
-            == others.changes[reading, "flda_3"].estimate
-        )
-
-
-def test_all_frames_are_told(study, results, told):
-    assert sum(frames for _, frames in told) == frames_to_do(study)
-    assert {what for what, _ in told} == {"training", "reading"}
-
-
 # Costs
 
 
@@ -446,11 +339,3 @@ def test_costs_are_differences_within_a_round(monkeypatch):
     assert costs.added("near", study.together) == pytest.approx([2.0] * 3)
     base = build_effects(PAPER_EFFECTS)
     assert costs.times["whole", base] == pytest.approx((4.0, 14.0, 24.0))
-
-
-def test_a_locator_gets_crops_unless_the_sensor_is_filled(study, costs):
-    for name, kind in (("defocus", "near"), ("shot_noise", "located")):
-        (pair,) = (one for one in study.pairs if one.name == name)
-        present, absent = build_effects(pair.present), build_effects(pair.absent)
-        expected = costs.times[kind, present] - costs.times[kind, absent]
-        assert (costs.added("located", pair) == expected).all()

@@ -1,22 +1,18 @@
 """task=effects at a tiny budget: what it writes is what was measured, and what it refuses."""
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
-from rich.console import Console
 
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.plugins import PlugIn
-from vocc_torch.report.page import html
 from vocc_torch.studies.effects import figures, run
 from vocc_torch.studies.effects.measured import measure_costs, run_effects
 from vocc_torch.studies.effects.plan import build_effect_study
@@ -102,54 +98,6 @@ def test_every_number_is_in_the_file(results, tmp_path):
     assert rows[0]["retrained_ber_with"] == ""
 
 
-def test_severities_are_in_the_file(results, tmp_path):
-    run.write_severities(tmp_path / "severity.csv", results)
-    rows = read(tmp_path / "severity.csv")
-    assert tuple(rows[0]) == run.SEVERITY_COLUMNS
-    blooming = [
-        row
-        for row in rows
-        if row["effect"] == "blooming" and row["receiver"] == "flda_3"
-    ]
-    without = [row for row in blooming if row["trained"] == "without"]
-    assert [(row["value"], row["order"], row["in_table"]) for row in without] == [
-        ("1", "0", "0"),
-        ("3", "1", "0"),
-    ]
-    found = ber_interval(results.severities["blooming"][3.0, "true_corners", "flda_3"])
-    assert (float(without[1]["ber_low"]), float(without[1]["ber_high"])) == (
-        found.low,
-        found.high,
-    )
-
-
-@pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (140, "ascii")])
-def test_the_table_fits_the_terminal(results, width, encoding):
-    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, write_through=True)
-    run.print_effects(results, Console(file=stream, width=width, legacy_windows=False))
-    text = stream.buffer.getvalue().decode(encoding)
-    drawn = text[: text.index("Receiver:")].splitlines()
-    assert max(map(len, drawn)) <= width
-    for told in (
-        "the scene itself",
-        "defocus",
-        "sum of these costs",
-        "all together",
-        "retrained",
-    ):
-        assert told in text
-
-
-def test_the_report_has_a_row_for_each_effect(results):
-    page = run.report(results)
-    rows = [line for line in page.splitlines() if line.startswith("| ")]
-    assert len(rows) == 1 + 1 + 3 + 2
-    assert all(line.count("|") == rows[0].count("|") for line in rows)
-    assert "| `defocus` | optics | `focus_distance_m=10` |" in page
-    with pytest.raises(VoccError, match=r"effects\.png"):
-        html(page, "effects", Path("no/such/folder"))
-
-
 def test_pictures_draw_what_was_measured(results):
     axes = figures.effects_figure(results).axes
     defocus = results.rows[0].changes["true_corners", "flda_3"].estimate
@@ -192,17 +140,6 @@ def test_effects_from_outside_are_priced_and_shown_in_their_places():
     pictures = figures.gallery_pictures(study)
     assert not np.array_equal(pictures["smear"], pictures["the scene itself"])
     assert "| `smear` | optics | " in run.report(results)
-
-
-def test_ratios_are_of_medians(results):
-    # A machine so busy that a sum cannot be told from nothing has none.
-    if results.ratios is not None:
-        both, alone = results.together.costs["near"], results.sums["near"]
-        assert results.ratios[0] == np.median(both) / np.median(alone)
-
-
-def test_units_are_in_brackets():
-    assert figures.parameter_label("motion_blur.velocity_x_m_s") == "velocity x (m/s)"
 
 
 MISTAKES = {

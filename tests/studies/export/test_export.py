@@ -1,23 +1,18 @@
 """``task=export``: the package's own frames, with their truth, whatever ends the run or shares it out."""
 
 import csv
-import json
-import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
-import tracemalloc
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from paper_runs import run_in
 from pycocotools.coco import COCO
 
-from vocc_torch.hardware import PanelShape
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies.export import run as export
 from vocc_torch.studies.export import truth
@@ -240,9 +235,6 @@ DAMAGES = {
     "a picture is deleted": lambda folder: (
         folder / "frames/train/0000064/0000070.png"
     ).unlink(),
-    "a picture is empty": lambda folder: (
-        folder / "frames/train/0000064/0000070.png"
-    ).write_bytes(b""),
     "a picture has another content": lambda folder: (
         folder / "frames/train/0000064/0000070.png"
     ).write_bytes((folder / "frames/train/0000064/0000071.png").read_bytes()),
@@ -250,9 +242,6 @@ DAMAGES = {
         folder / "frames/train/0000000/truth.csv"
     ),
     "a shard is deleted": lambda folder: shutil.rmtree(folder / "frames/train/0000064"),
-    "a stranger is among the pictures": lambda folder: (
-        folder / "frames/train/0000064/a.png"
-    ).touch(),
     "a manifest is damaged": lambda folder: shorten(
         folder / "frames/train/0000128/manifest.json"
     ),
@@ -262,10 +251,23 @@ DAMAGES = {
 }
 
 
+THREE_SHARDS = ("export.frames=130", "scene.distance_m=70")
+
+
+@pytest.fixture(scope="module")
+def three_shards(tmp_path_factory):
+    """A folder in which an export of three shards is complete."""
+    place = tmp_path_factory.mktemp("export")
+    assert run_in(place, *words_of(*THREE_SHARDS)).status == 0
+    return place
+
+
 @pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
-def test_what_is_missing_or_damaged_is_rendered_again(app, tmp_path, damage):
-    words = words_of("export.frames=130", "scene.distance_m=70")
-    assert app(*words).status == 0
+def test_what_is_missing_or_damaged_is_rendered_again(
+    app, tmp_path, three_shards, damage
+):
+    words = words_of(*THREE_SHARDS)
+    shutil.copytree(three_shards, tmp_path, dirs_exist_ok=True)
     folder = run_folder(tmp_path)
     before = files_in(folder)
     times = {path: path.stat().st_mtime_ns for path in folder.rglob("*.png")}
@@ -278,24 +280,6 @@ def test_what_is_missing_or_damaged_is_rendered_again(app, tmp_path, damage):
         path.parent for path, at in times.items() if path.stat().st_mtime_ns != at
     }
     assert len(rewritten - {folder}) == 1
-
-
-def test_pictures_are_flushed_before_the_manifest_says_that_they_are_there(
-    app, tmp_path, monkeypatch
-):
-    flushed, fsync = [], os.fsync
-
-    def watched(handle):
-        flushed.append(str(Path(f"/proc/self/fd/{handle}").readlink()))
-        fsync(handle)
-
-    monkeypatch.setattr(os, "fsync", watched)
-    assert app(*words_of("export.frames=3")).status == 0
-    names = [Path(path).name for path in flushed if "0000000" in path]
-    pictures = [names.index(f"000000{number}.png") for number in range(3)]
-    assert max(*pictures, names.index("truth.csv")) < min(
-        place for place, name in enumerate(names) if "manifest" in name
-    )
 
 
 def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothing(
@@ -331,61 +315,3 @@ def test_a_run_that_could_write_nothing_leaves_nothing(app, tmp_path, monkeypatc
         "frames/train/0000000: No space left on device"
     )
     assert not (tmp_path / "runs" / "x").exists()
-
-
-@pytest.mark.parametrize(
-    "change", ["~scene.effects.quantization", "scene.effects.quantization.bits=10"]
-)
-def test_frames_of_other_than_8_bits_are_refused(app, tmp_path, change):
-    assert (
-        "scene.effects.quantization must be {bits: 8}"
-        in app(*words_of(change)).complaint
-    )
-    assert not (tmp_path / "runs").exists() or not list((tmp_path / "runs").iterdir())
-
-
-def test_a_corner_outside_the_picture_is_not_labelled_and_a_panel_outside_not_at_all():
-    row = {"file": "a.png", "width_px": 100, "height_px": 50, "bits": "1"}
-    cut = row | dict(
-        zip(truth.CORNERS, (-10, 10, 30, 10, 30, 40, -10, 40), strict=True)
-    )
-    told = truth.annotation_of(7, cut)
-    assert told["keypoints"] == [0, 0, 0, 30, 10, 2, 30, 40, 2, 0, 0, 0]
-    assert (told["num_keypoints"], told["bbox"], told["area"]) == (
-        2,
-        [0, 10, 30, 30],
-        900,
-    )
-    assert told["segmentation"] == [[0, 10, 30, 10, 30, 40, 0, 40]]
-    beside = row | dict(
-        zip(truth.CORNERS, (-40, 10, -10, 10, -10, 40, -40, 40), strict=True)
-    )
-    assert truth.annotation_of(8, beside) is None
-
-
-def test_the_memory_of_joining_does_not_grow_with_the_frames(app, tmp_path):
-    """Of ten times as many shards, a row at a time."""
-    assert app(*words_of("export.frames=4")).status == 0
-    (part,) = (tmp_path / "runs/x/frames/train").glob("*/truth.csv")
-    peaks = []
-    for shards in (8, 80):
-        tracemalloc.start()
-        truth.write_truth(tmp_path / "truth.csv", [part] * shards)
-        truth.write_coco(tmp_path / "coco.json", [part] * shards, PanelShape(8, 8))
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    told = json.loads((tmp_path / "coco.json").read_text())
-    assert len(told["annotations"]) == len(rows_of(tmp_path / "truth.csv")) == 80 * 4
-    assert peaks[1] < 1.2 * peaks[0]
-
-
-def test_every_column_stands_in_the_glossary_and_every_extra_of_the_image():
-    page = (
-        (Path(__file__).parents[3] / "docs" / "glossary.md")
-        .read_text()
-        .partition("## truth.csv")[2]
-    )
-    told = re.findall(r"`(\w+)`", page.partition("\n## ")[0])
-    assert {*truth.COLUMNS} <= {*told}
-    row = dict.fromkeys(truth.COLUMNS, 0)
-    assert {*truth.image_of(1, row)} <= {"id", *told}

@@ -1,6 +1,5 @@
 """The figures' numbers against scikit-learn, brute force and the paper's equations."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +7,11 @@ import pytest
 from sklearn.metrics import roc_auc_score
 from sklearn.svm import LinearSVC
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.studies.paper.evidence import (
     PaperFigure,
     Source,
     features,
-    frames,
     panels,
 )
 from vocc_torch.studies.paper.numbers import setup_numbers
@@ -77,36 +72,6 @@ def test_every_figure_has_rows_numbers_and_panels(figures):
         assert all(axes.get_title(loc="left") for axes in drawn.axes), name
 
 
-def test_the_frames_that_contradict_each_other_do(figures, source):
-    numbers = figures["fig04"].numbers
-    greys, bits = source.sample.greys, source.sample.bits
-    highest = [greys[frame][bits[frame]].max() for frame in range(len(bits))]
-    lowest = [greys[frame][~bits[frame]].min() for frame in range(len(bits))]
-    assert numbers["dark_frame_highest_on_grey"] == min(highest)
-    assert numbers["bright_frame_lowest_off_grey"] == max(lowest)
-
-
-def test_the_misread_led_is_off_and_bloomed(figures, source):
-    numbers = figures["fig05_06"].numbers
-    row = next(
-        row
-        for row in figures["fig05_06"].rows[1:]
-        if row[1:3] == (numbers["led_row"], numbers["led_column"])
-    )
-    assert row[3] == 0
-    assert row[4:] == (numbers["grey_without_blooming"], numbers["grey_with_blooming"])
-    assert numbers["grey_with_blooming"] > numbers["grey_without_blooming"]
-    over = (
-        source.sample.greys >= source.sample.thresholds[:, None, None]
-    ) & ~source.sample.bits
-    assert numbers["misread_off_leds"] == over.sum()
-
-
-def test_figures_of_blooming_refuse_scenes_without_it():
-    with pytest.raises(VoccError, match="has no blooming"):
-        panels.blur_order(Source(plan_of(effects={"saturation": {}}), sample_frames=4))
-
-
 def test_contrast_before_blur_follows_from_the_equations(figures):
     """Eqs 1 to 3: exposure in proportion to luminance, the background's grey by auto-ISO, white at 255."""
     for stated, (ambient_lx, luminance) in panels.PAPER_SCENES.items():
@@ -150,30 +115,6 @@ def test_the_histogram_counts_every_pixel_of_the_sensor(figures, source):
     )
 
 
-def times(locate, detect, rounds=9):
-    spent = dict.fromkeys(STAGES, (0.0,) * rounds)
-    return StageTimes(
-        spent | {"locate": (locate,) * rounds, "features": (detect,) * rounds}
-    )
-
-
-def test_times_are_over_panel_detection_and_unknown_on_a_busy_machine():
-    shares = {
-        "center_greyscale": 5.0,
-        "average_greyscale": 7.0,
-        "flda_2": 12.0,
-        "flda_3": 14.0,
-    }
-    by_receiver = {name: times(100.0, spent) for name, spent in shares.items()}
-    found = frames.time_numbers(by_receiver, 0.0, frames.TimingBudget())
-    assert found["share_flda_3"] == Estimate(0.14, 0.14, 0.14)
-    assert found["share_longest"].value == pytest.approx(0.14)
-    assert found["cost_of_ngr"].value == pytest.approx(14 / 12 - 1)
-    assert found["cost_of_ngr_in_total"].value == pytest.approx(0.0178, abs=1e-4)
-    busy = frames.time_numbers(by_receiver, 0.2, frames.TimingBudget())
-    assert (busy["share_flda_3"].low, busy["share_flda_3"].high) == (-np.inf, np.inf)
-
-
 def test_the_papers_own_numbers_follow_from_its_equations():
     found = setup_numbers(plan_of())
     assert found["setup.transmission"].value == pytest.approx(
@@ -183,12 +124,3 @@ def test_the_papers_own_numbers_follow_from_its_equations():
         118 * 0.5 ** (1 / 2.2)
     )
     assert found["setup.kbps"].value == 6.4
-
-
-def test_times_are_measured(source):
-    figure = frames.processing_time(
-        replace(source, plan=replace(source.plan, budget=Budget(training_frames=32))),
-        frames.TimingBudget(rounds=2),
-    )
-    assert all(figure.numbers[f"ms_{name}"].value > 0 for name in frames.PAPER_SHARES)
-    assert len(figure.rows) == 1 + len(figure.numbers)

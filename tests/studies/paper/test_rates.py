@@ -1,14 +1,11 @@
 """Distances and gains against closed forms, and the paper's own sampling error."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_evidence import BITS, clustered, counted, curves_of, of_rates, spread
-from made_up_tallies import tallies
+from made_up_evidence import clustered, counted, curves_of, of_rates, spread
 
-from vocc_torch.measure.trainings import Trained
 from vocc_torch.studies.paper import rates
 
 
@@ -59,37 +56,3 @@ def test_the_gain_is_the_share_of_errors_saved():
     assert rates.gain(curves, None).value == pytest.approx((0.5 + 0.25) / 2)
     apart = rates.gain_difference(curves, rates.gain(curves, 8e3), 8e3, 0.24)
     assert apart.value == pytest.approx(0.26)
-
-
-def several(first, second):
-    """Curves at 8000 lx after two trainings, from each receiver's rate in either."""
-    wrong = {
-        name: [spread(rate, 2000) for rate in (first[name], second[name])]
-        for name in first
-    }
-    curves = curves_of(
-        "ambient", {8e3: {name: each[0] for name, each in wrong.items()}}
-    )
-    together = 2 * np.stack([np.sum(each, axis=0) for each in wrong.values()])
-    pooled, pairs = tallies(together, 2 * BITS, np.ones(together.shape, dtype=bool))
-    trained = {
-        (name, 8e3): Trained(tuple(counted([one])[0][0] for one in wrong[name]), whole)
-        for name, whole in zip(wrong, pooled, strict=True)
-    }
-    return replace(curves, trained=trained, trained_pairs={(*wrong, 8e3): pairs[0, 1]})
-
-
-def test_several_trainings_are_judged_by_their_mean_and_widen_the_interval():
-    rates_of = {"flda_2": 2e-3, "flda_3": 1e-3}
-    alone = of_rates(
-        **{name: {8e3: rate} for name, rate in rates_of.items()}
-    ).experiments["ambient"]
-    trained = several(rates_of, {"flda_2": 6e-3, "flda_3": 3e-3})
-    assert rates.measured_rate(trained, "flda_2", 8e3).value == pytest.approx(4e-3)
-    narrow, wide = (
-        rates.quoted_difference(one, "flda_2", 8e3, 2e-3) for one in (alone, trained)
-    )
-    assert wide.high - wide.low > narrow.high - narrow.low
-    assert rates.gain(trained, 8e3).value == pytest.approx(0.5)
-    found = rates.Comparison(trained, ("flda_2", 8e3), ("flda_3", 8e3)).difference(0.95)
-    assert found.value == pytest.approx(2e-3)

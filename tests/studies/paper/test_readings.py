@@ -17,9 +17,6 @@ ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
             "[nobody]",
             "figures.readings is 'nobody': it must be one of board, board_true",
         ),
-        ("[]", "figures.readings is []: it must be at least one reading"),
-        ("[board,board]", "at least one reading, each once"),
-        ("[none.yaml]", "figures.readings: cannot read none.yaml"),
         (
             "[odd.yaml]",
             "figures.readings: odd.yaml is 'odd.yaml': it must be a name with why: and set: below it",

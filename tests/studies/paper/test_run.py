@@ -106,13 +106,6 @@ def test_quoted_rates_are_drawn_as_stars(place):
     ]
 
 
-def test_a_finished_run_counts_nothing_again(some, place):
-    before = contents_of(some, ".csv")
-    ran = run_in(place, *ASK)
-    assert (ran.status, ran.err) == (0, "")
-    assert contents_of(some, ".csv") == before
-
-
 def test_a_report_of_other_figures_or_readings_stays_as_it_is(some, place):
     before = contents_of(some, ".csv", ".md")
     other = run_in(place, *ASK[:-2], "figures.readings=[board]", "name=some")
@@ -123,39 +116,12 @@ def test_a_report_of_other_figures_or_readings_stays_as_it_is(some, place):
     assert contents_of(some, ".csv", ".md") == before
 
 
-def test_the_grid_alone_is_judged_by_its_octaves(place):
-    ran = run_in(
-        place,
-        *(
-            "task=figures",
-            *TINY,
-            "figures.readings=[board]",
-            "figures.names=[dimming]",
-            "name=grid",
-        ),
-        *(
-            "figures.experiments.dimming.rows=[1000,32000]",
-            "figures.experiments.dimming.values=[500,8000]",
-        ),
-    )
-    assert (ran.status, ran.err) == (0, "")
-    claims = {
-        row["claim"].partition(".")[0]
-        for row in rows_of(place / "runs" / "grid" / "scorecard.csv")
-    }
-    assert claims == {"discussion"}
-
-
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (
             ("figures.names=[fig99]",),
             "figures.names is 'fig99': it must be of fig04, fig05_06",
-        ),
-        (
-            ("receiver.names=[flda_agr]",),
-            "receiver.names is ['flda_agr']: it must be at least one of center_greyscale",
         ),
         (
             ("figures.names=[fig22]", "figures.experiments.ambient.values=[-1]"),

@@ -14,10 +14,8 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
-from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import Frames, PanelShape
+from vocc_torch.types import PanelShape
 
 LOCATORS = {
     "paper": PaperLocator(),
@@ -139,102 +137,3 @@ def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
         )
     for a, b in itertools.combinations(corners.values(), 2):
         assert not torch.equal(a, b)
-
-
-def test_stages_are_shared_by_all_that_begin_alike_and_by_no_others(recorded):
-    by_receiver = recorded[0].by_receiver
-    for stage, of in (
-        ("features", lambda key, one: key),
-        ("classify", lambda key, one: key),
-        ("locate", lambda key, one: one.locator),
-        (
-            "rectify",
-            lambda key, one: (one.locator, one.reader.samples_per_led, one.dtype),
-        ),
-    ):
-        numbers = {}
-        for key, one in RECEIVERS.items():
-            if (rounds := by_receiver[str(key)].rounds_ms[stage])[0]:
-                numbers.setdefault(of(key, one), set()).add(rounds)
-        assert all(len(one) == 1 for one in numbers.values())
-        assert len(set.union(*numbers.values())) == len(numbers)
-
-
-def test_in_one_go_a_receiver_does_all_of_its_stages_once(recorded):
-    wholes = [did for did in recorded[1].values() if len(did) > 1]
-    for locator, did in zip(LOCATORS.values(), wholes, strict=True):
-        located = ["locate"] if locator else []
-        assert [stage for stage, *_ in did] == [
-            *located,
-            "rectify",
-            "measure",
-            "decide",
-        ]
-        assert {(*one.bank.names, one.locator) for _, one, *_ in did} == {
-            ("flda_3", locator)
-        }
-
-
-def test_preambles_have_noise_of_their_own(make_plan):
-    noise = {
-        "read_noise": {"electrons": 30.0},
-        "photoelectrons": {"quantum_efficiency": 0.6},
-        "gain": {},
-    }
-    camera = Camera(width_px=96, height_px=64, sensor_width_mm=0.66)
-    fixed = {"offset_x_m": 0.0, "offset_y_m": 0.0, "distance_m": 60.0}
-    model = SceneModel(
-        **{name: Distribution("constant", (value,)) for name, value in fixed.items()}
-    )
-    world = make_plan(
-        camera=camera, scene=model, effects={**PAPER_EFFECTS, **noise}
-    ).world
-    (key,) = keys = link.block_keys(0, "noise", 64)
-    seen = Exposure.of(world, model, keys, preambles=True)
-    scene, bits = model.draw(key, SHAPE)
-
-    def again(sent, take):
-        own = [
-            FrameKey(key, frame, take) if take else FrameKey(key, frame)
-            for frame in range(64)
-        ]
-        return (
-            world.simulator()
-            .render(scene, sent, nearest_m=model.nearest_m, keys=own)
-            .grey
-        )
-
-    assert torch.equal(again(bits, ""), seen.frames.grey)
-    assert torch.equal(again(torch.ones_like(bits), "on"), seen.preambles[0].grey)
-    assert not torch.equal(again(torch.ones_like(bits), ""), seen.preambles[0].grey)
-
-
-@pytest.mark.parametrize("count", [1, 3])
-def test_reading_gives_the_very_frames(count):
-    grey = torch.arange(count * 12, dtype=torch.uint8).view(count, 1, 3, 4)
-    frames = stage_times.read(
-        Frames(grey, torch.zeros(count, 2).long(), (3, 4), torch.zeros(count)), CPU
-    )
-    assert torch.equal(frames.grey, grey)
-    # A batch is put together from single frames, which costs a copy.
-    assert (frames.grey.data_ptr() == grey.data_ptr()) == (count == 1)
-
-
-def test_threads_are_put_back_and_scikit_learn_has_as_many():
-    # Imported first: its threads are limited where it is in use.
-    pytest.importorskip("sklearn.ensemble")
-    pools = pytest.importorskip("threadpoolctl")
-
-    def counts():
-        pooled = [
-            pool["num_threads"]
-            for pool in pools.threadpool_info()
-            if pool["user_api"] == "openmp"
-        ]
-        return torch.get_num_threads(), pooled
-
-    before = counts()
-    with timing.threads(3):
-        assert counts()[0] == 3
-        assert set(counts()[1]) == {3}
-    assert counts() == before

@@ -4,22 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, link, runner, stage_times
+from vocc_torch.measure import runner
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.train import train
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.report.terminal import Stopwatch
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.studies.tradeoff import TradeoffConfig, run
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
-from vocc_torch.types import Frames, Panels
 
 HERE = "vocc_torch.receiver.classifiers"
 NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")
@@ -130,65 +126,6 @@ def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_mo
     assert len({one.name for one in study.settings}) == len(study.settings)
 
 
-def test_what_is_varied_is_as_it_is_asked_for(make_study):
-    every = make_study(
-        names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all"
-    )
-    assert len(every.settings) == 8
-    # Not those that are not compared, unless they are named.
-    for names in (("flda_3", "patch"), ("patch",)):
-        usual = make_study(names=names, **MORE, varied=None).settings
-        assert {one.receiver for one in usual if one.samples_per_led == 4} == {
-            "flda_3"
-        } & {*names}
-    # What a receiver does not look at makes no setting.
-    names = ("center_greyscale", "flda_ngr", "otsu")
-    study = make_study(names=names, locators=["truth"], **MORE, varied=list(names))
-    found = [
-        (one.receiver, one.samples_per_led, one.gradient, one.dtype)
-        for one in study.settings
-    ]
-    more = ((8, "sobel", "float64"), (4, "sobel", "float32"))
-    others = [(name, *values) for name in names[1:] for values in more]
-    assert found == [*((name, 8, "sobel", "float32") for name in names), *others]
-
-
-def test_a_graph_is_drawn_of_the_very_receiver_and_timed_at_true_corners(
-    make_study, monkeypatch
-):
-    """What is timed beside a graph decides as the receiver that it is drawn of."""
-    drawn, seen = {}, []
-    monkeypatch.setattr(
-        run.onnx_graph,
-        "write_graph",
-        lambda one, path, *given: drawn.update({path: one}),
-    )
-    monkeypatch.setattr(
-        run.onnx_graph, "read_graph", lambda path, _: lambda *given: seen.append(given)
-    )
-    names = ("average_greyscale", "flda_ngr", "patch")
-    study = make_study(names, locators=["truth"], batch_sizes=[48], onnx=True)
-    receivers, _ = run.train_receivers(study, Workers(1))
-    times = run.measure_times(study, receivers)
-    assert {*times["no_graphs"]} == {"average_greyscale"}
-    assert (
-        {name for name, _ in times["graphs"]}
-        == {path.stem for path in drawn}
-        == {"flda_ngr", "patch"}
-    )
-    assert all(0 < one.low <= one.value <= one.high for one in times["graphs"].values())
-    frames, corners = seen[-1]
-    assert (frames.dtype, frames.dim(), corners.shape) == (torch.uint8, 3, (48, 4, 2))
-    of, panels = (
-        {setting.receiver: one for setting, one in receivers.items()},
-        Panels.known(corners),
-    )
-    for path, one in drawn.items():
-        (scores,) = of[path.stem](Frames.whole(frames), panels).values()
-        assert torch.equal(one(Frames.whole(frames), panels).scores, scores)
-        assert float(scores.std()) > 0
-
-
 def test_errors_are_those_of_the_sweep(study, trained, counted):
     """Every receiver at the base, against the counter that all experiments use, on the same blocks."""
     plan, receivers = study.plan, trained[0]
@@ -244,175 +181,6 @@ def test_every_training_is_counted_on_the_same_frames(make_study):
         == second["mixture"].counts[1]
         != first["mixture"].counts[1]
     )
-
-
-def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
-    assert list(counted) == ["far", "near"]
-    assert not np.array_equal(counted["far"].half_errors, counted["near"].half_errors)
-    assert counted["far"].half_errors.shape[1] == 100
-    # Nor are they those of training, whatever a kind of scenes is called.
-    assert study.point("train") == "tradeoff/train"
-
-
-def test_neither_batches_nor_rivals_change_a_count(study, trained, counted):
-    other = dataclasses.replace(
-        study, plan=dataclasses.replace(study.plan, batch_frames=24)
-    )
-    # Every third is enough: all kinds are among them, and neither do the others change a count.
-    some = dict(list(trained[0].items())[::3])
-    (again,) = run.count_receivers(other, some, Workers(1))
-    for name, errors in counted.items():
-        assert np.array_equal(errors.half_errors[::3], again[name].half_errors)
-        assert np.array_equal(errors.found[::3], again[name].found)
-
-
-def test_precision_shares_its_training_and_decides_nearly_alike(
-    study, trained, counted
-):
-    places = {
-        one.dtype: place
-        for place, one in enumerate(study.settings)
-        if (one.receiver, one.locator, one.samples_per_led, one.gradient)
-        == ("flda_3", "truth", 8, "sobel")
-    }
-    single, double = (study.settings[places[name]] for name in ("float32", "float64"))
-    assert trained[1][single] == trained[1][double]
-    assert [trained[0][one].dtype for one in (single, double)] == [
-        torch.float32,
-        torch.float64,
-    ]
-    rows = [counted["far"].half_errors[place] for place in places.values()]
-    assert np.abs(rows[0] - rows[1]).sum() <= 0.01 * rows[0].sum()
-
-
-def test_what_training_took_is_told(trained):
-    costs = trained[1]
-    for setting, one in costs.items():
-        learned = setting.receiver not in (
-            "center_greyscale",
-            "average_greyscale",
-            "otsu",
-        )
-        assert (one.frames > 0) == learned, setting
-        assert (one.training_s > 0) == learned or setting.receiver == "otsu"
-    sizes = {setting.receiver: one.parameters for setting, one in costs.items()}
-    # 2 inputs, 4 neurons, 1 score; FLDA has a weight a feature and a threshold.
-    assert (sizes["net"], sizes["flda_3"], sizes["flda_ngr"]) == (
-        2 * 4 + 4 + 4 + 1,
-        4,
-        2,
-    )
-
-
-def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
-    keys = link.block_keys(0, "moved", 64)
-    seen = stage_times.Exposure.of(
-        study.plan.world, study.model("far"), keys, preambles=True
-    )
-    for one in list(trained[0].values())[len(EVERY) : 2 * len(EVERY)]:
-        moved = stage_times.on_device(one, torch.device("cpu"))
-        ends = []
-        for receiver in (one, moved):
-            preambles = receiver.preambles(*seen.preambles, seen.truth)
-            ends += receiver(seen.frames, seen.truth, preambles).values()
-        assert torch.equal(*ends)
-        mine, its = one.bank.deciders, moved.bank.deciders
-        assert all(
-            mine[name] is not its[name]
-            for name in mine
-            if mine[name].needs_patches and name != "average_greyscale"
-        )
-
-
-def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study):
-    watch = Stopwatch()
-    study = make_study(
-        names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64
-    )
-    prices = run.price_receivers(study, Workers(1), watch.stage)
-    assert list(watch.seconds) == [
-        "training",
-        "bit errors",
-        "what is possible",
-        "times",
-    ]
-    assert (prices.timed_scenes, prices.in_one_go, prices.threads) == (
-        "mixture",
-        "flda_3",
-        1,
-    )
-    for batch in (1, 16):
-        for one in prices.points("mixture", "cpu", "crops", batch):
-            assert 0 < one.time_ms.value < 1e4
-    # No timing is asserted: only that it is the ratio of like to like.
-    assert all(0.05 < ratio < 20 for ratio in prices.end_to_end.values())
-    reference = prices.references["mixture"]
-    # No more frames than the receivers have.
-    assert reference.counts.frames == 20
-    assert reference.counts.bit_errors <= prices.errors["mixture"].counts[0].bit_errors
-
-
-def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(
-    make_study, monkeypatch
-):
-    kinds = {"a": {}, "b": {}, "c": {}}
-    study = make_study(
-        names=("flda_3",),
-        test_frames=4,
-        locators=["truth"],
-        genie_frames=2,
-        scenes=kinds,
-    )
-
-    def refusing(plan, model, point, frames, workers, store):
-        if point == study.point("b"):
-            raise UnknownLikelihoodError("the genie knows no likelihood")
-        return point
-
-    monkeypatch.setattr(run.genie, "genie_reference", refusing)
-    references, refused = run.measure_references(study, Workers(1))
-    assert (list(references), refused) == (
-        ["a", "c"],
-        {"b": "the genie knows no likelihood"},
-    )
-    none = dataclasses.replace(
-        study, config=dataclasses.replace(study.config, genie_frames=0)
-    )
-    assert (
-        run.measure_references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
-    )
-
-    def failing(*given):
-        raise VoccError("a worker was ended from outside")
-
-    # No other mistake is taken for a refusal.
-    monkeypatch.setattr(run.genie, "genie_reference", failing)
-    with pytest.raises(VoccError, match="ended from outside"):
-        run.measure_references(study, Workers(1))
-
-
-def test_without_scikit_learn_its_classifiers_are_left_out_and_named(
-    study, monkeypatch
-):
-    trees = {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"}
-    nested = {
-        "_target_": f"{HERE}.scaled",
-        "estimator": {"_target_": "sklearn.svm.LinearSVC"},
-    }
-    absent = (
-        ClassifierPlan("trees", PlugIn.of("c", trees)),
-        ClassifierPlan("svm", PlugIn.of("c", nested)),
-    )
-    names = (*EVERY, "trees", "svm")
-    receiver = dataclasses.replace(
-        study.plan.receiver, names=names, classifiers=(*PLUGGED_IN, *absent)
-    )
-    assert build.without_absent(receiver) == (receiver, {})
-    monkeypatch.setattr(build, "find_spec", lambda name: None)
-    kept, left_out = build.without_absent(receiver)
-    assert (kept.names, kept.classifiers) == (EVERY, PLUGGED_IN)
-    said = "scikit-learn is not installed; pip install scikit-learn adds it"
-    assert left_out == {"trees": said, "svm": said}
 
 
 @pytest.mark.parametrize(
