@@ -145,7 +145,8 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
         path.relative_to(stand_in / "runs").as_posix()
         for path in (stand_in / "runs").rglob("*")
     }
-    assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.sqlite"}
+    ledger = {"two/1/.unfinished", "two/1/ledger.sqlite"}
+    assert left == {"two", "two/multirun.yaml", "two/1", *ledger}
 
 
 # One after the other: the same care

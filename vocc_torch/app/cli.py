@@ -28,7 +28,7 @@ from vocc_torch.app.jobs import (
 )
 from vocc_torch.app.resolve import refusal, resolved
 from vocc_torch.errors import VoccError, printable, shown
-from vocc_torch.files import locked, sweep, unfinished
+from vocc_torch.files import UNFINISHED, locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
 
 GRID = "studies.curve:run_grid"
@@ -95,6 +95,8 @@ def discard_if_empty(folder: Path) -> None:
     ):
         # It holds something, or another run has begun in it.
         with contextlib.suppress(OSError, VoccError), locked(empty):
+            if [path.name for path in empty.iterdir()] == [UNFINISHED]:
+                (empty / UNFINISHED).unlink()
             empty.rmdir()
 
 

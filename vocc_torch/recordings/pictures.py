@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
+from vocc_torch.arrays import read_npy
 from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.recordings.frames import Bytes, RecordedFrame, to_bytes, to_grey
@@ -180,12 +181,7 @@ def read_greys(path: Path) -> Iterator[RecordedFrame]:
     Raises:
         VoccError: another file, or an array of another kind.
     """
-    try:
-        greys = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise VoccError(
-            f"input {path} cannot be read as an array ({' '.join(str(error).split())})"
-        ) from None
+    greys = read_npy(path, "input", most_bytes=1 << 50)
     if greys.dtype != np.uint8 or greys.ndim != 3 or not greys.size:
         found = f"{greys.dtype} of shape {greys.shape}"
         raise VoccError(

@@ -53,7 +53,7 @@ def opened(source: str) -> Any:
     Raises:
         VoccError: PyAV is missing, or the source cannot be opened.
     """
-    av = av_library(source)
+    av, begun = av_library(source), time.monotonic()
     try:
         if source == STANDARD_INPUT:
             return av.open(PipeReader(), options=dict(LOW_LATENCY))
@@ -68,9 +68,13 @@ def opened(source: str) -> Any:
         )
         return av.open(source, options=options, timeout=CONNECT_TIMEOUT_S)
     except (av.error.FFmpegError, OSError, ValueError) as error:
-        raise VoccError(
-            f"input {source} cannot be opened ({' '.join(str(error).split())})"
-        ) from None
+        reason = " ".join(str(error).split())
+        if (
+            source.startswith(ADDRESSES)
+            and time.monotonic() - begun > CONNECT_TIMEOUT_S
+        ):
+            reason = f"no answer in {CONNECT_TIMEOUT_S:g} s"
+        raise VoccError(f"input {source} cannot be opened ({reason})") from None
 
 
 class LiveStream:

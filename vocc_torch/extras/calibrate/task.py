@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vocc_torch.arrays import read_npy
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.reading import read_footage
 from vocc_torch.extras.calibrate.report import write_page
 from vocc_torch.extras.calibrate.scene import of_size
 from vocc_torch.extras.calibrate.study import calibrate
-from vocc_torch.files import ordinary_file, write_atomically
+from vocc_torch.files import write_atomically
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
@@ -81,16 +82,7 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
     Raises:
         VoccError: another file, or bits of another panel.
     """
-    try:
-        with ordinary_file(path, "calibrate.bits") as file:
-            bits: NDArray[np.bool_] = np.lib.format.read_array(file)
-    except VoccError:
-        raise
-    except (OSError, ValueError, TypeError) as error:
-        why = " ".join(str(error).split())
-        raise VoccError(
-            f"calibrate.bits {path} cannot be read as one array .npy ({why})"
-        ) from None
+    bits = np.array(read_npy(path, "calibrate.bits"))
     if (
         bits.dtype != np.bool_
         or bits.shape[1:] != (shape.rows, shape.columns)

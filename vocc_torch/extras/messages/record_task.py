@@ -9,10 +9,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from vocc_torch.arrays import read_npy
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
 from vocc_torch.extras.messages.signalling import MessagePlan
-from vocc_torch.files import atomic_file, ordinary_file, write_atomically
+from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.report import folder as run_folder
@@ -46,15 +47,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
         )
     source = Path(settings.input)
     plan = MessagePlan.read(source / PLAN)
-    try:
-        with ordinary_file(source / FRAMES, "input") as array:
-            film = np.load(array, allow_pickle=False)
-    except VoccError:
-        raise
-    except (OSError, ValueError, TypeError) as error:
-        raise VoccError(
-            f"input {source / FRAMES} cannot be read ({' '.join(str(error).split())})"
-        ) from None
+    film = np.array(read_npy(source / FRAMES, "input"))
     if (
         film.dtype != np.bool_
         or film.shape[1:] != (plan.shape.rows, plan.shape.columns)

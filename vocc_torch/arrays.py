@@ -1,0 +1,30 @@
+"""NumPy files of one plain array."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import MOST_BYTES, ordinary_file
+
+
+def read_npy(path: Path, what: str, most_bytes: int = MOST_BYTES) -> NDArray[Any]:
+    """Map a file ``.npy`` into memory; nothing in it is executed, and no shape asks for more than it holds.
+
+    Args:
+        path: the file.
+        what: it is, for refusals.
+        most_bytes: of it.
+
+    Raises:
+        VoccError: no ordinary file, or not one array of numbers.
+    """
+    with ordinary_file(path, what, most_bytes):
+        try:
+            return np.lib.format.open_memmap(path, mode="r")
+        except (OSError, ValueError, TypeError, ArithmeticError, MemoryError) as error:
+            why = " ".join(str(error).split())
+            rule = "cannot be read as one array .npy"
+            raise VoccError(f"{what} {path} {rule} ({why})") from None
