@@ -53,7 +53,7 @@ TINY = "budget.frames=128 budget.training_frames=64 tensorboard=false device=cpu
 RUN = f"{TINY} experiment.values=[1000,4000] receiver.names=[flda_3]"
 LEARNED = f"{TINY} experiment.values=[1000] classifier=mlp receiver.names=[]"
 LEARNED += " classifiers.mlp.training.frames=128 classifiers.mlp.training.epochs=2"
-TRAIN = "task=train budget.training_frames=64 tensorboard=false device=cpu name=x"
+TRAIN = "task=train budget.training_frames=64 device=cpu name=x"
 DECODE = "task=decode model=receiver.pt device=cpu name=x"
 RECORD = "task=record input=sent name=x device=cpu record.fps=60"
 OPEN = {"_target_": "builtins.open", "file": "../victim/owned", "mode": "w"}
