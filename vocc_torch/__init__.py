@@ -10,7 +10,15 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vocc_torch.api import Simulated, Table, load_scene, measure, simulate, train
+    from vocc_torch.api import (
+        Simulated,
+        SimulatedFrames,
+        Table,
+        load_scene,
+        measure,
+        simulate,
+        train,
+    )
     from vocc_torch.errors import VoccError
     from vocc_torch.hardware import Camera, LedPanel
     from vocc_torch.receiver.flda import FLDA
@@ -36,6 +44,7 @@ __all__ = [
 ]
 __all__ += [
     "Simulated",
+    "SimulatedFrames",
     "Simulator",
     "Table",
     "VoccError",
@@ -52,7 +61,17 @@ _HOMES = {
     "receiver.receiver": ["Decoded", "Receiver"],
 }
 _HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
-_HOMES |= {"api": ["Simulated", "Table", "load_scene", "measure", "simulate", "train"]}
+_HOMES |= {
+    "api": [
+        "Simulated",
+        "SimulatedFrames",
+        "Table",
+        "load_scene",
+        "measure",
+        "simulate",
+        "train",
+    ]
+}
 _HOMES |= {
     "studies.decode.decoder": ["decode"],
     "studies.decode.reading": ["Reading"],

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 from omegaconf import OmegaConf
+from torch.utils.data import IterableDataset, get_worker_info
 
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError, section, shown, told_known
@@ -232,26 +233,57 @@ def simulate(
         [64, 36]
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
-    return _simulated(world, frames, seed, batch, point)
+    return iter(SimulatedFrames(world, frames, seed, batch=batch, point=point))
 
 
-def _simulated(
-    world: World, frames: int, seed: int, batch: int, point: str
-) -> Iterator[Simulated]:
-    """Simulate frames, drawing no more scenes at a time than a batch or a block needs."""
-    simulator = world.simulator()
-    window = batch * -(-BLOCK_FRAMES // batch)
-    for start in range(0, frames, window):
-        stop, before = min(start + window, frames), start // BLOCK_FRAMES * BLOCK_FRAMES
-        keys = block_keys(seed, point, stop, start)
-        rows = range(start - before, stop - before, batch)
-        for drawn, bits, names, takes in rendered(
-            simulator, world.scene, keys, rows, False
-        ):
-            corners = simulator.true_panels(drawn, names, rendered=True).corners_px
-            yield Simulated(
-                takes[0], bits, corners, drawn, simulator.further_bits(drawn, names)
-            )
+class SimulatedFrames(IterableDataset[Simulated]):
+    """Batches of :func:`simulate` for ``torch.utils.data.DataLoader(..., batch_size=None)``.
+
+    The workers of a loader share the batches; frames and their order are the same for every number of them.
+
+    Args:
+        world: what :func:`load_scene` gave.
+        frames: how many, at least 1.
+        seed: of every random draw.
+        batch: frames at a time, at least 1.
+        point: names the draws.
+
+    Example:
+        >>> from torch.utils.data import DataLoader
+        >>> loader = DataLoader(SimulatedFrames(load_scene("paper"), 100), batch_size=None)
+        >>> [len(batch.bits) for batch in loader]
+        [64, 36]
+    """
+
+    @checked
+    def __init__(
+        self,
+        world: World,
+        frames: int,
+        seed: int = 0,
+        *,
+        batch: int = BLOCK_FRAMES,
+        point: str = "frames",
+    ) -> None:
+        self.world, self.frames = world, frames
+        self.seed, self.batch, self.point = seed, batch, point
+
+    def __iter__(self) -> Iterator[Simulated]:
+        """Simulate the batches of this worker, drawing no more scenes at a time than a batch or a block needs."""
+        worker, simulator, batch = get_worker_info(), self.world.simulator(), self.batch
+        place, workers = (worker.id, worker.num_workers) if worker else (0, 1)
+        window = batch if workers > 1 else batch * -(-BLOCK_FRAMES // batch)
+        for start in range(0, self.frames, window)[place::workers]:
+            stop = min(start + window, self.frames)
+            before = start // BLOCK_FRAMES * BLOCK_FRAMES
+            keys = block_keys(self.seed, self.point, stop, start)
+            rows = range(start - before, stop - before, batch)
+            for drawn, bits, names, takes in rendered(
+                simulator, self.world.scene, keys, rows, False
+            ):
+                corners = simulator.true_panels(drawn, names, rendered=True).corners_px
+                further = simulator.further_bits(drawn, names)
+                yield Simulated(takes[0], bits, corners, drawn, further)
 
 
 @dataclass(frozen=True)

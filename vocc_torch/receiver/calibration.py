@@ -229,12 +229,20 @@ def ranges_of(seen: torch.Tensor) -> Ranges:
     return dict(zip(APPEARANCE, ends, strict=True))
 
 
-def outside(seen: torch.Tensor, ranges: Ranges) -> dict[str, torch.Tensor]:
-    """Say which panels (B,) lie outside of each range, where any does."""
+HARDER_BELOW = ("pitch_px", "contrast")
+"""What makes a panel harder to read where it is less: larger LEDs and more contrast are read more easily."""
+
+
+def harder(looks: torch.Tensor, ranges: Ranges) -> dict[str, torch.Tensor]:
+    """Say which panels (B,) have smaller LEDs or less contrast than the ranges, where any has.
+
+    Example:
+        >>> harder(torch.tensor([[2.0, 90.0, 200.0]]), {"pitch_px": (3.0, 7.0), "contrast": (8.0, 127.0)})
+        {'pitch_px': tensor([True])}
+    """
     found = {}
-    for place, name in enumerate(APPEARANCE if ranges else ()):
-        low, high = ranges[name]
-        beyond = (seen[:, place] < low) | (seen[:, place] > high)
-        if bool(beyond.any()):
-            found[name] = beyond
+    for name in HARDER_BELOW if ranges else ():
+        below = looks[:, APPEARANCE.index(name)] < ranges[name][0]
+        if bool(below.any()):
+            found[name] = below
     return found

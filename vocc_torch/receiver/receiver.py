@@ -282,6 +282,34 @@ class Receiver(torch.nn.Module):
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
         return self.decider.score(readings)
 
+    def get_extra_state(self) -> Settings:
+        """Give what a ``state_dict`` holds of the receiver: what decides, and what its scores are worth."""
+        settings, arrays = self.decider.model()
+        worth = None if self.calibration is None else asdict(self.calibration)
+        return {
+            "name": self.name,
+            "classifier": settings,
+            "arrays": dict(arrays),
+            "calibration": worth,
+        }
+
+    def set_extra_state(self, state: Settings) -> None:
+        """Take what :meth:`get_extra_state` gave of a receiver with a classifier of the same name.
+
+        Raises:
+            VoccError: a classifier of another name, or one from outside: only ``load`` takes its code.
+        """
+        if state["name"] != self.name:
+            raise VoccError.of("the state's receiver", repr(state["name"]), self.name)
+        worth, settings = state["calibration"], state["classifier"]
+        self.calibration = None if worth is None else Calibration.read(worth)
+        decider = (
+            plugged.loaded(settings, state["arrays"], ())
+            if settings
+            else flda_decider(self.name, state["arrays"])
+        )
+        self.decider = decider.to(self.device)
+
     def _apply(
         self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
     ) -> Self:

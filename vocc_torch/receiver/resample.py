@@ -369,7 +369,8 @@ def rectify_takes(
         2
     """
     shapes = [tuple(take.grey.shape) for take in takes]
-    if len(set(shapes)) > 1:
+    # Sizes of a graph have no hash.
+    if any(size != shapes[0] for size in shapes):
         raise VoccError(
             f"takes have shapes {', '.join(map(str, shapes))}: they must be of one shape"
         )
@@ -402,8 +403,9 @@ def _rectified_in_graph(
             .flatten(1)
             .to(dtype)
         )
-    rows = torch.arange(len(factors), device=factors.device)
-    read = _read(frames, rows, homography, axes[0][:, None], axes[1][:, None])
+    # Its len() would be a constant of the graph.
+    rows = torch.arange(factors.shape[0], device=factors.device)
+    read = _read(frames, rows, homography, *axes)
     weight = (within < factor).to(dtype)
     sides = ((leds + 2 * margin) * samples for leds in (shape.rows, shape.columns))
     high, wide = sides

@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+import warnings
 
 import av
 import numpy as np
@@ -150,7 +151,9 @@ def test_what_cannot_be_used_is_refused_by_name(source, options, refusal):
 
 def test_the_command_reads_the_same_bits(photo, photo_bits, tmp_path):
     settings = composed("task=decode", f"input={photo}", "name=x")
-    run_task(settings, tmp_path / "out")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing about it is in doubt
+        run_task(settings, tmp_path / "out")
     with (tmp_path / "out" / "bits.csv").open(newline="") as file:
         (_, *rows) = csv.reader(file)
     (reading,) = vt.decode(photo)

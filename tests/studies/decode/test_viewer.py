@@ -54,6 +54,19 @@ def test_the_viewer_gets_frame_corners_and_bits(monkeypatch):
     assert calls[-1][:2] == ("log", ("frame/panel", "Clear"))
 
 
+def test_the_library_itself_keeps_what_is_sent(monkeypatch, tmp_path):
+    """Into a file, in place of a window."""
+    rerun = pytest.importorskip("rerun")
+    path = tmp_path / "x.rrd"
+    monkeypatch.setattr(rerun, "spawn", lambda: rerun.save(str(path)))
+    viewer = Viewer()
+    for found in (True, False):
+        viewer.show(reading(found))
+    rerun.disconnect()
+    kept = path.read_bytes()
+    assert all(name in kept for name in (b"frame/panel/bits", b"LineStrips2D"))
+
+
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(

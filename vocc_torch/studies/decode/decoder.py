@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.locators import PanelLocator, locator_words
 from vocc_torch.receiver.receiver import Receiver
@@ -40,6 +41,7 @@ class Sized(NamedTuple):
     choice: ShapeChoice | None
 
 
+@checked
 def decode(
     source: object,
     model: str | Path | Receiver = "street",

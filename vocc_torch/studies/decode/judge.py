@@ -2,6 +2,7 @@
 
 import torch
 
+from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded
 
 DOUBTFUL_SCORE = 0.6
@@ -11,6 +12,16 @@ DOUBTFUL_MARGIN = 0.1
 LEAST_PARTED = 6.0
 """By :func:`parted`: read by ``tag_planes``, of 896 panels that were all On or all Off 889 are below, of 2240
 with 1 to 63 of 64 LEDs On 53, 45 of them with wrong bits."""
+
+LEAST_CONTRAST = 40.0
+"""Digital numbers from the darkest to the brightest cell: of 144 simulated panels of one level nine in ten have
+less (paper, street and night), of 72 panels of random bits one in three."""
+
+
+def is_one_level(read: Decoded) -> torch.Tensor:
+    """Say which panels (B,) may be all On or all Off: scores that hardly part, and little contrast."""
+    contrast = read.appearance[:, APPEARANCE.index("contrast")]
+    return (parted(read.scores, read.bits) < LEAST_PARTED) & (contrast < LEAST_CONTRAST)
 
 
 def is_doubtful(read: Decoded) -> torch.Tensor:

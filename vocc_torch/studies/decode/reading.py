@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.calibration import APPEARANCE, outside
+from vocc_torch.receiver.calibration import APPEARANCE, harder
 from vocc_torch.receiver.locators import LOCATORS, PanelLocator
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix
-from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
+from vocc_torch.studies.decode.judge import is_doubtful, is_one_level
 from vocc_torch.types import Frames, StatedPanels
 
 COLUMNS = (
@@ -55,7 +55,7 @@ class Reading:
         found: whether a panel was found.
         corners_px: (4,2) corners, clockwise from the top left.
         bits: (R,C) bool.
-        unlike: what the receiver did not learn from, by name: a pitch, level or contrast.
+        unlike: a pitch or contrast, by name, below all that the receiver learned from.
         margin: the smallest distance of a score from the threshold.
         panel_score: how panel-like it is, by the locator.
         candidates: how many panels, or blobs that may be one, the frame shows.
@@ -223,9 +223,9 @@ def _readings(
     """Say what was read at the panel of each frame, and how surely."""
     least = read.scores.abs().amin(dim=(1, 2))
     corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
-    looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
+    looks, beyond = read.appearance.cpu(), harder(read.appearance, receiver.trained_on)
     expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
-    one_level = parted(read.scores, read.bits) < LEAST_PARTED
+    one_level = is_one_level(read)
     given = (
         read.found,
         least,

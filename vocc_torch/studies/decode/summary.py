@@ -33,8 +33,8 @@ class Summary:
         found: panels that were read, in each colour; the next three are counted among them.
         doubtful: how many may be no panel.
         alike: how many have LEDs of one level.
-        strange: how many are unlike what the receiver learned from.
-        unlike: by name, the last value beyond what it learned from.
+        strange: how many have smaller LEDs or less contrast than what the receiver learned from.
+        unlike: by name, the last value below what it learned from.
         least_alarms: false alarms a frame at the likeliest place not found; NaN where none are stated.
         likeliest: the frame that shows it.
         most: surely seen in one frame, of a locator that says how sure it is.
@@ -153,16 +153,11 @@ class Summary:
             )
         if self.strange:
             learned = receiver.trained_on
-            limits = {
-                name: "{:.3g} to {:.3g}".format(*learned[name][:2])
-                for name in self.unlike
-            }
-            far = [
-                f"{name} {value:.3g}, not {limits[name]}"
+            below = "; ".join(
+                f"{name} {value:.3g}, not {learned[name][0]:.3g} at least"
                 for name, value in self.unlike.items()
-            ]
-            which = f"{self.strange} of {self.counted} are unlike what {receiver.name} learned from"
+            )
+            which = f"{self.strange} of {self.counted} are harder than what {receiver.name} learned from"
             warnings.warn(
-                f"{which} ({'; '.join(far)}): expected_errors may be too low",
-                stacklevel=2,
+                f"{which} ({below}): expected_errors may be too low", stacklevel=2
             )
