@@ -86,14 +86,16 @@ class LiveStream:
     Args:
         source: ``-``, ``camera:NUMBER`` or an address.
         channel: how colour becomes grey.
+        grey_only: leave out the colour, which costs a fifth of the time.
 
     Raises:
         VoccError: a source that cannot be opened.
     """
 
-    def __init__(self, source: str, channel: str) -> None:
+    def __init__(self, source: str, channel: str, *, grey_only: bool = False) -> None:
         self.source = source
         self.channel = channel
+        self.grey_only = grey_only
         self.dropped = 0
         self.is_closed = False
         self.container = opened(source)
@@ -113,7 +115,12 @@ class LiveStream:
                 if self.is_closed:
                     break
                 for frame in frames_of(
-                    picture, name, index, self.channel, False, time.monotonic()
+                    picture,
+                    name,
+                    index,
+                    self.channel,
+                    self.grey_only,
+                    time.monotonic(),
                 ):
                     self.put(frame)
                     index += 1

@@ -68,6 +68,11 @@ class DecodeConfig:
             raise VoccError.of("decode.turn", self.turn, "0, 90, 180 or 270 degrees")
 
     @property
+    def grey_only(self) -> bool:
+        """Whether nothing but a film's own greys is used."""
+        return self.channel == "luma" and not self.show
+
+    @property
     def first_channel(self) -> str:
         """How colour becomes grey where a recording is read: luma until its channel is chosen."""
         return "luma" if self.channel in ("auto", "unmix") else self.channel

@@ -41,11 +41,16 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if settings.input is None:
         raise VoccError(f"input is null: task=decode needs input=PICTURE; {ALLOWED}")
     if is_stream(settings.input):
-        with closing(LiveStream(settings.input, config.first_channel)) as stream:
+        stream = LiveStream(
+            settings.input, config.first_channel, grey_only=config.grey_only
+        )
+        with closing(stream):
             run_live(settings, config, folder, stream)
         return
     failures: list[str] = []
-    files = read_recording(Path(settings.input), config.first_channel)
+    files = read_recording(
+        Path(settings.input), config.first_channel, grey_only=config.grey_only
+    )
     recording = readable(files, failures)
     # A file that cannot be read is refused before a receiver is trained.
     first = list(islice(recording, 1))
