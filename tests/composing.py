@@ -11,10 +11,10 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import one_line, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.studies.classifiers.study import build_classifier_study
-from vocc_torch.studies.effects.plan import build_effect_study
+from vocc_torch.studies.compare.effect_plan import build_effect_study
+from vocc_torch.studies.compare.rivals import build_classifier_study
+from vocc_torch.studies.compare.settings import build_tradeoff_study
 from vocc_torch.studies.paper.plan import plan_figures
-from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
 REFUSALS = (

@@ -10,7 +10,6 @@ from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.report import samples
 from vocc_torch.simulation import Simulator
-from vocc_torch.studies.classifiers import study as study_module
 
 SHIPPED = sorted(
     path.stem
@@ -92,7 +91,6 @@ class Watch:
         training = (
             (train_module, "train_each", "train"),
             (train_module, "train_classifiers", "train"),
-            (study_module, "train_or_say_why", "train"),
             (train_module, "calibrated_receiver", "calibrate"),
             (samples, "write_samples", "show"),
         )

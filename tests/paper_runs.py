@@ -47,7 +47,7 @@ def run_in(folder, *arguments, drawn=False):
     ):
         patch.chdir(folder)
         patch.setenv("HYDRA_FULL_ERROR", "1")
-        for module in () if drawn else ("report.canvas",):
+        for module in () if drawn else ("report.plots",):
             patch.setattr(f"vocc_torch.{module}.save_figure", white)
         patch.setattr(sys, "argv", ["vocc-torch", *map(str, arguments)])
         GlobalHydra.instance().clear()

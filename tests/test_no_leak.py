@@ -56,7 +56,7 @@ COMMANDS = {
 @pytest.fixture
 def undrawn(app, monkeypatch):
     """Run the command line without drawing, and without timing a call more often than once."""
-    monkeypatch.setattr("vocc_torch.report.canvas.save_figure", white)
+    monkeypatch.setattr("vocc_torch.report.plots.save_figure", white)
     return app
 
 

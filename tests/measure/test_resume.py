@@ -41,11 +41,7 @@ def without_pictures():
     """Half of a short run's time goes into pictures, which have tests of their own."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("ber_figure", "feature_histograms", "save_figure"):
-            patch.setattr(
-                testing.canvas if name == "save_figure" else testing.plots,
-                name,
-                lambda *_: None,
-            )
+            patch.setattr(testing.plots, name, lambda *_: None)
         yield
 
 

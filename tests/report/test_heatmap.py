@@ -1,25 +1,19 @@
-"""The dimming study's pictures and tables show the grid's own numbers, at their places, legibly."""
+"""The dimming study's pictures and tables show the grid's own numbers, at their places."""
 
 import csv
 
 import numpy as np
 import pytest
-from made_up_dimming import (
-    AMBIENT,
-    BITS,
-    LUMINANCE,
-    paper_like_grid,
-)
-from matplotlib.collections import QuadMesh
+from made_up_dimming import AMBIENT, BITS, LUMINANCE, paper_like_grid
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.grid import best_luminance
-from vocc_torch.report.canvas import figure_pixels
 from vocc_torch.report.folder import write_grid
 from vocc_torch.report.heatmap import (
     best_luminance_figure,
-    cell_edges,
     dimming_figure,
+    grid_figures,
+    rate_or_limit,
 )
 from vocc_torch.report.styles import receiver_styles
 
@@ -34,54 +28,44 @@ def grid():
     return made
 
 
-@pytest.fixture(scope="module")
-def heat(grid):
-    figure = dimming_figure(grid)
-    figure_pixels(figure)
-    return figure
-
-
-@pytest.fixture(scope="module")
-def best(grid):
-    figure = best_luminance_figure(grid)
-    figure_pixels(figure)
-    return figure
-
-
-def panels(figure):
-    return [
-        axes
-        for axes in figure.axes
-        if any(isinstance(c, QuadMesh) for c in axes.collections)
-    ][: len(FOUR)]
-
-
-# The heat maps.
-
-
-def test_each_map_has_its_receivers_rates_at_their_places(grid, heat):
-    for name, axes in zip(FOUR, panels(heat), strict=True):
-        (mesh,) = (c for c in axes.collections if isinstance(c, QuadMesh))
-        ber = grid.ber(name)
-        shown = np.ma.masked_array(mesh.get_array()).reshape(ber.T.shape)
-        assert (
-            shown.mask.tolist() == (ber.T == 0).tolist()
-            if (ber == 0).any()
-            else not shown.mask.any()
+def test_each_map_has_its_receivers_rates_at_their_places(grid):
+    maps = dimming_figure(grid).axes[: len(FOUR)]
+    for axes, name in zip(maps, FOUR, strict=True):
+        assert axes.get_title(loc="left") == receiver_styles([name])[name].label
+        rates, limits = grid.ber(name), grid.intervals(name)[1]
+        (mesh,) = (one for one in axes.collections if hasattr(one, "get_coordinates"))
+        shown = np.ma.filled(mesh.get_array(), 0.0).reshape(
+            len(LUMINANCE), len(AMBIENT)
         )
-        assert shown.filled(0.0) == pytest.approx(ber.T)
-        rates = np.concatenate([grid.ber(name).ravel() for name in FOUR])
-        assert (mesh.norm.vmin, mesh.norm.vmax) == (rates[rates > 0].min(), rates.max())
-        corners = np.asarray(mesh.get_coordinates())
-        assert corners[0, :, 0] == pytest.approx(cell_edges(AMBIENT))
-        assert corners[:, 0, 1] == pytest.approx(cell_edges(LUMINANCE))
-        assert axes.texts[-1].get_text() == receiver_styles([name])[name].label
+        np.testing.assert_array_equal(shown, rates.T)
+        texts = {
+            tuple(int(at) for at in text.get_position()): text.get_text()
+            for text in axes.texts
+        }
+        for (row, column), rate in np.ndenumerate(rates):
+            assert texts[row, column] == rate_or_limit(rate, limits[row, column])
+    assert [text.get_text() for text in maps[0].get_yticklabels()] == [
+        f"{one:g}" for one in LUMINANCE
+    ]
 
 
-# The best luminance against ambient light.
-
-
-# The files.
+def test_the_best_luminance_stands_with_its_range_on_lines_of_one_contrast(grid):
+    (axes,) = best_luminance_figure(grid).axes
+    style = receiver_styles(["flda_3"])["flda_3"]
+    (line,) = (line for line in axes.lines if line.get_label() == style.label)
+    bests = best_luminance(grid, "flda_3")
+    np.testing.assert_allclose(line.get_ydata(), [one.middle_cd_m2 for one in bests])
+    dashed = [
+        line
+        for line in axes.lines
+        if len(line.get_xdata()) == 2 and line.get_color() == "#B8BDC4"
+    ]
+    ratios = {
+        round(line.get_ydata()[0] / line.get_xdata()[0] * np.pi / 0.4, 6)
+        for line in dashed
+    }
+    assert ratios == {2.0**power for power in range(-8, 9) if 2.0**power in ratios}
+    assert len(ratios) > 2
 
 
 def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tmp_path):
@@ -119,7 +103,18 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
         assert row["may_lie_above_grid"] == ("yes" if one.reaches_highest else "no")
 
 
-@pytest.mark.parametrize("draw", [dimming_figure, best_luminance_figure])
-def test_a_receiver_that_is_not_in_the_grid_is_refused(grid, draw):
-    with pytest.raises(VoccError, match="receiver is flda_9"):
-        draw(grid, receivers=["flda_9"])
+def test_a_receiver_that_is_not_in_the_grid_is_refused(grid):
+    for draw in (dimming_figure, best_luminance_figure):
+        with pytest.raises(VoccError, match="receiver is mlp"):
+            draw(grid, receivers=["mlp"])
+
+
+def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(
+    grid,
+):
+    figures = grid_figures({"paper": grid, "truth": grid}, "paper", ["flda_3", "cnn"])
+    assert set(figures) == {"dimming_paper", "dimming_truth", "dimming_best"}
+    assert (
+        figures["dimming_truth"].axes[0].get_title(loc="left")
+        == "FLDA: AGR + GRI + NGR"
+    )

@@ -1,5 +1,7 @@
 """``samples.png``: the first scenes of training and of the points, before anything is counted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,36 @@ def test_crops_are_parts_of_the_frames_that_are_counted(make_plan, effects):
         (x, y), (height, width) = crop.origin_px.tolist(), crop.pixels.shape[:2]
         assert (np.diff(crop.pixels, axis=2) == 0).all()
         assert np.array_equal(crop.pixels[..., 0], frame[y : y + height, x : x + width])
+
+
+def test_a_dozen_scenes_stand_on_the_page(make_plan, tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(
+        samples, "save_figure", lambda figure, _: figures.append(figure)
+    )
+    samples.write_samples(tmp_path, make_plan())
+    (figure,) = figures
+    assert len(figure.axes) == 12
+    for axes in figure.axes:
+        pixels = axes.images[0].get_array()
+        assert 60 < np.median(pixels) < 130  # the background
+        assert " m, ambient " in axes.get_xlabel()
+    names = [axes.get_title(loc="left") for axes in figure.axes]
+    assert names[0] == "What a receiver trains on"
+    assert names[6].startswith("What is tested: ")
+
+
+def test_a_wide_panel_leaves_no_empty_band(make_plan):
+    """Rows are as tall as what stands in them."""
+    plan, key = make_plan(), BlockKey(0, "train", 0)
+    (crop,) = samples.crops(plan.world.simulator(), key, plan.world.scene, 1)
+    heights = []
+    for height in (200, 20):
+        pixels = np.full((height, 200, 3), 90, np.uint8)
+        shown = [("", replace(crop, pixels=pixels))] * 7
+        heights.append(samples.samples_figure({"Wide": shown}).get_figheight())
+    saved = heights[0] - heights[1]
+    assert saved == pytest.approx(2 * 0.9 * samples.SETTINGS.cell_in)
 
 
 def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted_nothing(

@@ -27,12 +27,10 @@ from vocc_torch.extras.messages.config import (
 from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
 from vocc_torch.measure.schema import keys_of as keys_of
-from vocc_torch.studies.classifiers import RivalsConfig
+from vocc_torch.studies.compare import EffectsConfig, RivalsConfig, TradeoffConfig
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.export import ExportConfig
 from vocc_torch.studies.paper import FiguresConfig
-from vocc_torch.studies.tradeoff import TradeoffConfig
 from vocc_torch.studies.train_detector import TrainDetectorConfig
 from vocc_torch.yaml_text import read_yaml
 
@@ -41,9 +39,9 @@ TASKS = {
     "test": ("studies.curve:run_test", None),
     "decode": ("studies.decode.run:run_decode", "decode"),
     "figures": ("studies.paper.run:run_figures", "figures"),
-    "effects": ("studies.effects.run:run_effects_task", "effects"),
-    "tradeoff": ("studies.tradeoff.run:run_tradeoff", "tradeoff"),
-    "classifiers": ("studies.classifiers.run:run_classifiers", "rivals"),
+    "effects": ("studies.compare.effects:run_effects_task", "effects"),
+    "tradeoff": ("studies.compare.tradeoff:run_tradeoff", "tradeoff"),
+    "classifiers": ("studies.compare.classifiers:run_classifiers", "rivals"),
     "collect": ("studies.collect:run_collect", None),
     "export": ("studies.export.run:run_export", "export"),
     "export_receiver": ("studies.export_receiver:run_export_receiver", None),

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes as Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
-from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
@@ -23,6 +22,7 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Bools, Floats
+from vocc_torch.report.annotation import Pixels as Pixels
 from vocc_torch.report.styles import (
     Style,
     axis_label,
@@ -31,9 +31,6 @@ from vocc_torch.report.styles import (
     receiver_styles,
     value_text,
 )
-
-Pixels = NDArray[np.uint8]
-"""A picture, (H,W,3): red, green, blue."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +69,7 @@ class Curve:
         rates: one a value; a rate of 0 is drawn as an arrow down from its upper limit.
         spread: after several trainings, mean and interval of the algorithm; None at a value without.
         stars: quoted points (x, y), drawn as stars in the curve's colour.
+        bars: whether intervals and limits are drawn; a line without them breaks at a rate of 0.
     """
 
     style: Style
@@ -79,6 +77,7 @@ class Curve:
     rates: Sequence[Estimate]
     spread: Sequence[Estimate | None] = ()
     stars: Sequence[tuple[float, float]] = ()
+    bars: bool = True
 
 
 @dataclass(frozen=True)
@@ -327,6 +326,9 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
         "marker": style.marker,
         "markersize": 7,
     }
+    if not curve.bars:
+        axes.plot(x, value, linestyle=style.line, label=style.label, **look)
+        return
     bars: dict[str, Any] = {"elinewidth": 1.3, "capsize": 2.5}
     # Rounding may put an end a last digit on the wrong side.
     reach = np.maximum([value - low, high - value], 0)
@@ -388,11 +390,12 @@ def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
     """
     lows, highs = [], []
     for curve in curves:
-        for one in [*curve.rates, *(one for one in curve.spread if one is not None)]:
-            lows.append(
-                max(one.low, one.value / 10) / 1.3 if one.value else one.high / 5
-            )
-            highs.append(one.high)
+        spread = [mean for mean in curve.spread if mean is not None]
+        for rate in [*curve.rates, *spread]:
+            if rate.value or curve.bars:
+                low = max(rate.low, rate.value / 10) / 1.3
+                lows.append(low if rate.value else rate.high / 5)
+                highs.append(rate.high)
         lows += [y / 1.3 for _, y in curve.stars]
         highs += [y for _, y in curve.stars]
     if not highs or min(lows) <= 0:

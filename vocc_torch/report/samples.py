@@ -2,27 +2,32 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import torch
-from matplotlib import get_data_path
-from PIL import Image, ImageDraw, ImageFont
 
-from vocc_torch.files import atomic_file
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
-from vocc_torch.report.annotation import enlarged
-from vocc_torch.report.plots import LOOK, Pixels
-from vocc_torch.report.run_files import SAMPLES
+from vocc_torch.report.folder import SAMPLES
+from vocc_torch.report.plots import LOOK, Figure, Pixels, save_figure, sheet
 from vocc_torch.report.styles import axis_label, count_text
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Scene
 
-COLUMNS, MOST = 6, 12
-CELL_PX, GAP_PX, MARGIN_PX, HEAD_PX, CAPTION_PX = 216, 20, 28, 40, 62
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """How many scenes are shown, and how large."""
+
+    columns: int = 6  # crops in a row
+    most: int = 12  # crops in all
+    cell_in: float = 1.8  # width of a crop, inches
+    caption_in: float = 0.75  # height of what stands above and below it, inches
+
+
+SETTINGS = SampleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +68,16 @@ def crops(
             seen = simulator.render(
                 scenes[row], bits[row], nearest_m=nearest_m, keys=keys, panel_only=True
             )
-        shown = (
-            seen.pixels[0]
-            if seen.colour is not None
-            else np.repeat(seen.pixels[0][..., None], 3, axis=2)
-        )
-        yield Crop(scenes[row], shown, seen.origin_px[0].cpu())
+        pixels = seen.pixels[0]
+        if seen.colour is None:
+            pixels = np.repeat(pixels[..., None], 3, axis=2)
+        yield Crop(scenes[row], pixels, seen.origin_px[0].cpu())
 
 
 def write_samples(
     folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "test")
 ) -> None:
-    """Draw a dozen scenes, each panel enlarged to one size, with its values below.
+    """Draw a dozen scenes, each with its values below.
 
     Args:
         folder: the run's.
@@ -88,75 +91,57 @@ def write_samples(
         "train": "What a receiver trains on",
         "test": f"What is tested: {plan.experiment.name}",
     }
-    simulator, most = (
-        replace(plan.world, framing="crop").simulator(),
-        MOST // len(kinds),
-    )
-    drawn: dict[str, list[tuple[str, Crop]]] = {heads[kind]: [] for kind in kinds}
+    simulator = replace(plan.world, framing="crop").simulator()
+    most = SETTINGS.most // len(kinds)
+    groups: dict[str, list[tuple[str, Crop]]] = {}
     for kind in kinds:
         points = list(scenes_of(plan, kind).items())
-        places = np.unique(
-            np.linspace(0, len(points) - 1, most).round().astype(int)
-        ).tolist()
+        steps = np.linspace(0, len(points) - 1, most).round().astype(int)
+        places = np.unique(steps).tolist()
+        group = groups.setdefault(heads[kind], [])
         for name, model in (points[place] for place in places):
             axis, _, value = name.rpartition("/")[2].partition("=")
             label = f"{axis_label(axis)}: {value}" if value else ""
-            shown = crops(
-                simulator, BlockKey(plan.seed, name, 0), model, most // len(places)
-            )
-            drawn[heads[kind]] += [(label, crop) for crop in shown]
-    with atomic_file(folder / SAMPLES) as temporary:
-        picture_of(drawn).save(temporary, format="PNG")
+            key = BlockKey(plan.seed, name, 0)
+            shown = crops(simulator, key, model, most // len(places))
+            group += [(label, crop) for crop in shown]
+    save_figure(samples_figure(groups), folder / SAMPLES)
 
 
-def picture_of(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Image.Image:
-    """Lay crops out in rows below the name of their group, each with its label and its scene's values."""
-    shown = {
-        head: [(label, thumbnail(crop), crop.scene) for label, crop in some]
-        for head, some in groups.items()
-    }
-    # A wide panel's pictures are as low as they are.
-    tall = {
-        head: max(picture.height for _, picture, _ in some)
-        for head, some in shown.items()
-    }
-    step, rows = (
-        CELL_PX + GAP_PX,
-        {head: -(-len(some) // COLUMNS) for head, some in shown.items()},
-    )
-    heights = [
-        HEAD_PX + count * (tall[head] + CAPTION_PX) for head, count in rows.items()
-    ]
-    page = Image.new(
-        "RGB",
-        (COLUMNS * step - GAP_PX + 2 * MARGIN_PX, sum(heights) + 2 * MARGIN_PX),
-        "white",
-    )
-    draw, top = ImageDraw.Draw(page), MARGIN_PX
-    for head, some in shown.items():
-        draw.text((MARGIN_PX, top), head, LOOK.ink, font(20, bold=True))
-        top += HEAD_PX
-        for at, (label, picture, scene) in enumerate(some):
-            x = MARGIN_PX + at % COLUMNS * step
-            y = top + at // COLUMNS * (tall[head] + CAPTION_PX)
-            page.paste(picture, (x, y + tall[head] - picture.height))
-            for line, text in enumerate(filter(None, (label, *captions(scene)))):
-                look = (
-                    (LOOK.ink, font(12, bold=True))
-                    if text == label
-                    else (LOOK.quiet, font(12))
-                )
-                draw.text((x, y + tall[head] + 6 + 17 * line), text, *look)
-        top += rows[head] * (tall[head] + CAPTION_PX)
-    return page
+def samples_figure(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Figure:
+    """Lay crops out in rows, each with its label and its scene's values; the first of a group has its name.
 
+    Rows are as tall as what stands in them.
 
-def thumbnail(crop: Crop) -> Image.Image:
-    """Show a crop as wide or as high as a cell."""
-    # Square pixels first, so that they can be seen.
-    picture = enlarged(crop.pixels, max(1, -(-2 * CELL_PX // max(crop.pixels.shape))))
-    picture.thumbnail((CELL_PX, CELL_PX), Image.Resampling.BOX)
-    return picture
+    Args:
+        groups: labels and crops, by the group's name.
+    """
+    columns = min(SETTINGS.columns, max(map(len, groups.values())))
+    layout: list[list[int]] = []
+    heights_in: list[float] = []
+    titles: list[str] = []
+    shown: list[tuple[str, Crop]] = []
+    for name, group in groups.items():
+        tallest = max(crop.pixels.shape[0] / crop.pixels.shape[1] for _, crop in group)
+        height_in = SETTINGS.caption_in + SETTINGS.cell_in * min(1.0, tallest)
+        titles += [name, *[""] * (len(group) - 1)]
+        places = [*range(len(shown), len(shown) + len(group))]
+        shown += group
+        places += [-1] * (-len(places) % columns)
+        for start in range(0, len(places), columns):
+            layout.append(places[start : start + columns])
+            heights_in.append(height_in)
+    size_in = SETTINGS.cell_in * columns + 0.3, sum(heights_in) + 0.5
+    figure, axes = sheet(layout, size_in, "Scenes", height_ratios=heights_in)
+    for place, (label, crop) in enumerate(shown):
+        cell = axes[place]
+        cell.imshow(crop.pixels, interpolation="nearest")
+        cell.set(xticks=[], yticks=[])
+        cell.spines[:].set_visible(False)
+        words = "\n".join(filter(None, (label, *captions(crop.scene))))
+        cell.set_xlabel(words, fontsize=8, color=LOOK.quiet, loc="left")
+        cell.set_title(titles[place], loc="left", fontsize=10.5, fontweight="bold")
+    return figure
 
 
 def captions(scene: Scene) -> tuple[str, str]:
@@ -170,13 +155,7 @@ def captions(scene: Scene) -> tuple[str, str]:
     ambient, led = (
         count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights
     )
-    own = f"LED {led} cd/m\N{SUPERSCRIPT TWO}, background {float(scene.background_grey[0]):.0f}"
-    return f"{float(scene.distance_m[0]):.3g} m, ambient {ambient} lx", own
-
-
-@cache
-def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """The typeface of all pictures, which Matplotlib brings."""
-    return ImageFont.truetype(
-        Path(get_data_path(), f"fonts/ttf/DejaVuSans{'-Bold' * bold}.ttf"), size_px
-    )
+    background = f"background {float(scene.background_grey[0]):.0f}"
+    distance = f"{float(scene.distance_m[0]):.3g} m"
+    light = f"LED {led} cd/m\N{SUPERSCRIPT TWO}, {background}"
+    return f"{distance}, ambient {ambient} lx", light

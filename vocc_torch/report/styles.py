@@ -1,5 +1,6 @@
 """How results look and read wherever they are shown: names, colours, markers, lines, and numbers as text."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.resources import files
@@ -143,3 +144,15 @@ def point_text(row: Row) -> str:
         '< 4.0e-2'
     """
     return f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)
+
+
+def number_text(value: float) -> str:
+    """Write a positive number in three digits, never as a power of ten.
+
+    Example:
+        >>> [number_text(value) for value in (1042.6, 32.53, 9.999, 0.5942, 0.01337)]
+        ['1043', '32.5', '10.0', '0.594', '0.0134']
+    """
+    rounded = float(f"{value:.3g}")
+    digits = max(0, 2 - math.floor(math.log10(max(rounded, 1e-9))))
+    return f"{value:.{digits}f}"

@@ -20,7 +20,7 @@ from torch.utils.tensorboard import SummaryWriter
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable, Row
-from vocc_torch.report import canvas, page, styles
+from vocc_torch.report import page, plots, styles
 from vocc_torch.report.folder import as_markdown
 
 SUMMARY_RUN = "_summary"
@@ -80,7 +80,12 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
 
 
 def swept_keys() -> dict[str, str]:
-    """Give the keys of a multirun with this job's values; empty in a single run."""
+    """Give the keys of a multirun with this job's values; empty in a single run.
+
+    Example:
+        >>> swept_keys()
+        {}
+    """
     if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
         return {}
     pairs = (text.partition("=") for text in HydraConfig.get().overrides.task)
@@ -93,7 +98,7 @@ def swept_keys() -> dict[str, str]:
 def write_figures(
     settings: Settings,
     folder: Path,
-    figures: Mapping[str, canvas.Figure],
+    figures: Mapping[str, plots.Figure],
     tables: Mapping[str, Sequence[BerTable]] = {},
     **more: Mapping[str, Any],
 ) -> None:
@@ -107,7 +112,7 @@ def write_figures(
         **more: ``texts``, ``images``, ``numbers`` and ``runs`` of :func:`write_boards`.
     """
     for name, figure in figures.items():
-        canvas.save_figure(figure, folder / f"{name}.png")
+        plots.save_figure(figure, folder / f"{name}.png")
     if settings.tensorboard:
         more["texts"] = {
             "configuration": as_markdown(settings),
@@ -119,8 +124,8 @@ def write_figures(
 def write_boards(
     folder: str | Path,
     tables: Mapping[str, Sequence[BerTable]],
-    figures: Mapping[str, canvas.Figure | canvas.Pixels] = {},
-    images: Mapping[str, canvas.Pixels] = {},
+    figures: Mapping[str, plots.Figure | plots.Pixels] = {},
+    images: Mapping[str, plots.Pixels] = {},
     texts: Mapping[str, str] = {},
     numbers: Mapping[str, Mapping[str, float]] = {},
     runs: Mapping[str, tuple[dict[str, Any], dict[str, float]]] = {},
@@ -185,8 +190,8 @@ def write_boards(
                 for kind, pictures in {"figures": figures, "images": images}.items():
                     for name, shown in pictures.items():
                         pixels = (
-                            canvas.figure_pixels(shown)
-                            if isinstance(shown, canvas.Figure)
+                            plots.figure_pixels(shown)
+                            if isinstance(shown, plots.Figure)
                             else shown
                         )
                         writer.add_image(f"{kind}/{name}", pixels, dataformats="HWC")

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from typing import Any, Self
 
 from rich import box, progress
@@ -143,14 +143,20 @@ class _Bar(progress.Progress):
 
 
 class _Speed(progress.ProgressColumn):
-    """Frames a second over the last while."""
+    """Units a second over the last while.
+
+    Args:
+        unit: name of a unit; empty for no speed.
+    """
+
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
+        super().__init__()
 
     def render(self, task: progress.Task) -> Text:
         speed = task.finished_speed or task.speed
-        return Text(
-            "" if speed is None else f"{speed:,.0f} frames/s",
-            style="progress.data.speed",
-        )
+        text = "" if speed is None or not self._unit else f"{speed:,.0f} {self._unit}/s"
+        return Text(text, style="progress.data.speed")
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -197,6 +203,7 @@ class ProgressView:
         console: where to draw; standard output by default.
         doing: what is done first.
         below: draws what stands under the bar.
+        unit: what is counted; empty for no speed.
 
     Example:
         >>> with ProgressView(128, Console(width=60)) as view:
@@ -207,10 +214,11 @@ class ProgressView:
 
     def __init__(
         self,
-        frames: int,
+        frames: float,
         console: Console | None = None,
         doing: str = "training",
         below: Below | None = None,
+        unit: str = "frames",
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
@@ -219,7 +227,7 @@ class ProgressView:
             "{task.description}",
             progress.BarColumn(None),
             "{task.percentage:>3.0f} %",
-            _Speed(),
+            _Speed(unit),
         )
         look: dict[str, Any] = {
             "refresh_per_second": 4,
@@ -248,7 +256,7 @@ class ProgressView:
         """Frames counted so far."""
         return self._task.completed
 
-    def advance(self, what: str, frames: int) -> None:
+    def advance(self, what: str, frames: float) -> None:
         """Count frames that were run now, and name what is under way."""
         self._bar.update(self._task.id, advance=frames, description=what)
 
@@ -374,10 +382,6 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
         if one.frames:
             view.say(f"trained {name} on {one.frames} frames in {one.training_s:.0f} s")
     return training
-
-
-Stage = Callable[[str], AbstractContextManager[object]]
-"""Entered with the name of a stage as it begins, left when it is done."""
 
 
 class Stopwatch:

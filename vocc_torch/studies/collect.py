@@ -14,8 +14,7 @@ from vocc_torch.files import read_file
 from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import styles
-from vocc_torch.report.canvas import Figure, save_figure
-from vocc_torch.report.plots import facet_figure, interval_note
+from vocc_torch.report.plots import Figure, facet_figure, interval_note, save_figure
 from vocc_torch.report.terminal import Console, Text, plain_table, receiver_heading
 
 INTO_INPUT = "collect"

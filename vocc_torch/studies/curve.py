@@ -26,17 +26,9 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.report import (
-    annotation,
-    canvas,
-    heatmap,
-    plots,
-    samples,
-    styles,
-    tensorboard,
-    terminal,
-)
 from vocc_torch.report import folder as run_folder
+from vocc_torch.report import heatmap, plots, samples, styles, tensorboard, terminal
+from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import SCENE_FIELDS
 
@@ -270,7 +262,7 @@ def write_results(
     figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
     figures |= {"features by status": histograms}
     for name, figure in zip(("ber.png", "features.png"), figures.values(), strict=True):
-        canvas.save_figure(figure, folder / name)
+        plots.save_figure(figure, folder / name)
     if settings.tensorboard:
         pictures = sample_frames(plan, train.trained_receiver(plan, training))
         texts = {"configuration": run_folder.as_markdown(settings)}
@@ -332,7 +324,7 @@ def location_note(curves: curve.Curves) -> list[str]:
     ]
 
 
-def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
+def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, plots.Pixels]:
     """Draw the first frames of each point, plain above and annotated below.
 
     Args:
@@ -365,13 +357,11 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
         ):
             # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
             scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
-            plain = drawn = np.asarray(annotation.enlarged(crop.pixels, scale))
+            plain = drawn = np.asarray(enlarged(crop.pixels, scale))
             if read.found[i]:
                 corners = (read.corners_px[i].cpu() - crop.origin_px).numpy()
                 drawn = np.asarray(
-                    annotation.annotated(
-                        crop.pixels, corners, read.bits[i].cpu().numpy(), scale
-                    )
+                    annotated(crop.pixels, corners, read.bits[i].cpu().numpy(), scale)
                 )
             columns.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(columns, axis=1)

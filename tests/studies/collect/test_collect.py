@@ -70,7 +70,7 @@ def rows_of(path):
 
 def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     """One job and one mistake: every point is there once, beside what tells the jobs apart."""
-    monkeypatch.setattr("vocc_torch.report.canvas.save_figure", white)
+    monkeypatch.setattr("vocc_torch.studies.collect.save_figure", white)
     assert (
         app(
             *QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1"

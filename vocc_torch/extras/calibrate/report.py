@@ -10,7 +10,7 @@ from vocc_torch.extras.calibrate.noise import ROUNDING, WHITE, expected
 from vocc_torch.extras.calibrate.scene import Findings
 from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.files import write_atomically
-from vocc_torch.report import canvas, page
+from vocc_torch.report import page, plots
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end, or of theirs where they are the wider."""
@@ -72,10 +72,9 @@ def write_frames(study: Findings, path: Path) -> None:
     order = (off**2).mean((1, 2)).argsort().tolist()
     frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))
     height, width = fit.drawing.size_px
-    cell = (3.2, 3.2 * height / width)
-    figure, axes = canvas.new_grid(
-        3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2)
-    )
+    layout = plots.rows_of(list(range(3 * len(frames))), 3)
+    size = 10.0, len(frames) * (3.2 * height / width + 0.35) + 0.5
+    figure, axes = plots.sheet(layout, size, "Measured and expected")
     for row, frame in enumerate(frames):
         number = int(study.footage.numbers[frame])
         panes = (
@@ -83,29 +82,31 @@ def write_frames(study: Findings, path: Path) -> None:
             ("expected", mean, 0.0, WHITE, "gray"),
             (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
         )
-        for axis, (head, plane, low, high, colours) in zip(
-            axes[3 * row :], panes, strict=False
-        ):
-            axis.imshow(
+        for column, (head, plane, low, high, colours) in enumerate(panes):
+            pane = axes[3 * row + column]
+            pane.imshow(
                 plane[frame], cmap=colours, vmin=low, vmax=high, interpolation="nearest"
             )
-            axis.set_title(head, fontsize=9)
-            axis.set_axis_off()
-    canvas.save_figure(figure, path)
+            pane.set_title(head, fontsize=9)
+            pane.set_axis_off()
+    plots.save_figure(figure, path)
 
 
 def write_transfer(study: Findings, curve: TransferCurve, path: Path) -> None:
     """Draw the photon transfer curve."""
-    figure, (axes,) = canvas.new_grid(1, 1, (5.0, 3.2), (0, 0), (0.8, 0.3, 0.3, 0.7))
+    figure, panels = plots.sheet([[0]], (6.1, 4.2), "Photon transfer")
+    axes = panels[0]
     light = np.geomspace(curve.light.min(), curve.light.max(), 100)
     fitted = expected(light, study.fit.gamma, curve.noise)[1]
-    axes.plot(curve.light, curve.variance, "o", color=canvas.INK, label="measured")
+    axes.plot(curve.light, curve.variance, "o", color=plots.LOOK.ink, label="measured")
     axes.plot(light, fitted, "-", color="#0072B2", label="photon transfer and rounding")
-    axes.axhline(ROUNDING, linestyle=":", color=canvas.QUIET, label="rounding alone")
+    axes.axhline(
+        ROUNDING, linestyle=":", color=plots.LOOK.quiet, label="rounding alone"
+    )
     labels = {
         "xlabel": "light, of that which is encoded as 118",
         "ylabel": "variance, grey values squared",
     }
     axes.set(xscale="log", yscale="log", **labels)
     axes.legend(fontsize=8, frameon=False)
-    canvas.save_figure(figure, path)
+    plots.save_figure(figure, path)

@@ -1,0 +1,245 @@
+"""Which scenes ``task=effects`` compares, and what it refuses."""
+
+import dataclasses
+import functools
+import itertools
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.simulation import Camera, Distribution, SceneModel
+from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.studies.compare import EffectsConfig, Severity
+from vocc_torch.studies.compare.effect_plan import ORDER, EffectStudy, group_of
+
+CONF = Path(__file__).parents[3] / "conf"
+SHIPPED = OmegaConf.to_container(
+    OmegaConf.load(CONF / "task" / "effects.yaml").effects, resolve=True
+)
+SCENES = {
+    path.stem: OmegaConf.to_container(OmegaConf.load(path).effects, resolve=True)
+    for path in sorted((CONF / "scene").glob("*.yaml"))
+}
+SENSOR = {"photoelectrons": {"quantum_efficiency": 0.6}, "gain": {}}
+PARTS = {
+    "defocus": {"defocus": {"focus_distance_m": 6.0}},
+    "photoelectrons": SENSOR,
+    "shot_noise": {
+        "shot_noise": {},
+        "photoelectrons": {"quantum_efficiency": 0.005},
+        "gain": {},
+    },
+}
+CAMERA = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
+"""The middle of the paper's sensor: whole frames are a sixteenth of the work."""
+NAMES = ("defocus", "blooming", "photoelectrons", "shot_noise")
+FRAMES = 80
+"""More than a block."""
+MIDDLE = Distribution("constant", (0.0,))
+SCENE = SceneModel(offset_x_m=MIDDLE, offset_y_m=MIDDLE)
+WITHOUT_SEVERITY = {"photoelectrons", "gain", "demosaicing", "saturation"}
+"""Two have no parameter, one is part of another, and photoelectrons alone change nothing."""
+
+
+def plan_of(effects=None, batch_frames=64, target=None):
+    return Plan(
+        World(
+            CAMERA,
+            scene=SCENE,
+            effects=PAPER_EFFECTS if effects is None else effects,
+            device="cpu",
+        ),
+        ReceiverPlan(names=("flda_2", "flda_3")),
+        Experiment("effects", "distance_m", (50.0,)),
+        Budget(FRAMES, 48, target),
+        Path("runs"),
+        batch_frames=batch_frames,
+    )
+
+
+def made(
+    parts=PARTS,
+    severity=None,
+    names=(),
+    effects=PAPER_EFFECTS,
+    frames=(4, 24, 1),
+    **plan,
+):
+    """A study, whose frames are those with a locator, those at a severity, and rounds."""
+    config = EffectsConfig(list(names), *frames, parts, severity or {})
+    return EffectStudy(plan_of(effects, **plan), config)
+
+
+@functools.cache
+def shipped(scene="paper", names=()):
+    """The shipped study on a shipped scene."""
+    severities = {name: Severity(**one) for name, one in SHIPPED["severity"].items()}
+    plan = plan_of(SCENES[scene])
+    whole = dataclasses.replace(plan, world=World(effects=SCENES[scene], device="cpu"))
+    return EffectStudy(
+        whole, EffectsConfig(list(names), 0, 0, 1, SHIPPED["parts"], severities)
+    )
+
+
+# The shipped catalogue
+
+
+def test_every_registered_effect_is_looked_at():
+    """Alone, and with a severity where it has a parameter that does something alone."""
+    rows = shipped().pairs
+    assert {name for row in rows for name in row.differing} == {
+        kind.name for kind in PHYSICAL_ORDER
+    }
+    assert set(SHIPPED["severity"]) == set(ORDER) - WITHOUT_SEVERITY
+    assert [row.name for row in rows] == [
+        name for name in ORDER if name in {row.name for row in rows}
+    ]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_two_scenes_differ_in_the_effect_alone(scene):
+    """On each shipped scene, whatever it names itself: both scenes fit, and only what must goes with it."""
+    catalogue = shipped(scene)
+    for row in catalogue.pairs:
+        build_effects(row.present), build_effects(row.absent)
+        assert row.in_scene == (row.name in SCENES[scene])
+        assert set(row.present) - set(row.differing) == set(row.absent)
+        assert all(row.present[name] == row.absent[name] for name in row.absent)
+        if row.differing != (row.name,):
+            # Electrons are made and read out by two effects that are nothing without each other.
+            assert {"photoelectrons", "gain"} <= set(row.differing), row
+        if row.in_scene:
+            assert row.present[row.name] == SCENES[scene][row.name]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_all_together_is_the_scene_and_every_part(scene):
+    catalogue = shipped(scene)
+    together = catalogue.together
+    assert set(together.present) == set(ORDER)
+    named = {name: SCENES[scene][name] for name in ORDER if name in SCENES[scene]}
+    # The fog that is added is in one air with what dims the LEDs, also in the scene without fog.
+    assert together.absent == {**named, "attenuation": together.present["airlight"]}
+    own = [
+        name for row in catalogue.pairs if not row.in_scene for name in row.differing
+    ]
+    assert sorted(own) == sorted(together.differing)
+
+
+def test_companions_stand_on_both_sides():
+    row = shipped().pair("shot_noise")
+    assert row.differing == ("shot_noise",)
+    assert row.companions == ("photoelectrons", "gain")
+    assert set(row.absent) == {*SCENES["paper"], "photoelectrons", "gain"}
+
+
+def test_what_cannot_stand_without_the_effect_is_away_on_both_sides():
+    row = shipped().pair("saturation")
+    assert set(row.absent) == {"attenuation", "blooming"}
+    assert set(row.present) == {"attenuation", "blooming", "saturation"}
+
+
+def test_what_is_chosen_is_added_together_over_its_companions():
+    """One effect of many: its companions are no cost of its own."""
+    together = shipped(names=("shot_noise",)).together
+    assert together.differing == ("shot_noise",)
+    assert together.companions == ("photoelectrons", "gain")
+    assert shipped(names=("blooming",)).together is None
+
+
+@pytest.mark.parametrize("name", SHIPPED["severity"])
+def test_severities_change_one_parameter(name):
+    catalogue = shipped()
+    usual, severity = catalogue.usual(name), catalogue.config.severity[name]
+    effect, _, parameter = severity.parameter.partition(".")
+    moved = {effect} | ({"attenuation"} if name == "airlight" else set())
+    usually = catalogue.pair(name).present
+    for value in severity.values:
+        scene = catalogue.at(name, value)
+        assert all(scene[other][parameter] == value for other in moved)
+        assert all(
+            scene[other] == usually[other] for other in usually if other not in moved
+        )
+    if usual is not None:
+        assert min(severity.values) <= usual <= max(severity.values)
+
+
+def test_groups_are_runs_in_physical_order():
+    groups = [group for group, _ in itertools.groupby(group_of(name) for name in ORDER)]
+    assert groups == ["view", "LEDs", "surroundings", "optics", "sensor", "encoding"]
+
+
+def severity(parameter, *values, of="blooming"):
+    return {"severity": {of: Severity(parameter, list(values))}}
+
+
+MISTAKES = [
+    ({"names": ["blomming"]}, "effects.names has 'blomming': did you mean blooming?"),
+    ({"names": ["blooming"] * 2}, "each name once"),
+    ({"parts": {"fogg": {}}}, "effects.parts has 'fogg': known: "),
+    ({"parts": {"jpeg": {"gain": {}}}}, "effects.parts.jpeg has no jpeg"),
+    (
+        {"parts": {"jpeg": {"jpeg": {"qualty": 9}}}},
+        "effects.parts.jpeg.jpeg.qualty is not",
+    ),
+    (
+        {"parts": {"jpeg": {"jpeg": {"quality": 0}}}},
+        "effects.parts.jpeg.jpeg.quality is 0",
+    ),
+    (
+        {"parts": {"shot_noise": {"shot_noise": {}}}},
+        "effects.parts.shot_noise.shot_noise needs electrons",
+    ),
+    ({"parts": PARTS}, "effects.parts.shot_noise.photoelectrons is"),
+    (
+        {"parts": {"defocus": {"defocus": {"focus_distance_m": 0.03}}}},
+        "focus_distance_m is 0.03",
+    ),
+    (
+        severity("defocus.focus_distance_m", 9.0, of="defocsu"),
+        "effects.severity has 'defocsu': did you mean",
+    ),
+    (severity("", 1.0), "effects.severity.blooming.parameter is ''"),
+    (
+        severity("jpeg.quality", 9),
+        "effects.severity.blooming.parameter is 'jpeg.quality'",
+    ),
+    (
+        severity("blooming.sigma", 1.0),
+        "effects.severity.blooming.values has 1.0: scene.effects.blooming.sigma",
+    ),
+    (
+        severity("blooming.sigma_px", 0.0, 1.0),
+        "effects.severity.blooming.values has 0.0",
+    ),
+    (
+        severity("blooming.sigma_px", 1.0, 3.0, 2.0),
+        "effects.severity.blooming.values is [1.0, 3.0, 2.0]",
+    ),
+    (severity("blooming.sigma_px"), "effects.severity.blooming.values is []"),
+    (
+        severity("blooming.sigma_px", 1.0, "low"),
+        "effects.severity.blooming.values is 'low'",
+    ),
+    (
+        severity("defocus.focus_distance_m", 6.0, 0.03, of="defocus"),
+        "effects.severity.defocus.values has 0.03",
+    ),
+    ({"frames": (-1, 0, 1)}, "effects.located_frames is -1: it must be at least 0"),
+    ({"frames": (0, -1, 1)}, "effects.severity_frames is -1: it must be at least 0"),
+    ({"frames": (0, 0, 0)}, "effects.repeats is 0: it must be at least 1"),
+    ({"target": 5}, "budget.target_frame_errors is 5: it must be null"),
+]
+
+
+@pytest.mark.parametrize(("changes", "said"), MISTAKES)
+def test_mistakes_are_named(changes, said):
+    with pytest.raises(VoccError) as refused:
+        made(**{"parts": {"defocus": PARTS["defocus"]}, **changes})
+    assert said in str(refused.value)
+    assert str(refused.value).startswith(("effects.", "budget."))
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,247 @@
+"""Reports of many receivers compared, from numbers that are easy to check."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.genie import GenieReference
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.train import Making
+from vocc_torch.studies.compare.classifiers import write_tables
+from vocc_torch.studies.compare.rival_figures import curves_figure, scenes_figure
+from vocc_torch.studies.compare.rival_results import (
+    Comparison,
+    GeniePoint,
+    Transfer,
+    ratio_text,
+    summary,
+)
+
+FRAMES = 1000
+WRONG = {
+    "average_greyscale": (9000, 4000),
+    "flda_3": (300, 200),
+    "net": (5, 0),
+    "plain": (60, 500),
+}
+"""Wrong bits of each receiver, one a frame where they fit, at 30 and at 70 m."""
+
+
+def counts(bit_errors, frames=FRAMES):
+    """Wrong bits shared out over frames as evenly as can be."""
+    each, more = divmod(bit_errors, frames)
+    squares = 4 * ((frames - more) * each**2 + more * (each + 1) ** 2)
+    return Counts(frames, 64 * frames, 2 * bit_errors, squares, min(frames, bit_errors))
+
+
+def paired(a, b):
+    """Two receivers whose wrong bits come in the same frames first."""
+    more, less = counts(max(a, b)), counts(min(a, b))
+    excess = more.half_errors - less.half_errors
+    each, rest = divmod(excess // 2, FRAMES)
+    squares = 4 * ((FRAMES - rest) * each**2 + rest * (each + 1) ** 2)
+    side = (excess, squares, min(FRAMES, excess // 2))
+    return PairedCounts(
+        FRAMES,
+        64 * FRAMES,
+        *(side if a > b else (0, 0, 0)),
+        *((0, 0, 0) if a > b else side),
+    )
+
+
+def curves(experiment="distance"):
+    names, values = tuple(WRONG), (30.0, 70.0)
+    return Curves(
+        experiment,
+        "distance_m",
+        "truth",
+        names,
+        values,
+        {
+            (name, value): counts(WRONG[name][i])
+            for name in names
+            for i, value in enumerate(values)
+        },
+        {
+            (a, b, value): paired(WRONG[a][i], WRONG[b][i])
+            for i, value in enumerate(values)
+            for place, a in enumerate(names)
+            for b in names[place + 1 :]
+        },
+        dict.fromkeys(values, "frames"),
+    )
+
+
+def genie_point(wrong=0, **receivers):
+    """64 frames; every receiver has 8 wrong bits in them, if nothing else is said, and "net" none."""
+    wrongs = {**dict.fromkeys(WRONG, 8), "net": 0, **receivers}
+    counted = {name: counts(bits, 64) for name, bits in wrongs.items()}
+    return GeniePoint(GenieReference(counts(wrong, 64), 64, 0.025), counted)
+
+
+def words_of(comparison):
+    return " ".join(summary(comparison).split())
+
+
+def transfer(receiver, trained_on, tested_on, wrong, at_home):
+    return Transfer(
+        receiver,
+        trained_on,
+        tested_on,
+        counts(wrong),
+        counts(at_home),
+        paired(at_home, wrong),
+    )
+
+
+PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
+
+
+@pytest.fixture
+def made_up():
+    errors = {
+        "flda_3": (200, 900, 250, 250),
+        "net": (0, 40, 30, 0),
+        "plain": (100, 100, 120, 110),
+    }
+    transfers = []
+    for place, pair in enumerate(PAIRS):
+        home = 0 if pair[1] == "paper" else 3
+        transfers += [
+            transfer(name, *pair, wrong[place], wrong[home])
+            for name, wrong in errors.items()
+        ]
+    return Comparison(
+        reference="flda_3",
+        curves={"distance": curves()},
+        costs={
+            "average_greyscale": Making(parameters=0),
+            "flda_3": Making(0.7, None, 1000, 4, 2600),
+            "net": Making(12.0, 6.0, 8000, 5185, 25_300),
+            "plain": Making(0.6, 0.5, 1000, None, 1340),
+        },
+        decision_ms={
+            "average_greyscale": 0.002,
+            "flda_3": 0.004,
+            "net": 0.08,
+            "plain": 0.02,
+        },
+        points={"distance": 70.0},
+        genie={"distance": {30.0: genie_point(), 70.0: genie_point()}},
+        transfers=transfers,
+        home="paper",
+        most_training_frames=500,
+    )
+
+
+def lines_of(path):
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [
+        ((0.0, 0.0, 0.01), "< 1/100"),
+        ((0.97, 0.9, 1.1), "0.97 x"),
+        ((1906.0, 900.0, 3000.0), "1906 x"),
+        ((0.001234, 0.001, 0.002), "1/810"),
+    ],
+)
+def test_ratios_are_fractions_or_multiples(ratio, text):
+    assert ratio_text(Estimate(*ratio)) == text
+
+
+def test_the_tables_state_what_was_counted(made_up, tmp_path):
+    write_tables(tmp_path, made_up)
+    rows = lines_of(tmp_path / "classifiers.csv")
+    assert [row["receiver"] for row in rows] == [
+        "net",
+        "flda_3",
+        "plain",
+        "average_greyscale",
+    ]
+    by = {row["receiver"]: row for row in rows}
+    assert (
+        by["net"]["training_s"],
+        by["net"]["parameters"],
+        by["plain"]["parameters"],
+    ) == ("12", "5185", "")
+    assert (
+        float(by["net"]["distance_70_ber_high"])
+        > float(by["net"]["distance_70_ber"])
+        == 0
+    )
+    assert float(by["plain"]["distance_70_ratio"]) == pytest.approx(2.5)
+    pair = {
+        (row["a"], row["b"], row["value"]): row
+        for row in lines_of(tmp_path / "paired.csv")
+    }
+    assert pair["flda_3", "net", "30"]["a_worse"] == "295"
+    scenes = {
+        (row["trained_on"], row["tested_on"], row["receiver"]): row
+        for row in lines_of(tmp_path / "robustness.csv")
+    }
+    assert scenes["paper", "night", "net"]["ratio"] == ""
+    assert float(scenes["night", "paper", "flda_3"]["ratio"]) == pytest.approx(4.5)
+    (first, _) = lines_of(tmp_path / "genie.csv")
+    assert (first["best_receivers"], first["best_bit_errors"], first["proven"]) == (
+        "net",
+        "0",
+        "64",
+    )
+
+
+def test_the_words_are_the_numbers(made_up):
+    words = words_of(made_up)
+    for said in (
+        "Best of those that learn: net, at 70 m no errors in 64000 bits",
+        "It was chosen on these very frames",
+        "12.0 s of training on 8000 frames, 5185 parameters, 25.3 kB, 0.08 ms a frame",
+        "0 wrong bits of 8192 in the first 64 frames of each point, at 25 ms a frame",
+        "In 128 of 128 frames it is proven",
+        "no receiver has fewer wrong bits at any point",
+        "night (4.7e-4 against none)",
+        "flda_3 trained on paper is as good everywhere",
+        "night (4.5 times)",
+        "at 95 % for all 4 comparisons stated here.",
+    ):
+        assert said in words
+    assert "As few" not in words
+    assert " ," not in words
+    assert " ." not in words
+    assert max(map(len, summary(made_up, 70).splitlines())) <= 70
+
+
+def test_what_is_sure_by_itself_may_not_be_among_many(made_up):
+    """Six wrong frames more, and none less, are told apart alone (p = 1/32), but not among four."""
+    one = transfer("flda_3", "paper", "night", 6, 0)
+    assert one.surely_worse()
+    assert not one.surely_worse(4)
+    others = [each for each in made_up.transfers if each.receiver != "flda_3"]
+    both = [transfer("flda_3", "paper", "night", wrong, 0) for wrong in (6, 60)]
+    for pair, said in zip(both, (False, True), strict=True):
+        words = words_of(replace(made_up, transfers=[*others, pair]))
+        assert ("flda_3 trained on paper is surely worse" in words) == said
+
+
+def test_figures_have_a_panel_a_receiver_and_a_cell_a_pair_of_scenes(made_up):
+    figure = curves_figure(made_up, "distance")
+    assert [axes.get_title(loc="left").split("\n")[0] for axes in figure.axes] == [
+        "1. net",
+        "2. FLDA: AGR + GRI + NGR",
+        "3. plain",
+        "4. Average greyscale",
+    ]
+    assert figure.axes[0].get_ylabel() == "Bit error rate"
+    assert figure.axes[0].get_xlabel() == "Distance (m)"
+    out, back, _ = scenes_figure(made_up).axes
+    assert [label.get_text() for label in out.get_xticklabels()] == ["paper", "night"]
+    assert [label.get_text() for label in back.get_xticklabels()] == ["night"]
+    texts = [text.get_text() for text in back.texts]
+    assert texts[1] == "1.4e-2\n4.5 x"

@@ -1,0 +1,424 @@
+"""Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from vocc_torch.errors import (
+    VoccError,
+    demand_least,
+    finite_number,
+    section,
+    shown,
+    told_known,
+)
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings, effect_settings
+from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
+from vocc_torch.plugins import TARGET
+from vocc_torch.receiver.bank import check_receivers
+from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation import effects as chain
+from vocc_torch.studies.compare import EffectsConfig, Severity
+
+Effects = Mapping[str, chain.Parameters]
+"""Effect name to parameters, as a scene names them."""
+
+Key = tuple[chain.Effect, ...]
+"""A scene's effects as they are built: what tells scenes apart."""
+
+ORDER = tuple(kind.name for kind in chain.PHYSICAL_ORDER)
+"""Names of all effects in physical order."""
+
+POINT = "effects"
+"""The point that keys the random draws of all test frames: every scene is drawn alike."""
+
+TOGETHER = "all together"
+
+FIRST = {
+    "view": "pose",
+    "LEDs": "stuck_leds",
+    "surroundings": "attenuation",
+    "optics": "motion_blur",
+    "sensor": "bayer",
+    "encoding": "saturation",
+}
+"""The first effect of each part of the chain."""
+
+
+def group_of(name: str, order: Sequence[str] = ORDER) -> str:
+    """Name the part of the chain that an effect belongs to, of those in physical order.
+
+    Example:
+        >>> group_of("defocus"), group_of("bayer"), group_of("jpeg")
+        ('optics', 'sensor', 'encoding')
+    """
+    return [
+        group
+        for group, first in FIRST.items()
+        if order.index(first) <= order.index(name)
+    ][-1]
+
+
+def fills(effects: Key) -> bool:
+    """Whether a locator needs frames with these effects rendered whole."""
+    return any(effect.fills_sensor for effect in effects)
+
+
+@dataclass(frozen=True)
+class ScenePair:
+    """Two scenes that differ in one effect, or in several.
+
+    Args:
+        name: the effect; ``all together`` for many.
+        present: the effects of the scene that has it.
+        absent: those of the scene that does not.
+        in_scene: whether the scene of the study has it.
+        companions: effects that were added with it.
+    """
+
+    name: str
+    present: Effects
+    absent: Effects
+    in_scene: bool = False
+    companions: tuple[str, ...] = ()
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """Names of the effects in which the two differ."""
+        return tuple(
+            name
+            for name in self.order
+            if name in self.present and name not in self.absent
+        )
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Names of all effects in physical order, those from outside too."""
+        return tuple(chain.kinds_of(self.present))
+
+
+@dataclass(frozen=True)
+class EffectStudy:
+    """A study of what effects cost and do.
+
+    Args:
+        plan: the world with the scene's own effects, the receivers and the budget; its budget's frames are
+            those at the true corners, and its experiment and its locator have no part in it.
+        config: the study's section of the configuration. ``parts`` has by an effect's name that effect and
+            what it needs besides; where the scene names an effect, the scene's own parameters hold.
+            ``severity`` says how an effect becomes harsher. ``names`` are the effects to look at; all those
+            of the scene and the parts by default. ``located_frames`` are read with the paper's locator where
+            an effect fills the sensor, which makes them slow; 0 leaves the locator out. ``severity_frames``
+            are read at each severity; 0 leaves the severities out. ``repeats`` are timed rounds, at least 1.
+        scene_name: what results call the scene.
+
+    Raises:
+        VoccError: a number outside its range, a stop rule, an unknown effect or parameter, a part without its
+            own effect, two parts that disagree, a chain that does not fit, or an effect that this camera
+            cannot render, named by its key.
+
+    Example:
+        >>> from vocc_torch.measure.plan import Budget, ReceiverPlan, World
+        >>> world = World(effects={"blooming": {"sigma_px": 1.5}}, device="cpu")
+        >>> receivers = ReceiverPlan(names=("flda_3",))
+        >>> plan = Plan(world, receivers, Experiment("e", "distance_m", (50.0,)), Budget(64), Path("runs"))
+        >>> config = EffectsConfig(parts={"defocus": {"defocus": {"focus_distance_m": 9.0}}}, repeats=1)
+        >>> [(one.name, one.differing, one.in_scene) for one in EffectStudy(plan, config).pairs]
+        [('defocus', ('defocus',), False), ('blooming', ('blooming',), True)]
+    """
+
+    plan: Plan
+    config: EffectsConfig
+    scene_name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check every range, and build every scene once, so that a misfit is refused before any work."""
+        config, parts = self.config, self.config.parts
+        demand_least("effects.", config, located_frames=0, severity_frames=0, repeats=1)
+        why = "task=effects, which compares scenes on equally many frames"
+        self.plan.budget.demand_no_stop_rule(why)
+        check_receivers(self.plan.receiver.names)
+        chain.build_effects(self.scene)
+        for name, part in parts.items():
+            if TARGET not in (part.get(name) or ()):
+                _check_name(name, ORDER, "effects.parts has")
+            if name not in part:
+                raise VoccError(
+                    f"effects.parts.{name} has no {name}: it must name the effect itself"
+                )
+            self._check(self._with_part(name), f"effects.parts.{name}")
+        known = self._known
+        for name in config.names:
+            _check_name(name, known, "effects.names has")
+        if len(set(config.names)) != len(config.names):
+            raise VoccError.of("effects.names", list(config.names), "each name once")
+        for pair in self.every_pair:
+            self._check(pair.present, f"effects.parts.{pair.name}", shown=True)
+        for name, severity in config.severity.items():
+            _check_name(name, known, "effects.severity has")
+            key, values, scene = (
+                f"effects.severity.{name}",
+                list(severity.values),
+                self.pair(name).present,
+            )
+            effect, dot, _ = severity.parameter.partition(".")
+            if not dot or effect not in scene:
+                rule = f"effect.parameter of one of {', '.join(scene)}"
+                raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
+            rule = "finite numbers from harmless to harsh, all rising or all falling"
+            for value in values:
+                finite_number(f"{key}.values", value, rule)
+            if not values or sorted(set(values)) not in (values, values[::-1]):
+                raise VoccError.of(f"{key}.values", values, rule)
+            for value in values:
+                said = f"{key}.values has {value}: scene.effects"
+                self._check(self.at(name, value), said, shown=name in self.severities)
+
+    def _check(self, effects: Effects, key: str, *, shown: bool = False) -> None:
+        """Refuse effects that make no chain, and where they are shown, those that this camera cannot show."""
+        with section(key, before="scene.effects"):
+            chain.build_effects(effects)
+            if shown:
+                self.plan_of(effects, "truth").world.simulator().crop_px(
+                    self.model.nearest_m
+                )
+
+    @property
+    def scene(self) -> Effects:
+        """The effects that the scene names."""
+        return self.plan.world.effects
+
+    @cached_property
+    def pairs(self) -> tuple[ScenePair, ...]:
+        """The scenes with and without each effect to look at, in physical order."""
+        return tuple(
+            self.pair(name)
+            for name in self._known
+            if name in (self.config.names or self._known)
+        )
+
+    @property
+    def identity(self) -> dict[str, object]:
+        """What the counts of all scenes depend on, but for the scenes, which their rows name."""
+        locators = ("paper", "truth")
+        made_with: dict[str, object] = {}
+        for effects in self.every_scene:
+            plan = self.plan_of(effects, "truth")
+            made_with |= identity(plan, locators)["made_with"]
+        return {**identity(self.plan, locators), "made_with": made_with}
+
+    @property
+    def every_scene(self) -> list[Effects]:
+        """The scene, and those with and without each effect."""
+        return [
+            self.scene,
+            *(
+                scene
+                for pair in self.every_pair
+                for scene in (pair.absent, pair.present)
+            ),
+        ]
+
+    @cached_property
+    def _known(self) -> tuple[str, ...]:
+        """Names of the effects of the scene and of the parts, in physical order."""
+        parts = {name: part[name] for name, part in self.config.parts.items()}
+        effects = {**parts, **self.scene}
+        return tuple(name for name in chain.kinds_of(effects) if name in effects)
+
+    def pair(self, name: str) -> ScenePair:
+        """Return the scenes with and without one effect.
+
+        What cannot stand without the effect is taken away on both sides, so that the two differ in it alone;
+        where it cannot stand without the other either, the two differ in both.
+        """
+        scene = self._with_part(name)
+        taken = needing(scene, name)
+        absent = {key: value for key, value in scene.items() if key not in taken}
+        alone = {
+            key: value
+            for key, value in scene.items()
+            if key == name or key not in taken
+        }
+        present = alone if _buildable(alone) else scene
+        added = present.keys() - {*self.scene, name}
+        companions = tuple(key for key in chain.kinds_of(present) if key in added)
+        return ScenePair(name, present, absent, name in self.scene, companions)
+
+    @cached_property
+    def together(self) -> ScenePair | None:
+        """The scene with all chosen effects at once, and without them; None where it has them all."""
+        added = [pair for pair in self.pairs if not pair.in_scene]
+        if not added:
+            return None
+        scene: dict[str, chain.Parameters] = dict(self.scene)
+        for pair in added:
+            for name, parameters in self._with_part(pair.name).items():
+                if scene.get(name) == self.scene.get(name):
+                    scene[name] = parameters
+                elif parameters not in (scene[name], self.scene.get(name)):
+                    both = f"{dict(parameters)}: another part has {dict(scene[name])}"
+                    raise VoccError(
+                        f"effects.parts.{pair.name}.{name} is {both}, and all together need one"
+                    )
+        differing = {name for pair in added for name in pair.differing}
+        present = {name: scene[name] for name in chain.kinds_of(scene) if name in scene}
+        absent = {
+            name: parameters
+            for name, parameters in present.items()
+            if name not in differing
+        }
+        with section("effects.parts", before="scene.effects"):
+            chain.build_effects(present)
+        companions = tuple(name for name in absent if name not in self.scene)
+        return ScenePair(TOGETHER, present, absent, companions=companions)
+
+    @property
+    def every_pair(self) -> tuple[ScenePair, ...]:
+        """One at a time, and all together."""
+        return (*self.pairs, self.together) if self.together else self.pairs
+
+    @property
+    def severities(self) -> dict[str, list[float]]:
+        """The severities to measure, by effect in physical order."""
+        known = self.config.severity if self.config.severity_frames else {}
+        return {
+            pair.name: known[pair.name].values
+            for pair in self.pairs
+            if pair.name in known
+        }
+
+    def at(self, name: str, value: float) -> Effects:
+        """Return the scene with one effect at a severity."""
+        effect, _, parameter = self.config.severity[name].parameter.partition(".")
+        scene = dict(self.pair(name).present)
+        scene[effect] = {**scene[effect], parameter: value}
+        if not _buildable(scene):
+            # There is one air: what another effect calls by the same name is the same.
+            same = [other for other, named in scene.items() if parameter in named]
+            scene |= {other: {**scene[other], parameter: value} for other in same}
+        return scene
+
+    def usual(self, name: str) -> float | None:
+        """Return the value that a severity's parameter has in the table of effects; None if no number."""
+        effect, _, parameter = self.config.severity[name].parameter.partition(".")
+        built = {one.name: one for one in chain.build_effects(self.pair(name).present)}
+        value = getattr(built[effect], parameter, None)
+        return float(value) if isinstance(value, int | float) else None
+
+    def _with_part(self, name: str) -> dict[str, chain.Parameters]:
+        """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
+        part = self.config.parts.get(name, {})
+        scene = {**part, **self.scene}
+        return (
+            scene if name in self.scene or _buildable(scene) else {**self.scene, **part}
+        )
+
+    @property
+    def model(self) -> SceneModel:
+        """The distributions of the scenes, in training and in test."""
+        return self.plan.world.scene
+
+    @property
+    def shown(self) -> str:
+        """The receiver that tables and figures show: the saved one where it runs, else the last."""
+        names = self.plan.receiver.names
+        return (
+            self.plan.receiver.reference
+            if self.plan.receiver.reference in names
+            else names[-1]
+        )
+
+    def plan_of(self, effects: Effects, locator: Locator) -> Plan:
+        """Return the plan of one scene, read with one locator."""
+        world = replace(self.plan.world, effects=effects)
+        return replace(
+            self.plan,
+            world=world,
+            receiver=replace(self.plan.receiver, locator=locator),
+        )
+
+    def frames_with(self, locator: Locator, effects: Effects) -> int:
+        """Count the test frames of a scene that are read with a locator."""
+        located, frames = self.config.located_frames, self.plan.budget.frames
+        if locator == "paper" and fills(chain.build_effects(effects)):
+            return min(located, frames)
+        return frames if locator == "truth" or located else 0
+
+
+def build_effect_study(
+    settings: Settings, config: EffectsConfig, folder: Path
+) -> EffectStudy:
+    """Build the study that ``task=effects`` makes.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan = build_plan(settings, folder)
+    if (shown := settings.receiver.save) not in (None, *settings.receiver.names):
+        rule = "null or of receiver.names: task=effects shows it"
+        raise VoccError.of("receiver.save", repr(shown), rule)
+    for name, part in config.parts.items():
+        key = f"effects.parts.{name}"
+        if not isinstance(part, dict):
+            raise VoccError.of(
+                key, repr(part), "a mapping of effects, each with its parameters"
+            )
+        effect_settings(part, key)
+    severities = {
+        name: _severity(f"effects.severity.{name}", one)
+        for name, one in config.severity.items()
+    }
+    config = replace(config, severity=severities)
+    # All frames are of the scene itself: no experiment narrows them.
+    experiment = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
+    return EffectStudy(
+        replace(plan, experiment=experiment), config, settings.scene.name
+    )
+
+
+def _severity(key: str, text: object) -> Severity:
+    """Read one severity of a configuration."""
+    match text:
+        case {"parameter": str(name), "values": list(values), **others} if not others:
+            return Severity(name, values)
+    raise VoccError.of(
+        key, shown(text), "a mapping of parameter, a text, and values, a list"
+    )
+
+
+def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
+    """Refuse a name that is not known, and suggest the nearest."""
+    if name not in known:
+        raise VoccError(f"{complaint} {name!r}: {told_known(name, known)}")
+
+
+def _buildable(effects: Effects) -> bool:
+    """Whether these effects make a chain that fits."""
+    try:
+        chain.build_effects(effects)
+    except VoccError:
+        return False
+    return True
+
+
+def needing(scene: Effects, name: str) -> set[str]:
+    """Name an effect and those of the scene that cannot stand without it."""
+    kinds = [kind for name, kind in chain.kinds_of(scene).items() if name in scene]
+    taken = {name}
+    while True:
+        left = [kind for kind in kinds if kind.name not in taken]
+        steps = [kind for kind in left if kind.gives != kind.takes]
+        known = {*chain.CAMERA_STEPS, *(kind.gives for kind in steps)}
+        stuck = [kind for kind in left if kind.takes not in known]
+        if chain.Quantity.ELECTRONS not in {kind.takes for kind in steps}:
+            # Electrons that nothing reads out are no picture.
+            stuck += [kind for kind in left if kind.gives == chain.Quantity.ELECTRONS]
+        if "attenuation" in taken:
+            # One air dims the LEDs and what lies behind them.
+            stuck += [kind for kind in left if kind.name == "airlight"]
+        if not stuck:
+            return taken
+        taken |= {kind.name for kind in stuck}
