@@ -25,7 +25,7 @@ MOST_ROWS = 40
 """Of a longer table, every n-th row is kept, and how many there were."""
 MEASURED = re.compile(
     r"_ms$|_s$|(waited|median|quartile)_share$|frontier|beaten_by|surely_beaten|best_batch|^rounds$|share_of_detection|frames_per_s"
-    r"|^median$|^(lower|upper)_quartile$|^end_to_end|^seconds|^size_bytes$|^threads$|^machine$|^text$|^measured$|^reason$|^where$|^basis$"
+    r"|^ms(_low|_high)?$|^rank$|^median$|^(lower|upper)_quartile$|^end_to_end|^seconds|^size_bytes$|^threads$|^machine$|^text$|^measured$|^reason$|^where$|^basis$"
 )
 """Columns that are times, hang on times or on the machine, or are sentences."""
 TIMED_CLAIM = re.compile(r"^time\.")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib import cm, colormaps, colors
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
@@ -111,7 +112,8 @@ def draw_matrix(axes: Axes, one: Matrix, norm: colors.LogNorm) -> None:
             text = axes.text(
                 column + 0.5, row + one.text_at, one.texts[row][column], fontsize=8.5
             )
-            text.set(ha="center", va="center", color=ink_on(back))
+            text.set(ha="center", va="center", color=ink_on(back), zorder=5)
+            text.set_path_effects([withStroke(linewidth=2.2, foreground=back)])
 
 
 def ink_on(colour: tuple[float, float, float]) -> str:
@@ -204,7 +206,8 @@ def draw_best(axes: Axes, bests: Sequence[Best], places: Mapping[float, float]) 
         [places[best.candidates_cd_m2[end]] for best in bests] for end in (0, -1)
     )
     reach = [np.subtract(middle, low), np.subtract(high, middle)]
-    axes.errorbar(
+    edge: list[AbstractPathEffect] = [withStroke(linewidth=2.8, foreground=LOOK.ink)]
+    drawn = axes.errorbar(
         x,
         middle,
         reach,
@@ -213,6 +216,9 @@ def draw_best(axes: Axes, bests: Sequence[Best], places: Mapping[float, float]) 
         markersize=5,
         markeredgecolor=LOOK.ink,
     )
+    line, _, bars = drawn.lines
+    line.set_path_effects(edge)
+    bars[0].set_path_effects(edge)
 
 
 def _frames_text(grid: Grid) -> str:

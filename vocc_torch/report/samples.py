@@ -139,7 +139,7 @@ def samples_figure(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Figure:
         cell.set(xticks=[], yticks=[])
         cell.spines[:].set_visible(False)
         words = "\n".join(filter(None, (label, *captions(crop.scene))))
-        cell.set_xlabel(words, fontsize=8, color=LOOK.quiet, loc="left")
+        cell.set_xlabel(words, fontsize=7.5, color=LOOK.quiet, loc="left")
         cell.set_title(titles[place], loc="left", fontsize=10.5, fontweight="bold")
     return figure
 
