@@ -6,7 +6,6 @@ from importlib import import_module
 from types import FunctionType
 
 import pytest
-import torch
 from hydra.core.global_hydra import GlobalHydra
 
 import vocc_torch as vt
@@ -103,19 +102,6 @@ def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
         loaded = list(pool.map(lambda _: vt.load_scene("night", *words), range(64)))
     assert all(world == wanted for world in loaded)
     assert GlobalHydra.instance().hydra is hydra
-
-
-def test_simulated_frames_do_not_depend_on_the_batch():
-    whole, parts = (
-        list(vt.simulate("paper", 40, seed=1, batch=size)) for size in (64, 16)
-    )
-    for name in ("bits", "corners_px"):
-        assert torch.equal(
-            getattr(whole[0], name), torch.cat([getattr(one, name) for one in parts])
-        )
-    assert torch.equal(
-        whole[0].frames.grey, torch.cat([one.frames.grey for one in parts])
-    )
 
 
 FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))

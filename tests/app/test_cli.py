@@ -4,10 +4,8 @@ import csv
 import re
 import resource
 import shlex
-import signal
 import subprocess
 import sys
-import time
 from importlib.metadata import version
 from pathlib import Path
 
@@ -334,24 +332,6 @@ def started(*command, cwd):
     )
 
 
-def test_interrupted_run(tmp_path):
-    """Ctrl-C in the middle of the sweep."""
-    endless = ("budget.frames=1000000", "budget.training_frames=16")
-    with started("-c", f"{INTERRUPTIBLE}\nmain()", *endless, cwd=tmp_path) as run:
-        try:
-            assert run.stdout.readline().startswith("trained on 16 frames")
-            time.sleep(0.5)
-            run.send_signal(signal.SIGINT)
-            _, err = run.communicate(timeout=60)
-        finally:
-            run.kill()
-    assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
-    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    # What was counted stays, and can be gone on from.
-    counted = {"ber.csv", "ledger.sqlite", "config.yaml", "samples.png", ".unfinished"}
-    assert left in (set(), counted)
-
-
 WHEN = {
     "loading": "sys.path.insert(0, os.getcwd())",
     "ending": "atexit.register(os.kill, os.getpid(), signal.SIGINT)",
@@ -485,12 +465,17 @@ PAGES = [
     ROOT / "runs" / "README.md",
     *sorted((ROOT / "docs").glob("*.md")),
 ]
-SHOWN = {words: page.name for page in PAGES for words in commands_of(page)}
+SHOWN = {
+    tuple(word.partition("=")[0] for word in words): (words, page.name)
+    for page in PAGES
+    for words in commands_of(page)
+}
+"""One command for every set of keys, and the page that shows it."""
 
 
-@pytest.mark.parametrize("page", sorted(set(SHOWN.values())))
+@pytest.mark.parametrize("page", sorted({page for _, page in SHOWN.values()}))
 def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
-    """Each is built once, also where several pages show it."""
+    """One of each set of keys is built."""
     code = re.findall(
         r"^```python\n(.*?)^```",
         (ROOT / "docs/plug-ins.md").read_text(),
@@ -501,7 +486,7 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     (tmp_path / "my").mkdir()
     (tmp_path / "my" / "photographs").symlink_to(ROOT / "tests" / "data")
     monkeypatch.chdir(tmp_path)
-    for words in (words for words, where in SHOWN.items() if where == page):
+    for words in (words for words, where in SHOWN.values() if where == page):
         # The scene of a run that was calibrated before; tests/extras/calibrate has one.
         built(composed(*(word for word in words if word != "scene=mine")))
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import itertools
 from dataclasses import replace
 from functools import lru_cache
 
@@ -23,15 +22,6 @@ from vocc_torch.studies.export_receiver import (
 )
 
 NETWORKS = ("cnn", "mlp", "mlp_features")
-IN_GRAPHS = (
-    "flda_3",
-    "flda_3_mix",
-    "flda_patch",
-    "flda_patch_exposure",
-    "lmmse",
-    "tag_planes",
-    "panel_kmeans",
-)
 BRIEF = ("budget.training_frames=64", "device=cpu")
 EXPORT = ("task=export_receiver", *BRIEF, "batch_frames=50")
 NEAR = "scene.distance_m=[uniform,5,60]"
@@ -156,22 +146,6 @@ def test_a_whole_frame_is_read_in_a_graph_by_a_locator_of_tensors_alone(exported
         assert torch.equal(own, wanted)
     for own, wanted in ((scores, seen.scores), (ratios, seen.llr)):
         torch.testing.assert_close(own, wanted, rtol=0, atol=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*IN_GRAPHS, *NETWORKS])
-def test_not_a_bit_of_ten_thousand_crops_differs(name, tmp_path):
-    receiver, (far, near) = (
-        receiver_of(name),
-        (study_of(*EXPORT), study_of(*EXPORT, NEAR)),
-    )
-    onnx_graph.write_graph(receiver, tmp_path / "receiver.onnx", *next(crops(far, 2)))
-    run = onnx_graph.read_graph(tmp_path / "receiver.onnx", threads=1)
-    given = itertools.chain(crops(far, 9500), crops(near, 500))
-    found = compared(onnx_graph.TensorReceiver(receiver), run, given)
-    print(f"{name}: {found}")
-    assert (found.bits, found.bits_apart) == (640_000, 0)
-    assert found.most < 1e-2
 
 
 @pytest.mark.parametrize(

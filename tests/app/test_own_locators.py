@@ -97,36 +97,6 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
         Receiver.load(here / "a" / "receiver.pt")
 
 
-def test_what_own_weights_cannot_do_is_refused(here):
-    with pytest.raises(VoccError, match="only learned states them"):
-        composed(
-            "task=decode",
-            "input=two.png",
-            "name=x",
-            OWN,
-            "receiver.locator=mine",
-            "receiver.false_alarms=0.1",
-        )
-    with pytest.raises(
-        VoccError,
-        match=r"location.false_alarms is 0.1: it must be left out where weights are",
-    ):
-        LearnedLocator("mine.json", 0.1)
-    noise = torch.randint(0, 256, (1, 90, 120), dtype=torch.uint8)
-    every = LearnedLocator("mine.json", torch.inf).locate(noise, PanelShape(8, 8))
-    assert len(every.score) > len(
-        LearnedLocator("mine.json").locate(noise, PanelShape(8, 8)).score
-    )
-    arguments = {"wieghts": "mine.json"}
-    with pytest.raises(
-        VoccError,
-        match=r"cannot be built \(it takes no wieghts, but weights, false_alarms\)",
-    ):
-        plugged_locator(
-            PlugIn("locators.mine", "mine", OWN.split()[1].rstrip(","), arguments)
-        )
-
-
 def test_a_locator_from_outside_may_see_several(here, photo_bits):
     rows = rows_of(here / "a", "receiver.locator=mine.py:Own", "decode.most=2", *FEW)
     assert [row["bits"] for row in rows] == [photo_bits] * 2

@@ -65,28 +65,6 @@ def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_
     assert "effects.smear.after was null, is blooming" in said
 
 
-@pytest.mark.parametrize(
-    ("word", "said"),
-    [
-        (
-            "smear._target_=streak.py:Smear",
-            "scene.effects.smear: file streak.py has no Smear",
-        ),
-        (
-            "smear._target_=no_such.Streak",
-            "scene.effects.smear: no_such.Streak cannot be imported",
-        ),
-        (
-            "smear.share=2",
-            "scene.effects.smear.share is 2: it must be above 0 and at most 1",
-        ),
-        ("street.file=no.png", "scene.effects.street failed (FileNotFoundError: "),
-    ],
-)
-def test_what_is_broken_is_refused_in_one_line(app, mine, word, said):
-    assert app(*SHORT, *mine, f"scene.effects.{word}").complaint.startswith(said)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends signals to groups of processes")
 def test_a_run_with_workers_that_is_killed_goes_on_to_the_same_end(

@@ -15,7 +15,6 @@ from vocc_torch.measure.likelihood import (
     AFFINE,
     CODING,
     NOISE,
-    ForwardModel,
     log_interval_probability,
 )
 from vocc_torch.rng import BlockKey, FrameKey
@@ -190,26 +189,6 @@ def test_under_noise_exhaustive_search_with_scipy_finds_no_likelier_bits(distanc
             assert float(decision.scores[i].flatten()[led]) == pytest.approx(
                 off - on, rel=1e-4, abs=1e-5
             )
-
-
-def test_stated_variance_is_that_of_rendered_frames():
-    simulator = Simulator(effects=NOISY)
-    scene, bits, keys = drawn("variance", 12, ambient_lx=4000, distance_m=40)
-    frames = simulator.render(scene, bits, keys=keys, panel_only=True)
-    forward, squares = ForwardModel(simulator), []
-    for i in range(len(scene)):
-        model = forward.pixels(frames[i : i + 1], scene[i : i + 1])
-        mean = model.exposure(bits[i].flatten())
-        deviations = (model.centre - mean) / model.deviation(mean)
-        # Only pixels that white does not cut.
-        squares.append(
-            deviations[mean + 6 * model.deviation(mean) < (254 / 118) ** 2.2] ** 2
-        )
-    squares = torch.cat(squares)
-    assert len(squares) > 10_000
-    assert float(squares.mean()) == pytest.approx(
-        1.0, abs=5 * math.sqrt(2 / len(squares))
-    )
 
 
 OPTICS = {

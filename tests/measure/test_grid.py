@@ -1,7 +1,5 @@
 """The best luminance of a grid, on made-up grids whose truth is known."""
 
-import math
-
 import numpy as np
 import pytest
 from made_up_dimming import (
@@ -13,9 +11,8 @@ from made_up_dimming import (
     true_ber,
 )
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.grid import Grid, best_luminance
+from vocc_torch.measure.grid import best_luminance
 from vocc_torch.measure.intervals import ber_interval
 
 FEW = AMBIENT[1:4]
@@ -43,36 +40,6 @@ def test_rates_limits_and_cells_without_errors():
     assert (low[0, 2], high[0, 2]) == (known.low, known.high)
     assert low[0, 0] == 0
     assert high[0, 0] == pytest.approx((1 - 0.05 ** (1 / 2000)) / BITS)
-
-
-def test_what_does_not_form_a_grid_is_refused_by_name():
-    row = plain_grid([1, 2]).curves[0]
-    longer = plain_grid([1, 2, 3]).curves[0]
-    other = grid_of(
-        {"b": [[one_bit_frames(1)] * 2]}, AMBIENT[:1], LUMINANCE[:2]
-    ).curves[0]
-    for rows, curves, complaint in (
-        ((), (), "curves has 0 rows"),
-        ((1e3, 2e3), (row,), "curves has 1 rows"),
-        ((1e3, 2e3), (row, longer), "values is"),
-        ((1e3, 2e3), (row, other), "receivers is"),
-        ((2e3, 1e3), (row, row), "ambient_lx is"),
-        ((0.0, 1e3), (row, row), "ambient_lx is"),
-        ((math.nan,), (row,), "ambient_lx is"),
-    ):
-        with pytest.raises(VoccError, match=complaint.replace("[", r"\[")):
-            Grid("ambient_lx", rows, curves)
-
-
-def test_an_unknown_receiver_and_a_missing_cell_are_refused():
-    grid = plain_grid([1, 2])
-    with pytest.raises(VoccError, match="receiver is b: it must be one of a"):
-        grid.ber("b")
-    del grid.curves[0].counts["a", 500.0]
-    with pytest.raises(
-        VoccError, match="a at ambient_lx=2000, led_luminance_cd_m2=500 has no frames"
-    ):
-        best_luminance(grid, "a")
 
 
 # The best luminance.

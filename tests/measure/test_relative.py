@@ -8,8 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up_tallies import compared
 
-from vocc_torch.measure import paired as compare
-from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.paired import (
     paired_interval,
     relative_gain,
@@ -45,13 +43,6 @@ def test_unpaired_single_errors_give_fiellers_interval():
     centre, root = m * k, z * math.sqrt(m * k * (m + k - z * z))
     ends = [(centre + sign * root) / (m * m - z * z * m) for sign in (1, -1)]
     assert (gain.low, gain.high) == pytest.approx((1 - ends[0], 1 - ends[1]), abs=0.003)
-
-
-def test_a_receiver_without_errors_has_gained_all_there_was_but_may_err_yet():
-    few, many = (relative_gain(*padded((number, 1, 0))) for number in (3, 300))
-    assert few.value == many.value == few.high == many.high == 1.0
-    assert few.low < 0 < 0.9 < many.low < 1
-    assert not few.real
 
 
 frames_of_errors = st.lists(
@@ -103,20 +94,3 @@ def test_the_interval_covers_the_true_gain(case, gain):
 
 
 # One rate over another
-
-
-def singles(frames, reference, receiver):
-    """Receivers with single errors in so many of the first frames."""
-    return compared(*(np.arange(frames) < wrong for wrong in (reference, receiver)))
-
-
-def test_without_errors_there_is_a_limit():
-    ends = compare.mover_ratio(Estimate(0.0, 0.0, 0.001), Estimate(0.1, 0.08, 0.13))
-    assert ends.low == 0
-    assert ends.high == pytest.approx(0.001 / math.sqrt(0.08 * 0.12))
-    reference, receiver, paired = singles(4096, 82, 0)
-    ratio = compare.rate_ratio(reference, receiver, paired)
-    assert (ratio.value, ratio.low) == (0, 0)
-    # Three frames at most, by the rule of three, of 65 at least.
-    assert 3 / 82 < ratio.high < 3 / 60
-    assert compare.rate_ratio(receiver, reference, paired.swapped()) is None

@@ -277,13 +277,3 @@ def test_another_budget_and_more_values_take_what_is_there(
 
 
 # Refused, and left as it was
-
-
-def test_other_settings_are_refused(app, ended_after, folder, asked):
-    ended_after(3)
-    before = files_in(folder)
-    ran = app(*RUN, "seed=1")
-    assert "ledger runs/x/ledger.sqlite: seed was 0, is 1" in ran.complaint
-    assert "go back, or give another name=" in ran.complaint
-    assert len(ran.complaint) <= 200
-    assert (ran.out, asked, files_in(folder)) == ("", [], before)

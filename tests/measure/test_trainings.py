@@ -6,25 +6,20 @@ import numpy as np
 import pytest
 import torch
 from made_up_tallies import tallies
-from one_point import job_of, run_point
 from scipy import stats
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import sweep
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.runner import Part
 from vocc_torch.measure.train import train
 from vocc_torch.measure.trainings import Trained, t_reach, widened
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BlockKey
 
 K, FRAMES = 3, 64
-PARTS = [Part(0, FRAMES), Part(1, 10)]
 
 
 @pytest.fixture(scope="module")
@@ -36,26 +31,6 @@ def plan(make_plan):
 @pytest.fixture(scope="module")
 def training(plan):
     return train(plan)
-
-
-def counted_of(plan, bank):
-    """The errors of each block."""
-    job = job_of(plan, {"truth": bank}, 66.0)
-    return [job.read(*block) for block in zip(job(PARTS), PARTS, strict=True)]
-
-
-@pytest.fixture(scope="module")
-def counted(plan, training):
-    return counted_of(plan, training.bank(plan.receiver.names))
-
-
-@pytest.fixture(scope="module")
-def curves(plan, training):
-    job = job_of(plan, {"truth": training.bank(plan.receiver.names)}, 66.0)
-    outcome = run_point(job, Budget(sum(part.frames for part in PARTS)))
-    return sweep.measured(sweep.Study("", plan, ("truth",)), {66.0: outcome}).curves[
-        "truth"
-    ]
 
 
 def test_every_training_has_frames_of_its_own(plan, training):
@@ -76,37 +51,6 @@ def test_every_training_has_frames_of_its_own(plan, training):
             0.4 < float((sent[one] == other).float().mean()) < 0.6
             for other in sent[:one]
         )
-
-
-def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
-    plan, training, counted, curves
-):
-    for name in plan.receiver.names:
-        of = curves.trained[name, 66.0]
-        assert of.pooled.half_errors == sum(one.half_errors for one in of.each)
-        assert (of.pooled.frames, of.pooled.bits) == (
-            of.each[0].frames,
-            K * of.each[0].bits,
-        )
-        assert max(one.frame_errors for one in of.each) <= of.pooled.frame_errors
-        if name == "center_greyscale":
-            assert of.each[0] == of.each[1] == of.each[2]
-            assert (
-                of.pooled.half_errors_squared == K**2 * of.each[0].half_errors_squared
-            )
-    # The second training by itself decides as it does among three.
-    other = training.more[0].bank(["flda_2", "flda_3"])
-    two = replace(plan, receiver=replace(plan.receiver, names=("flda_2", "flda_3")))
-    alone = counted_of(two, other)[0]
-    for name in ("flda_2", "flda_3"):
-        row, among = (
-            alone.place(Key("truth", name)),
-            counted[0].place(Key("truth", name, 1)),
-        )
-        assert alone.half_errors[row].tolist() == counted[0].half_errors[among].tolist()
-    pair = curves.trained_pairs["flda_2", "flda_3", 66.0]
-    rates = [curves.trained[name, 66.0].pooled.ber for name in ("flda_2", "flda_3")]
-    assert pair.difference == pytest.approx(rates[0] - rates[1], abs=1e-15)
 
 
 # Intervals

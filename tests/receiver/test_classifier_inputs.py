@@ -52,21 +52,6 @@ def test_patches_are_the_windows_about_each_led(cells, samples, domain, seed):
         )
 
 
-def test_relative_to_the_panel_is_agr_at_one_sample():
-    seen = readings(samples=4)
-    own = (
-        seen.patches[:, 0]
-        .unfold(1, 4, 4)
-        .unfold(2, 4, 4)
-        .mean(dim=(-2, -1))[:, 1:-1, 1:-1]
-    )
-    agr = own / own.mean(dim=(1, 2), keepdim=True)
-    x = Inputs.parse({"patch": {"cells": 1, "samples": 1}}).of(
-        seen, seen.cell_px, SHAPE
-    )
-    torch.testing.assert_close(x[..., 0], agr, rtol=1e-5, atol=0)
-
-
 def test_features_first_then_the_patch_then_level_and_pitch():
     seen = readings(samples=2)
     inputs = Inputs(("ngr", "agr"), Patch(cells=1, samples=1, level=True, pitch=True))

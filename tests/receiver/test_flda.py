@@ -1,6 +1,6 @@
 """Fisher's discriminant, module and layer, against scikit-learn, NumPy and hand-worked numbers.
 
-Training sets that are nasty have a file of their own: tests/numerics/test_flda_hard_cases.py.
+Training sets that are nasty have a file of their own: test_flda_hard_cases.py.
 """
 
 import io
@@ -17,7 +17,6 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.discriminant import (
     ClassScatter,
-    discriminant,
 )
 from vocc_torch.receiver.flda import FLDA
 
@@ -183,29 +182,6 @@ def sets(*shape, seed=0, features=3):
     return x * torch.tensor([0.1, 1.0, 10.0][:features]) + 0.7 * bits.unsqueeze(
         -1
     ), bits
-
-
-def test_a_batch_is_its_sets_one_by_one_and_each_is_the_modules():
-    x, bits = sets(2, 3, 50)
-    rule = discriminant(x, bits)
-    scores = rule.scores(x)
-    assert (rule.direction.shape, rule.threshold.shape, scores.shape) == (
-        (2, 3, 3),
-        (2, 3),
-        (2, 3, 50),
-    )
-    for place in np.ndindex(2, 3):
-        flda = FLDA(3).fit(x[place], bits[place])
-        torch.testing.assert_close(
-            rule.direction[place], flda.direction, rtol=1e-13, atol=0
-        )
-        torch.testing.assert_close(
-            rule.threshold[place], flda.threshold, rtol=1e-13, atol=1e-15
-        )
-        torch.testing.assert_close(scores[place], flda(x[place]), rtol=0, atol=1e-13)
-        alone = discriminant(x[place], bits[place])
-        assert torch.equal(alone.direction, flda.direction)
-        assert torch.equal(alone.scores(x[place]), flda(x[place]))
 
 
 # In graphs and transforms

@@ -115,17 +115,6 @@ def test_panels_at_30_to_70_m_are_found_at_the_first_level(quadrilateral, monkey
     assert len(levels) - levels.count(0) <= 4
 
 
-@pytest.mark.parametrize("angle_deg", [-30.0, 12.0, 45.0])
-def test_turned_panels_are_found_with_their_turn(angle_deg):
-    grey = [panel_frame(seed, 6.0, angle_deg=angle_deg) for seed in range(12)]
-    panels = PaperLocator()(whole(*grey), SHAPE)
-    error = np.linalg.norm(
-        panels.corners_px.numpy() - true_corners(6.0, (42, 42), angle_deg), axis=2
-    ).max(1)
-    assert panels.found.all()
-    assert np.median(error) < 3.0
-
-
 @pytest.mark.parametrize("channel", ["luminance", "brightest"])
 def test_the_photo_is_found_higher_up(channel, monkeypatch):
     levels = levels_run(monkeypatch)

@@ -148,13 +148,6 @@ def test_a_panel_that_gives_way_to_lamps_is_soon_no_longer_claimed(approach):
     assert not any(claimed[24:])
 
 
-def test_full_searches_come_every_so_often(approach):
-    grey, corners = approach
-    locator = Told(corners)
-    errors_cells(Tracker(locator, SHAPE, every=5), locator, grey[:16], corners[:16])
-    assert locator.asked == 1 + 3
-
-
 def test_a_second_panel_is_seen_at_the_next_full_search(approach):
     grey, corners = approach
     both, second = np.concatenate([grey, grey], 2)[:16], corners + np.array([240, 0])

@@ -1,6 +1,5 @@
 """The board, read back with TensorBoard's own reader."""
 
-import io
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,14 +9,12 @@ import pytest
 from hydra.types import RunMode
 from made_up_points import made_up_point
 from made_up_points import table as table
-from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.plugins.hparams import plugin_data_pb2
 
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.report import tensorboard
-from vocc_torch.report.plots import ber_figure, figure_pixels
 from vocc_torch.report.tensorboard import (
     OUTLIERS,
     SUMMARY_RUN,
@@ -75,10 +72,6 @@ def start_of(events):
 def categories(events):
     tensor = events.Tensors("custom_scalars__config__")[0].tensor_proto
     return layout_pb2.Layout.FromString(tensor.string_val[0]).category
-
-
-def text_of(events, name):
-    return events.Tensors(f"{name}/text_summary")[0].tensor_proto.string_val[0].decode()
 
 
 def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, table):
@@ -163,32 +156,6 @@ def test_the_keys_of_a_sweep_are_hyperparameters(tmp_path, table, monkeypatch):
     assert not {"name", "task"} & {*hparams}
     job.mode = RunMode.RUN
     assert swept_keys() == {}
-
-
-def test_figures_pictures_and_texts_arrive_as_they_were(tmp_path, table):
-    figure = ber_figure(table, "Ambient light (lx)", "Sun")
-    drawn, picture = np.random.default_rng(0).integers(
-        0, 256, (2, 30, 40, 3), dtype=np.uint8
-    )
-    write_board(
-        tmp_path,
-        table,
-        {"ber": figure, "drawn": drawn},
-        {"frame": picture},
-        {"config": "seed: 0"},
-    )
-    events = read(tmp_path, SUMMARY_RUN)
-    wanted = {
-        "figures/ber": figure_pixels(figure),
-        "figures/drawn": drawn,
-        "images/frame": picture,
-    }
-    for tag, pixels in wanted.items():
-        encoded = events.Images(tag)[0].encoded_image_string
-        np.testing.assert_array_equal(
-            np.asarray(Image.open(io.BytesIO(encoded)).convert("RGB")), pixels
-        )
-    assert text_of(events, "config") == "seed: 0"
 
 
 def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):

@@ -112,38 +112,6 @@ def test_each_channel_is_a_grey_scene_whose_leds_shine_as_it_sees_them():
         )
 
 
-THREE = {"peak_nm": 630, "second_nm": 525, "third_nm": 470, "third_share": 0.2}
-
-
-def test_light_of_several_colours_is_the_sum_of_the_light_of_each():
-    """Every pixel of every channel, in linear light, by scenes of one colour that send the same bits."""
-    keys = [FrameKey(BlockKey(0, "colour", 0), frame) for frame in range(2)]
-    dark = torch.zeros(2, 8, 8, dtype=torch.bool)
-    scene, first = (
-        Scene.of(2),
-        torch.rand(2, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5,
-    )
-
-    def light(colour, bits, share=1.0):
-        lit = Scene.of(2, led_luminance_cd_m2=3000.0 * share)
-        camera = Simulator(
-            CAMERA, effects=RAW | {"colour": colour}, dtype=torch.float64
-        )
-        return camera.render(lit, bits, keys=keys).colour ** CAMERA.gamma
-
-    camera = Simulator(CAMERA, effects=RAW | {"colour": THREE}, dtype=torch.float64)
-    more = camera.further_bits(scene, keys)
-    assert [*more] == ["second", "third"]
-    base, parts = (
-        light({}, dark),
-        ((630, first, 1.0), (525, more["second"], 1.0), (470, more["third"], 0.2)),
-    )
-    wanted = base + sum(
-        light({"peak_nm": nm}, bits, share) - base for nm, bits, share in parts
-    )
-    torch.testing.assert_close(light(THREE, first), wanted)
-
-
 @pytest.mark.parametrize(
     ("colour", "said"),
     [

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 import torch
 from scipy import stats
 
-from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.background import (
@@ -27,7 +25,6 @@ from vocc_torch.simulation.effects.light import (
     StuckLeds,
     VeilingGlare,
 )
-from vocc_torch.simulation.effects.view import LensDistortion, Pose
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import PanelShape, Scene
 
@@ -183,50 +180,6 @@ def test_it_is_the_picture_of_our_own_panel_at_that_place(panel, x, y, share):
     wanted = ours_there(scene, panel, {}, share=share, moved_m=(x, y, 0.0))
     assert bool((wanted > 1.5 * background(scene, panel)).any())
     torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("effects", "step"),
-    [
-        ({"lens_distortion": {"k1": -4.0}}, (1.0, 0.0)),
-        (
-            {"pose": {"yaw_deg": 50.0}},
-            (math.cos(math.radians(50)), math.sin(math.radians(50))),
-        ),
-    ],
-    ids=["distorted", "turned"],
-)
-def test_it_stands_in_our_panels_plane_and_is_seen_by_the_same_lens(effects, step):
-    """An offset along our rows, which lead away from the camera where the panel is turned."""
-    scene = replace(scenes(3), offset_x_m=torch.full((3,), -0.3, dtype=DOUBLE))
-    objects = {"lens_distortion": LensDistortion, "pose": Pose}
-    named = [objects[name](**parameters) for name, parameters in effects.items()]
-    seen = SecondPanel(0.7)(background(scene, LedPanel()), context(scene, *named))
-    wanted = ours_there(
-        scene, LedPanel(), effects, moved_m=(0.7 * step[0], 0.0, 0.7 * step[1])
-    )
-    torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
-    apart = SecondPanel(0.7)(background(scene, LedPanel()), context(scene))
-    assert float((seen - apart).abs().max()) > 50
-
-
-def test_panels_that_overlap_are_refused_by_name():
-    """Ours are 0.48 m square, or with a board 0.36 m wide and 0.24 m high."""
-    for panel, x, y in (
-        (LedPanel(), 0.48, 0.0),
-        (LedPanel(), 0.1, -0.48),
-        (BOARD, 0.36, 0.23),
-        (BOARD, 0.35, 0.24),
-    ):
-        SecondPanel(x, y)(plane(1), context(scenes(1), panel=panel))
-    for panel, x, y in (
-        (LedPanel(), 0.0, 0.0),
-        (LedPanel(), 0.47, -0.47),
-        (BOARD, 0.35, 0.23),
-    ):
-        line = f"scene.effects.second_panel.offset_x_m is {x:g} and offset_y_m {y:g}: the panels overlap, "
-        with pytest.raises(VoccError, match="^" + re.escape(line)):
-            SecondPanel(x, y)(plane(1), context(scenes(1), panel=panel))
 
 
 # Airlight

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import torch
-from scipy import stats
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
@@ -137,27 +136,6 @@ def test_light_is_what_sampled_time_says():
 
 
 # Symbols
-
-
-def test_the_truth_stands_in_the_middle_of_random_data():
-    """As many On as Off before and after it, each LED and each symbol independent of all others."""
-    frames, effect = 400, RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
-    scene = Scene.of(frames, distance_m=30.0)
-    bits = random_bits(frames)
-    symbols = effect(bits, context(scene))
-    middle = symbols.shape[1] // 2
-    assert symbols.dtype == torch.bool
-    assert symbols.shape[1] % 2 == 1
-    assert torch.equal(symbols[:, middle], bits)
-    signs = symbols.double() * 2 - 1
-    for one in range(symbols.shape[1]):
-        if one != middle:
-            assert (
-                stats.binomtest(int(symbols[:, one].sum()), frames * 64).pvalue > 1e-4
-            )
-        for other in range(one):
-            same = int(((signs[:, one] * signs[:, other]) > 0).sum())
-            assert stats.binomtest(same, frames * 64).pvalue > 1e-4
 
 
 # Refusals

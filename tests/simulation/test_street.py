@@ -8,8 +8,7 @@ import torch
 from PIL import Image
 
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, roadside, sketch
-from vocc_torch.simulation.effects import Context, build_effects
+from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, sketch
 from vocc_torch.types import Scene
 
 LINEAR = Camera(width_px=320, height_px=200, sensor_width_mm=13.2 / 6, gamma=1.0)
@@ -56,51 +55,6 @@ def test_a_drawing_covers_the_polygons_exact_area():
     assert abs(np.mean(gaps)) < 0.15
 
 
-def laid(things, window):
-    """How much of what is behind stays in a window, and the light of things that cover one another."""
-    left, top, right, bottom = window
-    keep = np.ones((bottom - top, right - left), dtype=np.float32)
-    light = np.zeros_like(keep)
-    for row, *planes in sketch.composed(things, window):
-        rows = slice(row - top, row - top + len(planes[0]))
-        keep[rows], light[rows] = planes
-    return keep, light
-
-
-def test_what_is_hidden_is_not_drawn_and_nothing_changes(monkeypatch):
-    """To the last bit what the same things leave that are drawn whole and laid one by one."""
-    light, window, hidden = roadside.Light(2000.0, 3000.0, 0.5), (20, 0, 300, 290), 0
-    generator = np.random.default_rng(3)
-    for _ in range(3):
-        things = []
-        for number in range(12):
-            turn = np.array([[0.9, 0.4], [-0.4, 0.9]]) * generator.uniform(5, 60)
-            at = generator.uniform(0, 300, 2)
-            parts = roadside.BESIDE[number % len(roadside.BESIDE)](
-                generator, light
-            ).parts
-            share = 0.3 if number == 7 else 1.0
-            things.append(
-                sketch.Drawing.on_sensor(
-                    parts, lambda p, t=turn, a=at: p @ t + a, share
-                )
-            )
-        quick, keep, added = (
-            laid(things, window),
-            np.ones(1, np.float32),
-            np.zeros(1, np.float32),
-        )
-        with monkeypatch.context() as patch:
-            patch.setattr(sketch, "CLEAR", math.inf)  # so that nothing is told covered
-            for thing in things:
-                free, own = laid([thing], window)
-                keep, added = keep * free, added * free + own
-                hidden += int((free == 0).sum())
-        assert np.array_equal(quick[0], keep)
-        assert np.array_equal(quick[1], added)
-    assert hidden > 50_000
-
-
 def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():
     """Eq. 1 with gamma 1: grey is in proportion to reflectance, 102 at 0.18."""
     off = torch.zeros(2, 8, 8, dtype=torch.bool)
@@ -128,29 +82,6 @@ def test_leds_have_the_area_and_the_light_that_their_look_says(square, share, po
     )
     assert sums[0.25] == pytest.approx(sums[0.5], rel=1e-6)
     assert sums[0.9] == pytest.approx(sums[0.5] * (0.9 / 0.5) ** 2, rel=1e-6)
-
-
-def test_rows_in_turn_give_what_an_exposure_catches_of_their_pulses():
-    """Against a pulse train sampled 4000 times in the exposure, whose phase the first rows tell."""
-    camera = Camera(exposure_time_s=1 / 1500)
-    (effect,) = build_effects({"multiplexing": {"groups": 4, "refresh_hz": 900}})
-    scene = Scene.of(40, distance_m=40.0)
-    value = torch.ones(40, 8, 8, dtype=torch.float64)
-    rows = effect(value, Context(scene, camera, keys(40)))[:, :, 0].numpy()
-    time = (np.arange(4000) + 0.5) / 4000 * 900 / 1500
-    phases = (np.arange(200) + 0.5)[:, None] / 200
-    lit = np.stack(
-        [
-            (((phases + time) % 1) // 0.25 == group).mean(axis=1) * 4
-            for group in range(4)
-        ],
-        axis=1,
-    )
-    nearest = np.abs(rows[:, None, :4] - lit).max(axis=2).min(axis=1)
-    assert nearest.max() < 0.04
-    assert np.array_equal(rows[:, :4], rows[:, 4:])
-    assert rows.sum(axis=1) == pytest.approx(np.full(40, 8.0))
-    assert rows.std() > 0.3
 
 
 def test_without_a_panel_the_street_is_the_same():

@@ -369,27 +369,6 @@ def test_the_rotation_is_scipys_and_keeps_the_panels_centre(yaw, pitch, roll):
     assert placed.dtype == torch.float64
 
 
-def angles_of(placed):
-    return Rotation.from_matrix(
-        np.concatenate(
-            [placed[..., :2], np.cross(placed[..., 0], placed[..., 1])[..., None]],
-            axis=-1,
-        )
-    ).as_euler("YXZ", degrees=True) * [-1, -1, 1]
-
-
-def test_angles_are_drawn_from_their_distributions_once_a_frame():
-    """A Kolmogorov distance of 0.17 is the 5 % bound for 64 draws; seeded, so that it holds always."""
-    pose = Pose(
-        TURNS, Distribution("choice", (-20.0, 15.0)), Distribution("constant", (100.0,))
-    )
-    yaw, pitch, roll = angles_of(drawn(pose).numpy()).T
-    ranks = (np.sort(yaw) + 30) / 70
-    assert np.abs(ranks - (np.arange(64) + 0.5) / 64).max() < 0.17
-    assert set(pitch.round(9)) == {-20.0, 15.0}
-    np.testing.assert_allclose(roll, 100.0, rtol=0, atol=1e-9)
-
-
 RANGES = [
     Pose(yaw_deg=20.0),
     Pose(yaw_deg=Distribution("uniform", (-60.0, 60.0))),

@@ -22,8 +22,8 @@ from vocc_torch.extras.calibrate.drawing import Drawing
 from vocc_torch.extras.calibrate.fit import BASE, RecordingFit, settled
 from vocc_torch.extras.calibrate.leds import decided, start
 from vocc_torch.extras.calibrate.noise import Noise, expected
-from vocc_torch.extras.calibrate.reading import Footage, agreeing, read_footage
-from vocc_torch.extras.calibrate.scene import Findings, Named, Value, spread
+from vocc_torch.extras.calibrate.reading import Footage, read_footage
+from vocc_torch.extras.calibrate.scene import spread
 from vocc_torch.extras.calibrate.study import calibrate, demand_contrast
 from vocc_torch.extras.calibrate.task import known_bits
 from vocc_torch.receiver.locators import PaperLocator, locator_named
@@ -304,19 +304,6 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
     assert not replace(few, looked=8).doubts()
 
 
-def test_frames_that_agree_on_the_panel_outvote_false_alarms():
-    corners = (
-        np.array([[0.0, 0.0], [40, 0], [40, 40], [0, 40]])
-        + np.arange(7.0)[:, None, None] * 30
-    )
-    corners[2] *= 3
-    corners[5] += 900
-    assert agreeing(corners).tolist() == [True, True, False, True, True, False, True]
-    still = corners[:1] + np.linspace(0, 2, 7)[:, None, None]
-    still[[3, 5]] += np.array([80.0, 84.0])[:, None, None]  # a lamp two panels away
-    assert agreeing(still).tolist() == [True, True, True, False, True, False, True]
-
-
 def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
     draws, error = np.random.default_rng(0).standard_normal(30), np.full(30, 0.1)
     stays, moves = (
@@ -343,23 +330,3 @@ def test_bits_of_another_panel_are_refused(tmp_path):
     np.savez(tmp_path / "several.npz", a=np.zeros(3), b=np.zeros(3))
     with pytest.raises(VoccError, match="cannot be read as one array"):
         known_bits(tmp_path / "several.npz", PanelShape(8, 8))
-
-
-def test_yaml_says_what_each_value_explains():
-    values = (
-        Value("distance_m", ["uniform", 30.0, 31.0], 0.1, "by the pitch"),
-        Value("effects.blooming.sigma_px", 1.5, 0.01),
-    )
-    named = [
-        Named("blooming", True, "x", 2.0, 1.0, "light spreads"),
-        Named("jpeg", False, "x", 0.0, 1.0),
-    ]
-    scene = Findings(
-        Camera(), LedPanel(), *[None] * 5, values=list(values), effects=named
-    )
-    text = scene.text("mine", "film.mp4")
-    read = yaml.safe_load(text)
-    assert read["effects"] == {"blooming": {"sigma_px": 1.5}}
-    assert read["distance_m"] == ["uniform", 30.0, 31.0]
-    assert "# by the pitch; +- 0.2 (95 %)" in text
-    assert "  # light spreads\n  blooming:" in text

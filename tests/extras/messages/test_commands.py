@@ -88,38 +88,6 @@ def test_the_film_is_the_frames_enlarged(sent):
     }
 
 
-def test_a_panel_of_red_leds_is_recorded_in_colour_and_its_red_carries_the_file(
-    sent, model, tmp_path
-):
-    words = (
-        "scene.distance_m=40",
-        "scene.ambient_lx=8000",
-        "record.fps=170",
-        "record.margin=2",
-    )
-    red = "+scene.effects.colour={peak_nm:630,second_nm:470,second_share:0.01}"
-    run_task(
-        composed("task=record", f"input='{sent}'", "name=x", *words, red),
-        tmp_path / "red",
-    )
-    frames = list(read_recording(tmp_path / "red/recording.mp4", "luma"))
-    brightest = np.stack([frame.colour for frame in frames[:20]]).max(axis=(0, 1, 2))
-    assert int(brightest[0]) > int(brightest[1:].max()) + 50
-    film, more = (
-        np.load(sent / "frames.npy"),
-        np.load(tmp_path / "red/frames.second.npy"),
-    )
-    assert more.shape == film.shape
-    assert 0.4 < (more ^ film).mean() < 0.6
-    greys = np.load(tmp_path / "red/recording.npy")
-    # The film is compressed.
-    assert np.abs(greys[5].astype(float) - frames[5].grey).mean() < 3
-    receive(
-        tmp_path / "red/recording.mp4", tmp_path / "out", model, "receive.channel=red"
-    )
-    assert (tmp_path / "out/message.bin").read_bytes() == TEXT
-
-
 def test_a_file_comes_back_from_the_video(seen, model, tmp_path, capsys):
     rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
     # Of the message's 5, three are sent twice.

@@ -102,34 +102,6 @@ def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["two"]
 
 
-def test_collecting_again_replaces_and_another_name_is_another_place(
-    app, tmp_path, monkeypatch
-):
-    """A third job comes, the first one's folder goes; what was collected before does not stay."""
-    monkeypatch.setattr(
-        "vocc_torch.studies.collect.save_figure", lambda _, path: write_rows(path, [])
-    )
-    source = tmp_path / "runs" / "two"
-    for seed in (0, 1):
-        write_job(source / str(seed), {"seed": seed}, made_up_table())
-    assert app("task=collect", "input=runs/two").status == 0
-    first = (source / "collected.csv").read_bytes()
-    write_job(source / "2", {"seed": 2}, made_up_table())
-    assert app("task=collect", "input=runs/two", "name=elsewhere").status == 0
-    assert (source / "collected.csv").read_bytes() == first
-    elsewhere = tmp_path / "runs" / "elsewhere"
-    assert {path.name for path in elsewhere.iterdir()} == {
-        "collected.csv",
-        "collected.png",
-    }
-    assert app("task=collect", "input=runs/two").status == 0
-    assert (
-        (source / "collected.csv").read_bytes()
-        == (elsewhere / "collected.csv").read_bytes()
-        != first
-    )
-
-
 MISTAKES = {
     "no input": ((), ["input is null", "input=runs/NAME"]),
     "missing": (

@@ -1,14 +1,12 @@
 """Reports of many receivers compared, from numbers that are easy to check."""
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
@@ -18,7 +16,6 @@ from vocc_torch.studies.compare.rival_results import (
     Comparison,
     GeniePoint,
     Transfer,
-    ratio_text,
     summary,
 )
 
@@ -144,19 +141,6 @@ def lines_of(path):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize(
-    ("ratio", "text"),
-    [
-        ((0.0, 0.0, 0.01), "< 1/100"),
-        ((0.97, 0.9, 1.1), "0.97 x"),
-        ((1906.0, 900.0, 3000.0), "1906 x"),
-        ((0.001234, 0.001, 0.002), "1/810"),
-    ],
-)
-def test_ratios_are_fractions_or_multiples(ratio, text):
-    assert ratio_text(Estimate(*ratio)) == text
-
-
 def test_the_tables_state_what_was_counted(made_up, tmp_path):
     write_tables(tmp_path, made_up)
     rows = lines_of(tmp_path / "classifiers.csv")
@@ -216,18 +200,6 @@ def test_the_words_are_the_numbers(made_up):
     assert " ," not in words
     assert " ." not in words
     assert max(map(len, summary(made_up, 70).splitlines())) <= 70
-
-
-def test_what_is_sure_by_itself_may_not_be_among_many(made_up):
-    """Six wrong frames more, and none less, are told apart alone (p = 1/32), but not among four."""
-    one = transfer("flda_3", "paper", "night", 6, 0)
-    assert one.surely_worse()
-    assert not one.surely_worse(4)
-    others = [each for each in made_up.transfers if each.receiver != "flda_3"]
-    both = [transfer("flda_3", "paper", "night", wrong, 0) for wrong in (6, 60)]
-    for pair, said in zip(both, (False, True), strict=True):
-        words = words_of(replace(made_up, transfers=[*others, pair]))
-        assert ("flda_3 trained on paper is surely worse" in words) == said
 
 
 def test_figures_have_a_panel_a_receiver_and_a_cell_a_pair_of_scenes(made_up):

@@ -111,29 +111,6 @@ def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_mo
     assert len({one.name for one in study.settings}) == len(study.settings)
 
 
-def test_what_is_varied_is_as_it_is_asked_for(make_study):
-    every = make_study(
-        names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all"
-    )
-    assert len(every.settings) == 8
-    # Not those that are not compared, unless they are named.
-    for names in (("flda_3", "patch"), ("patch",)):
-        usual = make_study(names=names, **MORE, varied=None).settings
-        assert {one.receiver for one in usual if one.samples_per_led == 4} == {
-            "flda_3"
-        } & {*names}
-    # What a receiver does not look at makes no setting.
-    names = ("center_greyscale", "flda_ngr", "otsu")
-    study = make_study(names=names, locators=["truth"], **MORE, varied=list(names))
-    found = [
-        (one.receiver, one.samples_per_led, one.gradient, one.dtype)
-        for one in study.settings
-    ]
-    more = ((8, "sobel", "float64"), (4, "sobel", "float32"))
-    others = [(name, *values) for name in names[1:] for values in more]
-    assert found == [*((name, 8, "sobel", "float32") for name in names), *others]
-
-
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

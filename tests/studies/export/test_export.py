@@ -21,7 +21,6 @@ from vocc_torch.types import Scene
 SMALL = ("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3")
 CENTRED = ("scene.offset_x_m=[uniform,-0.1,0.1]", "scene.offset_y_m=0")
 KINDS = {
-    "crops": ("export.frames=130",),
     "noisy crops": ("scene=night", "export.frames=70", "batch_frames=7"),
     "points": (
         "export.points=test",
@@ -40,10 +39,6 @@ KINDS = {
     "three colours": (
         "+scene.effects.colour={second_nm:525,third_nm:470}",
         "export.frames=66",
-    ),
-    "coloured": (
-        "+scene.effects.colour={peak_nm:[uniform,470,630]}",
-        "export.frames=5",
     ),
 }
 
@@ -280,29 +275,6 @@ def test_what_is_missing_or_damaged_is_rendered_again(
         path.parent for path, at in times.items() if path.stat().st_mtime_ns != at
     }
     assert len(rewritten - {folder}) == 1
-
-
-def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothing(
-    app, tmp_path
-):
-    assert app(*words_of("export.frames=3")).status == 0
-    before = files_in(tmp_path)
-    for words, why in (
-        (("export.frames=4",), "export.frames was 3, is 4"),
-        (("export.frames=3", "seed=1"), "seed was 0, is 1"),
-        (("export.frames=3", "framing=filled"), "framing was crop, is filled"),
-        (
-            ("export.frames=3", "+experiment.training.distance_m=40"),
-            "experiment.training.distance_m",
-        ),
-        (("export.frames=3", "export.points=test"), "experiment."),
-    ):
-        said = app(*words_of(*words)).complaint
-        assert why in said
-        assert "give another name=" in said
-    assert "already holds" in app("name=x").complaint
-    assert app(*words_of("export.frames=3", "batch_frames=2")).status == 0
-    assert files_in(tmp_path) == before
 
 
 def test_a_run_that_could_write_nothing_leaves_nothing(app, tmp_path, monkeypatch):

@@ -60,10 +60,6 @@ def block(top, left, height, width, *, size=(120, 160), dark=0, bright=255):
     return grey
 
 
-def noise(seed, size=(120, 160)):
-    return np.random.default_rng(seed).integers(0, 256, size, dtype=np.uint8)
-
-
 def whole(*greys):
     return Frames.whole(torch.from_numpy(np.stack(greys)))
 
@@ -236,24 +232,6 @@ def test_frames_that_hold_no_grey_values():
         exact = locator(Frames.whole(grey[None].byte()), SHAPE)
         for dtype in (torch.float16, torch.bfloat16):
             assert_same(locator(Frames.whole(grey[None].to(dtype)), SHAPE), exact)
-
-
-def test_panels_of_any_shape():
-    frames = whole(scene(), scene(ALL_ON), noise(0, (160, 160)))
-    for rows, columns in (
-        (1, 1),
-        (1, 16),
-        (16, 1),
-        (2, 3),
-        (17, 3),
-        (1, 1024),
-        (1024, 1024),
-    ):
-        shape = PanelShape(rows, columns)
-        ours = located(REFINED, frames, shape)
-        theirs = located(PAPER, frames, shape)
-        if max(rows, columns) > 16:
-            assert_same(ours, theirs)
 
 
 # Corners

@@ -7,22 +7,17 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from scipy import ndimage, stats
+from scipy import stats
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import CAMERA_RANGES
-from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.optics import Blooming
+from vocc_torch.simulation import Camera, LedPanel, Simulator
 from vocc_torch.simulation.effects.sensor import poisson_quantile
 from vocc_torch.simulation.framing import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 
-LINEAR = {"gamma": 1.0}
-"""A camera whose grey values are proportional to the light, so that light can be summed up."""
 PITCH_MM = 13.2 / 1920
 
 
@@ -61,11 +56,6 @@ def refusal(make, *arguments, **settings):
         make(*arguments, **settings)
     assert "\n" not in str(refused.value)
     return str(refused.value)
-
-
-def excess(frames, background):
-    """Light of a frame beyond its background's, summed over its pixels, in grey values at gamma 1."""
-    return float((frames.grey.double() - background).sum())
 
 
 # Photometry
@@ -110,26 +100,6 @@ def test_opaque_air():
 
 
 # Light and auto-ISO
-
-
-def test_night_with_limits():
-    model = SceneModel(ambient_lx=Distribution("constant", (0.0,)))
-    assert not model.draw(BlockKey(0, "night", 0), PanelShape())[0].ambient_lx.any()
-    scene = Scene.of(ambient_lx=0.0, led_luminance_cd_m2=1.5, distance_m=2.0)
-    camera = Camera(iso_limits=(100.0, 3200.0))
-    bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(1)) < 0.5
-    wanted = 118 * (10 * 1.5 / 1500 / (12.5 * 16) * 320) ** (1 / 2.2)
-    for dtype in (torch.float32, torch.float64):
-        grey = bare(camera, dtype=dtype).render(scene, bits).grey
-        assert float(grey.min()) == 0
-        assert float(grey.max()) == pytest.approx(wanted, rel=1e-6)
-        assert float(bare(camera, dtype=dtype).contrast(scene)) == pytest.approx(
-            wanted / 255, rel=1e-12
-        )
-    blind = Simulator(camera).render(
-        Scene.of(ambient_lx=0.0, led_luminance_cd_m2=0.0), bits
-    )
-    assert blind.grey.unique().tolist() == blind.surround.tolist() == [0]
 
 
 def test_extreme_ambient():
@@ -204,19 +174,6 @@ def test_gradient_through_the_renderer():
 # Panels near and far
 
 
-def test_far_panel():
-    camera, panel = Camera(**LINEAR), LedPanel(board_reflectance=None)
-    for distance in (500.0, 1e4, 1e5):
-        scene = Scene.of(distance_m=distance, offset_x_m=0.7, ambient_lx=1.0)
-        frames = bare(camera, panel).render(scene, all_on(scene))
-        area = 64 * math.pi * (0.015 * camera.focal_length_px / distance) ** 2
-        on = 102 * (0.4 / math.pi + 3000) / (0.18 / math.pi)
-        assert excess(frames, 102.0) == pytest.approx(area * (on - 102), rel=1e-9)
-    gone = Scene.of(distance_m=1e9)
-    grey = bare(camera).render(gone, all_on(gone)).grey
-    torch.testing.assert_close(grey, torch.full_like(grey, 102.0), rtol=1e-11, atol=0)
-
-
 def test_panel_across_the_border():
     small, large = sensor(96, 64), sensor(288, 192)
     metres = 6.0 / small.focal_length_px
@@ -236,36 +193,6 @@ def test_panel_across_the_border():
 
 
 # Blooming
-
-
-def test_wide_blooming():
-    generator = torch.Generator().manual_seed(2)
-    for height, width in ((1, 1), (40, 33)):
-        value = torch.rand(
-            3, 1, height, width, generator=generator, dtype=torch.float64
-        )
-        blurred = Blooming(32.0)(value, Context(Scene.of(3), Camera()))
-        for frame, plain in zip(blurred, value, strict=True):
-            wanted = ndimage.gaussian_filter(
-                plain[0].numpy(), 32.0, truncate=4.0, mode="nearest"
-            )
-            np.testing.assert_allclose(frame[0].numpy(), wanted, rtol=1e-12)
-        even = Blooming(32.0)(
-            torch.full_like(value, 0.1), Context(Scene.of(3), Camera())
-        )
-        torch.testing.assert_close(
-            even, torch.full_like(value, 0.1), rtol=1e-14, atol=0
-        )
-    camera, scene = (
-        sensor(700, 500, **LINEAR),
-        Scene.of(distance_m=30.0, ambient_lx=1.0),
-    )
-    plain, bloomed = (
-        bare(camera, effects=e).render(scene, all_on(scene))
-        for e in ({}, {"blooming": {"sigma_px": 32.0}})
-    )
-    assert bloomed.grey.shape[-1] > 256
-    assert excess(bloomed, 102.0) == pytest.approx(excess(plain, 102.0), rel=1e-9)
 
 
 def test_extreme_counts():

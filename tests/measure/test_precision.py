@@ -13,11 +13,10 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import Frames, PanelShape, resolve_device
+from vocc_torch.types import PanelShape, resolve_device
 
 HALVES = (torch.bfloat16, torch.float16)
 SHAPE = PanelShape(8, 8)
@@ -116,39 +115,6 @@ def test_float32_against_float64():
     turned = (exact["scores"] >= 0) != (near["scores"] >= 0)
     assert float(exact["scores"].abs()[turned].amax() if turned.any() else 0) < 0.05
     assert float(turned.double().mean()) <= 1e-4
-
-
-def test_receiver_in_float32():
-    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
-    simulator = Simulator()
-    frames, panels = simulator.render(scene, bits), simulator.true_panels(scene)
-    double = Frames(
-        frames.grey.double(), frames.origin_px, frames.sensor_px, frames.surround
-    )
-    exact, near = (Reader().read(one, panels) for one in (double, frames))
-    assert (exact.patches.dtype, near.patches.dtype) == (torch.float64, torch.float32)
-    assert float((exact.features - near.features).abs().max()) < 1e-4
-
-
-def test_frames_of_half_precision():
-    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
-    simulator = Simulator()
-    frames = simulator.render(scene, bits)
-    flda = trained()
-    receiver = Receiver("flda_3", PaperLocator(), Reader(), flda)
-    wanted = receiver(frames)
-    for dtype in HALVES:
-        halved = Frames(
-            frames.grey.to(dtype), frames.origin_px, frames.sensor_px, frames.surround
-        )
-        decoded = receiver(halved)
-        assert torch.equal(decoded.scores, wanted.scores), dtype
-        assert torch.equal(decoded.corners_px, wanted.corners_px), dtype
-        greys, bytes_ = (
-            Reader().read_greys(one, simulator.true_panels(scene))
-            for one in (halved, frames)
-        )
-        assert torch.equal(greys.centre, bytes_.centre), dtype
 
 
 def test_autocast_around_the_link():

@@ -229,26 +229,6 @@ def test_features_not_finite():
     same_rule(flda, fitted(x, bits), x, 0.0)
 
 
-def test_scores_not_finite():
-    x, bits = clouds(24)
-    flda = fitted(x * 1e-12, bits)
-    for value, score in (
-        (torch.nan, "nan"),
-        (torch.inf, "inf"),
-        (1e300, "inf"),
-        (-1e300, "-inf"),
-    ):
-        point = x[:2] * 1e-12
-        point[1, int(flda.direction.abs().argmax())] = value
-        sign = "-" if flda.direction[flda.direction.abs().argmax()] < 0 else ""
-        said = f"its score is {sign}{score}".replace("--", "").replace("-nan", "nan")
-        given = "features holds a value that is not finite, or too far from the training set"
-        for decide in (flda.predict, flda.decision_function, flda):
-            refused(
-                f"{given}: {said}, neither On nor Off", lambda p=point, f=decide: f(p)
-            )
-
-
 # ---- decisions -----------------------------------------------------------------------------------
 
 
