@@ -1,4 +1,4 @@
-"""The tables of ``docs/statistics.md``: how often intervals hold the truth of frames whose truth is known."""
+"""The tables of ``docs/results/coverage``: how often intervals hold the truth of simulated frames."""
 
 from __future__ import annotations
 
