@@ -21,6 +21,9 @@ from vocc_torch.app.config import TASKS, AppConfig, descriptions, register_schem
 from vocc_torch.measure.curve import Row
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 
+MOST_SIGNATURE = 88
+"""Characters of a signature in one line."""
+
 FOLDER = Path(__file__).resolve().parent / "reference"
 NOTE = "<!-- Written by docs/make_reference.py: edit the code, not this page. -->"
 COLUMN_TEXTS = Path(__file__).with_name("columns.yaml")
@@ -72,7 +75,10 @@ def signature(name: str, thing: Callable[..., object]) -> str:
         text,
     )
     text = re.sub(r"<function .*?>", "...", text)
-    return f"{name}{text}".replace("'", "")
+    text = f"{name}{text}".replace("'", "")
+    if len(text) > MOST_SIGNATURE:
+        text = re.sub(r", (?=\*|\w+: )", ",\n    ", text).replace("(", "(\n    ", 1)
+    return text
 
 
 def documented(name: str, thing: Callable[..., object], level: str) -> str:
@@ -116,7 +122,11 @@ def methods(kind: type) -> str:
             or not (callable(plain) or isinstance(plain, property))
         ):
             continue
-        shown = name if isinstance(plain, property) else signature(name, plain)
+        shown = (
+            name
+            if isinstance(plain, property)
+            else " ".join(signature(name, plain).split())
+        )
         rows.append((f"`{shown}`", marked(text.strip().splitlines()[0])))
     return table(["method or property", "what it does"], rows) if rows else ""
 
@@ -233,7 +243,7 @@ def effects_page() -> str:
             (
                 f"`{kind.name}`",
                 marked(said[""].splitlines()[0]),
-                kind.on.value,
+                kind.takes.value,
                 whole,
                 draws,
                 parameters,

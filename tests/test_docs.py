@@ -1,31 +1,74 @@
-"""The page about effects names every effect and every scene, and its example is a scene."""
+"""Pages of the documentation: links lead somewhere, the reference is fresh, and code runs as it stands."""
 
+import importlib.util
 import re
 from pathlib import Path
 
-import yaml
-
-from vocc_torch.simulation.effects import PHYSICAL_ORDER
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+DOCS = ROOT / "docs"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    *sorted(DOCS.rglob("*.md")),
+]
+LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([\w-]+))?\)")
 
 
-def test_every_effect_is_in_both_tables_and_every_scene_in_its_own():
-    vocabulary, _, measured = PAGE.partition("<!-- end of vocabulary -->")
-    effects, _, scenes = measured.partition("## The shipped scenes")
-    for kind in PHYSICAL_ORDER:
-        assert f"| `{kind.name}` |" in vocabulary
-        assert f"`{kind.name}`" in effects
-    shown = re.findall(r"^\| `(\w+)` \|", scenes, flags=re.MULTILINE)
-    assert sorted(shown) == sorted(
-        path.stem for path in (ROOT / "conf" / "scene").glob("*.yaml")
-    )
+def module(name):
+    """Import a script of the documentation."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
 
 
-def test_the_pages_scene_of_ten_lines_is_one():
-    block = re.search(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL).group(1)
-    assert len([line for line in block.splitlines() if not line.startswith("#")]) == 10
-    assert set(yaml.safe_load(block)["effects"]) <= {
-        kind.name for kind in PHYSICAL_ORDER
+def anchors(page):
+    """List the anchors of a page's headings as the site and git hosts write them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {
+        re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", title.lower()).strip())
+        for title in titles
     }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_exist(page):
+    for target, anchor in LINK.findall(page.read_text(encoding="utf-8")):
+        path = page.parent / target if target else page
+        assert path.exists(), target
+        assert not anchor or anchor in anchors(path), f"{target}#{anchor}"
+
+
+@pytest.mark.parametrize("name", ["api", "columns", "effects", "keys"])
+def test_the_reference_is_what_the_code_says(name):
+    """Run ``python docs/make_reference.py`` where this fails."""
+    written = module("make_reference").PAGES[name]().strip() + "\n"
+    assert (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8") == written
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        "plug-in",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("measure", "decode", "network")
+        ),
+    ],
+)
+def test_tutorials_print_what_they_show(page, tmp_path, monkeypatch):
+    """Numbers aside, which differ in the last digits from machine to machine."""
+    path = DOCS / "tutorials" / f"{page}.md"
+    for name in ("tests", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    fresh = module("run_pages").run_page(path, bash=False)
+
+    def words(text):
+        return re.sub(r"[-\d.e<+]+", "#", text)
+
+    assert words(fresh) == words(path.read_text(encoding="utf-8"))

@@ -463,7 +463,7 @@ def commands_of(page):
 PAGES = [
     ROOT / "README.md",
     ROOT / "runs" / "README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 ]
 SHOWN = {
     tuple(word.partition("=")[0] for word in words): (words, page.name)
@@ -478,7 +478,7 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     """One of each set of keys is built."""
     code = re.findall(
         r"^```python\n(.*?)^```",
-        (ROOT / "docs/plug-ins.md").read_text(),
+        (ROOT / "docs/tutorials/plug-in.md").read_text(),
         re.DOTALL | re.MULTILINE,
     )
     (tmp_path / "mine.py").write_text("\n".join(code))
