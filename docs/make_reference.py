@@ -74,7 +74,7 @@ def signature(name: str, thing: Callable[..., object]) -> str:
         "",
         text,
     )
-    text = re.sub(r"<function .*?>", "...", text)
+    text = re.sub(r"<function .*? at 0x[0-9a-f]+>", "...", text)
     text = f"{name}{text}".replace("'", "")
     if len(text) > MOST_SIGNATURE:
         text = re.sub(r", (?=\*|\w+: )", ",\n    ", text).replace("(", "(\n    ", 1)
