@@ -3,7 +3,7 @@
     python benchmarks/no_panel.py
     python benchmarks/no_panel.py --locators paper refined learned --streets 200
 
-Writes the table of docs/decoding.md to the terminal, or that of docs/eyes.md: what locators claim, and how
+Writes the table of docs/locators.md to the terminal, or that of docs/detector.md: what locators claim, and how
 surely, in these pictures, black and white ones, and held-out streets without a panel, half of them by night.
 """
 
@@ -187,7 +187,10 @@ def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--locators", nargs="+", choices=LOCATORS, help="for the table of docs/eyes.md"
+        "--locators",
+        nargs="+",
+        choices=LOCATORS,
+        help="for the table of docs/detector.md",
     )
     parser.add_argument(
         "--streets",
