@@ -169,6 +169,37 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
             assert torch.equal(*given), name
 
 
+FORGED = {
+    "text for frames": {"frames": "a"},
+    "nothing for seconds": {"seconds": None},
+    "a making without sense": {"made": {"lmmse": {"frames": []}}},
+    "no arrays": {"arrays": {}},
+}
+
+
+@pytest.mark.parametrize("changes", [*FORGED.values(), None], ids=[*FORGED, "nothing"])
+def test_a_training_that_a_ledger_only_claims_is_trained_again(learned, changes):
+    """A row may be sealed by hand."""
+    plan, training = learned
+    key, known = training_key(plan, ["truth"]), {}
+
+    class Forged:
+        def add_trained(self, key, content):
+            known.update(json.loads(content))
+
+        def trained(self, key):
+            return known
+
+    kept = KeptTrainings([Forged()])
+    kept.keep(key, plan, {"truth": training})
+    assert kept.known(key, plan)
+    if changes is None:
+        known.clear()
+    else:
+        known["truth"] |= changes
+    assert kept.known(key, plan) is None
+
+
 @pytest.mark.parametrize("count", [16, pytest.param(1000, marks=pytest.mark.slow)])
 def test_whoever_loads_it_reads_the_same_bits(kept, mine, monkeypatch, count):
     """Of many frames in another process; here too nothing is known of the user's file any more."""

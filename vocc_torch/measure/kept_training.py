@@ -4,14 +4,16 @@ They stand under a key of all that training depends on, as numbers, texts and ar
 executed: a classifier is built from the plan of the run that goes on, and takes up what it had learned.
 """
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import torch
 
-from vocc_torch.errors import VoccError
+from vocc_torch.boundary import allowed, fits
+from vocc_torch.errors import VoccError, shown
 from vocc_torch.measure.plan import ClassifierPlan, Locator, Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
 from vocc_torch.measure.train import Making, Training, training_key
@@ -51,10 +53,8 @@ class KeptTrainings:
         for content in (store.trained(key) for store in self._stores):
             with suppress(*_NOT_KEPT):
                 if content is not None:
-                    return {
-                        name: _unpacked(stored, plan)
-                        for name, stored in content.items()
-                    }
+                    names = json.loads(key)["receiver"]["locator"]
+                    return {name: _unpacked(content[name], plan) for name in names}
         return None
 
     def keep(self, key: str, plan: Plan, trainings: Mapping[Locator, Training]) -> None:
@@ -142,8 +142,24 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     makings = {name: Making(**making) for name, making in content["made"].items()}
     trainings = tuple(_unpacked(packed, plan) for packed in content["more"])
     numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
-    return replace(
+    training = replace(
         Training(flda.to(device), classifiers=learned, made=makings, more=trainings),
         **numbers,
         **figures,
     )
+    _demand_numbers(training)
+    for making in makings.values():
+        _demand_numbers(making)
+    samples, features = training.features.shape
+    if training.bits.shape != (samples,) or features != len(plan.receiver.reader.names):
+        raise ValueError("features and bits are of other numbers of LEDs")
+    return training
+
+
+def _demand_numbers(record: Training | Making) -> None:
+    """Refuse a record with a number that is none: a row's checksum says nothing of its sense."""
+    for item in fields(record):
+        value = getattr(record, item.name)
+        is_number = item.name in (*_NUMBERS, *Making.__dataclass_fields__)
+        if is_number and not fits(value, item.type):
+            raise VoccError.of(item.name, shown(value), allowed(item.type))
