@@ -167,8 +167,9 @@ def finish(process: int, folder: Path) -> Ran:
     while time.monotonic() < until:
         ended, status = os.waitpid(process, os.WNOHANG)
         if ended:
-            said = Path(f"{folder}.2").read_bytes().decode(errors="replace")
-            return Ran(os.waitstatus_to_exitcode(status), said)
+            path = Path(f"{folder}.2")  # a child that was killed at once has none
+            said = path.read_bytes() if path.exists() else b""
+            return Ran(os.waitstatus_to_exitcode(status), said.decode(errors="replace"))
         time.sleep(0.01)
     os.killpg(process, signal.SIGKILL)
     os.waitpid(process, 0)
@@ -778,7 +779,7 @@ class Attacks:
                     **axis,
                     "seed": 0,
                     "experiment": "e",
-                    "progress": len,
+                    "progress": id,
                     "store": None,
                 },
             ),

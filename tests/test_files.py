@@ -73,8 +73,8 @@ def test_an_interruption_leaves_the_old_file_and_no_other(tmp_path, interruption
 def test_what_stands_in_the_place_is_refused_by_name(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_bytes(b"")
-    for place in ("folder", "file/inside"):
-        with pytest.raises(VoccError, match=rf"^cannot write .*{place}"):
+    for place in ("folder", "file/inside", "zero\0"):
+        with pytest.raises(VoccError, match=f"^cannot write .*{place[:4]}"):
             write_atomically(tmp_path / place, b"")
     assert names(tmp_path) == ["file", "folder"]
 

@@ -4,6 +4,7 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from numbers import Integral, Real
 from pathlib import Path
 from types import GenericAlias, NoneType, UnionType
@@ -75,7 +76,8 @@ def fits(value: Any, hint: Any) -> bool:
     if kind is float and isinstance(value, Real):
         return bool(abs(value) <= sys.float_info.max)  # type: ignore[operator]
     if kind is Sequence:
-        value = getattr(value, "tolist", lambda: value)()
+        with suppress(Exception):  # a tensor without values has no list of them
+            value = getattr(value, "tolist", lambda: value)()
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             return False
         return all(fits(item, parts[0]) for item in value)

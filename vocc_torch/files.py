@@ -196,6 +196,8 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 @contextmanager
 def _to_replace(target: Path) -> Iterator[Path]:
     """Lend a temporary path that takes the target's place at the end, and is gone after an error."""
+    if "\0" in str(target):
+        raise VoccError(f"cannot write {printable(str(target))}: a path has no zeros")
     temporary = _temporary(target)
     try:
         yield temporary

@@ -1,11 +1,14 @@
 """The command line as a user meets it: what runs write, and one line for every mistake."""
 
 import csv
+import os
 import re
 import resource
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from pathlib import Path
 
@@ -223,6 +226,19 @@ def test_a_key_of_hundreds_of_letters_is_one_line(app):
     )
 
 
+def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(app, monkeypatch):
+    def broken(settings, folder):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(10)
+        except KeyboardInterrupt:
+            raise AttributeError("half of an object") from None
+
+    monkeypatch.setattr(cli, "run_task", broken)
+    ran = app(*QUICK)
+    assert (ran.status, ran.err) == (130, "vocc-torch: interrupted\n")
+
+
 def test_a_fault_of_ours_is_not_disguised(app, monkeypatch, tmp_path):
     """A ValueError that no user caused keeps its traceback."""
 
@@ -386,6 +402,7 @@ def test_reader_that_leaves_early(tmp_path):
 
 WITHOUT_TORCH = """
 import sys
+import time
 from vocc_torch.app.cli import run
 try:
     print(run(), end=" ")

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import re
+import signal
 import sys
 import tempfile
 import traceback
@@ -66,6 +67,34 @@ def terminal_lines() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def ctrl_c_first(heard: list[int]) -> Iterator[None]:
+    """Raise Ctrl-C again where a library has made another error of it.
+
+    Args:
+        heard: takes the number of the signal.
+    """
+
+    def hear(number: int, _: object) -> None:
+        heard.append(number)
+        raise KeyboardInterrupt
+
+    usual = signal.getsignal(signal.SIGINT)
+    # A shell's background job hears nothing.
+    listens = usual is signal.default_int_handler
+    if listens:
+        signal.signal(signal.SIGINT, hear)
+    try:
+        yield
+    except Exception as error:
+        if heard:
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        if listens:
+            signal.signal(signal.SIGINT, usual)
+
+
 def run_task(settings: AppConfig, folder: Path) -> None:
     """Run the task that the configuration names.
 
@@ -113,7 +142,7 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
     return str(error) if isinstance(error, VoccError) else None
 
 
-def run_job(config: DictConfig, jobs: Jobs) -> None:
+def run_job(config: DictConfig, jobs: Jobs, heard: Sequence[int] = ()) -> None:
     """Run one job; what ends it is a result too, because raising would end a multirun with it."""
     about = HydraConfig.get()
     # As they were typed: what a word interpolates is not resolved here.
@@ -143,6 +172,8 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
     except BrokenPipeError:
         raise
     except Exception as error:
+        if heard:
+            raise KeyboardInterrupt from error
         complaint = complaint_of(error, folder) or ""
         if not complaint:
             trace, complaint = (
@@ -178,10 +209,11 @@ def run_jobs(jobs: Jobs) -> int:
             if jobs.elsewhere:
                 stack.enter_context(terminal_lines())
                 stack.enter_context(beside_others(int(HydraConfig.get().job.num)))
-            run_job(config, jobs)
+            run_job(config, jobs, heard)
 
+    heard: list[int] = []
     try:
-        with terminal_lines():
+        with terminal_lines(), ctrl_c_first(heard):
             job()
             sys.stdout.flush()
     except BrokenPipeError:
