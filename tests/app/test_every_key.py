@@ -17,6 +17,7 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
+from vocc_torch.studies.decode import decoder
 from vocc_torch.studies.compare import Severity
 from vocc_torch.studies.export.run import identity_of
 
@@ -467,6 +468,8 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     place = import_module(f"vocc_torch.{module}")
     of_two = module == "studies.curve"
     source = inspect.getsource(getattr(place, run) if of_two else place)
+    if task == "decode":
+        source += inspect.getsource(decoder)
     usual, silent, refused = spent(base), [], []
     brought = FROM_OTHERS.get(task, {})
     others = (

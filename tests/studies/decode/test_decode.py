@@ -149,6 +149,44 @@ def test_video_frame_by_frame(receiver, near, tmp_path, name):
 # What is written
 
 
+def test_channels_see_their_colour(receiver, near, tmp_path):
+    """A panel that shines in red only is there in red and in the brightest channel, and nowhere else."""
+    frames, bits = near
+    colour = np.full((*frames[0].shape, 3), 60, np.uint8)
+    colour[..., 0] = frames[0]
+    path = save(tmp_path / "red.png", colour)
+    channels = ("luma", "max", "red", "green", "blue")
+    seen = {
+        name: next(read_panels(receiver, read_recording(path, name)))
+        for name in channels
+    }
+    for name in ("luma", "max", "red"):
+        assert seen[name].text == text_of(bits[0]), name
+    for name in ("green", "blue"):
+        assert not seen[name].found, name
+
+
+@pytest.mark.parametrize(
+    ("follow", "searches"), [("false", None), ("true", 1), ("auto", 1)]
+)
+def test_a_panel_is_followed_in_a_video(
+    receiver, near, tmp_path, monkeypatch, follow, searches
+):
+    """One full search of eight frames where it is followed; the bits are the same."""
+    grey, bits = near
+    searched, locator = [], type(receiver.locator)
+    plain = locator.__call__
+    monkeypatch.setattr(
+        locator,
+        "__call__",
+        lambda self, *given: searched.append(1) or plain(self, *given),
+    )
+    path = write_video(tmp_path / "film.mp4", grey)
+    read = list(read_panels(receiver, read_recording(path, "luma"), follow=follow))
+    assert [reading.text for reading in read] == [text_of(one) for one in bits]
+    assert searches is None or len(searched) == searches
+
+
 def test_annotation_marks_on_and_off(receiver, near, tmp_path):
     """A filled mark on every On LED and none inside an Off LED's ring; the corner stays as it was."""
     frames, bits = near
