@@ -17,8 +17,8 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
-from vocc_torch.studies.decode import decoder
 from vocc_torch.studies.compare import Severity
+from vocc_torch.studies.decode import decoder
 from vocc_torch.studies.export.run import identity_of
 
 ROOT = Path(__file__).parents[2]
