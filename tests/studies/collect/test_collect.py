@@ -17,7 +17,9 @@ from vocc_torch.report.folder import ber_rows, write_rows
 from vocc_torch.studies.collect import (
     Job,
     collected_rows,
+    differing_keys,
     find_jobs,
+    label,
     print_jobs,
 )
 
@@ -200,6 +202,32 @@ _VALUES = st.recursive(
     | st.sampled_from("ab"),
     lambda inner: st.lists(inner, max_size=3),
 )
+
+
+def test_keys_of_an_experiment_that_follow_from_its_name_are_left_out():
+    jobs = [
+        settings_of(
+            experiment__name=name,
+            experiment__axis=axis,
+            experiment__scene__x=x,
+            seed=seed,
+        )
+        for name, axis, x in (("ambient", "lx", 1), ("distance", "m", None))
+        for seed in (0, 1)
+    ]
+    assert differing_keys(jobs) == ["experiment.name", "seed"]
+    assert label(jobs[3], ["experiment.name", "seed"]) == "experiment=distance, seed=1"
+    other = settings_of(
+        experiment__name="distance",
+        experiment__axis="m",
+        experiment__scene__x=5,
+        seed=0,
+    )
+    assert differing_keys([*jobs, other]) == [
+        "experiment.name",
+        "experiment.scene.x",
+        "seed",
+    ]
 
 
 # Picture and table
