@@ -180,7 +180,7 @@ def train(
         section("frames", before="budget.training_frames"),
     ):
         receivers, budget = (
-            receiver_plan(parts, world.panel.shape),
+            receiver_plan(parts, world.panel),
             Budget(training_frames=frames),
         )
         experiment = Experiment("own", "distance_m", world.scene.distance_m.bounds[:1])

@@ -77,6 +77,7 @@ SECTIONS = {
         **{
             "samples_per_led": 16,
             "gradient": "central",
+            "cells": "pixels",
             "save": "flda_2",
             "false_alarms": 0.01,
         },

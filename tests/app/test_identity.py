@@ -83,6 +83,7 @@ DEPENDS = {
     ),
     **under("receiver.location", quadrilateral="upright"),
     **under("receiver.reader", shape=SMALL, samples_per_led=6, gradient="central"),
+    **under("receiver.reader", disc_share=0.4),
     **under("receiver", false_alarms=0.01),
     **under("receiver", locators={"own": PlugIn("c", "own", "mine.Own")}),
     **under("receiver.reader", more=(PlugIn("c", "own", "mine.Own"),)),

@@ -244,6 +244,7 @@ IGNORED = {
             "receiver.features",
             "receiver.samples_per_led",
             "receiver.gradient",
+            "receiver.cells",
         ),
         "receiver.save",
     ),

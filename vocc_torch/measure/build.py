@@ -97,20 +97,20 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         # Of a named budget; where it is typed it is refused.
         budget = replace(budget, trainings=1)
     receivers = receiver_plan(
-        settings, world.panel.shape, settings.task in ("train", "decode", "receive")
+        settings, world.panel, settings.task in ("train", "decode", "receive")
     )
     draws = (settings.seed, settings.batch_frames)
     return plans.Plan(world, receivers, settings.experiment, budget, folder, *draws)
 
 
 def receiver_plan(
-    settings: ReceiverParts, shape: PanelShape, single: bool = False
+    settings: ReceiverParts, panel: LedPanel, single: bool = False
 ) -> plans.ReceiverPlan:
     """Build the plan of the receivers, with every part that plugs in.
 
     Args:
         settings: the resolved configuration.
-        shape: of the panel.
+        panel: what it is read from.
         single: whether the task keeps one receiver and uses no other.
 
     Raises:
@@ -139,11 +139,16 @@ def receiver_plan(
             outside[plug_in.name] = plug_in
         chosen.append(plug_in.name if is_target(name) else name)
     kernel = receiver.gradient
+    if receiver.cells not in ("resampled", "pixels"):
+        raise VoccError.of(
+            "receiver.cells", repr(receiver.cells), "resampled or pixels"
+        )
     built = reader.Reader(
-        shape,
+        panel.shape,
         receiver.samples_per_led,
         kernel,  # type: ignore[arg-type]  # checked there
         tuple(outside.values()),
+        panel.led_diameter_m / panel.pitch_m if receiver.cells == "pixels" else None,
     )
     if not {*chosen} <= {*built.names} or len({*chosen}) < len(chosen) or not chosen:
         rule = f"of {', '.join(built.names)}, or FILE.py:NAME, each once"

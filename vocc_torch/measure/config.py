@@ -296,6 +296,7 @@ class ReceiverSettings:
             [agr, gri, ngr]; those from outside are named in ``features`` or FILE.py:NAME.
         samples_per_led: samples along an LED cell's side, 2 to 64.
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
+        cells: ``resampled``, or ``pixels``: whole pixels of the box about the LEDs' discs.
         save: the receiver that is saved and decodes recordings; null takes the classifier where there is one,
             ``flda`` where there are features of your own, else ``flda_3``.
         location: limits of the paper's locator.
@@ -308,6 +309,7 @@ class ReceiverSettings:
     features: list[str] = field(default_factory=lambda: ["agr", "gri", "ngr"])
     samples_per_led: int = 8
     gradient: str = "sobel"
+    cells: str = "resampled"
     save: str | None = None
     location: LocatorLimits = field(default_factory=LocatorLimits)
     false_alarms: float | None = None

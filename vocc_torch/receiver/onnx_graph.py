@@ -49,6 +49,8 @@ class TensorReceiver(torch.nn.Module):
 
     def __init__(self, receiver: Receiver) -> None:
         super().__init__()
+        if receiver.reader.disc_share is not None:
+            raise VoccError.of("receiver.cells", "pixels", "resampled for a graph")
         self.receiver = receiver.eval()
 
     def forward(self, *given: Tensor) -> tuple[Tensor, ...]:

@@ -16,6 +16,7 @@ from vocc_torch.receiver.features import (
     checked_greys,
     led_features,
 )
+from vocc_torch.receiver.pixel_cells import read_pixels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape, holds, without_autocast
 
@@ -64,6 +65,8 @@ class Reader:
         gradient: ``sobel`` (Kornia) or ``central`` (Eq. 6).
         more: features from outside, functions of the rectified panels (B,1,(R+2)K,(C+2)K) and the panel's
             shape that give (B,R,C).
+        disc_share: an LED's diameter over the pitch, above 0 to 1, to measure whole pixels of the box about
+            the discs; None measures the resampled cells.
 
     Raises:
         VoccError: a value outside its range, or a feature's name twice.
@@ -79,6 +82,7 @@ class Reader:
     samples_per_led: int = 8
     gradient: Gradient = "sobel"
     more: tuple[PlugIn, ...] = ()
+    disc_share: float | None = None
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -100,6 +104,8 @@ class Reader:
                 repr(self.gradient),
                 " or ".join(get_args(Gradient)),
             )
+        if self.disc_share is not None and not 0 < self.disc_share <= 1:
+            raise VoccError.of("disc_share", self.disc_share, "above 0 to 1")
         if len({*self.names, *_GREYS}) < len(self.names) + len(_GREYS):
             raise VoccError.of(
                 "receiver.features", [*self.names], f"each once, and none of {_GREYS}"
@@ -200,15 +206,16 @@ class Reader:
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
         with without_autocast(frames.grey.device):
             count = frames.grey.shape[0]
-            features = average = centre = sizes[0].new_zeros(
-                count, shape.rows, shape.columns
-            )
-            if "centre" in names:
+            average = centre = sizes[0].new_zeros(count, shape.rows, shape.columns)
+            features = average[..., None].expand(-1, -1, -1, len(FEATURE_NAMES))
+            if self.disc_share is not None:
+                share, kernel = self.disc_share, self.gradient
+                features, average, centre = read_pixels(
+                    frames, panels.corners_px, shape, share, kernel
+                )
+            elif "centre" in names:
                 centre = centre_greys(frames, panels, shape)
-            if patches is None:
-                features = features[..., None].expand(-1, -1, -1, len(self.names))
-                patches = frames.grey[..., :0, :0]
-            else:
+            if self.disc_share is None and patches is not None:
                 means = (
                     cell_means(patches, shape)
                     if {"agr", "ngr", "average"} & {*names}
@@ -218,13 +225,13 @@ class Reader:
                     patches, means, shape, *sizes, self.gradient, names
                 ).double()
                 average = average if means is None else means[:, 1:-1, 1:-1]
+            patches = frames.grey[..., :0, :0] if patches is None else patches
+            if self.more:
                 others = [
                     self._outside(plug_in, patches, plug_in.name in names)
                     for plug_in in self.more
                 ]
-                features = (
-                    torch.cat([features, *others], dim=-1) if others else features
-                )
+                features = torch.cat([features.double(), *others], dim=-1)
         return Readings(
             features,
             Greys(average, centre),

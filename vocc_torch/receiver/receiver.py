@@ -340,6 +340,7 @@ class Receiver(torch.nn.Module):
         settings |= {
             "samples_per_led": self.reader.samples_per_led,
             "gradient": self.reader.gradient,
+            "disc_share": self.reader.disc_share,
         }
         features = [
             feature.settings
@@ -378,12 +379,9 @@ class Receiver(torch.nn.Module):
                 for feature in settings.get("features", [])
             ]
             shape = PanelShape(settings["rows"], settings["columns"])
-            reader = Reader(
-                shape,
-                settings["samples_per_led"],
-                settings["gradient"],
-                tuple(features),
-            )
+            samples, gradient = settings["samples_per_led"], settings["gradient"]
+            share = settings.get("disc_share")
+            reader = Reader(shape, samples, gradient, tuple(features), share)
             locator, name = (
                 locator_from(settings["locator"], plug_ins),
                 settings["name"],

@@ -722,6 +722,45 @@ def status_histogram(
     axes.set(xlabel=label, ylabel="Share of LEDs")
 
 
+def status_cloud(
+    axes: Axes,
+    points: Floats,
+    bits: Bools,
+    labels: tuple[str, str],
+    line: tuple[float, float, float],
+) -> None:
+    """Draw a point an LED in the colour of its status; On and Off are mixed, so that neither hides the other.
+
+    Args:
+        axes: where to draw.
+        points: (N,2).
+        bits: of N LEDs, any shape.
+        labels: of the two axes, with their units.
+        line: the decision ``a x + b y = c`` as (a, b, c).
+    """
+    mixed = np.random.default_rng(0).permutation(len(points))
+    colours = np.where(bits.ravel(), LOOK.on, LOOK.off)[mixed]
+    x, y = points[mixed].T
+    axes.scatter(x, y, s=5, c=colours, alpha=0.35, linewidths=0)
+    quiet(axes, "both")
+    limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
+    a, b, c = line
+    start = (c / a, 0.0) if abs(a) > abs(b) else (0.0, c / b)
+    axes.axline(start, (start[0] - b, start[1] + a), color=LOOK.ink, linestyle="--")
+    axes.set(xlabel=labels[0], ylabel=labels[1], **limits)
+
+
+def picture_figure(pictures: Mapping[str, Floats], title: str) -> Figure:
+    """Draw pictures (h,w) beside each other, black at 0 and white at 255, by their heading."""
+    layout = rows_of(range(len(pictures)), 3)
+    figure, axes = sheet(layout, panel_size(layout), title)
+    for place, (heading, grey) in enumerate(pictures.items()):
+        axes[place].imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+        axes[place].set(xticks=[], yticks=[])
+        axes[place].set_title(heading, loc="left", fontsize=10)
+    return figure
+
+
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure as an image, complete or not at all; the suffix names the format.
 

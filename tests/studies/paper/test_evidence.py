@@ -7,14 +7,12 @@ import pytest
 from sklearn.metrics import roc_auc_score
 from sklearn.svm import LinearSVC
 
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.studies.paper.evidence import (
-    PaperFigure,
-    Source,
-    features,
-    panels,
-)
-from vocc_torch.studies.paper.numbers import setup_numbers
+from vocc_torch.measure.stage_times import STAGES, StageTimes
+from vocc_torch.studies.paper.evidence import features, panels, times
+from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.plan import EVIDENCE
 
 
@@ -33,7 +31,9 @@ def source():
 
 @pytest.fixture(scope="module")
 def figures(source):
-    return {name: make(source) for name, make in EVIDENCE.items() if name != "fig25"}
+    return {
+        name: make(source, name) for name, make in EVIDENCE.items() if name != "fig25"
+    }
 
 
 def test_separation_is_that_of_scikit_learn_and_of_brute_force():
@@ -44,7 +44,11 @@ def test_separation_is_that_of_scikit_learn_and_of_brute_force():
     assert found.auc == pytest.approx(roc_auc_score(bits, values))
     wrong = [np.mean((values >= level) != bits) for level in np.arange(-5, 6, 0.05)]
     assert found.wrong_share == pytest.approx(min(wrong))
-    assert np.mean((values >= found.threshold) != bits) == found.wrong_share
+
+
+def test_no_threshold_serves_better_than_one_beyond_all_values():
+    bits = np.arange(10) < 3
+    assert features.Separation.of(-bits.astype(float), bits).wrong_share == 0.3
 
 
 @pytest.mark.parametrize("gap", [0.05, -0.05])
@@ -60,67 +64,65 @@ def test_separable_is_what_a_hard_margin_finds(gap):
     )
 
 
-def test_every_figure_has_rows_numbers_and_panels(figures):
+def test_every_figure_has_finite_numbers_and_headings(figures):
     for name, figure in figures.items():
-        assert isinstance(figure, PaperFigure)
-        assert len({len(row) for row in figure.rows}) == 1, name
-        assert all(np.isfinite(one.value) for one in figure.estimates(name).values()), (
-            name
+        assert all(np.isfinite(at.value) for at in figure.estimates(name).values())
+        assert all(axes.get_title(loc="left") for axes in figure.picture.axes), name
+
+
+def test_misread_leds_are_off_and_not_below_their_scenes_threshold(figures, source):
+    sample = source.sample
+    wrong = [
+        grey >= threshold
+        for greys, bits, threshold in zip(
+            sample.values["average_grey"],
+            sample.bits,
+            sample.thresholds.ravel(),
+            strict=True,
         )
-        drawn = figure.drawn(name)
-        assert len(drawn.axes) == len(figure.panels), name
-        assert all(axes.get_title(loc="left") for axes in drawn.axes), name
+        for grey in greys[~bits]
+    ]
+    assert figures["fig04"].numbers["misread_off_share"] == np.mean(wrong)
 
 
-def test_contrast_before_blur_follows_from_the_equations(figures):
-    """Eqs 1 to 3: exposure in proportion to luminance, the background's grey by auto-ISO, white at 255."""
+def test_figures_of_blooming_refuse_scenes_without_it():
+    bare = Source(plan_of(effects={"saturation": {}}), sample_frames=4)
+    with pytest.raises(VoccError, match="has no blooming"):
+        panels.contrast_panels(bare, "Fig. 20")
+
+
+def test_the_contrast_is_below_that_of_a_led_and_the_background(figures):
+    """By Eqs 1 to 3: cells hold less light than their LED, and are no darker than the background."""
     for stated, (ambient_lx, luminance) in panels.PAPER_SCENES.items():
-        found = figures["fig20"].numbers[f"contrast_before_blur_{stated}"]
-        for grey, value in zip(
-            panels.BACKGROUND_GREYS, (found.low, found.value, found.high), strict=True
-        ):
-            off, on = (
-                min(
-                    255,
-                    grey
-                    * ((0.4 * ambient_lx / np.pi + own) / (0.18 * ambient_lx / np.pi))
-                    ** (1 / 2.2),
-                )
-                for own in (0, luminance * 0.99513)
-            )
-            if stated == 6:
-                assert value == pytest.approx((on - off) / 255, rel=5e-3)
+        found = figures["fig20"].numbers[f"contrast_{stated}"]
+        light = 0.4 * ambient_lx / np.pi + luminance
+        on = 102 * (light / (0.18 * ambient_lx / np.pi)) ** (1 / 2.2)
+        assert 0 < found.value < (min(on, 255) - 102) / 255
 
 
-def test_the_histogram_counts_every_pixel_of_the_sensor(figures, source):
-    rows = np.array(figures["fig19"].rows[1:])
-    camera = source.plan.world.camera
-    assert rows[:, 1].sum() == camera.width_px * camera.height_px
-    assert (rows[:, 1] >= rows[:, 2] + rows[:, 3]).all()
-    threshold, levels = int(figures["fig19"].numbers["threshold"]), np.arange(256)
-    counts = rows[:, 1].astype(float)
+def test_the_threshold_lies_between_the_background_and_the_panel(figures):
+    numbers = figures["fig19"].numbers
+    assert numbers["background_grey"] < numbers["threshold"] < numbers["on_grey"]
 
-    def between(level):
-        below, above = counts[: level + 1], counts[level + 1 :]
-        if not below.sum() or not above.sum():
-            return 0.0
-        means = (
-            np.average(levels[: level + 1], weights=below),
-            np.average(levels[level + 1 :], weights=above),
-        )
-        return below.sum() * above.sum() * (means[0] - means[1]) ** 2
 
-    assert between(threshold) == pytest.approx(
-        max(between(level) for level in range(255))
+def timed(locate, detect, rounds=9):
+    spent = dict.fromkeys(STAGES, (0.0,) * rounds)
+    return StageTimes(
+        spent | {"locate": (locate,) * rounds, "features": (detect,) * rounds}
     )
 
 
-def test_the_papers_own_numbers_follow_from_its_equations():
-    found = setup_numbers(plan_of())
-    assert found["setup.transmission"].value == pytest.approx(
-        np.exp(-3.91 * 70 / 40_000), abs=1e-5
-    )
-    assert found["setup.half_exposure_grey"].value == pytest.approx(
-        118 * 0.5 ** (1 / 2.2)
-    )
-    assert found["setup.kbps"].value == 6.4
+def test_times_are_over_panel_detection_and_unknown_on_a_busy_machine():
+    shares = {
+        "center_greyscale": 5.0,
+        "average_greyscale": 7.0,
+        "flda_2": 12.0,
+        "flda_3": 14.0,
+    }
+    by_receiver = {name: timed(100.0, spent) for name, spent in shares.items()}
+    found = times.time_numbers(by_receiver, 0.0, times.TimingBudget())
+    assert found["share_flda_3"] == Estimate(0.14, 0.14, 0.14)
+    assert found["cost_of_ngr"].value == pytest.approx(14 / 12 - 1)
+    assert found["cost_of_ngr_in_total"].value == pytest.approx(0.0178, abs=1e-4)
+    busy = times.time_numbers(by_receiver, 0.2, times.TimingBudget())
+    assert (busy["share_flda_3"].low, busy["share_flda_3"].high) == (-np.inf, np.inf)

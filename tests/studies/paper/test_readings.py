@@ -17,6 +17,8 @@ ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
             "[nobody]",
             "figures.readings is 'nobody': it must be one of board, board_true",
         ),
+        ("[board,board]", "at least one reading, each once"),
+        ("[none.yaml]", "figures.readings none.yaml cannot be read"),
         (
             "[odd.yaml]",
             "figures.readings: odd.yaml is 'odd.yaml': it must be a name with why: and set: below it",
@@ -27,7 +29,7 @@ ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
         ),
         (
             "[typo.yaml]",
-            "figures.readings.mine.a key is 'focal_mm': it must be one of focal_length_mm",
+            "figures.readings.mine.camera.focal_mm is unknown at focal_mm: it must be focal_length_mm",
         ),
         ("[far.yaml]", "figures.readings.mine.panel.board_reflectance is 7"),
     ],

@@ -185,10 +185,13 @@ def test_numbers_ascend(numbers, verdict):
     )
     if verdict is None:
         with pytest.raises(NotMeasuredError):
-            number(evidence, ascending=["f.a", "f.b", "f.c"])
+            number(evidence, ascending=[("f.a", "f.b"), ("f.b", "f.c")])
     else:
-        assert number(evidence, ascending=["f.a", "f.b", "f.c"]).verdict == verdict
-        assert number(evidence, ascending=[["f.a", "f.b"], "f.c"]).verdict == (
+        assert (
+            number(evidence, ascending=[("f.a", "f.b"), ("f.b", "f.c")]).verdict
+            == verdict
+        )
+        assert number(evidence, ascending=[("f.a", "f.c"), ("f.b", "f.c")]).verdict == (
             "agree" if max(numbers) == numbers[2] else "differ"
         )
 

@@ -42,7 +42,7 @@ def some(place):
 def test_what_is_written(some):
     assert files_in(some) == {
         *("config.yaml", "receiver.pt", "report.md", "report.html", "paired.csv"),
-        *("scorecard.csv", "readings.csv", "location.csv"),
+        *("scorecard.csv", "readings.csv"),
         *("figures/fig22.csv", "figures/fig22.png", "figures/fig22_readings.png"),
         # True corners are measured on the same frames as located ones.
         *("ledgers/ambient-board.sqlite", "ledgers/ambient-near.sqlite"),
@@ -56,7 +56,7 @@ def test_a_figure_has_the_verdicts_of_what_it_drew_and_the_title_says_so(some):
     assert {row["claim"].partition(".")[0] for row in rows} == {"ambient"}
     count = len({row["claim"] for row in rows})
     title = (some / "report.md").read_text().splitlines()[0]
-    assert title == f"# Fig. 22 of Do and Yoo (2019): {count} claims under 3 readings"
+    assert title == f"# fig22 of Do and Yoo (2019), claims: {count}, readings: 3"
     assert "The assumption that matters most" in (some / "report.md").read_text()
 
 
@@ -121,7 +121,7 @@ def test_a_report_of_other_figures_or_readings_stays_as_it_is(some, place):
     [
         (
             ("figures.names=[fig99]",),
-            "figures.names is 'fig99': it must be of fig04, fig05_06",
+            "figures.names is 'fig99': it must be of fig04, fig08",
         ),
         (
             ("figures.names=[fig22]", "figures.experiments.ambient.values=[-1]"),

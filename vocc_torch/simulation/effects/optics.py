@@ -24,9 +24,6 @@ REACH_IN_LAMBDA_N = 40.5
 MOST_SIGMA_PX = 32.0
 """Widest on offer: its kernel reaches as far as that of the other blurs may, 128 px."""
 
-TRUNCATION_SIGMAS = 4.0
-"""Kernel half width in standard deviations; at 1.5 px the cut tail is 0.002 digital numbers."""
-
 LEAST_SIGMA_PX = 0.01
 """Narrower kernels are this one, which no type tells from a single pixel; the square of theirs may be 0."""
 
@@ -313,9 +310,11 @@ class Blooming(Effect, on=Quantity.EXPOSURE):
 
     Args:
         sigma_px: standard deviation, px, above 0 and at most 32; the paper's "blooming level" is 1.5.
+        reach_sigmas: half width of the kernel in standard deviations, 1 to 4; at 4 and 1.5 px the cut tail is
+            0.002 digital numbers.
 
     Raises:
-        VoccError: a standard deviation outside its range.
+        VoccError: a value outside its range.
 
     Example:
         >>> Blooming(sigma_px=1.5).reach_in_px(Camera(), 50.0)
@@ -325,10 +324,11 @@ class Blooming(Effect, on=Quantity.EXPOSURE):
     sigma_px: float = within(
         0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming"
     )
+    reach_sigmas: float = within(1.0, 4.0, default=4.0)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Half width of the kernel, px; any distance has the same."""
-        return math.ceil(TRUNCATION_SIGMAS * self.sigma_px)
+        return math.ceil(self.reach_sigmas * self.sigma_px)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Blur (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""

@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -11,14 +13,9 @@ from vocc_torch.errors import VoccError, section
 from vocc_torch.measure import config as configs
 from vocc_torch.measure import curve, grid, sweep
 from vocc_torch.measure.plan import Experiment, Plan
-from vocc_torch.studies.paper import FiguresConfig, numbers
-from vocc_torch.studies.paper.evidence import (
-    PaperFigure,
-    Source,
-    features,
-    frames,
-    panels,
-)
+from vocc_torch.studies.paper import FiguresConfig
+from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
+from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.readings import Reading, load_readings
 from vocc_torch.studies.paper.rules import Evidence
 
@@ -33,22 +30,20 @@ RATE_FIGURES = {
 """The figures of bit error rates by experiment."""
 DIMMING = "dimming"
 """The experiment, and the figure, that is a grid: measured under the first reading only."""
-FIGURES: Mapping[str, Mapping[str, str]] = yaml.safe_load(
+FIGURES: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
     files(__package__).joinpath("figures.yaml").read_text("utf-8")
 )
-"""Title and caption of every figure that may be asked for by name, in the paper's order."""
-EVIDENCE: Mapping[str, Callable[[Source], PaperFigure]] = {
+"""Title, caption and features of every figure that may be asked for by name, in the paper's order."""
+EVIDENCE: Mapping[str, Callable[[Source, str], PaperFigure]] = {
     "fig04": panels.grey_overlap,
-    "fig05_06": panels.blooming_interference,
-    "fig08": features.grey_and_agr,
-    "fig09": frames.inward_gradients,
-    "fig10": features.gri_and_agr,
-    "fig12": features.ngr_and_others,
-    "fig13_14": features.projection,
-    "fig17": panels.blur_order,
-    "fig19": frames.frame_histogram,
+    **{
+        name: partial(features.spread, names=about["features"])
+        for name, about in FIGURES.items()
+        if "features" in about
+    },
+    "fig19": panels.frame_threshold,
     "fig20": panels.contrast_panels,
-    "fig25": frames.processing_time,
+    "fig25": times.processing_time,
 }
 """The figures other than bit error rates by name."""
 
@@ -104,12 +99,7 @@ class FigurePlan:
                     self.studies[reading.name, "contrast"].plan.experiment.values
                 )
                 raise VoccError.of(key, edges, "bins that hold frames of these scenes")
-            known = (
-                numbers.bin_numbers(curves["contrast"]) if "contrast" in curves else {}
-            )
-            if len(self.names) == len(FIGURES):
-                known |= numbers.setup_numbers(reading.plan)
-            found[reading.name] = Evidence(curves, known)
+            found[reading.name] = Evidence(curves, {})
         return found
 
     def grid(self, campaign: sweep.Campaign) -> grid.Grid | None:

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from vocc_torch.errors import VoccError, section
+from vocc_torch.files import read_file
 from vocc_torch.measure import build, config
 from vocc_torch.measure.plan import Plan
 
@@ -51,29 +52,21 @@ def load_readings(
     Raises:
         VoccError: no reading, a reading given twice, an unknown name, or a file that has no readings.
     """
-    shipped = parsed(
-        resources(__package__).joinpath("readings.yaml").read_text("utf-8"),
-        "readings.yaml",
-    )
+    text = resources(__package__).joinpath("readings.yaml").read_text("utf-8")
+    shipped = parsed(text, "readings.yaml")
     chosen: list[tuple[str, dict[str, Any]]] = []
     for name in names:
-        if name.endswith(".yaml"):
-            try:
-                text = Path(name).read_text("utf-8")
-            except (OSError, UnicodeDecodeError) as error:
-                raise VoccError(
-                    f"figures.readings: cannot read {name}: {error}"
-                ) from None
-            chosen += parsed(text, name).items()
-        elif name in shipped:
+        if name in shipped:
             chosen.append((name, shipped[name]))
-        else:
+            continue
+        if not name.endswith(".yaml"):
             rule = f"one of {', '.join(shipped)}, or a file that ends in .yaml"
             raise VoccError.of("figures.readings", repr(name), rule)
-    if not chosen or len({name for name, _ in chosen}) < len(chosen):
-        raise VoccError.of(
-            "figures.readings", list(names), "at least one reading, each once"
-        )
+        content = read_file(name, "figures.readings").decode("utf-8", "replace")
+        chosen += parsed(content, name).items()
+    if not chosen or len(dict(chosen)) < len(chosen):
+        rule = "at least one reading, each once"
+        raise VoccError.of("figures.readings", list(names), rule)
     readings = []
     for name, entry in chosen:
         with section(f"figures.readings.{name}"):
@@ -126,13 +119,14 @@ def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
     return dict(entries)
 
 
-def with_value(node: Any, path: str, value: object) -> Any:
+def with_value(node: Any, path: str, value: object, key: str = "") -> Any:
     """Set a key of a dataclass or a mapping, and of those below it.
 
     Args:
         node: the dataclass or mapping, which stays as it is.
         path: the key, such as ``panel.board_reflectance``.
         value: its value, which the dataclass checks.
+        key: the whole key, where ``path`` is its end.
 
     Raises:
         VoccError: an unknown key.
@@ -150,6 +144,6 @@ def with_value(node: Any, path: str, value: object) -> Any:
         else {known.name: getattr(node, known.name) for known in fields(node)}
     )
     if name not in children and (rest or not mapping):
-        raise VoccError.of("a key", repr(name), f"one of {', '.join(children)}")
-    below = with_value(children[name], rest, value) if rest else value
+        raise VoccError.of(key or path, f"unknown at {name}", ", ".join(children))
+    below = with_value(children[name], rest, value, key or path) if rest else value
     return {**node, name: below} if mapping else replace(node, **{name: below})

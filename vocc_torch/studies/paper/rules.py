@@ -16,7 +16,7 @@ where an end is surely below all inner values.
 interval of the difference leaves out 0; *agree* where it holds 0 and our interval spans at most a factor of
 10 for a rate, 100 points for a gain; else *cannot say*.
 
-**number.** A figure's number with its interval, against limits, or numbers in ascending order.
+**number.** A figure's number with its interval, against limits, or pairs of numbers in ascending order.
 """
 
 import itertools
@@ -304,7 +304,7 @@ def number(
     value: str = "",
     least: float = -math.inf,
     most: float = math.inf,
-    ascending: Sequence[str | Sequence[str]] = (),
+    ascending: Sequence[tuple[str, str]] = (),
 ) -> Judgement:
     """Judge whether a number lies within limits, or whether numbers ascend.
 
@@ -313,33 +313,26 @@ def number(
         value: the number's name.
         least: its lower limit.
         most: its upper limit.
-        ascending: names, or lists of names, each of which is below all of the next.
+        ascending: pairs of names, of which the first is below the second.
     """
     if value:
         found = evidence.number(value)
         measured = f"{found.value:.4g}"
         if found.low < found.high:
             measured += f" [{found.low:.4g}, {found.high:.4g}]"
-        limits = "" if math.isinf(least) else f"at least {least:.4g} "
-        limits += "" if math.isinf(most) else f"at most {most:.4g}"
+        limits = f"{least:.4g} to {most:.4g}"
         if least <= found.low and found.high <= most:
             return Judgement("agree", measured, "", found)
         outside = found.high < least or found.low > most
         return Judgement("differ" if outside else "cannot say", measured, limits, found)
-    groups = [[names] if isinstance(names, str) else list(names) for names in ascending]
-    numbers = {name: evidence.number(name) for name in itertools.chain(*groups)}
-    measured = ", ".join(
-        f"{name.partition('.')[2]} {found.value:.7g}" for name, found in numbers.items()
-    )
-    pairs = [
-        pair
-        for lower, higher in itertools.pairwise(groups)
-        for pair in itertools.product(lower, higher)
-    ]
-    for lower, higher in pairs:
+    numbers = {
+        name: evidence.number(name) for name in itertools.chain.from_iterable(ascending)
+    }
+    measured = ", ".join(f"{name} {found.value:.7g}" for name, found in numbers.items())
+    for lower, higher in ascending:
         if numbers[lower].low > numbers[higher].high:
             return Judgement("differ", measured, f"{higher} is lower than {lower}")
-    if all(numbers[lower].high < numbers[higher].low for lower, higher in pairs):
+    if all(numbers[lower].high < numbers[higher].low for lower, higher in ascending):
         return Judgement("agree", measured)
     return Judgement("cannot say", measured, "equal, or the intervals overlap")
 

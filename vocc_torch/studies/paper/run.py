@@ -10,9 +10,10 @@ from vocc_torch.measure import curve, executors, sweep
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.paper import FiguresConfig
-from vocc_torch.studies.paper.evidence import Source
+from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.plan import (
     EVIDENCE,
+    FIGURES,
     RATE_FIGURES,
     FigurePlan,
     plan_figures,
@@ -61,9 +62,9 @@ def run_figures(
             source = Source(plan.readings[0].plan)
             for name in plan.names:
                 if name in EVIDENCE:
-                    report.add(name, EVIDENCE[name](source))
+                    report.add(name, EVIDENCE[name](source, FIGURES[name]["title"]))
         with watch.stage("report"):
-            report.write(settings, campaign, watch.seconds)
+            report.write(settings, watch.seconds)
     places = [("report", "report.html"), ("", "report.md")]
     run_folder.print_places(console, folder, places, settings.tensorboard)
 

@@ -1,13 +1,13 @@
 """The scorecard: the paper's claims (``claims.yaml``) under every reading, and which reading fits best."""
 
 import itertools
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeAlias
 
+import numpy as np
 import yaml
 
 from vocc_torch.measure.estimate import Estimate
@@ -71,13 +71,21 @@ def stars(experiment: str) -> dict[str, list[tuple[float, float]]]:
         {'flda_2': [(8000, 0.00066)], 'flda_3': [(8000, 0.0005)]}
     """
     found: dict[str, list[tuple[float, float]]] = {}
-    for claim in QUOTED:
-        quoted = claim.arguments
+    for quoted in (claim.arguments for claim in QUOTED):
         if quoted["experiment"] == experiment and "ber" in quoted:
-            found.setdefault(quoted["receiver"], []).append(
-                (quoted["at"], quoted["ber"])
-            )
+            star = (quoted["at"], quoted["ber"])
+            found.setdefault(quoted["receiver"], []).append(star)
     return found
+
+
+Line: TypeAlias = tuple[str | float | None, ...]
+JUDGED = ("measured", "low", "high", "verdict", "reason")
+DISTANCE = ("decades", "decades_low", "decades_high")
+
+
+def ends_of(found: Estimate | None) -> Line:
+    """A number and its interval, or nothing three times."""
+    return (found.value, found.low, found.high) if found else (None,) * 3
 
 
 @dataclass(frozen=True)
@@ -87,12 +95,10 @@ class Fit:
     Args:
         verdicts: how many claims on curves have each verdict.
         decades: mean distance to the quoted rates, ``|log10 (measured / quoted)|``; None without one.
-        gain_points: mean distance to the quoted gains, percentage points; None without one.
     """
 
     verdicts: Mapping[str, int]
     decades: Estimate | None
-    gain_points: float | None
 
 
 @dataclass(frozen=True)
@@ -110,79 +116,32 @@ class Scorecard:
     judgements: Mapping[tuple[Claim, str], Judgement]
     fits: Mapping[str, Fit]
 
-    def judged(self, part: str = "", figure: str = "") -> dict[Claim, Judgement]:
-        """The claims under the first reading, of a part or on a figure such as ``Fig. 22``."""
+    def judged(self, part: str = "") -> dict[Claim, Judgement]:
+        """The claims under the first reading, of a part such as ``ambient.``."""
         return {
             claim: judgement
             for (claim, reading), judgement in self.judgements.items()
-            if reading == self.readings[0].name
-            and claim.name.startswith(part)
-            and figure in claim.where.replace("Figs", "Fig.")
+            if reading == self.readings[0].name and claim.name.startswith(part)
         }
 
-    def rows(self) -> Iterable[tuple[str | float | None, ...]]:
+    def rows(self) -> Iterable[Line]:
         """The lines of ``scorecard.csv``, its head first."""
-        yield (
-            "claim",
-            "where",
-            "text",
-            "paper",
-            "reading",
-            "measured",
-            "low",
-            "high",
-            "verdict",
-            "reason",
-        )
-        for (claim, reading), judgement in self.judgements.items():
-            interval = judgement.interval
-            ends = (interval.low, interval.high) if interval else (None, None)
-            about = (
-                claim.name,
-                claim.where,
-                claim.text,
-                claim.paper,
-                reading if claim.of_reading else "",
-            )
-            yield (
-                *about,
-                judgement.measured,
-                *ends,
-                judgement.verdict,
-                judgement.reason,
-            )
+        yield ("claim", "where", "text", "paper", "reading", *JUDGED)
+        for (claim, reading), found in self.judgements.items():
+            about = (claim.name, claim.where, claim.text, claim.paper)
+            name = reading if claim.of_reading else ""
+            ends = ends_of(found.interval)[1:]
+            yield (*about, name, found.measured, *ends, found.verdict, found.reason)
 
-    def fit_rows(self) -> Iterable[tuple[str | float | None, ...]]:
+    def fit_rows(self) -> Iterable[Line]:
         """The lines of ``readings.csv``, its head first."""
-        yield (
-            "reading",
-            *VERDICTS,
-            "decades",
-            "decades_low",
-            "decades_high",
-            "gain_points",
-            "values",
-            "why",
-        )
+        yield ("reading", *VERDICTS, *DISTANCE, "values", "why")
         for reading in self.readings:
-            fit, values = (
-                self.fits[reading.name],
-                yaml.safe_dump(reading.values, default_flow_style=True),
-            )
-            ends = (
-                (fit.decades.value, fit.decades.low, fit.decades.high)
-                if fit.decades
-                else (None,) * 3
-            )
+            fit = self.fits[reading.name]
             counts = (fit.verdicts.get(verdict, 0) for verdict in VERDICTS)
-            yield (
-                reading.name,
-                *counts,
-                *ends,
-                fit.gain_points,
-                values.strip(),
-                reading.why,
-            )
+            values = yaml.safe_dump(reading.values, default_flow_style=True, width=999)
+            ends = ends_of(fit.decades)
+            yield (reading.name, *counts, *ends, values.strip(), reading.why)
 
 
 def score(readings: Sequence[Reading], evidence: Mapping[str, Evidence]) -> Scorecard:
@@ -204,30 +163,21 @@ def score(readings: Sequence[Reading], evidence: Mapping[str, Evidence]) -> Scor
             for (claim, name), judgement in judgements.items()
             if claim.of_reading and name == reading.name
         )
-        fits[reading.name] = Fit(verdicts, *distances(evidence[reading.name]))
+        fits[reading.name] = Fit(verdicts, distance(evidence[reading.name]))
     return Scorecard(tuple(readings), judgements, fits)
 
 
-def distances(evidence: Evidence) -> tuple[Estimate | None, float | None]:
-    """Mean distances to the quoted rates, in decades, and to the quoted gains, in points."""
-    apart: list[tuple[float, float, float]] = []
-    points: list[float] = []
+def distance(evidence: Evidence) -> Estimate | None:
+    """Mean distance to the quoted rates, in decades; None where none was measured."""
+    apart = []
     for claim in QUOTED:
         quoted = claim.arguments
-        if claim.judge(evidence) is None:
-            continue
-        curves, value = evidence.experiments[quoted["experiment"]], quoted.get("at")
-        if "ber" in quoted:
-            found = rates.decades_apart(
-                curves, quoted["receiver"], quoted["at"], quoted["ber"]
-            )
-            apart.append((found.value, found.low, found.high))
-        elif (gain := rates.gain(curves, value)) is not None:
-            points.append(100 * abs(gain.value - quoted["gain"]))
-    means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
-    return Estimate(*means) if means else None, math.fsum(points) / len(
-        points
-    ) if points else None
+        if "ber" in quoted and claim.judge(evidence) is not None:
+            curves = evidence.experiments[quoted["experiment"]]
+            place = (quoted["receiver"], quoted["at"], quoted["ber"])
+            apart.append(ends_of(rates.decades_apart(curves, *place)))
+    means = np.array(apart, dtype=float).mean(axis=0) if apart else None
+    return None if means is None else Estimate(*means.tolist())
 
 
 @dataclass(frozen=True)
@@ -249,35 +199,24 @@ class Assumption:
 
 def assumptions(card: Scorecard) -> list[Assumption]:
     """The assumptions in which readings differ, the one that moves the quoted rates most first."""
+    verdicts: dict[str, dict[Claim, str]] = {}
+    for (claim, name), judgement in card.judgements.items():
+        if claim.of_reading:
+            verdicts.setdefault(name, {})[claim] = judgement.verdict
     changes: dict[str, list[tuple[float, int]]] = {}
     for first, second in itertools.combinations(card.readings, 2):
-        keys = [
-            key
-            for key, value in first.values.items()
-            if second.values.get(key, value) != value
+        every = first.values.keys() | second.values.keys()
+        differing = [
+            key for key in every if first.values.get(key) != second.values.get(key)
         ]
-        both = [card.fits[reading.name].decades for reading in (first, second)]
-        if (
-            len(keys) != 1
-            or {*first.values} != {*second.values}
-            or both[0] is None
-            or both[1] is None
-        ):
-            continue
-        changed = sum(
-            judgement.verdict != card.judgements[claim, second.name].verdict
-            for (claim, name), judgement in card.judgements.items()
-            if name == first.name and (claim, second.name) in card.judgements
-        )
-        changes.setdefault(keys[0], []).append(
-            (abs(both[0].value - both[1].value), changed)
-        )
-    means = [
-        Assumption(
-            key,
-            len(pairs),
-            *(math.fsum(column) / len(pairs) for column in zip(*pairs, strict=True)),
-        )
+        far, near = (card.fits[each.name].decades for each in (first, second))
+        if len(differing) == 1 and far is not None and near is not None:
+            before, after = verdicts[first.name], verdicts[second.name]
+            changed = sum(after.get(claim) != said for claim, said in before.items())
+            moved = (abs(far.value - near.value), changed)
+            changes.setdefault(differing[0], []).append(moved)
+    found = [
+        Assumption(key, len(pairs), *np.mean(pairs, axis=0).tolist())
         for key, pairs in changes.items()
     ]
-    return sorted(means, key=lambda found: -found.decades)
+    return sorted(found, key=lambda assumption: -assumption.decades)
