@@ -113,8 +113,8 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
         found = Separation.of(values, bits)
         numbers[f"auc_{name}"] = found.auc
         numbers[f"wrong_share_{name}"] = found.wrong_share
-        heading = f"{name.upper().replace('_', ' ')}\n{found.text}"
-        axes[at].set_title(heading, loc="left", fontsize=10)
+        axes[at].set_title(f"{name}\n{found.text}", loc="left", fontsize=10)
+    axes[0].legend(frameon=False)
     if "gri" in names:
         negative = sample.values["gri"] < 0
         numbers["negative_share_on"] = float(negative[bits].mean())
