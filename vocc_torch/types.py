@@ -37,9 +37,13 @@ class Batched:
         )
 
     def to(self, device: torch.device | str) -> Self:
-        """Move every field to ``device``."""
+        """Move every field to ``device``; on the way to an accelerator nothing waits."""
+        ahead = torch.device(device).type != "cpu"
         return type(self)(
-            *(getattr(self, name).to(device) for name in self.__dataclass_fields__)
+            *(
+                getattr(self, name).to(device, non_blocking=ahead)
+                for name in self.__dataclass_fields__
+            )
         )
 
     def put(self, rows: slice | Tensor, others: "Batched") -> None:

@@ -212,11 +212,10 @@ def misplaced(panels: Panels, truth: Panels, shape: PanelShape) -> torch.Tensor:
     if panels is truth:
         return torch.zeros_like(truth.found)
     sides = (truth.corners_px - truth.corners_px.roll(-1, dims=1)).norm(dim=-1)
-    cells = sides.new_tensor([shape.columns, shape.rows] * 2)
+    widths, heights = sides.view(-1, 2, 2).amin(1).unbind(1)
+    cell = torch.minimum(widths / shape.columns, heights / shape.rows)
     off = (panels.corners_px - truth.corners_px).norm(dim=-1).amax(1)
-    near: torch.Tensor = panels.found & (
-        off <= MOST_OFF_CELLS * (sides / cells).amin(1)
-    )
+    near: torch.Tensor = panels.found & (off <= MOST_OFF_CELLS * cell)
     return truth.found & ~near
 
 
@@ -259,7 +258,7 @@ def rendered(
     small = simulator.framing == "crop" and not far
     for start in frames:
         rows = slice(start, min(start + frames.step, frames.stop))
-        scene, bits = scenes[rows].to(device), sent[rows].to(device)
+        scene, bits = scenes[rows], sent[rows]
         shown, takes = {"frame": bits}, []
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
@@ -285,7 +284,7 @@ def rendered(
                 rendered[at : at + len(scene)]
                 for at in range(0, len(rendered), len(scene))
             ]
-        yield scene, bits, names[rows], tuple(takes)
+        yield scene, bits.to(device, non_blocking=True), names[rows], tuple(takes)
 
 
 def block_keys(seed: int, point: str, frames: int, first: int = 0) -> list[BlockKey]:

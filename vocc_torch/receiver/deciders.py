@@ -95,7 +95,7 @@ class FldaDecider:
         )
         if columns != list(range(features.shape[-1])):
             features = features[..., columns]
-        return self.classifier.decision_function(features.double())
+        return self.classifier.unchecked_scores(features)
 
     def to(self, device: torch.device) -> "FldaDecider":
         """Copy it to a device."""

@@ -70,8 +70,14 @@ def cell_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
         >>> cell_means(torch.full((1, 1, 12, 12), 7.0), PanelShape(2, 2))[0].unique().tolist()
         [7.0]
     """
-    means = torch.nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))
-    return checked_greys(means[:, 0], "cell means")
+    return checked_greys(rectified_means(patches, shape), "cell means")
+
+
+def rectified_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
+    """Give :func:`cell_means` of patches whose grey values were looked at as they were rectified."""
+    return torch.nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))[
+        :, 0
+    ]
 
 
 def _ratio_to_panel(greys: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
@@ -247,6 +253,22 @@ def gradient_radial_inwardness(
         >>> float(gradient_radial_inwardness(bump, PanelShape(1, 1), size, size)) > 0
         True
     """
+    inward = _inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
+    if not are_finite(inward):
+        raise VoccError(
+            "patches or cell sizes give a GRI that is not finite: both must be finite"
+        )
+    return inward
+
+
+def _inwardness(
+    patches: torch.Tensor,
+    shape: PanelShape,
+    cell_width_px: torch.Tensor,
+    cell_height_px: torch.Tensor,
+    kernel: Gradient,
+) -> torch.Tensor:
+    """Give the GRI of finite patches and sizes, (B,R,C)."""
     samples = _samples_per_led(patches, shape)
     # One sample of margin is all that the gradient kernels need.
     near = slice(samples - 1, (1 - samples) or None)
@@ -256,12 +278,7 @@ def gradient_radial_inwardness(
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(
         min=1e-6
     )
-    inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
-    if not are_finite(inward):
-        raise VoccError(
-            "patches or cell sizes give a GRI that is not finite: both must be finite"
-        )
-    return inward
+    return (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
 
 
 def led_features(
@@ -276,8 +293,8 @@ def led_features(
     """Features of each LED, in the order of ``FEATURE_NAMES``; zeros for those that are not needed.
 
     Args:
-        patches: see :func:`gradient_radial_inwardness`.
-        means: what :func:`cell_means` gave of the patches; it has checked them. None will do for GRI alone.
+        patches: see :func:`gradient_radial_inwardness`; grey values, as rectified.
+        means: what :func:`rectified_means` gave of the patches. None will do for GRI alone.
         shape: rows and columns.
         cell_width_px: see :func:`gradient_radial_inwardness`.
         cell_height_px: likewise.
@@ -287,9 +304,6 @@ def led_features(
     Returns:
         (B,R,C,3) AGR, GRI and NGR.
 
-    Raises:
-        VoccError: what :func:`gradient_radial_inwardness` refuses.
-
     Example:
         >>> patches, size = torch.full((1, 1, 6, 6), 7.0), torch.tensor([3.0])
         >>> means = cell_means(patches, PanelShape(1, 1))
@@ -298,9 +312,7 @@ def led_features(
     """
     agr = gri = ngr = patches.new_zeros(patches.shape[0], shape.rows, shape.columns)
     if "gri" in needed:
-        gri = gradient_radial_inwardness(
-            patches, shape, cell_width_px, cell_height_px, kernel
-        )
+        gri = _inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
     if means is not None:
         levels = torch.cat([means[:, None, 1:-1, 1:-1], _around(means)], dim=1)
         ratio, around = _ratio_to_panel(levels, means).unbind(1)

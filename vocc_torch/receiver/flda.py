@@ -174,15 +174,23 @@ class FLDA(torch.nn.Module):
 
     def _scores(self, features: torch.Tensor) -> torch.Tensor:
         """Score feature vectors in float64."""
-        points = checked_features(features, self.n_features)
-        rule = self._solved()
-        scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
+        scores = self.unchecked_scores(features)
         if not are_finite(scores):
             stray = scores[~scores.isfinite()]
             refusal = "features holds a value that is not finite, or too far from the training set"
             raise VoccError(
                 f"{refusal}: its score is {stray[0].item():g}, neither On nor Off"
             )
+        return scores
+
+    def unchecked_scores(self, features: torch.Tensor) -> torch.Tensor:
+        """Score finite feature vectors in float64 without a look at the result, which an accelerator waits for.
+
+        Raises:
+            VoccError: no samples of a class yet, or features of the wrong kind or shape.
+        """
+        points, rule = checked_features(features, self.n_features), self._solved()
+        scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
         return scores
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:

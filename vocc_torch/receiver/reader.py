@@ -12,9 +12,9 @@ from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.features import (
     FEATURE_NAMES,
     Gradient,
-    cell_means,
     checked_greys,
     led_features,
+    rectified_means,
 )
 from vocc_torch.receiver.pixel_cells import read_pixels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify_takes
@@ -217,7 +217,7 @@ class Reader:
                 centre = centre_greys(frames, panels, shape)
             if self.disc_share is None and patches is not None:
                 means = (
-                    cell_means(patches, shape)
+                    rectified_means(patches, shape)
                     if {"agr", "ngr", "average"} & {*names}
                     else None
                 )

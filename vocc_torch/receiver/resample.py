@@ -66,17 +66,22 @@ def sample_cells(leds: int, samples: int, margin: int) -> Tensor:
 @lru_cache(maxsize=64)
 @torch.inference_mode(False)
 def _axes(
-    shape: PanelShape,
-    samples: int,
-    margin: int,
-    dtype: torch.dtype,
-    device: torch.device,
+    shape: PanelShape, samples: int, margin: int, dtype: torch.dtype
 ) -> list[Tensor]:
     """Give the samples' cell coordinates along the rows (w,) and down the columns (h,)."""
     return [
-        sample_cells(leds, samples, margin).to(device, dtype)
+        sample_cells(leds, samples, margin).to(dtype)
         for leds in (shape.columns, shape.rows)
     ]
+
+
+def _on_host(frames: Frames, panels: Panels) -> tuple[Tensor, Tensor]:
+    """Bring corners (B,4,2) and the frames' origins (B,2) to the host, in one copy."""
+    if frames.grey.is_cpu:
+        return panels.corners_px, frames.origin_px
+    corners = panels.corners_px.double().flatten(1)
+    both = torch.cat([corners, frames.origin_px.double()], 1).cpu()
+    return both[:, :8].view(-1, 4, 2), both[:, 8:].long()
 
 
 def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
@@ -105,6 +110,11 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
         raise VoccError(
             f"corners_px reaches {most:g} px: corners must be finite and within {SETTINGS.most_px:g} px"
         )
+    return _homography(corners, shape)
+
+
+def _homography(corners: Tensor, shape: PanelShape) -> Tensor:
+    """Map cells to pixels as :func:`cell_homography` does, without a look at the corners."""
     side = corners.roll(-1, 1) - corners
     skew = corners[:, 2:3] - side[:, :1] - corners[:, 3:]
     # How each side turns to the next; what is askew to the third side; and the second side to what is askew.
@@ -175,24 +185,34 @@ def _places(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def _read(
-    frames: Frames, rows: Tensor, homography: Tensor, x: Tensor, y: Tensor
+    frames: Frames,
+    origin_px: Tensor,
+    rows: Tensor,
+    homography: Tensor,
+    x: Tensor,
+    y: Tensor,
 ) -> Tensor:
     """Read frames ``rows`` (n,) bilinearly at cell coordinates x by y, as :func:`_places` has them: (n,h,w).
 
     Positions count from a whole sensor pixel at the panel, so a crop and the full frame give the same values
-    to the last bit. Beyond the frame its border pixels go on.
+    to the last bit. Beyond the frame its border pixels go on. All but the frames is on the host, and so is
+    what is computed of upright panels: on an accelerator each look at a number waits for all work before it.
     """
+    device = frames.grey.device
     origin = homography[:, :2, 2].detach().floor()
     # Half a pixel off, so that whole numbers are pixel centres.
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
     moved = torch.cat([moved, homography[:, 2:]], 1).to(x.dtype)
-    begin = origin.long() - frames.origin_px[rows]
+    begin = origin.long() - origin_px[rows]
     turned = (
         is_exporting()
         or moved.requires_grad
         or bool(moved[:, (0, 1, 2, 2), (1, 0, 0, 1)].any())
     )
     if turned:
+        moved, begin, x, y = (
+            one.to(device, non_blocking=True) for one in (moved, begin, x, y)
+        )
         at = _places(moved, x, y).unbind(1)
     else:
         at = (
@@ -213,6 +233,10 @@ def _read(
         shares.append(places - corner)
         firsts.append((first + from_first)[:, 0, 0])
     windows = _windows(frames, rows, firsts, wholes).to(x.dtype)
+    wholes, shares = (
+        [one.to(device, non_blocking=True) for one in parts]
+        for parts in (wholes, shares)
+    )
     if turned:
         wide = windows.shape[2]
         index = wholes[1] * wide + wholes[0]
@@ -235,7 +259,7 @@ def _read(
     mixed = torch.lerp(left, right, shares[0]).flatten(0, 1)
     lines = (
         wholes[1][..., 0].long()
-        + torch.arange(count, device=rows.device)[:, None] * tall
+        + torch.arange(count, device=device)[:, None] * tall
     ).flatten()
     upper, lower = (
         mixed.index_select(0, lines + by).view(count, len(y), len(x)) for by in (0, 1)
@@ -262,9 +286,12 @@ def _windows(
     columns, lines = (
         (
             first.long()[:, None]
-            + torch.arange(int(count.amax()) + 2, device=rows.device)
+            + torch.arange(int(count.amax()) + 2, device=first.device)
         ).clamp(0, size - 1)
         for first, count, size in zip(firsts, wholes, (width, height), strict=True)
+    )
+    rows, columns, lines = (
+        one.to(frames.grey.device, non_blocking=True) for one in (rows, columns, lines)
     )
     index = ((rows[:, None] * height + lines) * width)[..., None] + columns[:, None]
     return frames.grey.reshape(-1).take(index)
@@ -308,13 +335,11 @@ def rectify(
     _check(frames, panels)
     grey = frames.grey
     dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
-    homography = cell_homography(panels.corners_px, shape)
+    corners_px, origin_px = _on_host(frames, panels)
+    homography = cell_homography(corners_px, shape)
     cells = (shape.rows + 2 * margin) * (shape.columns + 2 * margin)
     most = max(1, math.isqrt(SETTINGS.most_readings // cells) // samples_per_led)
-    pixels = (
-        torch.maximum(*cell_size_px(panels.corners_px, shape)).detach()
-        / samples_per_led
-    )
+    pixels = torch.maximum(*cell_size_px(corners_px, shape)).detach() / samples_per_led
     factors = pixels.round().clamp(1, min(SETTINGS.most_factor, most)).long()
     if is_exporting():
         return _rectified_in_graph(
@@ -322,7 +347,7 @@ def rectify(
         )
     patches: list[tuple[Tensor, Tensor]] = []
     for factor in sorted(set(factors.tolist())):
-        x, y = _axes(shape, samples_per_led * factor, margin, dtype, grey.device)
+        x, y = _axes(shape, samples_per_led * factor, margin, dtype)
         chunk = (
             SETTINGS.chunk_readings
             if grey.device.type == "cpu"
@@ -333,14 +358,15 @@ def rectify(
             .nonzero()[:, 0]
             .split(max(1, chunk // (len(x) * len(y))))
         ):
-            read = _read(frames, rows, homography[rows], x, y)[:, None]
+            read = _read(frames, origin_px, rows, homography[rows], x, y)[:, None]
             patches.append(
                 (rows, nn.functional.avg_pool2d(read, factor) if factor > 1 else read)
             )
     if len(patches) == 1:
         return patches[0][1]
     order = torch.cat([rows for rows, _ in patches]).argsort()
-    return torch.cat([patch for _, patch in patches])[order]
+    together = torch.cat([patch for _, patch in patches])
+    return together[order.to(grey.device, non_blocking=True)]
 
 
 def rectify_takes(
@@ -405,7 +431,7 @@ def _rectified_in_graph(
         )
     # Its len() would be a constant of the graph.
     rows = torch.arange(factors.shape[0], device=factors.device)
-    read = _read(frames, rows, homography, *axes)
+    read = _read(frames, frames.origin_px, rows, homography, *axes)
     weight = (within < factor).to(dtype)
     sides = ((leds + 2 * margin) * samples for leds in (shape.rows, shape.columns))
     high, wide = sides
@@ -435,6 +461,8 @@ def _check(frames: Frames, panels: Panels) -> None:
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     """Grey value of the pixel that holds each LED cell's centre, (B,R,C); beyond the frame its border's.
 
+    On an accelerator corners are not looked at: :func:`rectify` has seen those of the same panels.
+
     Raises:
         VoccError: what :func:`rectify` refuses, or a value that is no grey value.
 
@@ -445,9 +473,11 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
         [5.0, 8.0, 11.0]
     """
     _check(frames, panels)
-    homography = cell_homography(panels.corners_px, shape)
+    mapped = cell_homography if frames.grey.is_cpu else _homography
+    homography = mapped(panels.corners_px.double(), shape)
     middles = (
-        torch.arange(leds).to(homography) + 0.5 for leds in (shape.columns, shape.rows)
+        torch.arange(leds, dtype=torch.float64, device=homography.device) + 0.5
+        for leds in (shape.columns, shape.rows)
     )
     height, width = frames.grey.shape[-2:]
     place = _places(homography, *middles).floor() - frames.origin_px.view(-1, 2, 1, 1)
@@ -461,5 +491,7 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
         .gather(1, (row * width + column).flatten(1))
         .view(row.shape)
     )
+    if read.dtype == torch.uint8:  # bytes are grey values
+        return read.float()
     dtype = torch.float64 if read.dtype == torch.float64 else torch.float32
     return checked_greys(read.to(dtype), "frames.grey at the LEDs' centres")

@@ -63,9 +63,9 @@ def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
         >>> panel_centre_px(Scene.of(distance_m=50.0, offset_x_m=1.0), Camera()).round().tolist()
         [[1033.0, 540.0]]
     """
-    offsets = torch.stack([scene.offset_x_m, scene.offset_y_m], dim=-1)
-    middle = offsets.new_tensor([camera.width_px / 2, camera.height_px / 2])
-    return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
+    scale = camera.pixels_per_metre(scene.distance_m)
+    x = camera.width_px / 2 + scene.offset_x_m * scale
+    return torch.stack([x, camera.height_px / 2 + scene.offset_y_m * scale], dim=-1)
 
 
 def led_centres_px(
@@ -81,7 +81,10 @@ def led_centres_px(
     centre = panel_centre_px(scene, camera)
     pitch_px = (panel.pitch_m * camera.pixels_per_metre(scene.distance_m)).unsqueeze(-1)
     sides = panel.shape.columns, panel.shape.rows
-    columns, rows = (torch.arange(leds).to(centre) - (leds - 1) / 2 for leds in sides)
+    columns, rows = (
+        torch.arange(leds, dtype=centre.dtype, device=centre.device) - (leds - 1) / 2
+        for leds in sides
+    )
     return centre[:, :1] + columns * pitch_px, centre[:, 1:] + rows * pitch_px
 
 
@@ -93,12 +96,11 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
         >>> round(float(corners[0, 1, 0] - corners[0, 0, 0]), 3)
         34.909
     """
-    centre = panel_centre_px(scene, camera)
-    half_px = (
-        panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
-    )
-    cells = centre.new_tensor([panel.shape.columns, panel.shape.rows])
-    return centre.unsqueeze(1) + centre.new_tensor(view.CLOCKWISE) * cells * half_px
+    x, y = panel_centre_px(scene, camera).unbind(-1)
+    half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m) / 2
+    across, down = panel.shape.columns * half_px, panel.shape.rows * half_px
+    ends = [(x + side * across, y + low * down) for side, low in view.CLOCKWISE]
+    return torch.stack([torch.stack(end, -1) for end in ends], 1)
 
 
 Size = tuple[int, int]
@@ -343,6 +345,28 @@ class Batch:
         """Count the frames."""
         return len(self.context.scene)
 
+    def to(self, device: torch.device) -> Self:
+        """Move the frames to where they are drawn."""
+        if device.type == "cpu":
+            return self
+        bits, centre, origin, iso = (
+            one if one is None else one.to(device, non_blocking=True)
+            for one in (
+                self.bits,
+                self.centre_px,
+                self.context.first_px,
+                self.context.iso,
+            )
+        )
+        context = replace(
+            self.context,
+            scene=self.context.scene.to(device),
+            origin_px=origin,
+            iso=iso,
+            nearest_m=float(self.context.scene.distance_m.min()),
+        )
+        return replace(self, context=context, bits=bits, centre_px=centre)
+
     def taken(self, frames: slice | list[int], size: Size) -> Self:
         """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
         context, keys = self.context, self.context.keys
@@ -379,7 +403,11 @@ class Batch:
 
 
 def like_sized(
-    scene: Scene, apart: Tensor, size_px: Size, tight_px: Callable[[float], Size]
+    scene: Scene,
+    apart: Tensor,
+    size_px: Size,
+    tight_px: Callable[[float], Size],
+    worth_px: int = GROUP_PIXELS,
 ) -> list[tuple[list[int], Size]]:
     """Split a batch into groups of frames whose panels fit into small crops of one size.
 
@@ -390,6 +418,7 @@ def like_sized(
         apart: (B,) bool, the frames that must have ``size_px``.
         size_px: height and width of crops that hold any of the panels.
         tight_px: height and width of crops that hold a panel at a distance, or farther.
+        worth_px: pixels in whose time another group is begun.
 
     Returns:
         Of each group the frames' numbers, and the height and width, at most ``size_px``. Few frames go
@@ -417,7 +446,6 @@ def like_sized(
     sizes = [
         (min(height, size_px[0]), min(width, size_px[1])) for height, width in tight
     ]
-    price = GROUP_PIXELS if apart.device.type == "cpu" else GROUP_PIXELS_ELSEWHERE
     groups: list[tuple[list[int], Size]] = []
     waiting: list[int] = []
     for index, group in enumerate(ordered):
@@ -428,7 +456,7 @@ def like_sized(
         )
         if (
             larger is None
-            or len(waiting) * (math.prod(larger) - math.prod(size)) > price
+            or len(waiting) * (math.prod(larger) - math.prod(size)) > worth_px
         ):
             groups.append((waiting, size))
             waiting = []
@@ -473,5 +501,7 @@ def in_groups(
     return (
         together
         if in_order
-        else together[torch.tensor(order, device=together.device).argsort()]
+        else together[
+            torch.tensor(order).argsort().to(together.device, non_blocking=True)
+        ]
     )

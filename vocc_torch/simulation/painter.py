@@ -5,6 +5,7 @@ one that crosses the border is cut there, so a panel that is near, or has thousa
 the pixels of its frames do.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 
 import torch
@@ -224,8 +225,13 @@ def led_stamps(
             spread.diagonal(dim1=-2, dim2=-1).sqrt(),
         )
         widest = 2 * half.amax(dim=(1, 2))
-    sides = widest.ceil().tolist()
-    framing.demand_led_px(max(sides), float(scene.distance_m[sides.index(max(sides))]))
+    if upright and look is None and context.nearest_m:
+        scale = context.camera.focal_length_px / context.nearest_m
+        sides = [math.ceil(panel.led_diameter_m * scale)] * len(scene)
+    else:
+        sides = widest.ceil().tolist()
+        farthest = sides.index(max(sides))
+        framing.demand_led_px(max(sides), float(scene.distance_m[farthest]))
     single = list(range(len(sides)))
     if look is not None and bool(look.square.any()):
         single = (~look.square).nonzero().flatten().tolist()
@@ -241,14 +247,18 @@ def led_stamps(
         # By powers of two, so that a near panel does not make all patches large.
         patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
         groups = {patches[frame] for frame in single}
+        values = (
+            raster.GROUP_VALUES if origin.is_cpu else raster.GROUP_VALUES_ELSEWHERE
+        )
         for patch in sorted(
             patch for patch in groups if leds * patch**2 <= raster.GROUP_VALUES
         ):
             like = [frame for frame in single if patches[frame] == patch]
             side = int(max(sides[frame] for frame in like)) + 1
-            most = max(1, raster.GROUP_VALUES // (leds * side**2))
+            most = max(1, values // (leds * side**2))
             for start in range(0, len(like), most):
-                chosen = torch.tensor(like[start : start + most], device=origin.device)
+                chosen = torch.tensor(like[start : start + most])
+                chosen = chosen.to(origin.device, non_blocking=True)
                 rows_chosen = slice(None) if len(chosen) == len(sides) else chosen
                 grid = columns[rows_chosen], rows[rows_chosen], radius[rows_chosen]
                 cover, left, top = raster.disc_grid_cover(*grid, side, canvas_px=size)

@@ -20,6 +20,9 @@ from torch.autograd.forward_ad import unpack_dual
 GROUP_VALUES = 1_000_000
 """Numbers in a working array."""
 
+GROUP_VALUES_ELSEWHERE = 30_000_000
+"""The same on an accelerator, where each further array costs a launch."""
+
 
 def _half_segment(u: Tensor) -> Tensor:
     """Half of the area between the vertical diameter and the chord at u of the unit disc, odd in u.

@@ -126,7 +126,7 @@ class Simulator:
         self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False
     ) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
-        scene = scene.to(self.device) if rendered else self._checked(scene)
+        scene = scene.to("cpu") if rendered else self._checked(scene)
         context = self._context(scene, keys)
         if view.in_perspective(self.effects):
             panels = Panels.known(
@@ -137,18 +137,15 @@ class Simulator:
                 framing.panel_corners_px(scene, self.camera, self.panel)
             )
         panel_present = housing.present(context)
-        if panel_present is None:
-            return panels
-        corners, presence = (
-            panels.corners_px * panel_present.view(-1, 1, 1),
-            panel_present.double(),
-        )
-        return Panels(
-            corners,
-            panel_present,
-            panels.score * presence,
-            panels.candidates * panel_present,
-        )
+        if panel_present is not None:
+            presence = panel_present.double()
+            panels = Panels(
+                panels.corners_px * panel_present.view(-1, 1, 1),
+                panel_present,
+                panels.score * presence,
+                panels.candidates * panel_present,
+            )
+        return panels.to(self.device)
 
     def led_centres_px(
         self, scene: Scene, keys: Sequence[FrameKey] = ()
@@ -160,9 +157,8 @@ class Simulator:
             [945.0, 525.0]
         """
         context = self._context(self._checked(scene), keys)
-        return view.view_of(context).points_px(
-            view.led_centres_m(self.panel).to(self.device)
-        )
+        places = view.led_centres_m(self.panel)
+        return view.view_of(context).points_px(places).to(self.device)
 
     def render_window(
         self,
@@ -187,16 +183,12 @@ class Simulator:
             (1, 1, 30, 40)
         """
         context = self._context(self._checked(scene), keys)
-        placed = replace(
-            context,
-            origin_px=origin_px.to(self.device),
-            iso=photometry.auto_iso(context),
-        )
+        iso = photometry.auto_iso(context)
+        placed = replace(context, origin_px=origin_px.cpu(), iso=iso)
         centre_px = framing.panel_centre_px(placed.scene, self.camera)
-        batch = framing.Batch(placed, bits.to(self.device), centre_px, size_px)
-        return Frames(
-            self.expose(batch, window=True), placed.first_px, self.camera.sensor_px
-        )
+        batch = framing.Batch(placed, bits.cpu(), centre_px, size_px).to(self.device)
+        origin = batch.context.first_px
+        return Frames(self.expose(batch, window=True), origin, self.camera.sensor_px)
 
     def further_bits(
         self, scene: Scene, keys: Sequence[FrameKey]
@@ -211,8 +203,10 @@ class Simulator:
             {'second': (1, 8, 8)}
         """
         return {
-            colour_context.leds[1:]: bits
-            for colour_context, bits in self._further(self._context(scene, keys))
+            colour_context.leds[1:]: bits.to(self.device)
+            for colour_context, bits in self._further(
+                self._context(scene.to("cpu"), keys)
+            )
         }
 
     def contrast(self, scene: Scene) -> torch.Tensor:
@@ -249,7 +243,7 @@ class Simulator:
         ]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
             greys = [grey.clamp(max=255.0) for grey in greys]
-        return (greys[0] - greys[1]) / 255.0
+        return ((greys[0] - greys[1]) / 255.0).to(self.device)
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
         """Height and width of the crop for panels at ``nearest_m`` or farther."""
@@ -297,11 +291,7 @@ class Simulator:
             )
         if not len(scene):
             raise VoccError("scene holds no frames: it must hold at least 1")
-        bits, nearest, sensor = (
-            bits.to(self.device),
-            float(scene.distance_m.min()),
-            self.camera.sensor_px,
-        )
+        nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (
             1 + 1e-9
         ):
@@ -327,7 +317,7 @@ class Simulator:
         framing.demand_pixels(sensor if full_frame else size)
         grid_px = framing.WINDOW_GRID_PX if window else 1
         batch = framing.Batch.around(
-            self._context(scene, keys), bits, size, grid_px=grid_px
+            self._context(scene, keys), bits.cpu(), size, grid_px=grid_px
         )
         origin, groups = batch.context.first_px, [(list(range(len(batch))), size)]
         if self._filling is None and size != sensor:
@@ -341,15 +331,23 @@ class Simulator:
                 self.panel,
                 margin_cells=0,
             )
-            groups = framing.like_sized(scene, moved, size, tight)
+            worth = (
+                framing.GROUP_PIXELS
+                if self.device.type == "cpu"
+                else framing.GROUP_PIXELS_ELSEWHERE
+            )
+            groups = framing.like_sized(scene, moved, size, tight, worth)
         pictures = framing.in_groups(
-            batch, groups, lambda part: self.expose(part, window)
+            batch, groups, lambda part: self.expose(part.to(self.device), window)
+        )
+        centre, origin = (
+            one.to(self.device, non_blocking=True) for one in (batch.centre_px, origin)
         )
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
         surround = None
         if not window and tuple(pictures.shape[-2:]) != sensor:
-            surround = framing.read_surround(pictures, batch.centre_px, origin)
+            surround = framing.read_surround(pictures, centre, origin)
             if self.framing != "crop":
                 pictures, surround = (
                     framing.lay_on_sensor(pictures, surround, origin, sensor),
@@ -365,9 +363,9 @@ class Simulator:
         )
 
     def _checked(self, scene: Scene) -> Scene:
-        """Move scenes to the device, or refuse by name those that cannot be rendered."""
+        """Give scenes in the host's memory, or refuse by name those that cannot be rendered."""
         demand_kind("scene", scene, Scene)
-        scene = scene.checked().to(self.device)
+        scene = scene.to("cpu").checked()
         framing.demand_in_sight(scene, self.camera, self.panel)
         return scene
 
@@ -395,7 +393,7 @@ class Simulator:
         for i, (crop, outside) in enumerate(
             zip(value.unsqueeze(1), surround, strict=True)
         ):
-            part = batch.taken([i], batch.size).context
+            part = batch.taken(slice(i, i + 1), batch.size).context
             frame = framing.lay_on_sensor(crop, outside, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
             frames.append(

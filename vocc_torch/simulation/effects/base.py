@@ -71,6 +71,8 @@ class Context:
     """(B,) the ISO speeds, where they are known already."""
     channel: int | None = None
     """Red, green or blue, 0 to 2, while one channel of a scene in ``colour`` is drawn."""
+    nearest_m: float | None = None
+    """The nearest panel's distance, where the scenes lie on an accelerator: to ask it would mean to wait."""
     leds: str = ""
     """``.second`` or ``.third`` while LEDs of a further ``colour`` are drawn; ends their streams' names."""
 
