@@ -139,22 +139,17 @@ def histogram256(grey: Tensor) -> Tensor:
     frames = grey.shape[0]
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
-    pixels = grey.reshape(frames, -1)
-    if (
-        frames == 1
-        and pixels.shape[1] <= REGION.counted_px
-        and grey.device.type == "cpu"
-    ):
+    pixels, on_host = grey.reshape(frames, -1), grey.device.type == "cpu"
+    if frames == 1 and pixels.shape[1] <= REGION.counted_px and on_host:
         return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
     # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
-    if pixels.shape[1] >= REGION.counted_px or frames == 1:
-        return torch.stack(
-            [torch.bincount(pixel, minlength=_LEVELS) for pixel in pixels]
-        )
+    if on_host and (pixels.shape[1] >= REGION.counted_px or frames == 1):
+        return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
+    # On an accelerator torch.bincount waits for the greatest value.
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
-    return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(
-        frames, _LEVELS
-    )
+    level = (pixels + offset).flatten()
+    counts = level.new_zeros(frames * _LEVELS)
+    return counts.scatter_add_(0, level, torch.ones_like(level)).view(frames, _LEVELS)
 
 
 def sensor_histogram(frames: Frames) -> Tensor:
@@ -178,26 +173,25 @@ def sensor_histogram(frames: Frames) -> Tensor:
         >>> sensor_histogram(frames)[0, [9, 200]].tolist()
         [12, 4]
     """
-    counts = histogram256(frames.grey).cpu()
+    counts = histogram256(frames.grey)
     if frames.surround is None:
-        return counts.to(frames.grey.device)
+        return counts
     height, width = frames.grey.shape[-2:]
     outside = frames.sensor_px[0] * frames.sensor_px[1] - height * width
     if outside < 0:
         raise VoccError(
             f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}"
         )
-    for count, level in zip(counts.numpy(), frames.surround.tolist(), strict=True):
-        count[min(max(round(level), 0), _LEVELS - 1)] += outside
-    return counts.to(frames.grey.device)
+    level = frames.surround.round().clamp(0, _LEVELS - 1).long()[:, None]
+    return counts.scatter_add_(1, level, torch.full_like(level, outside))
 
 
 def otsu_threshold(histogram: Tensor) -> Tensor:
     """Find the grey value that best parts each histogram in two; the foreground is ``grey > threshold``.
 
     It maximises the variance between the classes over all 256 thresholds; those that are better or worse by
-    rounding at most are compared in rational numbers. Of equally good thresholds the lowest is taken, as
-    OpenCV does. A constant image has no best one: its threshold is its own grey value, so nothing is
+    rounding at most are compared in rational numbers, and on an accelerator taken for equal. Of equally good
+    thresholds the lowest is taken, as OpenCV does. A constant image has no best one: its threshold is its own grey value, so nothing is
     foreground. An empty histogram gives 0.
 
     Args:
@@ -211,38 +205,36 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
         >>> otsu_threshold(histogram256(grey)).tolist()
         [12, 5]
     """
-    # A few numbers, which NumPy does on every device. Whole ones: running sums of others have no fixed order.
-    counts = histogram.to("cpu", torch.int64).numpy()
-    below, mass = counts.cumsum(1), (counts * np.arange(_LEVELS)).cumsum(1)
+    # Whole numbers: running sums of others have no fixed order.
+    counts = histogram.to(torch.int64)
+    levels = torch.arange(_LEVELS, device=counts.device)
+    below, mass = counts.cumsum(1), (counts * levels).cumsum(1)
     total, total_mass = below[:, -1:], mass[:, -1:]
     # Empty levels part as the last level below does that is not.
     parts = (counts > 0) & (below < total)
     # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
-    apart = (total_mass * below - mass * total).astype(np.float64)
-    between = np.where(
-        parts,
-        apart * apart / np.maximum(below.astype(np.float64) * (total - below), 1.0),
-        -1.0,
-    )
-    best = parts & (
-        (between >= between.max(1, keepdims=True) * (1 - TIE_SHARE))
-        | (total > MOST_EXACT_PX)
-    )
-    threshold = best.argmax(1)
-    for row in (best.sum(1) != 1).nonzero()[0].tolist():
-        if not parts[row].any():  # one grey value has all pixels, or nothing has any
-            threshold[row] = counts[row].argmax()
-            continue
+    apart = (total_mass * below - mass * total).double()
+    weight = (below.double() * (total - below)).clamp(min=1.0)
+    between = torch.where(parts, apart * apart / weight, -1.0)
+    least = between.amax(1, keepdim=True) * (1 - TIE_SHARE)
+    best = parts & ((between >= least) | (total > MOST_EXACT_PX))
+    # One grey value may have all pixels, or nothing have any.
+    chosen = torch.where(parts.any(1, keepdim=True), best, counts > 0)
+    threshold = (_LEVELS - (chosen * (_LEVELS - levels)).amax(1)) % _LEVELS
+    if not counts.is_cpu:
+        return threshold
+    for row in (best.sum(1) > 1).nonzero()[:, 0].tolist():
         n, s = below[row].tolist(), mass[row].tolist()
-        levels = best[row].nonzero()[0].tolist()
-        apart_squared = [(s[-1] * n[level] - s[level] * n[-1]) ** 2 for level in levels]
-        exact = map(
-            Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels)
-        )
-        threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[
-            1
-        ]
-    return torch.from_numpy(threshold).to(histogram.device)
+        apart_squared = {
+            level: (s[-1] * n[level] - s[level] * n[-1]) ** 2
+            for level in best[row].nonzero()[:, 0].tolist()
+        }
+        exact = {
+            level: Fraction(square, n[level] * (n[-1] - n[level]))
+            for level, square in apart_squared.items()
+        }
+        threshold[row] = max(exact, key=lambda level: exact[level])
+    return threshold
 
 
 class Regions(NamedTuple):

@@ -3,33 +3,36 @@
 A blob comes as the first and last mask pixel of each of its rows: no other pixel can be a vertex of its hull.
 Here a pixel is a point, its column and row; :func:`minimum_area_rectangle` and :func:`upright_rectangle` turn
 to the continuous coordinates of :mod:`vocc_torch.types`. All but the final corners is exact integer
-arithmetic held in float64, so that a blob's result does not depend on its place or on what else is in the
-batch. NumPy does it, on whatever device the masks are: these are few numbers.
+arithmetic held in float64, so that a blob's result does not depend on its place, on its device or on what
+else is in the batch.
 """
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+import torch
+from torch import Tensor, nn
 
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.types import PanelShape
 
-Floats = NDArray[np.float64]
-Points = NDArray[np.complex128]
-Whole = NDArray[np.int64]
 
-# Lengths are added as integers of this fraction of a pixel: an exact sum has no order.
-LENGTH_UNIT = 2.0**-32
-# Areas of rectangles that differ by less than this share are equal.
-TIE = 1e-9
-# Most pairs of vertices, at one for each row, in one step, to bound the memory.
-_STEP_PAIRS = 1 << 21
-# A column beyond all others.
-_NOWHERE = 1 << 20
-# Whether a corner, clockwise from the top left, is at the high end in x and in y.
-_HIGH = np.array([[False, False], [True, False], [True, True], [False, True]])
+@dataclass(frozen=True)
+class HullSettings:
+    """How hulls and rectangles are computed."""
+
+    length_unit_px: float = 2.0**-32  # lengths add as whole numbers of it: no order
+    tie_share: float = 1e-9  # areas of rectangles that differ by less are equal
+    step_pairs: int = 1 << 21  # most pairs of rows in one step, for bounded memory
+    step_pairs_elsewhere: int = 1 << 28  # the same on an accelerator
+    passes: int = (
+        16  # over the rows of hulls that nobody waits for; scenes take up to 6
+    )
+    vertices: int = 64  # of hulls that nobody waits for; a blob of 90 rows has about 20
+
+
+HULL = HullSettings()
 
 
 class Rectangles(NamedTuple):
@@ -42,61 +45,66 @@ class Rectangles(NamedTuple):
         height_px: (M,) length of the second side.
     """
 
-    corners_px: Floats
-    width_px: Floats
-    height_px: Floats
+    corners_px: Tensor
+    width_px: Tensor
+    height_px: Tensor
 
 
-def convex_hull(first: Whole, last: Whole) -> Floats:
+def convex_hull(first: Tensor, last: Tensor, *, at_once: bool = False) -> Tensor:
     """Find the vertices of each blob's convex hull.
 
-    Each side's chain is built row by row (Andrew 1979), of the rows that lie outside of the line between the
-    two beside them. Points on an edge are left out.
+    Of each side the rows go that do not lie outside of the line between the two rows left beside them, until
+    none goes (Andrew 1979, all rows at once). Points on an edge are left out.
 
     Args:
         first: (M,H) leftmost column of each row, ``first > last`` where the row is empty; each blob has a
             pixel.
         last: (M,H) rightmost column of each row; columns and rows up to 2^15.
+        at_once: take a fixed number of passes and vertices, so that no number is looked at on the way.
 
     Returns:
-        (M,V,2) ``(column, row)`` of the vertices, clockwise as seen on the image, padded by repeating the
-        first; single-pixel rows at the top or bottom appear twice.
+        (M,V,2) float64 ``(column, row)`` of the vertices, clockwise as seen on the image, padded by repeating
+        the first; single-pixel rows at the top or bottom appear twice. With ``at_once`` NaN where the passes
+        or the vertices did not do.
 
     Example:
-        >>> convex_hull(np.array([[1, 0, 1]]), np.array([[1, 2, 1]]))[0].astype(int).tolist()
+        >>> convex_hull(torch.tensor([[1, 0, 1]]), torch.tensor([[1, 2, 1]]))[0].int().tolist()
         [[1, 0], [2, 1], [1, 2], [1, 2], [0, 1], [1, 0]]
     """
-    blobs, height = first.shape
-    # Of each blob both sides, as columns inwards from it; none is beyond an empty row and the ends.
-    around = np.full((blobs, 2, height + 2), _NOWHERE)
-    inside = around[..., 1:-1]
-    filled = first <= last
-    np.copyto(inside[:, 0], -last, where=filled)
-    np.copyto(inside[:, 1], first, where=filled)
-    likely = (around[..., :-2] + around[..., 2:] > 2 * inside) & filled[:, None]
-    blob, side, rows = likely.nonzero()
-    chains: list[list[tuple[int, int]]] = [[] for _ in range(2 * blobs)]
-    for chain, row, column in zip(
-        (2 * blob + side).tolist(), rows.tolist(), inside[likely].tolist(), strict=True
-    ):
-        points = chains[chain]
-        while len(points) > 1:
-            (y0, x0), (y1, x1) = points[-2:]
-            if (x1 - x0) * (row - y0) < (column - x0) * (y1 - y0):
-                break
-            points.pop()
-        points.append((row, column))
-    hulls = [
-        [(-x, y) for y, x in right] + [(x, y) for y, x in reversed(left)]
-        for right, left in zip(chains[::2], chains[1::2], strict=True)
-    ]
-    most = max(map(len, hulls), default=0)
-    return np.array(
-        [hull + hull[:1] * (most - len(hull)) for hull in hulls], dtype=np.float64
+    height = first.shape[1]
+    # Of each blob both sides, as columns inwards from it.
+    inward = torch.stack([-last.long(), first.long()], 1)
+    left = (first <= last)[:, None].expand_as(inward)
+    row = torch.arange(height, device=first.device)
+    outside = left
+    for _ in range(HULL.passes if at_once else height):
+        left = outside
+        above = torch.where(left, row, -1).cummax(2).values
+        above = nn.functional.pad(above[..., :-1], [1, 0], value=-1)
+        below = torch.where(left, row, height).flip(2).cummin(2).values.flip(2)
+        below = nn.functional.pad(below[..., 1:], [0, 1], value=height)
+        x0, x1 = (inward.gather(2, end.clamp(0, height - 1)) for end in (above, below))
+        bent = (inward - x0) * (below - row) < (x1 - inward) * (row - above)
+        outside = left & (bent | (above < 0) | (below == height))
+        if not at_once and torch.equal(outside, left):
+            break
+    vertex = torch.cat([outside[:, 0], outside[:, 1].flip(1)], 1)
+    count = vertex.sum(1)
+    most = HULL.vertices if at_once else int(count.max()) if len(count) else 0
+    every = torch.arange(2 * height, device=row.device)
+    place = torch.where(vertex, every, 2 * height).sort(1).values[:, :most]
+    place = torch.where(place < 2 * height, place, place[:, :1]).clamp(
+        max=2 * height - 1
     )
+    x = torch.cat([last, first.flip(1)], 1).gather(1, place)
+    hull = torch.stack([x, torch.cat([row, row.flip(0)])[place]], 2).double()
+    if at_once:
+        done = (outside == left).all(2).all(1) & (count <= most)
+        hull = torch.where(done[:, None, None], hull, math.nan)
+    return hull
 
 
-def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
+def hull_area_and_perimeter(hull: Tensor) -> tuple[Tensor, Tensor]:
     """Measure the convex hulls of the pixels' squares, not only of their centres.
 
     Growing a convex set by a unit square adds its extents in x and y and 1 to the area, and 4 to the
@@ -109,45 +117,48 @@ def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
         (M,) area, px^2, and (M,) perimeter, px.
 
     Example:
-        >>> hull = convex_hull(np.array([[0, 0]]), np.array([[2, 2]]))
+        >>> hull = convex_hull(torch.tensor([[0, 0]]), torch.tensor([[2, 2]]))
         >>> [value.item() for value in hull_area_and_perimeter(hull)]
         [6.0, 10.0]
     """
-    following = np.concatenate([hull[:, 1:], hull[:, :1]], 1)
+    following = hull.roll(-1, 1)
     twice = (hull[..., 0] * following[..., 1] - hull[..., 1] * following[..., 0]).sum(1)
-    extent = hull.max(1) - hull.min(1)
-    length = np.sqrt(np.square(following - hull).sum(2))
-    around = np.rint(length / LENGTH_UNIT).astype(np.int64).sum(1) * LENGTH_UNIT
+    extent = hull.amax(1) - hull.amin(1)
+    length = (following - hull).square().sum(2).sqrt()
+    units = (length / HULL.length_unit_px).round().long().sum(1)
+    around = units.double() * HULL.length_unit_px
     return twice / 2 + extent.sum(1) + 1, around + 4
 
 
-def _extents(hull: Floats, direction: Points) -> tuple[Floats, Floats]:
-    """Find where vertices (M,V,2) begin and end along and across directions (M,E), scaled by their lengths.
+def _extents(hull: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
+    """Find where vertices (M,V,2) begin and end along and across directions (M,E,2), scaled by their lengths.
 
     Returns:
         Two (M,E,2); of whole numbers they are exact.
     """
-    # The real part of a product with a conjugate is the inner product, the imaginary one the outer.
-    places = (hull.view(np.complex128) * direction.conj()[:, None]).view(np.float64)
-    low, high = (
-        ends.reshape(*direction.shape, 2) for ends in (places.min(1), places.max(1))
+    (x, y), (dx, dy) = (
+        part.unbind(-1) for part in (hull[:, :, None], direction[:, None])
     )
+    ends = [(x * dx + y * dy).aminmax(dim=1), (y * dx - x * dy).aminmax(dim=1)]
+    low, high = (torch.stack(both, -1) for both in zip(*ends, strict=True))
     return low, high
 
 
 def _around(
-    direction: Points, low: Floats, high: Floats, expand_px: float
+    direction: Tensor, low: Tensor, high: Tensor, expand_px: float
 ) -> Rectangles:
-    """Return the rectangles with sides along directions (M,), between the ends (M,2) of :func:`_extents`."""
-    length = np.abs(direction)[:, None]
+    """Return the rectangles with sides along directions (M,2), between the ends (M,2) of :func:`_extents`."""
+    length = direction.square().sum(1, keepdim=True).sqrt()
     low, high = low / length - expand_px, high / length + expand_px
-    corners = np.where(_HIGH, high[:, None], low[:, None])
-    turned = corners.view(np.complex128) * (direction[:, None] / length)[..., None]
-    size = high - low
-    return Rectangles(turned.view(np.float64) + 0.5, size[:, 0], size[:, 1])
+    (left, top), (right, bottom) = low.unbind(1), high.unbind(1)
+    along = torch.stack([left, right, right, left], 1)
+    across = torch.stack([top, top, bottom, bottom], 1)
+    ux, uy = (direction / length)[:, None].unbind(2)
+    turned = torch.stack([along * ux - across * uy, along * uy + across * ux], 2)
+    return Rectangles(turned + 0.5, *(high - low).unbind(1))
 
 
-def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
+def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
     """Find the rectangle of least area around each hull.
 
     One of its sides lies along an edge of the hull (Freeman and Shapira 1975), so every edge is tried. Of
@@ -163,46 +174,48 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         The rectangles, in the continuous coordinates of :mod:`vocc_torch.types`.
 
     Example:
-        >>> hull = convex_hull(np.array([[0, 0]]), np.array([[2, 2]]))
+        >>> hull = convex_hull(torch.tensor([[0, 0]]), torch.tensor([[2, 2]]))
         >>> minimum_area_rectangle(hull).corners_px[0].tolist()
         [[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]]
     """
     # The upright rectangle is always tried.
-    vertices = hull.view(np.complex128)[..., 0]
-    edge = np.ones((len(hull), hull.shape[1] + 1), dtype=np.complex128)
-    edge[:, :-2], edge[:, -2] = (
-        vertices[:, 1:] - vertices[:, :-1],
-        vertices[:, 0] - vertices[:, -1],
-    )
+    x, y = nn.functional.pad(hull.roll(-1, 1) - hull, [0, 0, 0, 1]).unbind(2)
+    x[:, -1] = 1.0
     # By quarter turns into (-45, 45] degrees.
-    edge = np.where(np.abs(edge.imag) > np.abs(edge.real), edge * -1j, edge)
-    edge = np.where(edge.real < 0, -edge, edge)
-    edge = np.where(edge.imag == -edge.real, edge * 1j, edge)
+    steep = y.abs() > x.abs()
+    x, y = torch.where(steep, y, x), torch.where(steep, -x, y)
+    y, x = torch.where(x < 0, -y, y), x.abs()
+    corner = y == -x
+    x, y = torch.where(corner, -y, x), torch.where(corner, x, y)
+    edge = torch.stack([x, y], 2)
     low, high = _extents(hull, edge)
-    x, y = edge.real, edge.imag
     square, spans = x * x + y * y, (high - low).prod(2)
-    area = np.where(square > 0, spans / np.maximum(square, 1.0), np.inf)
-    turn = y / np.maximum(x, 1.0)
-    preference = np.where(turn < 0, TIE - turn, turn)
-    preference[area > area.min(1, keepdims=True) * (1 + TIE)] = np.inf
-    chosen = np.arange(len(hull)), preference.argmin(1)
-    return _around(edge[chosen], low[chosen], high[chosen], expand_px)
+    area = torch.where(square > 0, spans / square.clamp(min=1.0), math.inf)
+    turn = y / x.clamp(min=1.0)
+    preference = torch.where(turn < 0, HULL.tie_share - turn, turn)
+    equal = area <= area.amin(1, keepdim=True) * (1 + HULL.tie_share)
+    chosen = torch.where(equal, preference, math.inf).argmin(1)[:, None, None]
+    edge, low, high = (
+        part.gather(1, chosen.expand(-1, 1, 2))[:, 0] for part in (edge, low, high)
+    )
+    return _around(edge, low, high, expand_px)
 
 
-def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
+def upright_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
     """Find the bounding box of each hull; arguments and result as in :func:`minimum_area_rectangle`.
 
     Example:
-        >>> hull = convex_hull(np.array([[1, 0]]), np.array([[1, 0]]))
+        >>> hull = convex_hull(torch.tensor([[1, 0]]), torch.tensor([[1, 0]]))
         >>> upright_rectangle(hull).corners_px[0].tolist()
         [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
     """
-    return _around(
-        np.ones(len(hull), dtype=np.complex128), hull.min(1), hull.max(1), expand_px
-    )
+    low, high = hull.aminmax(dim=1)
+    direction = torch.zeros_like(low)
+    direction[:, 0] = 1.0
+    return _around(direction, low, high, expand_px)
 
 
-def compactness(area: Floats, perimeter: Floats, shape: PanelShape) -> Floats:
+def compactness(area: Tensor, perimeter: Tensor, shape: PanelShape) -> Tensor:
     """Compare a hull's isoperimetric quotient ``Q = 4 pi A / P^2`` with the panel's own.
 
     An ideal panel of R x C square cells has ``Q0 = pi R C / (R + C)^2``; the measure is the lesser of ``Q /
@@ -217,15 +230,15 @@ def compactness(area: Floats, perimeter: Floats, shape: PanelShape) -> Floats:
         (M,) in 0 to 1: 1 for a rectangle of the panel's proportions, pi / 4 for a disc and a square panel.
 
     Example:
-        >>> compactness(np.array([9.0]), np.array([12.0]), PanelShape(8, 8)).item()
+        >>> compactness(torch.tensor([9.0]), torch.tensor([12.0]), PanelShape(8, 8)).item()
         1.0
     """
     ideal = math.pi * shape.leds / (shape.rows + shape.columns) ** 2
-    relative = (4 * math.pi / ideal) * area / np.square(perimeter)
-    return np.minimum(relative, 1 / relative)
+    relative = (4 * math.pi / ideal) * area / perimeter.square()
+    return torch.minimum(relative, 1 / relative)
 
 
-def proportion(width: Floats, height: Floats, shape: PanelShape) -> Floats:
+def proportion(width: Tensor, height: Tensor, shape: PanelShape) -> Tensor:
     """Compare a rectangle's sides with those of R x C square cells: ``a = (w R) / (h C)``, or 1 / a if less.
 
     Args:
@@ -237,11 +250,11 @@ def proportion(width: Floats, height: Floats, shape: PanelShape) -> Floats:
         (M,) in 0 to 1: 1 for the panel's own proportions.
 
     Example:
-        >>> proportion(np.array([20.0]), np.array([5.0]), PanelShape(8, 16)).item()
+        >>> proportion(torch.tensor([20.0]), torch.tensor([5.0]), PanelShape(8, 16)).item()
         0.5
     """
     relative = (width * shape.rows) / (height * shape.columns)
-    return np.minimum(relative, 1 / relative)
+    return torch.minimum(relative, 1 / relative)
 
 
 class Measures(NamedTuple):
@@ -258,19 +271,21 @@ class Measures(NamedTuple):
         pitch_px: (M,) LED pitch if the blob were the panel: the root of the rectangle's area by LED.
     """
 
-    corners_px: Floats
-    within: NDArray[np.bool_]
-    score: Floats
-    pitch_px: Floats
+    corners_px: Tensor
+    within: Tensor
+    score: Tensor
+    pitch_px: Tensor
 
 
 def measure_blobs(
-    first: Whole,
-    last: Whole,
-    area_px: Whole,
-    place_px: Whole,
+    first: Tensor,
+    last: Tensor,
+    area_px: Tensor,
+    place_px: Tensor,
     shape: PanelShape,
     limits: LocatorLimits,
+    *,
+    at_once: bool = False,
 ) -> Measures:
     """Measure blobs against the panel looked for.
 
@@ -282,34 +297,32 @@ def measure_blobs(
         shape: the panel looked for.
         limits: what a panel is; they also say which rectangle to give, while the measures are always those of
             the minimum-area one.
+        at_once: see :func:`convex_hull`; where that gives NaN, ``within`` is False.
 
     Example:
-        >>> first, last = np.zeros((1, 6), dtype=int), np.full((1, 6), 5)
-        >>> place = np.zeros((1, 2), dtype=int)
-        >>> found = measure_blobs(first, last, np.array([36]), place, PanelShape(2, 2), LocatorLimits())
+        >>> first, last = torch.zeros(1, 6).int(), torch.full((1, 6), 5)
+        >>> place = torch.zeros(1, 2)
+        >>> found = measure_blobs(first, last, torch.tensor([36]), place, PanelShape(2, 2), LocatorLimits())
         >>> found.score.item(), found.pitch_px.item()
         (1.0, 3.0)
     """
     blobs, height = first.shape
     if not blobs:
-        none = np.zeros(0)
-        return Measures(np.zeros((0, 4, 2)), none > 0, none, none)
-    if blobs > 1 and blobs * height**2 > _STEP_PAIRS:
+        none = area_px.double()
+        return Measures(none.new_zeros(0, 4, 2), none > 0, none, none)
+    most = HULL.step_pairs if first.is_cpu else HULL.step_pairs_elsewhere
+    if blobs > 1 and blobs * height**2 > most:
         # In two halves by height, for bounded memory.
-        heights = (np.arange(1, height + 1) * (first <= last)).max(1)
-        order, halves = np.argsort(heights, kind="stable"), []
+        below = torch.arange(1, height + 1, device=first.device)
+        heights = (below * (first <= last)).amax(1)
+        order, halves = heights.argsort(stable=True), []
         for rows in (order[: blobs // 2], order[blobs // 2 :]):
-            tall = heights[rows[-1]]
-            runs = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
-            halves.append(measure_blobs(*runs, shape, limits))
+            tall = int(heights[rows[-1]])
+            given = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
+            halves.append(measure_blobs(*given, shape, limits, at_once=at_once))
         back = order.argsort()
-        return Measures(
-            *(
-                np.concatenate(halves_of_side)[back]
-                for halves_of_side in zip(*halves, strict=True)
-            )
-        )
-    hull = convex_hull(first, last)
+        return Measures(*(torch.cat(both)[back] for both in zip(*halves, strict=True)))
+    hull = convex_hull(first, last, at_once=at_once)
     area, perimeter = hull_area_and_perimeter(hull)
     least = minimum_area_rectangle(hull)
     around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
@@ -317,12 +330,12 @@ def measure_blobs(
 
 
 def measures_of(
-    area: Floats,
-    perimeter: Floats,
-    area_px: Whole,
+    area: Tensor,
+    perimeter: Tensor,
+    area_px: Tensor,
     least: Rectangles,
     around: Rectangles,
-    place_px: Whole,
+    place_px: Tensor,
     shape: PanelShape,
     limits: LocatorLimits,
 ) -> Measures:
@@ -340,9 +353,9 @@ def measures_of(
     """
     rectangle = least.width_px * least.height_px
     # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-    filled = np.minimum(np.minimum(area_px, area) / rectangle, 1.0)
+    filled = (torch.minimum(area_px, area) / rectangle).clamp(max=1.0)
     compact = compactness(area, perimeter, shape)
     within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
     score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
-    pitch = np.sqrt(rectangle / shape.leds)
+    pitch = (rectangle / shape.leds).sqrt()
     return Measures(around.corners_px + place_px[:, None], within, score, pitch)

@@ -258,8 +258,7 @@ def _read(
     left, right = (windows[..., by:].gather(2, columns) for by in (0, 1))
     mixed = torch.lerp(left, right, shares[0]).flatten(0, 1)
     lines = (
-        wholes[1][..., 0].long()
-        + torch.arange(count, device=device)[:, None] * tall
+        wholes[1][..., 0].long() + torch.arange(count, device=device)[:, None] * tall
     ).flatten()
     upper, lower = (
         mixed.index_select(0, lines + by).view(count, len(y), len(x)) for by in (0, 1)

@@ -247,9 +247,7 @@ def led_stamps(
         # By powers of two, so that a near panel does not make all patches large.
         patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
         groups = {patches[frame] for frame in single}
-        values = (
-            raster.GROUP_VALUES if origin.is_cpu else raster.GROUP_VALUES_ELSEWHERE
-        )
+        values = raster.GROUP_VALUES if origin.is_cpu else raster.GROUP_VALUES_ELSEWHERE
         for patch in sorted(
             patch for patch in groups if leds * patch**2 <= raster.GROUP_VALUES
         ):

@@ -1,18 +1,18 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver import components, foreground
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.locators.protocol import PanelLocator
-from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
+from vocc_torch.receiver.quadrilateral import measure_blobs
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
 
@@ -30,11 +30,10 @@ class LadderSettings:
     )
     reach_pitches: float = 1.4  # LED pitches that span one Off LED between two On ones
     last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
+    window_px: int = 192  # side up to which an accelerator takes all masks at once
 
 
 LADDER = LadderSettings()
-
-_TOUCHING = np.ones((3, 3), dtype=bool)
 
 
 class Stages(NamedTuple):
@@ -185,56 +184,85 @@ class PaperLocator(LocatorLimits, PanelLocator):
             VoccError: what :func:`exact_frames` refuses.
         """
         demand_kind("shape", shape, PanelShape)
-        exact = exact_frames(frames)
-        exact = foreground.trimmed(exact)
+        exact = foreground.trimmed(exact_frames(frames))
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
-        levels = (
-            ()
-            if exact.surround is None
-            else zip(exact.surround.tolist(), threshold.tolist(), strict=True)
-        )
-        bright = [
-            row for row, (level, limit) in enumerate(levels) if round(level) > limit
-        ]
-        choice = self.choose(
+        dark = torch.ones_like(threshold, dtype=torch.bool)
+        if exact.surround is not None:
+            dark = exact.surround.round() <= threshold
+        fits = _lies_on_sensor(exact)
+        panels, facts = self.choose(
             exact,
-            threshold.index_fill(0, torch.tensor(bright), 255) if bright else threshold,
+            torch.where(dark, threshold, 255),
             shape,
+            torch.stack([dark, fits], 1),
         )
-        for at in (slice(row, row + 1) for row in bright):
-            choice.put(at, self.choose(_on_sensor(exact[at]), threshold[at], shape))
-        return Panels(choice.corners_px, choice.found, choice.score, choice.candidates)
+        if not facts[:, 1].all():
+            demand_on_sensor(exact)
+        for row in (facts[:, 0] == 0).nonzero()[0].tolist():
+            at = slice(row, row + 1)
+            panels.put(at, self.choose(_on_sensor(exact[at]), threshold[at], shape)[0])
+        return panels
 
-    def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
+    def choose(
+        self,
+        frames: Frames,
+        threshold: Tensor,
+        shape: PanelShape,
+        facts: Tensor | None = None,
+    ) -> tuple[Panels, NDArray[np.int64]]:
         """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
 
+        On an accelerator all masks up to 192 px go at once, and one copy tells the host what is left to the
+        ladder.
+
+        Args:
+            frames: B frames.
+            threshold: (B,) int64.
+            shape: the panel looked for.
+            facts: (B,F) bool that the host needs to know too.
+
         Returns:
-            The choice, with corners on the sensor.
+            The choice, with corners on the sensor, and the facts.
         """
-        boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
-        place, choice = boxes[:, :2] + frames.origin_px.cpu().numpy(), None
-        for some, width, height in _passes(boxes):
-            mask = _cut(grey, threshold, boxes, some, width, height)
-            if grey.device.type == "cpu" and width * height <= LADDER.small_mask_px:
-                chosen, part = choose_single(mask.numpy(), place[some], shape, self)
-                if len(chosen) == len(boxes) == 1:
-                    return part
-                choice = choice or Choice.none(len(boxes), grey.device)
-                choice.put(torch.from_numpy(some[chosen]), part)
-                mask, some = (
-                    mask[np.delete(np.arange(len(some)), chosen)],
-                    np.delete(some, chosen),
-                )
-            if len(some):
-                rows, at = (
-                    torch.from_numpy(rows).to(grey.device)
-                    for rows in (some, place[some])
-                )
+        grey, boxes = frames.grey, _foreground_boxes(frames.grey, threshold)
+        place, rows = boxes[:, :2] + frames.origin_px, torch.arange(len(boxes))
+        panels, left = _no_panels(len(boxes), grey.device), boxes[:, 2] > 0
+        if not grey.is_cpu:
+            height, width = (min(side, LADDER.window_px) for side in grey.shape[-2:])
+            mask = _cut(grey, threshold, boxes, rows, width, height)
+            panels, sure = choose_single(mask, place, shape, self)
+            left &= ~sure | (boxes[:, 2] > width) | (boxes[:, 3] > height)
+        known = [boxes, left[:, None]] + ([] if facts is None else [facts])
+        known = torch.cat([one.long() for one in known], 1).cpu()
+        sizes = (known[:, :4] * known[:, 4:5]).numpy()
+        for some, width, height in _passes(sizes):
+            rows = torch.from_numpy(some)
+            mask = _cut(grey, threshold, boxes, rows, width, height)
+            if grey.is_cpu and width * height <= LADDER.small_mask_px:
+                part, sure = choose_single(mask, place[rows], shape, self)
+                if len(boxes) == 1 and bool(sure):
+                    return part, known[:, 5:].numpy()
+                panels.put(rows, part)
+                rows, mask = rows[~sure], mask[~sure]
+            if len(rows):
+                where = rows.to(grey.device)
                 part = climb(mask, shape, self)
-                part.corners_px.add_((at * part.found[:, None])[:, None])
-                choice = choice or Choice.none(len(boxes), grey.device)
-                choice.put(rows, part)
-        return choice or Choice.none(len(boxes), grey.device)
+                part.corners_px.add_((place[where] * part.found[:, None])[:, None])
+                panels.put(
+                    where, Panels(*(getattr(part, one) for one in _PANEL_FIELDS))
+                )
+        return panels, known[:, 5:].numpy()
+
+
+_PANEL_FIELDS = tuple(Panels.__dataclass_fields__)
+
+
+def _no_panels(frames: int, device: torch.device) -> Panels:
+    """Start with no panel found."""
+    count = torch.zeros(frames, dtype=torch.int64, device=device)
+    corners = count.new_zeros(frames, 4, 2, dtype=torch.float64)
+    score = corners[:, 0, 0].clone()
+    return Panels(corners, score > 0, score, count)
 
 
 def exact_frames(frames: Images) -> Frames:
@@ -258,19 +286,41 @@ def exact_frames(frames: Images) -> Frames:
             f"{shape[2]} x {shape[3]} px",
             f"at most {LADDER.most_side_px} px a side",
         )
-    if surround is not None:
-        if not bool(surround.isfinite().all()):
-            raise VoccError(
-                "frames.surround holds NaN or infinity: it must be grey values, 0 to 255"
-            )
-        room = frames.origin_px.new_tensor(
-            frames.sensor_px[::-1]
-        ) - frames.origin_px.new_tensor(shape[:1:-1])
-        if not bool(((frames.origin_px >= 0) & (frames.origin_px <= room)).all()):
-            raise VoccError(
-                f"frames.origin_px lays a crop, {shape[2:]}, off its sensor, {frames.sensor_px}"
-            )
-    return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
+    exact = Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
+    if frames.grey.is_cpu:
+        demand_on_sensor(exact)
+    return exact
+
+
+def _lies_on_sensor(frames: Frames) -> Tensor:
+    """Say of each frame whether it lies on its sensor, beside a finite surround, (B,) bool."""
+    x, y = frames.origin_px.unbind(1)
+    if frames.surround is None:
+        return x == x
+    (high, wide), (height, width) = frames.sensor_px, frames.grey.shape[-2:]
+    inside = (x >= 0) & (x <= wide - width) & (y >= 0) & (y <= high - height)
+    return inside & frames.surround.isfinite()
+
+
+def demand_on_sensor(frames: Frames) -> None:
+    """Refuse a surround that is not finite, or a crop with a surround that is not on its sensor.
+
+    Raises:
+        VoccError: such frames.
+
+    Example:
+        >>> demand_on_sensor(Frames.whole(torch.zeros(1, 2, 2)))
+    """
+    if bool(_lies_on_sensor(frames).all()) or frames.surround is None:
+        return
+    if not bool(frames.surround.isfinite().all()):
+        raise VoccError(
+            "frames.surround holds NaN or infinity: it must be grey values, 0 to 255"
+        )
+    size = tuple(frames.grey.shape[2:])
+    raise VoccError(
+        f"frames.origin_px lays a crop, {size}, off its sensor, {frames.sensor_px}"
+    )
 
 
 def _on_sensor(crop: Frames) -> Frames:
@@ -286,24 +336,20 @@ def _on_sensor(crop: Frames) -> Frames:
     return Frames.whole(grey)
 
 
-def _foreground_boxes(grey: Tensor, threshold: Tensor) -> NDArray[np.int64]:
+def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
-    boxes = np.zeros((len(grey), 4), dtype=np.int64)
-    on_host = grey.device.type == "cpu"
-    planes: Any = grey[:, 0].numpy() if on_host else grey[:, 0]
-    limit = threshold.cpu().numpy()[:, None]
-    for place, axis in enumerate((1, 2) if grey.numel() else ()):
+    ends = []
+    for axis in (1, 2):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
-        most = (
-            np.amax(planes, axis) if on_host else torch.amax(planes, axis).cpu().numpy()
-        )
-        lit = most > limit
+        if grey.is_cpu:
+            most = torch.from_numpy(np.amax(grey[:, 0].numpy(), axis, initial=0))
+        else:
+            most = grey[:, 0].amax(axis)
+        lit = (most > threshold[:, None]).byte()
         first = lit.argmax(1)
-        boxes[:, place] = first
-        boxes[:, place + 2] = (lit.shape[1] - lit[:, ::-1].argmax(1) - first) * lit.any(
-            1
-        )
-    return boxes
+        width = (lit.shape[1] - lit.flip(1).argmax(1) - first) * lit.amax(1)
+        ends.append((first, width))
+    return torch.stack([end for pair in zip(*ends, strict=True) for end in pair], 1)
 
 
 def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]]:
@@ -334,13 +380,13 @@ def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]
 def _cut(
     grey: Tensor,
     threshold: Tensor,
-    boxes: NDArray[np.int64],
-    some: NDArray[np.int64],
+    boxes: Tensor,
+    some: Tensor,
     width: int,
     height: int,
 ) -> Tensor:
     """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
-    if grey.device.type == "cpu":
+    if grey.is_cpu:
         planes, limits = grey[:, 0].numpy(), threshold.tolist()
         masks = np.zeros((len(some), height, width), dtype=bool)
         for mask, row, (left, top, wide, high) in zip(
@@ -350,9 +396,8 @@ def _cut(
                 planes[row, top : top + high, left : left + wide] > limits[row]
             )
         return torch.from_numpy(masks)
-    rows, box = (
-        torch.from_numpy(column).to(grey.device) for column in (some, boxes[some])
-    )
+    rows = some.to(grey.device, non_blocking=True)
+    box = boxes[rows]
     down = torch.arange(height, device=grey.device)
     right = torch.arange(width, device=grey.device)
     y, x = box[:, 1, None] + down, box[:, 0, None] + right
@@ -435,20 +480,9 @@ def _level_choice(
     blobs: components.Blobs, masks: int, shape: PanelShape, search: LocatorLimits
 ) -> tuple[Choice, Tensor, Tensor]:
     """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
-    blobs_of = (
-        blobs.first,
-        blobs.last,
-        blobs.area_px,
-        blobs.left_px,
-        blobs.first_px[:, 1],
-    )
-    first, last, area_px, left, top = (blob.cpu().numpy() for blob in blobs_of)
-    measures = measure_blobs(
-        first, last, area_px, np.stack([left, top], 1), shape, search
-    )
-    parts = (measures.corners_px, measures.within, measures.score, measures.pitch_px)
-    corners_px, passed, score, pitch_px = (
-        torch.from_numpy(part).to(blobs.frame.device) for part in parts
+    place_px = torch.stack([blobs.left_px, blobs.first_px[:, 1]], 1)
+    corners_px, passed, score, pitch_px = measure_blobs(
+        blobs.first, blobs.last, blobs.area_px, place_px, shape, search
     )
     chosen = []
     # Each mask's allowed blob of highest score, the first of equals, M if there is none.
@@ -478,27 +512,37 @@ def _level_choice(
     return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
 
 
-def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last foreground column of each row (B,H) of masks (B,H,W); 0 and -1 where there is none."""
-    first, last = mask.argmax(2), mask.shape[2] - 1 - mask[..., ::-1].argmax(2)
-    last[~mask.any(2)] = -1
-    return first, last
+def is_single(mask: Tensor) -> Tensor:
+    """Say of masks (B,H,W) that they are one 8-connected blob; False leaves it open.
 
+    A mask is single where a row has a single run, each run above touches one below it, and each run below
+    touches one above it. Of closed panels nearly all are found so, without a label.
 
-def _is_sure(measures: Measures, search: LocatorLimits) -> NDArray[np.bool_]:
-    """Say of blobs that are alone in their masks whether the ladder would stop at them."""
-    return measures.within & (
-        search.closing_px >= LADDER.reach_pitches * measures.pitch_px
-    )
+    Example:
+        >>> is_single(torch.tensor([[[1, 0, 1], [1, 1, 1], [0, 1, 0]], [[1, 0, 1]] * 3]).bool()).tolist()
+        [True, False]
+    """
+    wide = nn.functional.pad(mask, [1, 1])
+    number = (mask & ~wide[..., :-2]).cumsum(2, dtype=torch.int16)
+    runs = number[..., -1].long()
+    near = wide[..., :-2] | wide[..., 1:-1] | wide[..., 2:]
+    beside = nn.functional.pad(near, [0, 0, 1, 1])
+    alone = []
+    for there in (beside[:, :-2], beside[:, 2:]):
+        touched = mask.new_zeros(*mask.shape[:2], mask.shape[2] // 2 + 2)
+        touched.scatter_(2, (number * (mask & there)).long(), True)
+        alone.append(runs - touched[..., 1:].sum(2))
+    above, below = alone
+    rest = above.flip(1).cumsum(1).flip(1) - above + below.cumsum(1) - below
+    return ((runs == 1) & (rest == 0)).any(1)
 
 
 def choose_single(
-    mask: NDArray[np.bool_],
-    place_px: NDArray[np.int64],
-    shape: PanelShape,
-    search: LocatorLimits,
-) -> tuple[NDArray[np.int64], Choice]:
+    mask: Tensor, place_px: Tensor, shape: PanelShape, search: LocatorLimits
+) -> tuple[Panels, Tensor]:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
+
+    No number is looked at on an accelerator.
 
     Args:
         mask: (B,H,W) bool, each mask's foreground starting in its first row and its first column.
@@ -507,45 +551,27 @@ def choose_single(
         search: limits and settings.
 
     Returns:
-        The indices (n,) of the masks whose choice is made, and the choice, with corners counted as
-        ``place_px`` is; the ladder is left those whose closed mask has several blobs, whose blob is outside
-        the limits, and those that it would climb for.
+        The choices, with corners counted as ``place_px`` is, and (B,) bool, where they hold. The ladder is
+        left those whose closed mask has several blobs, whose blob is outside the limits, and those that it
+        would climb for.
 
     Example:
-        >>> mask, place = np.ones((1, 20, 20), dtype=bool), np.array([[30, 0]])
+        >>> mask, place = torch.ones(1, 20, 20).bool(), torch.tensor([[30, 0]])
         >>> mask[0, 5, 5] = False
-        >>> chosen, choice = choose_single(mask, place, PanelShape(8, 8), LocatorLimits())
-        >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
-        ([0], [50.0, 20.0])
+        >>> panels, sure = choose_single(mask, place, PanelShape(8, 8), LocatorLimits())
+        >>> sure.tolist(), panels.corners_px[0, 2].tolist()
+        ([True], [50.0, 20.0])
     """
-    closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[
-        :, 0
-    ].numpy()
-    (first, last), area_px = _row_ends(closed), closed.sum((1, 2))
-    # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
-    touching = (
-        (first[:, 1:] <= last[:, :-1] + 1)
-        & (first[:, :-1] <= last[:, 1:] + 1)
-        & (last[:, :-1] >= 0)
+    closed = components.close_mask(mask[:, None], search.closing_px)[:, 0]
+    columns = torch.arange(mask.shape[2], dtype=torch.int16, device=mask.device)
+    first = torch.where(mask, columns, mask.shape[2]).amin(2)
+    last = torch.where(mask, columns, -1).amax(2)
+    area_px = closed.sum((1, 2))
+    corners_px, within, score, pitch_px = measure_blobs(
+        first, last, area_px, place_px, shape, search, at_once=not mask.is_cpu
     )
-    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(
-        1
-    )
-    # Loaded here because the other locators need no SciPy.
-    from scipy.ndimage import label
-
-    several = [r for r in (~plain).nonzero()[0] if label(closed[r], _TOUCHING)[1] != 1]
-    area_px[several] = 0
-    single = (area_px >= search.min_area_px).nonzero()[0]
-    lit = mask[single]
-    first, last = _row_ends(lit)
-    measures = measure_blobs(
-        first, last, area_px[single], place_px[single], shape, search
-    )
-    sure = _is_sure(measures, search)
-    score, full = measures.score, np.ones_like(single)
-    seed = np.zeros((len(single), 2), dtype=np.int64)
-    seed[:, 0] = first[:, 0]
-    parts = (measures.corners_px, score > 0, score, full, seed, lit.sum((1, 2)))
-    rows = slice(None) if sure.all() else sure
-    return single[rows], Choice(*(torch.from_numpy(part[rows]) for part in parts))
+    sure = is_single(closed) & (area_px >= search.min_area_px) & within
+    sure &= search.closing_px >= LADDER.reach_pitches * pitch_px
+    found = sure & (score > 0)
+    corners_px = torch.where(sure[:, None, None], corners_px, 0.0)
+    return Panels(corners_px, found, torch.where(sure, score, 0.0), sure.long()), sure
