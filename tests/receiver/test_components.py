@@ -147,7 +147,7 @@ def test_hulls_of_tall_blobs_equal_scipys(shape):
     first, last = np.full(height, 9999), np.full(height, -1)
     np.minimum.at(first, points[:, 1], points[:, 0])
     np.maximum.at(last, points[:, 1], points[:, 0])
-    hull = convex_hull(first[None], last[None])
+    hull = convex_hull(torch.from_numpy(first[None]), torch.from_numpy(last[None]))
     expected = {tuple(point) for point in points[ConvexHull(points).vertices].tolist()}
     assert {(int(a), int(b)) for a, b in hull[0].tolist()} == expected
 

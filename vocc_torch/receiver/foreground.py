@@ -191,8 +191,8 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
 
     It maximises the variance between the classes over all 256 thresholds; those that are better or worse by
     rounding at most are compared in rational numbers, and on an accelerator taken for equal. Of equally good
-    thresholds the lowest is taken, as OpenCV does. A constant image has no best one: its threshold is its own grey value, so nothing is
-    foreground. An empty histogram gives 0.
+    thresholds the lowest is taken, as OpenCV does. A constant image has no best one: its threshold is its own
+    grey value, so nothing is foreground. An empty histogram gives 0.
 
     Args:
         histogram: (B,256) counts, finite, at least 0, of less than 2^55 pixels a frame.

@@ -102,12 +102,10 @@ class Choice(Panels):
     @classmethod
     def none(cls, masks: int, device: torch.device) -> Self:
         """Start with nothing chosen."""
-        count = torch.zeros(masks, dtype=torch.int64, device=device)
-        corners = count.new_zeros(masks, 4, 2, dtype=torch.float64)
-        score = corners[:, 0, 0].clone()
-        return cls(
-            corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone()
-        )
+        panels = no_panels(masks, device)
+        fields = (getattr(panels, name) for name in _PANEL_FIELDS)
+        count = panels.candidates
+        return cls(*fields, count.new_zeros(masks, 2), count.clone())
 
 
 @dataclass(frozen=True)
@@ -226,7 +224,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
         """
         grey, boxes = frames.grey, _foreground_boxes(frames.grey, threshold)
         place, rows = boxes[:, :2] + frames.origin_px, torch.arange(len(boxes))
-        panels, left = _no_panels(len(boxes), grey.device), boxes[:, 2] > 0
+        panels, left = no_panels(len(boxes), grey.device), boxes[:, 2] > 0
         if not grey.is_cpu:
             height, width = (min(side, LADDER.window_px) for side in grey.shape[-2:])
             mask = _cut(grey, threshold, boxes, rows, width, height)
@@ -257,7 +255,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
 _PANEL_FIELDS = tuple(Panels.__dataclass_fields__)
 
 
-def _no_panels(frames: int, device: torch.device) -> Panels:
+def no_panels(frames: int, device: torch.device) -> Panels:
     """Start with no panel found."""
     count = torch.zeros(frames, dtype=torch.int64, device=device)
     corners = count.new_zeros(frames, 4, 2, dtype=torch.float64)

@@ -9,7 +9,11 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, resample
-from vocc_torch.receiver.locators.paper import Choice, PaperLocator, exact_frames
+from vocc_torch.receiver.locators.paper import (
+    PaperLocator,
+    exact_frames,
+    no_panels,
+)
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
@@ -145,7 +149,7 @@ class RefinedLocator(PanelLocator):
         # Copies, for tensors made in inference mode take no part in autograd.
         return Panels(*(getattr(panels, name).clone() for name in Panels.__slots__))
 
-    def _in_crops(self, crops: Frames, shape: PanelShape) -> Choice:
+    def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
         """Find panels in crops with a known surround."""
         assert crops.surround is not None
         background = crops.surround.to(torch.float32)
@@ -157,10 +161,10 @@ class RefinedLocator(PanelLocator):
             self._left_to_paper(panels, poor, crops[poor], shape)
         return panels
 
-    def _in_whole(self, frames: Frames, shape: PanelShape) -> Choice:
+    def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
         """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
         regions = foreground.bright_regions(frames.grey)
-        found = Choice.none(len(regions.frame), frames.grey.device)
+        found = no_panels(len(regions.frame), frames.grey.device)
         size = 2, len(regions.frame)
         background, noise = torch.zeros(
             size, dtype=torch.float32, device=frames.grey.device
@@ -190,13 +194,13 @@ class RefinedLocator(PanelLocator):
         most = merit.new_zeros(len(frames)).scatter_reduce(
             0, regions.frame, merit, "amax"
         )
-        panels = Choice.none(len(frames), frames.grey.device)
+        panels = no_panels(len(frames), frames.grey.device)
         for row in (found.found & (merit == most[regions.frame])).nonzero().flip(0):
             panels.put(regions.frame[row], found[row])
         return panels
 
     def _left_to_paper(
-        self, panels: Choice, rows: Tensor, frames: Frames, shape: PanelShape
+        self, panels: Panels, rows: Tensor, frames: Frames, shape: PanelShape
     ) -> None:
         """Give some panels the paper's places, in frames of theirs."""
         if len(rows):
@@ -204,18 +208,19 @@ class RefinedLocator(PanelLocator):
 
     def _chosen(
         self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape
-    ) -> Choice:
+    ) -> Panels:
         """Choose the paper's blobs among the pixels that are brighter than the background."""
         rise = (
             (REFINED.rise_sigmas * noise)
             .clamp(min=REFINED.least_rise_dn)
             .where(noise > 0, REFINED.clean_rise_dn)
         )
-        return self.paper.choose(crops, (background + rise).floor().long(), shape)
+        limit = (background + rise).floor().long()
+        return self.paper.choose(crops, limit, shape)[0]
 
     def _refit(
         self,
-        panels: Choice,
+        panels: Panels,
         rows: Tensor,
         frames: Frames,
         level: Tensor,
