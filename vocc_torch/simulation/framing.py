@@ -349,20 +349,16 @@ class Batch:
         """Move the frames to where they are drawn."""
         if device.type == "cpu":
             return self
-        bits, centre, origin, iso = (
-            one if one is None else one.to(device, non_blocking=True)
-            for one in (
-                self.bits,
-                self.centre_px,
-                self.context.first_px,
-                self.context.iso,
-            )
+        bits, centre, origin = (
+            part.to(device, non_blocking=True)
+            for part in (self.bits, self.centre_px, self.context.first_px)
         )
+        iso = self.context.iso
         context = replace(
             self.context,
             scene=self.context.scene.to(device),
             origin_px=origin,
-            iso=iso,
+            iso=None if iso is None else iso.to(device, non_blocking=True),
             nearest_m=float(self.context.scene.distance_m.min()),
         )
         return replace(self, context=context, bits=bits, centre_px=centre)

@@ -103,9 +103,15 @@ class Choice(Panels):
     def none(cls, masks: int, device: torch.device) -> Self:
         """Start with nothing chosen."""
         panels = no_panels(masks, device)
-        fields = (getattr(panels, name) for name in _PANEL_FIELDS)
         count = panels.candidates
-        return cls(*fields, count.new_zeros(masks, 2), count.clone())
+        return cls(
+            panels.corners_px,
+            panels.found,
+            panels.score,
+            count,
+            count.new_zeros(masks, 2),
+            count.clone(),
+        )
 
 
 @dataclass(frozen=True)
@@ -230,8 +236,8 @@ class PaperLocator(LocatorLimits, PanelLocator):
             mask = _cut(grey, threshold, boxes, rows, width, height)
             panels, sure = choose_single(mask, place, shape, self)
             left &= ~sure | (boxes[:, 2] > width) | (boxes[:, 3] > height)
-        known = [boxes, left[:, None]] + ([] if facts is None else [facts])
-        known = torch.cat([one.long() for one in known], 1).cpu()
+        columns = [boxes, left[:, None]] + ([] if facts is None else [facts])
+        known = torch.cat([column.long() for column in columns], 1).cpu()
         sizes = (known[:, :4] * known[:, 4:5]).numpy()
         for some, width, height in _passes(sizes):
             rows = torch.from_numpy(some)
