@@ -43,7 +43,7 @@ from vocc_torch.types import Frames
 
 FIELDS = ("section", "what", "device", "batch", "value", "unit", "note")
 NOT_MEASURED = "not measured"
-CUDA_TESTS = ("tests/measure/test_cuda.py", "tests/receiver/test_flda.py")
+CUDA_TESTS = ("tests/measure/test_cuda.py",)
 ROOT = Path(__file__).resolve().parents[1]
 SHAPE = PanelShape(8, 8)
 

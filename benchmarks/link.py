@@ -40,8 +40,6 @@ SHAPE = PanelShape(8, 8)
 STAGES = ("render", "locate", "read", "decide")
 OURS = (("full", 1), ("filled", 4), ("crop", 1), ("crop", 64), ("crop", 256))
 """Framings and batches of our program on the CPU."""
-ON_GPU = (256, 4096)
-"""Batches of crops on a GPU, where there is one."""
 
 
 @dataclass
@@ -117,12 +115,10 @@ def ours(
     scene: Scene,
     bits: torch.Tensor,
     flda: FLDA,
-    device: str = "cpu",
 ) -> Variant:
     """Our pipeline with crops or with full frames."""
-    simulator = Simulator(framing=framing, device=device)  # type: ignore[arg-type]  # crop or full
+    simulator = Simulator(framing=framing)  # type: ignore[arg-type]  # crop or full
     receive = Receive(SHAPE, flda)
-    scene, bits = scene.to(device), bits.to(device)
 
     def run(count: int) -> tuple[dict[str, float], NDArray[np.bool_]]:
         spent, decided = dict.fromkeys(STAGES, 0.0), []
@@ -131,8 +127,6 @@ def ours(
             t: list[float] = []
 
             def clock(t: list[float] = t) -> None:
-                if device == "cuda":
-                    torch.cuda.synchronize()
                 t.append(time.perf_counter())
 
             clock()
@@ -142,10 +136,9 @@ def ours(
             clock()
             for stage, begin, end in zip(STAGES, t, t[1:], strict=False):
                 spent[stage] += end - begin
-        return spent, torch.cat(decided).cpu().numpy()
+        return spent, torch.cat(decided).numpy()
 
-    where = "" if device == "cpu" else f", {device}"
-    return Variant(f"vocc_torch, {framing}, batch {batch}{where}", 0, run)
+    return Variant(f"vocc_torch, {framing}, batch {batch}", 0, run)
 
 
 def _work(call: tuple[int, int, FLDA]) -> int:
@@ -285,19 +278,15 @@ def main() -> None:
     settle_memory()
     torch.set_num_threads(args.threads)
     cv2.setNumThreads(args.threads)
-    cuda = torch.cuda.is_available()
-    scene, bits = scenes(max(args.frames, *ON_GPU) if cuda else args.frames, "timed")
+    scene, bits = scenes(args.frames, "timed")
     flda = train()
     few = max(16, args.frames // 8)
     variants = [peer(True, scene, bits, flda), peer(False, scene, bits, flda)]
     variants += [ours(framing, batch, scene, bits, flda) for framing, batch in OURS]
-    if cuda:
-        variants += [ours("crop", batch, scene, bits, flda, "cuda") for batch in ON_GPU]
     most = [
         few,
         args.frames,
         *(args.frames if batch > 4 else few for _, batch in OURS),
-        *ON_GPU,
     ]
     for variant, frames in zip(variants, most, strict=False):
         variant.frames = frames
@@ -308,14 +297,6 @@ def main() -> None:
                 spent, variant.bits = variant.run(variant.frames)
                 variant.rounds.append(spent)
     table = rows_of(variants, variants[0].name)
-    if not cuda:
-        table += [
-            [
-                f"vocc_torch, crop, batch {b}, cuda",
-                *["not measured"] * (4 + len(STAGES)),
-            ]
-            for b in ON_GPU
-        ]
     for batch in (64, 256):
         count, rates = with_workers(flda, args.rounds, batch)
         each = statistics.median(rates), min(rates), max(rates)

@@ -66,7 +66,6 @@ FIELDS = (
     "ms_high",
 )
 MORE = ("frames_per_second", "times_opencv", "machine")
-NOT_MEASURED = "not measured"
 
 
 @dataclass(frozen=True)
@@ -195,35 +194,6 @@ def stages(
     return calls
 
 
-def on_gpu(
-    name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace
-) -> dict[Key, Callable[[], object]]:
-    """Give ours on the accelerator: frames that lie there already, and frames that are copied there first."""
-    calls: dict[Key, Callable[[], object]] = {}
-    device = torch.device("cuda")
-    pinned, resident = grey.pin_memory(), grey.to(device)
-    moved = FLDA(3)
-    moved.load_state_dict(flda.state_dict())
-    for locator in ("paper", "refined"):
-        receiver = receiver_with(
-            locator_named(locator, PaperLocator()), moved.to(device)
-        )
-        for batch in (*given.batches, len(grey)):
-            for how, frames in (("resident", resident), ("copied", pinned)):
-                key = Key(name, f"vocc_torch, {locator}", "cuda", 1, batch, how)
-                calls[key] = in_batches(
-                    lambda part, receiver=receiver: receiver.decode(
-                        part.to(device, non_blocking=True)
-                    ),
-                    frames,
-                    batch,
-                    pool=False,
-                )
-    copy = torch.empty(1 << 30, dtype=torch.uint8, device=device)
-    calls[Key(name, "copy of 1 GiB", "cuda", 1, 1, "resident")] = copy.clone
-    return calls
-
-
 def agreement(flda: FLDA, count: int) -> str:
     """Compare the bits of ours, with the paper's locator, with the peers', and count everybody's errors."""
     ours = receiver_with(PaperLocator(), flda)
@@ -294,21 +264,6 @@ def rows_of(
     return rows
 
 
-def unmeasured(given: argparse.Namespace, machine: str) -> list[dict[str, object]]:
-    """Give the rows of an accelerator that is not there."""
-    keys = [
-        Key("paper", f"vocc_torch, {locator}", "cuda", 1, batch, how)
-        for locator in ("paper", "refined")
-        for batch in given.batches
-        for how in ("resident", "copied")
-    ]
-    return [
-        dict(zip(FIELDS, (*vars(key).values(), *[NOT_MEASURED] * 3), strict=True))
-        | {"frames_per_second": NOT_MEASURED, "times_opencv": "", "machine": machine}
-        for key in keys
-    ]
-
-
 def show(rows: list[dict[str, object]]) -> None:
     """Print the table."""
     heads = (
@@ -325,33 +280,13 @@ def show(rows: list[dict[str, object]]) -> None:
     )
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     for row in rows:
-        ms = (
-            f"{row['ms']} [{row['ms_low']}, {row['ms_high']}]"
-            if row["ms"] != NOT_MEASURED
-            else NOT_MEASURED
-        )
+        ms = f"{row['ms']} [{row['ms_low']}, {row['ms_high']}]"
         cells = [row[name] for name in FIELDS[:7]] + [
             ms,
             row["frames_per_second"],
             row["times_opencv"],
         ]
         print("| " + " | ".join(str(cell) for cell in cells) + " |")
-
-
-def bandwidth(times: dict[Key, Timing], grey: Tensor) -> Iterator[str]:
-    """Say what share of the accelerator's bandwidth reading each frame once would be."""
-    spent = {key: median_of(timing.seconds).value for key, timing in times.items()}
-    copies = [
-        2**31 / one for key, one in spent.items() if key.program.startswith("copy")
-    ]
-    for key, one in spent.items():
-        if (
-            key.device == "cuda"
-            and key.how == "resident"
-            and not key.program.startswith("copy")
-        ):
-            rate = grey.numel() / one
-            yield f"{key.program}, batch {key.batch}: {rate / 1e9:.1f} GB/s of frames, {rate / copies[0]:.1%}"
 
 
 def main() -> None:
@@ -396,15 +331,7 @@ def main() -> None:
     times |= interleaved(
         on_cpu("noisy", noisy, flda, few), rounds, torch.device("cpu"), clock=clock
     )
-    missing: list[dict[str, object]] = []
-    if torch.cuda.is_available():
-        machine = f"{torch.cuda.get_device_name()}, {machine}"
-        times |= interleaved(
-            on_gpu("paper", clean, flda, given), given.rounds, torch.device("cuda")
-        )
-    else:
-        missing = unmeasured(given, machine)
-    rows = rows_of(times, frames, machine) + missing
+    rows = rows_of(times, frames, machine)
     print(
         f"{machine}; {given.rounds} rounds; ratio: how many times as quick as {STANDARD}\n"
     )
@@ -415,7 +342,6 @@ def main() -> None:
             writer.writeheader()
             writer.writerows(rows)
     print("\n" + agreement(flda, given.compared))
-    print("\n".join(bandwidth(times, clean)))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ bits of their inputs. Float64 knows no TF32.
 
 import os
 from contextlib import contextmanager
+from functools import cache
 
 import pytest
 import torch
@@ -24,7 +25,7 @@ pytestmark = [
     pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
 ]
 
-FRAMES = 256
+FRAMES = 128
 if torch.cuda.is_available():
     # Matrix products have a fixed order only with workspaces of their own; read once, when cuBLAS starts.
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
@@ -85,6 +86,12 @@ def run(device, locator, dtype, flda=None):
     }, flda.cpu()
 
 
+@cache
+def on_cpu(locator, dtype):
+    """Run the link on the CPU, once for all settings of the GPU."""
+    return run("cpu", locator, dtype)
+
+
 def shares(first, second):
     """Give the shares of pixels and bits that differ, and the largest difference of the features."""
     pixels = float((first["grey"] != second["grey"]).double().mean())
@@ -105,7 +112,7 @@ def test_the_gpu_sees_and_reads_what_the_cpu_does(
     locator, dtype, allowed, record_property
 ):
     """Draws are equal; pixels may differ by one grey value, and bits only where a score is all but 0."""
-    cpu, flda = run("cpu", locator, dtype)
+    cpu, flda = on_cpu(locator, dtype)
     with tf32(allowed):
         cuda, _ = run("cuda", locator, dtype, flda)
     assert torch.equal(cpu["bits"], cuda["bits"])
