@@ -147,10 +147,9 @@ class Watch:
         monkeypatch.setattr(Guarded, "fit_stream", streamed)
         for kind, method in ((FLDA, "fit"), (FLDA, "update"), (Guarded, "fit")):
             monkeypatch.setattr(kind, method, self._teaching(getattr(kind, method)))
-        for kind in (FLDA, Guarded):
-            monkeypatch.setattr(
-                kind, "decision_function", self._asking(kind.decision_function)
-            )
+        asked = ((FLDA, "unchecked_scores"), (Guarded, "decision_function"))
+        for kind, method in asked:
+            monkeypatch.setattr(kind, method, self._asking(getattr(kind, method)))
 
     def _teaching(self, method):
         def watched(pupil, x, bits):

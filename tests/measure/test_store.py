@@ -172,11 +172,8 @@ def three_blocks(tmp_path_factory):
 def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
     """Some bytes of a database are unused; a row that is lost is counted again."""
     whole, rule = bytearray(three_blocks), Budget(192)
-    at = data.draw(
-        st.integers(0, len(whole) - 1).filter(
-            lambda at: any(three_blocks[at - 8 : at + 8])
-        )
-    )
+    written = [at for at in range(len(whole)) if any(whole[at - 8 : at + 8])]
+    at = data.draw(st.sampled_from(written))
     whole[at] ^= data.draw(st.integers(1, 255))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger.sqlite"
