@@ -72,6 +72,7 @@ class Settings:
     crops: int = 256  # of 128 x 128 px in a step of the detector's networks
     backend: str = "inductor"  # of torch.compile
     figures: tuple[str, ...] = ()  # further words of the command
+    slowness: float = 1.0  # of the machine: what the sections' limits are times
 
 
 DRY = Settings(
@@ -92,6 +93,7 @@ DRY = Settings(
     crops=2,
     backend="eager",
     figures=("--cfg", "job"),  # check the words, and do nothing
+    slowness=10.0,
 )
 
 
@@ -448,7 +450,8 @@ def apart(section: str, settings: Settings, path: Path, words: list[str]) -> Non
     command = [sys.executable, __file__, "--only", section, "--csv", str(path), *words]
     reason = ""
     try:
-        status = subprocess.run(command, timeout=SECTIONS[section][1], check=False)
+        limit_s = settings.slowness * SECTIONS[section][1]
+        status = subprocess.run(command, timeout=limit_s, check=False)
         if status.returncode:
             reason = f"status {status.returncode}"
     except subprocess.TimeoutExpired as error:
