@@ -95,6 +95,9 @@ class FldaDecider:
         )
         if columns != list(range(features.shape[-1])):
             features = features[..., columns]
+        if features.device.type == "cpu":
+            return self.classifier.decision_function(features.double())
+        # A look at every score would make the host wait for the accelerator.
         return self.classifier.unchecked_scores(features)
 
     def to(self, device: torch.device) -> "FldaDecider":
