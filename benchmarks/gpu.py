@@ -295,10 +295,13 @@ def receiver(settings: Settings) -> Iterator[Row]:
     )
     calls["memory"] = bytes_there.clone
     try:
-        from peer_receiver import PeerReceiver
+        from peer_read import read_bits
+        from peer_render import PeerConfig
 
-        peer = PeerReceiver(flda.direction.numpy(), float(flda.threshold))
-        calls["OpenCV, one frame at a time"] = lambda: peer.read_all(grey[:, 0].numpy())
+        rule = flda.direction.numpy(), float(flda.threshold), PeerConfig()
+        calls["OpenCV, one frame at a time"] = lambda: read_bits(
+            grey[:, 0].numpy(), *rule
+        )
     except ImportError as error:
         yield {"what": "OpenCV", "value": NOT_MEASURED, "note": one_line(error)}
     times = interleaved(calls, settings.rounds, torch.device(settings.device))

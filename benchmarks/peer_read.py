@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from peer_render import Bits, ByteImage, FloatImage, Floats, Lap, PeerConfig, no_lap
+from peer_render import Bits, ByteImage, FloatImage, Floats, PeerConfig
 
 RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.float32) / 8
 """Mean of a cell's eight neighbours (Eq. 9)."""
@@ -23,7 +23,7 @@ def scratch(shape: tuple[int, ...]) -> ByteImage:
 
 
 def close_foreground(
-    frame: ByteImage, closing_px: int, lap: Lap = no_lap
+    frame: ByteImage, closing_px: int
 ) -> tuple[ByteImage, int, int] | None:
     """Binarise by Otsu's threshold, then close the region that holds the foreground.
 
@@ -36,7 +36,6 @@ def close_foreground(
     _, mask = cv2.threshold(
         frame, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU, scratch(frame.shape)
     )
-    lap("otsu")
     x, y, width, height = cv2.boundingRect(mask)
     if width == 0:
         return None
@@ -153,31 +152,25 @@ def extract_features(
 
 
 def read_frame(
-    frame: ByteImage, cfg: PeerConfig, *, lap: Lap = no_lap
+    frame: ByteImage, cfg: PeerConfig
 ) -> tuple[FloatImage | None, FloatImage]:
     """Locate the panel in one frame and measure the features of its LEDs.
 
     Args:
         frame: (H,W) grey values of the whole sensor.
         cfg: panel and receiver.
-        lap: called with the stage's name as it ends.
 
     Returns:
         (4,2) corners on the sensor, clockwise from the top left, and (R,C,3) features AGR, GRI, NGR; None and
         zeros where no panel was found.
     """
-    closed = close_foreground(frame, cfg.closing_px, lap)
-    lap("close")
+    closed = close_foreground(frame, cfg.closing_px)
     corners = None if closed is None else find_panel(closed[0], cfg)
     if closed is None or corners is None:
-        lap("blobs")
         return None, np.zeros((cfg.rows, cfg.columns, 3), np.float32)
     corners += np.array([closed[2], closed[1]], np.float32)
-    lap("blobs")
     patch = rectify(frame, corners, cfg)
-    lap("warp")
     features = extract_features(patch, corners, cfg)
-    lap("features")
     return corners, features
 
 
@@ -187,24 +180,12 @@ def decide(features: FloatImage, direction: Floats, threshold: float) -> Bits:
     return bits
 
 
-def fisher(features: Floats, bits: Bits) -> tuple[Floats, float]:
-    """Train Fisher's discriminant (Eqs. 14, 15 and 19).
-
-    Args:
-        features: (N,F) of LEDs whose bits are known.
-        bits: (N,), both classes present.
-
-    Returns:
-        Direction (F,) and threshold.
-
-    Example:
-        >>> direction, threshold = fisher(np.array([[0.0], [1], [4], [5]]), np.array([0, 0, 1, 1], bool))
-        >>> direction.tolist(), threshold
-        ([4.0], 10.0)
-    """
-    on, off = features[bits], features[~bits]
-    centred = np.concatenate([on - on.mean(axis=0), off - off.mean(axis=0)])
-    direction: Floats = np.linalg.solve(
-        centred.T @ centred, on.mean(axis=0) - off.mean(axis=0)
-    )
-    return direction, float(direction @ (on.mean(axis=0) + off.mean(axis=0)) / 2)
+def read_bits(
+    frames: ByteImage, direction: Floats, threshold: float, cfg: PeerConfig
+) -> Bits:
+    """Read the bits (B,R,C) of frames (B,H,W), one after the other; Off where no panel was found."""
+    decided = []
+    for frame in frames:
+        corners, features = read_frame(frame, cfg)
+        decided.append(decide(features, direction, threshold) & (corners is not None))
+    return np.stack(decided)

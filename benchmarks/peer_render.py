@@ -7,7 +7,6 @@ and tables are those of T.-H. Do and M. Yoo, IEEE Access 7, 2019.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,7 +20,6 @@ Floats = NDArray[np.floating]
 # OpenCV's stubs do not tell one kind of image from the other; the names do.
 ByteImage = MatLike
 FloatImage = MatLike
-Lap = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +53,6 @@ class PeerConfig:
     def px_per_m(self, distance_m: float) -> float:
         """Scale of the pinhole image, in pixels a metre at ``distance_m``."""
         return self.focal_length_m / (self.pixel_m * distance_m)
-
-
-def no_lap(stage: str) -> None:
-    """Time nothing: the default of the ``lap`` arguments, which are called as each stage ends."""
 
 
 def disc_coverage(x_edges: Floats, y_edges: Floats, radius_px: float) -> Floats:
@@ -182,7 +176,6 @@ def render_frame(
     *,
     full: bool = True,
     out: ByteImage | None = None,
-    lap: Lap = no_lap,
 ) -> ByteImage:
     """Render one frame: exposure (Eqs. 2, 3, 20), blooming, then gamma, clipping and rounding (Eq. 1).
 
@@ -201,7 +194,6 @@ def render_frame(
         full: blur and encode the whole sensor; False does so around the panel only and fills the rest with
             the background's grey value, which gives the same frame.
         out: (H,W) uint8 to write to, which saves the page faults of a new frame.
-        lap: called with the stage's name as it ends.
 
     Returns:
         (H,W) grey values of the whole sensor.
@@ -230,17 +222,14 @@ def render_frame(
         exposure, blurred = scratch(cfg.sensor_px)
         exposure.fill(1)
         exposure[rows, columns] = region
-    lap("draw")
 
     kernel = (cfg.blur_kernel_px, cfg.blur_kernel_px)
     cv2.GaussianBlur(
         exposure, kernel, cfg.blur_sigma_px, blurred, borderType=cv2.BORDER_REPLICATE
     )
-    lap("blur")
 
     frame = np.empty(cfg.sensor_px, np.uint8) if out is None else out
     if not full:
         frame.fill(min(round(background_grey), 255))
     encode(blurred, background_grey, cfg.gamma, frame if full else frame[rows, columns])
-    lap("encode")
     return frame

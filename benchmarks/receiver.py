@@ -1,11 +1,7 @@
-"""The receiver on uint8 full-HD frames against one in plain NumPy and OpenCV: time, and whether bits agree.
+"""The receiver on uint8 full-HD frames against one in NumPy and OpenCV: time, and whether bits agree.
 
-Every program reads the same frames in batches; all take turns in one run, and medians over the rounds are
-compared. Ours runs with each locator. The peer (``peer_receiver.py``) locates as the paper does, once with
-OpenCV's own passes over the frame and once with our shortcut for frames of mostly one grey value. With two
-threads and batches each side is tried in both ways, with the library's own threads and with a pool of two
-that share a batch, and the quicker counts. The bits of the programs with the paper's locator are compared,
-frame by frame, on frames that are not timed.
+Every program reads the same frames, in turns, on one thread; medians over the rounds are compared. The
+OpenCV program (``peer_read.py``) locates with the paper's steps and reads a frame at a time.
 
     python benchmarks/receiver.py --rounds 9 --csv docs/results/receiver.csv
 """
@@ -16,332 +12,135 @@ import argparse
 import csv
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
-import numpy as np
 import torch
-from link import SHAPE, scenes, train
-from numpy.typing import NDArray
-from peer_receiver import PeerReceiver
+from link import NEAREST_M, SHAPE, scenes, train
+from peer_read import read_bits
+from peer_render import PeerConfig
 from torch import Tensor
 
-from vocc_torch import Simulator
-from vocc_torch.measure.timing import (
-    Timing,
-    describe_machine,
-    interleaved,
-    median_of,
-    settle_memory,
-)
-from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import PanelLocator, PaperLocator, locator_named
-from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch import Receiver, Simulator
+from vocc_torch.measure.timing import describe_machine, interleaved, median_of
+from vocc_torch.receiver.locators import PaperLocator, locator_named
 from vocc_torch.types import Frames
 
-NOISE = {
-    "photoelectrons": {"quantum_efficiency": 0.6},
-    "shot_noise": {},
-    "read_noise": {"electrons": 3.0},
-    "gain": {},
-}
+BATCH = 16
+"""Frames rendered at a time."""
+COLUMNS = ("program", "batch", "stage", "ms", "ms_low", "ms_high", "times_opencv")
 
-STANDARD = "OpenCV"
-SKIPPING = "OpenCV, our shortcut"
-FIELDS = (
-    "scene",
-    "program",
-    "device",
-    "threads",
-    "batch",
-    "how",
-    "stage",
-    "ms",
-    "ms_low",
-    "ms_high",
-)
-MORE = ("frames_per_second", "times_opencv", "machine")
+Key = tuple[str, int, str]
+"""Program, batch and stage."""
 
 
-@dataclass(frozen=True)
-class Key:
-    """What one row of the table is about."""
-
-    scene: str
-    program: str
-    device: str
-    threads: int
-    batch: int
-    how: str
-    stage: str = "all"
-
-
-def rendered(
-    point: str, count: int, noisy: bool = False
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """Render full frames of the paper's scenes, 16 at a time: bits (b,R,C), and (b,1,H,W) uint8."""
-    simulator = Simulator(
-        effects={**PAPER_EFFECTS, **NOISE} if noisy else PAPER_EFFECTS, framing="filled"
-    )
+def rendered(point: str, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+    """Render whole frames of the paper's scenes: bits (b,R,C), and (b,1,H,W) uint8."""
+    simulator = Simulator(framing="filled")
     scene, bits = scenes(count, point)
-    for start in range(0, count, 16):
-        rows = slice(start, min(start + 16, count))
-        keys = [
-            FrameKey(BlockKey(0, point, one // 64), one % 64)
-            for one in range(start, rows.stop)
-        ]
-        frames = simulator.render(scene[rows], bits[rows], nearest_m=30.0, keys=keys)
-        yield bits[rows], frames.grey
+    for start in range(0, count, BATCH):
+        part = slice(start, start + BATCH)
+        frames = simulator.render(scene[part], bits[part], nearest_m=NEAREST_M)
+        yield bits[part], frames.grey
 
 
-def receiver_with(locator: PanelLocator, flda: FLDA) -> Receiver:
-    """Put our receiver together."""
-    return Receiver("flda_3", locator, Reader(SHAPE), flda)
+def peer_bits(grey: Tensor, receiver: Receiver) -> Tensor:
+    """Decode frames with OpenCV, one at a time."""
+    flda = receiver.classifier
+    rule = flda.direction.numpy(), float(flda.threshold)
+    return torch.from_numpy(read_bits(grey[:, 0].numpy(), *rule, PeerConfig()))
 
 
-def in_batches(
-    read: Callable[[Tensor], object], grey: Tensor, batch: int, pool: bool
-) -> Callable[[], object]:
-    """Read all frames in batches, each shared by two threads if ``pool``."""
-    parts = grey.split(batch)
-    if not pool:
-        return lambda: [read(part) for part in parts]
-    executor = ThreadPoolExecutor(2)
-    return lambda: [list(executor.map(read, part.chunk(2))) for part in parts]
-
-
-def with_threads(threads: int, call: Callable[[], object]) -> Callable[[], object]:
-    """Set the threads of both libraries before a call."""
-
-    def run() -> object:
-        torch.set_num_threads(threads)
-        cv2.setNumThreads(threads)
-        return call()
-
-    return run
-
-
-def on_cpu(
-    name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace
+def calls_of(
+    receiver: Receiver, grey: Tensor, batches: list[int]
 ) -> dict[Key, Callable[[], object]]:
-    """Give every program, batch and number of threads."""
-    calls: dict[Key, Callable[[], object]] = {}
-    readers: dict[str, Callable[[Tensor], object]] = {}
-    for locator in ("paper", "refined"):
-        receiver = receiver_with(locator_named(locator, PaperLocator()), flda)
-        readers[f"vocc_torch, {locator}"] = receiver.decode
-    for program, skipping in ((STANDARD, False), (SKIPPING, True)):
-        peer = PeerReceiver(flda.direction.numpy(), float(flda.threshold), skipping)
-        readers[program] = lambda part, peer=peer: peer.read_all(part[:, 0].numpy())
-    for program, read in readers.items():
-        for batch in (size for size in given.batches if size <= len(grey)):
-            for threads in given.threads:
-                key = Key(name, program, "cpu", threads, batch, "library threads")
-                calls[key] = with_threads(
-                    threads, in_batches(read, grey, batch, pool=False)
-                )
-                if threads == 2 and batch > 1:
-                    key = Key(name, program, "cpu", threads, batch, "pool")
-                    calls[key] = with_threads(
-                        1, in_batches(read, grey, batch, pool=True)
-                    )
-    return calls
+    """Give every program in batches, and the stages of the package: locate, read, decide."""
 
+    def each(work: Callable[..., object], *parts: list[object]) -> object:
+        return [work(*part) for part in zip(*parts, strict=True)]
 
-def stages(
-    name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace
-) -> dict[Key, Callable[[], object]]:
-    """Give the stages of ours on one thread: locate, read (rectify and measure), decide."""
     calls: dict[Key, Callable[[], object]] = {}
-    reader = Reader(SHAPE)
-    for locator in ("paper", "refined"):
-        locate = locator_named(locator, PaperLocator())
-        for batch in (size for size in given.batches if size <= len(grey)):
-            parts = [Frames.whole(part) for part in grey.split(batch)]
-            panels = [locate(part, SHAPE) for part in parts]
-            read = [
-                reader.read_features(part, found)
-                for part, found in zip(parts, panels, strict=True)
+    calls["OpenCV", 1, "all"] = partial(peer_bits, grey, receiver)
+    for name in ("paper", "refined"):
+        locator = locator_named(name, PaperLocator())
+        ours = Receiver("flda_3", locator, receiver.reader, receiver.classifier)
+        for batch in batches:
+            greys = list(grey.split(batch))
+            frames = [Frames.whole(part) for part in greys]
+            panels = [locator(part, SHAPE) for part in frames]
+            read = ours.reader.read_features
+            features = [
+                read(part, found) for part, found in zip(frames, panels, strict=True)
             ]
+            shape = [SHAPE] * len(frames)
             work = {
-                "locate": lambda parts=parts, locate=locate: [
-                    locate(part, SHAPE) for part in parts
-                ],
-                "read": lambda parts=parts, panels=panels: [
-                    reader.read_features(part, found)
-                    for part, found in zip(parts, panels, strict=True)
-                ],
-                "decide": lambda read=read: [
-                    flda.decision_function(one) for one in read
-                ],
+                "all": partial(each, ours.decode, greys),
+                "locate": partial(each, locator, frames, shape),
+                "read": partial(each, read, frames, panels),
+                "decide": partial(each, ours.classifier.decision_function, features),
             }
             for stage, call in work.items():
-                key = Key(
-                    name,
-                    f"vocc_torch, {locator}",
-                    "cpu",
-                    1,
-                    batch,
-                    "library threads",
-                    stage,
-                )
-                calls[key] = with_threads(1, call)
+                calls[f"vocc_torch, {name}", batch, stage] = call
     return calls
 
 
-def agreement(flda: FLDA, count: int) -> str:
-    """Compare the bits of ours, with the paper's locator, with the peers', and count everybody's errors."""
-    ours = receiver_with(PaperLocator(), flda)
-    refined = receiver_with(locator_named("refined", PaperLocator()), flda)
-    peers = {
-        name: PeerReceiver(flda.direction.numpy(), float(flda.threshold), skipping)
-        for name, skipping in ((STANDARD, False), (SKIPPING, True))
-    }
-    differ, wrong = (
-        dict.fromkeys(peers, 0),
-        dict.fromkeys(("ours, paper", "ours, refined", *peers), 0),
-    )
-    missed = bits = 0
+def agreement(receiver: Receiver, count: int) -> str:
+    """Compare the bits of the package and of OpenCV, and count the errors of both."""
+    differ = ours = theirs = missed = 0
     for sent, grey in rendered("compared", count):
-        decoded = ours.decode(grey)
+        decoded, other = receiver.decode(grey), peer_bits(grey, receiver)
         missed += int((~decoded.found).sum())
-        bits += sent.numel()
-        wrong["ours, paper"] += int((decoded.bits != sent).sum())
-        wrong["ours, refined"] += int((refined.decode(grey).bits != sent).sum())
-        for name, peer in peers.items():
-            theirs: NDArray[np.bool_] = peer.read_all(grey[:, 0].numpy())
-            differ[name] += int((theirs != decoded.bits.numpy()).sum())
-            wrong[name] += int((theirs != sent.numpy()).sum())
-    apart = ", ".join(f"{name} {number}" for name, number in differ.items())
-    errors = ", ".join(f"{name} {number}" for name, number in wrong.items())
+        differ += int((decoded.bits != other).sum())
+        ours += int((decoded.bits != sent).sum())
+        theirs += int((other != sent).sum())
+    bits = count * SHAPE.leds
     return (
-        f"{count} frames from 30 to 70 m, {bits} bits: bits unlike ours with the paper's locator: {apart}; "
-        f"bit errors: {errors}; panels missed by ours: {missed}"
+        f"{count} frames from 30 to 70 m, {bits} bits: {differ} differ; bit errors:"
+        f" vocc_torch {ours}, OpenCV {theirs}; panels missed by vocc_torch: {missed}"
     )
-
-
-def rows_of(
-    times: dict[Key, Timing], frames: dict[str, int], machine: str
-) -> list[dict[str, object]]:
-    """Write times a frame as rows; of the ways to use two threads the quicker is kept."""
-    best: dict[tuple[object, ...], Key] = {}
-    spent = {key: median_of(timing.seconds) for key, timing in times.items()}
-    for key in times:
-        how = key.how if key.device == "cuda" else ""
-        place = (
-            key.scene,
-            key.program,
-            key.device,
-            key.threads,
-            key.batch,
-            how,
-            key.stage,
-        )
-        if place not in best or spent[key].value < spent[best[place]].value:
-            best[place] = key
-    rows: list[dict[str, object]] = []
-    for key in best.values():
-        own, count = spent[key], frames[key.scene]
-        rival = best.get(
-            (key.scene, STANDARD, "cpu", key.threads, key.batch, "", "all")
-        )
-        ratio = spent[rival].value / own.value if rival and key.stage == "all" else None
-        ms = [f"{1e3 * value / count:.4g}" for value in (own.value, own.low, own.high)]
-        row: dict[str, object] = dict(
-            zip(FIELDS, (*vars(key).values(), *ms), strict=True)
-        )
-        row |= {
-            "frames_per_second": f"{count / own.value:.4g}",
-            "times_opencv": "" if ratio is None else f"{ratio:.2f}",
-            "machine": machine,
-        }
-        rows.append(row)
-    return rows
-
-
-def show(rows: list[dict[str, object]]) -> None:
-    """Print the table."""
-    heads = (
-        "scene",
-        "program",
-        "device",
-        "threads",
-        "batch",
-        "how",
-        "stage",
-        "ms a frame",
-        "frames/s",
-        "ratio",
-    )
-    print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
-    for row in rows:
-        ms = f"{row['ms']} [{row['ms_low']}, {row['ms_high']}]"
-        cells = [row[name] for name in FIELDS[:7]] + [
-            ms,
-            row["frames_per_second"],
-            row["times_opencv"],
-        ]
-        print("| " + " | ".join(str(cell) for cell in cells) + " |")
 
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0] if __doc__ else None
-    )
+    parser = argparse.ArgumentParser(description="The receiver against OpenCV.")
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--frames", type=int, default=32, help="frames a round")
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 8, 32])
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
-    parser.add_argument(
-        "--compared", type=int, default=256, help="frames whose bits are compared"
-    )
+    parser.add_argument("--compared", type=int, default=256, help="frames, untimed")
     parser.add_argument("--csv", type=Path, help="where the rows are written")
     parser.add_argument(
-        "--processor-time",
-        action="store_true",
-        help="take one thread's processor time instead of the clock's, on a machine that is busy with else",
+        "--processor-time", action="store_true", help="for a busy machine"
     )
-    given = parser.parse_args()
-    flda = train()
-    settle_memory()
+    args = parser.parse_args()
     torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    receiver = train()
     # Frames of their own, not views of what the simulator keeps.
-    clean = torch.cat([grey for _, grey in rendered("timed", given.frames)])
-    noisy = torch.cat([grey for _, grey in rendered("timed", 4, noisy=True)])
-    frames = {"paper": len(clean), "noisy": len(noisy)}
-    machine = f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}"
-    clock = time.process_time if given.processor_time else time.perf_counter
-    if given.processor_time:
-        given.threads, machine = [1], f"{machine}, processor time"
-    times = interleaved(
-        on_cpu("paper", clean, flda, given) | stages("paper", clean, flda, given),
-        given.rounds,
-        torch.device("cpu"),
-        warm_up=1,
-        clock=clock,
-    )
-    few = argparse.Namespace(batches=[1], threads=given.threads[:1])
-    rounds = max(3, given.rounds // 3)
-    times |= interleaved(
-        on_cpu("noisy", noisy, flda, few), rounds, torch.device("cpu"), clock=clock
-    )
-    rows = rows_of(times, frames, machine)
-    print(
-        f"{machine}; {given.rounds} rounds; ratio: how many times as quick as {STANDARD}\n"
-    )
-    show(rows)
-    if given.csv:
-        with given.csv.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, (*FIELDS, *MORE))
-            writer.writeheader()
-            writer.writerows(rows)
-    print("\n" + agreement(flda, given.compared))
+    grey = torch.cat([frames.clone() for _, frames in rendered("timed", args.frames)])
+    calls = calls_of(receiver, grey, args.batches)
+    clock = time.process_time if args.processor_time else time.perf_counter
+    named = {str(number): call for number, call in enumerate(calls.values())}
+    timed = interleaved(named, args.rounds, torch.device("cpu"), clock=clock)
+    medians = {
+        key: median_of([1e3 * seconds / len(grey) for seconds in timing.seconds])
+        for key, timing in zip(calls, timed.values(), strict=True)
+    }
+    opencv_ms = medians["OpenCV", 1, "all"].value
+    rows = []
+    for (program, batch, stage), ms in medians.items():
+        times = f"{opencv_ms / ms.value:.2f}" if stage == "all" else ""
+        ends = (f"{value:.4g}" for value in (ms.value, ms.low, ms.high))
+        rows.append((program, str(batch), stage, *ends, times))
+    clock_name = "processor time" if args.processor_time else "clock"
+    machine = describe_machine(torch.device("cpu"))
+    print(f"{machine}, OpenCV {cv2.__version__}, {clock_name}, {args.rounds} rounds")
+    for row in (COLUMNS, *rows):
+        print(" | ".join(row))
+    print(agreement(receiver, args.compared))
+    if args.csv:
+        with args.csv.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":
