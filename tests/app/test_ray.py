@@ -112,7 +112,7 @@ def test_where_no_cluster_is_one_line_says_so(address, tmp_path):
     before = time.monotonic()
     status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert (status, err.count("\n")) == (2, 1)
-    assert err.startswith(f"vocc-torch: error: executor.address is {address}: no")
+    assert err.startswith(f"vocc-torch: error: executor.address is {address}: no ray")
     assert time.monotonic() - before < 60
     assert not (tmp_path / "runs" / "x" / "ledger.sqlite").exists()
 
@@ -182,7 +182,7 @@ def test_a_node_with_another_version_of_the_package_is_refused(tmp_path):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert (status, err.count("\n")) == (2, 1)
     assert err.startswith("vocc-torch: error: node ")
-    assert "has code of vocc_torch" in err
+    assert " of code " in err
 
 
 def test_a_task_that_runs_out_of_memory_is_one_line(tmp_path):
@@ -195,5 +195,5 @@ def test_a_task_that_runs_out_of_memory_is_one_line(tmp_path):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
     assert status == 2
     assert err.splitlines()[-1].startswith(
-        "vocc-torch: error: a task ran out of memory on its node, 3 times"
+        "vocc-torch: error: a cluster lost a task 3 times (OutOfMemoryError"
     )

@@ -19,7 +19,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.executors import Workers, worker_losses_told
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.plan import Plan
@@ -423,23 +423,22 @@ def count(
             point.add()
 
     try:
-        with worker_losses_told():
-            while True:
-                fill()
-                if begun and begun[0].stopped_by:
-                    yield begun.popleft().outcome
-                elif calls:
-                    _collect(calls)
-                    for point in begun:
-                        point.add()
-                else:
-                    return
-                for future in [
-                    future
-                    for future, (point, _) in calls.items()
-                    if point.stopped_by and future.cancel()
-                ]:
-                    del calls[future]
+        while True:
+            fill()
+            if begun and begun[0].stopped_by:
+                yield begun.popleft().outcome
+            elif calls:
+                _collect(calls)
+                for point in begun:
+                    point.add()
+            else:
+                return
+            for future in [
+                future
+                for future, (point, _) in calls.items()
+                if point.stopped_by and future.cancel()
+            ]:
+                del calls[future]
     finally:
         _end(calls)
 

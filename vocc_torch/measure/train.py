@@ -15,7 +15,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.executors import Workers, worker_losses_told
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, resolve_device
 from vocc_torch.measure.store import canonical
@@ -311,19 +311,18 @@ def train_plans(
         for key, (part, _) in parts.items()
     }
     trained = {key: training for key, training in known.items() if training is not None}
-    with worker_losses_told():
-        # The longest training begins first.
-        longest = sorted(
-            (key for key in parts if key not in trained), key=panels, reverse=True
-        )
-        for key in trained:
-            told(parts[key][0].budget.training_frames)
-        calls = {key: workers.submit(train_part, parts[key]) for key in longest}
-        for key, call in calls.items():
-            trained[key] = call.result()
-            told(parts[key][0].budget.training_frames)
-            if kept is not None:
-                kept.keep(key, parts[key][0], trained[key])
+    # The longest training begins first.
+    longest = sorted(
+        (key for key in parts if key not in trained), key=panels, reverse=True
+    )
+    for key in trained:
+        told(parts[key][0].budget.training_frames)
+    calls = {key: workers.submit(train_part, parts[key]) for key in longest}
+    for key, call in calls.items():
+        trained[key] = call.result()
+        told(parts[key][0].budget.training_frames)
+        if kept is not None:
+            kept.keep(key, parts[key][0], trained[key])
     return [
         {name: Training.joined([trained[key][name] for key in keys]) for name in named}
         for keys, named in zip(keys_of_plans, locators, strict=True)

@@ -101,11 +101,7 @@ def render(
     """Write the shards that are not complete, shared out over workers; give how many were complete."""
     complete = 0
     frames = sum(shard.frames for shard in shards)
-    with (
-        pool,
-        terminal.ProgressView(frames, console, "rendering") as view,
-        executors.worker_losses_told(),
-    ):
+    with pool, terminal.ProgressView(frames, console, "rendering") as view:
         calls: deque[Any] = deque()
         waiting = deque(shards)
         while waiting or calls:
