@@ -38,7 +38,6 @@ COMMANDS = {
         ),
         *(
             "rivals.scene_training_frames=64",
-            "rivals.genie_frames=2",
             "rivals.scene_frames=32",
         ),
         *(

@@ -144,7 +144,6 @@ SECTIONS = {
         **{
             "threads": 2,
             "frames_a_preamble": 2,
-            "genie_frames": 1,
             "scenes": {"far": {"distance_m": 70}},
         },
         **{"devices": ["cpu", "cuda"], "onnx": True},
@@ -153,7 +152,6 @@ SECTIONS = {
         **{
             "reference": "flda_2",
             "points": {"ambient": 2000},
-            "genie_frames": 1,
             "scenes": {},
         },
         **{

@@ -4,9 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.measure.train import Making
@@ -63,13 +61,6 @@ def errors(wrong=BIT_ERRORS, frames=FRAMES):
     return FrameErrors(half, np.ones_like(half, dtype=bool), LEDS)
 
 
-REFERENCES = {
-    "mixture": GenieReference(Counts(500, 500 * LEDS, 0, 0, 0, 0), 500, 0.03),
-    "far": GenieReference(Counts(500, 500 * LEDS, 20, 40, 10, 0), 490, 0.04),
-}
-"""No error in the mixture, a wrong bit in each of 10 frames far away."""
-
-
 def times_of(settings=SETTINGS, alone_ms=ALONE_MS):
     """Times of each at every place."""
     factor = {
@@ -85,9 +76,7 @@ def times_of(settings=SETTINGS, alone_ms=ALONE_MS):
     }
 
 
-def made_up_prices(
-    settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, references=None, further=()
-):
+def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, further=()):
     """Give the list; ``further`` has the wrong bits after further trainings."""
     study = SimpleNamespace(
         settings=settings,
@@ -115,7 +104,5 @@ def made_up_prices(
             "mixture": Errors([errors(bits) for bits in trained]),
             "far": Errors([errors(bits) for bits in far]),
         },
-        references or {},
-        {},
         times,
     )

@@ -1,7 +1,5 @@
 """A comparison's counts are recorded, and taken from the store when it goes on."""
 
-import dataclasses
-
 import pytest
 
 from vocc_torch.measure.config import Budget
@@ -10,7 +8,6 @@ from vocc_torch.measure.runner import Banks, Job
 from vocc_torch.measure.store import Store
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.compare.run import Run
 
 FRAMES = 70
@@ -33,15 +30,3 @@ def test_what_is_recorded_is_not_counted_again(job, tmp_path, monkeypatch):
     assert again.errors.counts == first.errors.counts
     assert first.errors.counts[0].frames == FRAMES
     assert first.errors.counts[0].bit_errors > 0
-
-
-def test_scenes_that_the_genie_does_not_know_are_named(job):
-    effects = {**PAPER_EFFECTS, "jpeg": {"quality": 90}}
-    world = dataclasses.replace(job.plan.world, effects=effects)
-    other = dataclasses.replace(job, plan=dataclasses.replace(job.plan, world=world))
-    with Workers(1) as pool:
-        asked = {"plain": (job, 1), "jpeg": (other, 1)}
-        found, refused = Run(pool).references(asked)
-    assert list(found) == ["plain"]
-    assert found["plain"].counts.frames == 1
-    assert "scene.effects.jpeg" in refused["jpeg"]

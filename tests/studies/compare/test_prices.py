@@ -11,7 +11,6 @@ from made_up_prices import (
     BASE,
     FRAMES,
     LEDS,
-    REFERENCES,
     SETTINGS,
     made_up_prices,
 )
@@ -128,11 +127,11 @@ def test_points_have_the_counts_interval_and_the_best_batch():
 
 
 def test_tables_have_a_line_each_and_at_most_fifteen_columns():
-    prices = made_up_prices(references=REFERENCES)
+    prices = made_up_prices()
     head, *lines = price_report.price_lines(prices)
     assert len(head) == 15
     places, missing = len(SETTINGS) * 4 * 2, len(SETTINGS)
-    assert len(lines) == places + len(REFERENCES) + missing
+    assert len(lines) == places + missing
     assert {len(line) for line in lines} == {15}
     stages, *times = price_report.stage_lines(prices)
     assert {len(line) for line in times} == {len(stages)}
@@ -142,7 +141,7 @@ def test_tables_have_a_line_each_and_at_most_fifteen_columns():
 
 
 def test_words_take_what_the_table_says():
-    words = price_report.recommendation(made_up_prices(references=REFERENCES))
+    words = price_report.recommendation(made_up_prices())
     assert max(map(len, words.splitlines())) <= 110
     assert "Not measured on cuda: no such device." in words
     text = " ".join(words.split())
@@ -150,14 +149,14 @@ def test_words_take_what_the_table_says():
 
 
 def test_the_figure_numbers_every_setting_and_names_its_axes():
-    prices = made_up_prices(references=REFERENCES)
+    prices = made_up_prices()
     figure = price_figure(prices, "far", "cpu", "whole")
     (axes,) = figure.axes
     labels = axes.get_xlabel(), axes.get_ylabel()
     assert labels == ("Time a frame (ms)", "Bit error rate")
     *_, legend = figure.legends
     names = [text.get_text() for text in legend.get_texts()]
-    assert len(names) == len(SETTINGS) + 1
+    assert len(names) == len(SETTINGS)
     assert names[0].startswith("1  Average greyscale")
     bold = [text for text in legend.get_texts() if text.get_fontweight() == "bold"]
     points = prices.points("far", "cpu", "whole")

@@ -7,14 +7,12 @@ import pytest
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
 from vocc_torch.studies.compare.classifiers import write_tables
 from vocc_torch.studies.compare.rival_figures import curves_figure, scenes_figure
 from vocc_torch.studies.compare.rival_results import (
     Comparison,
-    GeniePoint,
     Transfer,
     summary,
 )
@@ -74,13 +72,6 @@ def curves(experiment="distance"):
     )
 
 
-def genie_point(wrong=0, **receivers):
-    """64 frames; every receiver has 8 wrong bits in them, if nothing else is said, and "net" none."""
-    wrongs = {**dict.fromkeys(WRONG, 8), "net": 0, **receivers}
-    counted = {name: counts(bits, 64) for name, bits in wrongs.items()}
-    return GeniePoint(GenieReference(counts(wrong, 64), 64, 0.025), counted)
-
-
 def words_of(comparison):
     return " ".join(summary(comparison).split())
 
@@ -129,7 +120,6 @@ def made_up():
             "plain": 0.02,
         },
         points={"distance": 70.0},
-        genie={"distance": {30.0: genie_point(), 70.0: genie_point()}},
         transfers=transfers,
         home="paper",
         most_training_frames=500,
@@ -173,12 +163,6 @@ def test_the_tables_state_what_was_counted(made_up, tmp_path):
     }
     assert scenes["paper", "night", "net"]["ratio"] == ""
     assert float(scenes["night", "paper", "flda_3"]["ratio"]) == pytest.approx(4.5)
-    (first, _) = lines_of(tmp_path / "genie.csv")
-    assert (first["best_receivers"], first["best_bit_errors"], first["proven"]) == (
-        "net",
-        "0",
-        "64",
-    )
 
 
 def test_the_words_are_the_numbers(made_up):
@@ -187,9 +171,6 @@ def test_the_words_are_the_numbers(made_up):
         "Best of those that learn: net, at 70 m no errors in 64000 bits",
         "It was chosen on these very frames",
         "12.0 s of training on 8000 frames, 5185 parameters, 25.3 kB, 0.08 ms a frame",
-        "0 wrong bits of 8192 in the first 64 frames of each point, at 25 ms a frame",
-        "In 128 of 128 frames it is proven",
-        "no receiver has fewer wrong bits at any point",
         "night (4.7e-4 against none)",
         "flda_3 trained on paper is as good everywhere",
         "night (4.5 times)",

@@ -57,12 +57,11 @@ def plan(make_plan):
 
 @pytest.fixture(scope="module")
 def study(plan):
-    """One experiment, the genie on eight frames, and fog beside."""
+    """One experiment, and fog beside."""
     fog = replace(plan, world=World(device="cpu", effects=FOG))
     config = RivalsConfig(
         reference="flda_3",
         points={"far": 70.0},
-        genie_frames=8,
         scene_frames=70,
         scene_training_frames=64,
     )
@@ -92,7 +91,7 @@ def test_a_mix_of_scenes_is_of_those_of_its_home(study):
             {"points": {"far": 65.0}},
             "rivals.points.far is 65: it must be one of 60, 70",
         ),
-        ({"genie_frames": -1}, "rivals.genie_frames is -1: it must be at least 0"),
+        ({"scene_frames": -1}, "rivals.scene_frames is -1: it must be at least 0"),
         (
             {"scene_training_frames": 1},
             "rivals.scene_training_frames is 1: it must be at least 2",

@@ -145,7 +145,6 @@ def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_mo
             {"frames_a_preamble": 0},
             "tradeoff.frames_a_preamble is 0: it must be at least 1",
         ),
-        ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
         ({"scenes": {}}, "tradeoff.scenes is empty"),
         ({"scenes": {"odd": {"distance_m": -1.0}}}, "tradeoff.scenes.odd.distance_m"),
         (

@@ -27,7 +27,6 @@ class TradeoffConfig:
         threads: threads within an operation while times are taken; 0 for torch's own choice.
         frames_a_preamble: frames of data that a pair of frames of known bits serves, at least 1; errors are
             counted with a pair for each.
-        genie_frames: frames of each kind of scenes for a decoder that knows the scene; 0 for none.
         scenes: kinds of scenes by name: what they narrow.
         onnx: whether reading located panels in onnxruntime is timed too, on the CPU; an extra.
     """
@@ -44,7 +43,6 @@ class TradeoffConfig:
     repeats: int = 0
     threads: int = 0
     frames_a_preamble: int = 1
-    genie_frames: int = 0
     scenes: dict[str, Any] = field(default_factory=dict)
     onnx: bool = False
 
@@ -57,7 +55,6 @@ class RivalsConfig:
         experiments: the axes along which receivers are compared, by name.
         reference: the receiver that the others are compared with.
         points: a value of an experiment's axis that the summary states, by experiment.
-        genie_frames: frames a point that the genie decides; 0 for none.
         scenes: other scenes by name.
         scene_frames: test frames for each pair of scenes; 0 for no pairs.
         scene_training_frames: most frames that a receiver learns from there, at least 2.
@@ -69,7 +66,6 @@ class RivalsConfig:
     experiments: dict[str, Experiment] = field(default_factory=dict)
     reference: str = ""
     points: dict[str, float] = field(default_factory=dict)
-    genie_frames: int = 0
     scenes: dict[str, SceneSettings] = field(default_factory=dict)
     scene_frames: int = 0
     scene_training_frames: int = 0

@@ -9,8 +9,6 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report import styles, tensorboard, terminal
 from vocc_torch.studies.compare import RivalsConfig, rival_figures
 from vocc_torch.studies.compare.rival_results import (
-    GENIE,
-    KNOWS,
     Comparison,
     ratio_text,
     summary,
@@ -45,7 +43,7 @@ def run_classifiers(
         run_folder.open_ledger(ledger, study.identity, console) as store,
     ):
         run_folder.write_config(settings, folder)
-        stages = 3 + bool(rivals.genie_frames) + 2 * bool(study.scene_plans)
+        stages = 3 + 2 * bool(study.scene_plans)
         with executors.Workers.of(settings) as pool:
             run = Run(pool, store, console, stages)
             comparison, training = compare_classifiers(study, run)
@@ -75,14 +73,13 @@ def run_classifiers(
         ("points", "ber.csv"),
         ("pairs", "paired.csv"),
     ]
-    places += [("genie", "genie.csv")] if comparison.genie else []
     places += [("scenes", "robustness.csv")] if comparison.transfers else []
     places += [("figure", f"{name}.png") for name in figures]
     run_folder.print_places(console, folder, places, settings.tensorboard)
 
 
 def write_tables(folder: Path, comparison: Comparison) -> None:
-    """Write points, pairs and costs and, where they were measured, the genie's points and the scenes.
+    """Write points, pairs and costs and, where they were measured, the scenes.
 
     Args:
         folder: where they go.
@@ -100,8 +97,6 @@ def write_tables(folder: Path, comparison: Comparison) -> None:
     run_folder.write_rows(folder / "ber.csv", [head, *rows], short=True)
     run_folder.write_paired(folder / "paired.csv", comparison.curves.values())
     tables = {"classifiers": classifier_lines(comparison)}
-    if comparison.genie:
-        tables["genie"] = genie_lines(comparison)
     if comparison.transfers:
         tables["robustness"] = scene_lines(comparison)
     for name, lines in tables.items():
@@ -149,28 +144,6 @@ def classifier_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
         yield line
 
 
-def genie_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
-    """Give head and lines of ``genie.csv``, a line a point.
-
-    ``best_receivers`` have the fewest wrong bits on the genie's frames: all that do, with spaces between.
-    """
-    head = ("proven", "seconds_a_frame", "best_receivers", "best_bit_errors")
-    yield ("experiment", "axis", "value", *COUNTED, *head)
-    for name, points in comparison.genie.items():
-        axis = comparison.curves[name].axis
-        for value, point in sorted(points.items()):
-            yield (
-                name,
-                axis,
-                value,
-                *counted(point.genie.counts),
-                point.genie.proven,
-                point.genie.seconds_a_frame,
-                " ".join(point.best),
-                point.receivers[point.best[0]].bit_errors if point.best else None,
-            )
-
-
 def scene_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
     """Give head and lines of ``robustness.csv``, a line for each pair of scenes and receiver.
 
@@ -187,7 +160,7 @@ def scene_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
 def board_numbers(comparison: Comparison) -> dict[str, dict[str, float]]:
     """Give each receiver's rates at the summary's points, and its costs, for its row of the HPARAMS tab."""
     numbers: dict[str, dict[str, float]] = {}
-    for receiver in [*comparison.ranked, *([GENIE] if comparison.genie else [])]:
+    for receiver in comparison.ranked:
         row: dict[str, float | None] = {"bits_ms": comparison.decision_ms.get(receiver)}
         for experiment, value in comparison.points.items():
             point = f"{experiment}_{styles.value_text(value)}"
@@ -209,7 +182,7 @@ def board_numbers(comparison: Comparison) -> dict[str, dict[str, float]]:
 
 
 def print_table(comparison: Comparison, console: terminal.Console) -> None:
-    """Print a line for each receiver, the best first, and the genie's above them.
+    """Print a line for each receiver, the best first.
 
     Under a rate stands its interval. What learns nothing has no training.
 
@@ -226,8 +199,8 @@ def print_table(comparison: Comparison, console: terminal.Console) -> None:
     table = terminal.plain_table(*heads, "bits\nms")
     first = table.columns[0]
     first.justify, first.no_wrap, first.overflow = "left", False, "fold"
-    for receiver in [*([GENIE] if comparison.genie else []), *comparison.ranked]:
-        line = [KNOWS if receiver == GENIE else receiver]
+    for receiver in comparison.ranked:
+        line = [receiver]
         for name, value in comparison.points.items():
             ratio = comparison.ratio(name, receiver, value)
             line.append(point_text(comparison, name, receiver, value))
@@ -256,8 +229,4 @@ def point_text(
     if rate.value:
         interval = styles.ends_text(rate.low, rate.high)
         return f"{styles.rate_text(rate.value)}\n{interval}"
-    row = comparison.row(experiment, receiver, value)
-    if row is not None and receiver == GENIE:
-        # A limit would tell of the genie's few frames alone.
-        return f"0 of\n{row.bits} bits"
     return f"< {styles.rate_text(rate.high)}"

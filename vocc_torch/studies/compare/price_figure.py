@@ -23,7 +23,6 @@ class PriceLook:
     opacity: Mapping[str, float] = field(
         default_factory=lambda: {"frontier": 1.0, "perhaps": 0.75, "beaten": 0.35}
     )
-    reference: str = "#7A3E9D"  # the decoder that knows the scene
     near: float = 0.06  # numbers this close in log10 of time and rate cover each other
     size_in: tuple[float, float] = (12.5, 6.4)
     line_in: float = 0.215  # height of a receiver's line in the legend
@@ -60,12 +59,7 @@ def price_figure(prices: PriceList, scenes: str, device: str, frames: str) -> Fi
         drawstyle="steps-post",
         zorder=1,
     )
-    rate = prices.reference(scenes)
-    if rate is not None and rate.value:
-        look: dict[str, Any] = {"color": PRICE_LOOK.reference, "linestyle": "--"}
-        axes.axhline(rate.value, linewidth=1.3, **look)
-        signs.append(Line2D([], [], **look, label="knows the scene"))
-    rates = [point.ber for point in points] + ([rate] if rate and rate.value else [])
+    rates = [point.ber for point in points]
     shown = Curve(Style("", "", "", "-"), [], rates)
     axes.set(xscale="log", yscale="log", ylim=plots.rate_limits([shown]))
     axes.set(xlabel="Time a frame (ms)", ylabel="Bit error rate")

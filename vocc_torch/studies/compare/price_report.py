@@ -24,8 +24,7 @@ COLUMNS = (
 
 ``varied`` names what differs from the first values. ``ms`` is the median time a frame with its quartiles,
 ``frames`` what the receiver is handed. After several trainings ``ber`` is the algorithm's. ``rank`` compares
-receivers with the same batch size: ``frontier``, ``perhaps`` beaten by chance, or surely ``beaten``. The
-receiver ``genie`` knows the scene and decides on the first ``test_frames``: it has no time.
+receivers with the same batch size: ``frontier``, ``perhaps`` beaten by chance, or surely ``beaten``.
 """
 
 STAGE_COLUMNS = (
@@ -141,10 +140,6 @@ def price_lines(prices: PriceList) -> Iterator[Cells]:
                     *ends(point.ber),
                     point.rank,
                 )
-    for scenes, reference in prices.references.items():
-        if (rate := prices.reference(scenes)) is not None:
-            frames = reference.counts.frames
-            yield ("genie", *[None] * 8, scenes, frames, *ends(rate), None)
     for device in prices.study.missing:
         for setting in prices.settings:
             cells = setting_cells(setting, prices)
@@ -207,9 +202,6 @@ def print_prices(prices: PriceList, words: str, console: terminal.Console) -> No
             *rate_texts(point.ber),
         )
         table.add_row(*map(terminal.Text, cells), style="" if first else "dim")
-    if (rate := prices.reference(scenes)) is not None:
-        same = f"{prices.references[scenes].counts.frames} frames"
-        table.add_row("", "knows the scene", "", same, "", "", *rate_texts(rate))
     console.print(table)
     below = written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames)
     short = words.partition("EVERY KIND OF")[0]

@@ -9,7 +9,6 @@ from typing import Literal, NamedTuple
 from vocc_torch.measure import estimate, intervals, stage_times
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.train import Making
 from vocc_torch.measure.trainings import Trained, mean_difference
 from vocc_torch.studies.compare.settings import Setting, TradeoffStudy
@@ -301,17 +300,12 @@ class PriceList:
         study: what was compared.
         costs: what it took to train each setting.
         errors: by kind of scenes, in the order of the settings.
-        references: what a decoder that knows the scene does on the first of the same frames, by kind of
-            scenes; empty where it was not measured.
-        no_references: why not, by kind of scenes.
         times: on frames of the first kind of scenes; they stand for the other kinds too.
     """
 
     study: TradeoffStudy
     costs: Mapping[Setting, Making]
     errors: Mapping[str, Errors]
-    references: Mapping[str, GenieReference]
-    no_references: Mapping[str, str]
     times: Times
 
     @property
@@ -366,22 +360,6 @@ class PriceList:
             self.points(scenes, device, frames, batch),
             lambda a, b: not compared(a, b).real,
         )
-
-    def reference(self, scenes: str) -> estimate.Estimate | None:
-        """Give the rate of a decoder that knows the scene; None where it was not measured."""
-        if scenes not in self.references:
-            return None
-        counts = [reference.counts for reference in self.references.values()]
-        return intervals.ber_interval(
-            self.references[scenes].counts,
-            errors_per_frame_error=bits_a_wrong_frame(counts),
-        )
-
-    def on_reference_frames(self, scenes: str, setting: Setting) -> Counts:
-        """Give a setting's errors on the frames that the decoder that knows the scene had."""
-        frames = self.references[scenes].counts.frames
-        first = self.errors[scenes].first.first(frames)
-        return first.counts[self.settings.index(setting)]
 
 
 def bits_a_wrong_frame(counts: Sequence[Counts]) -> float:

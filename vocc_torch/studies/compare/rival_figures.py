@@ -7,11 +7,9 @@ import numpy as np
 from vocc_torch.measure import curve, intervals
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import heatmap, page, plots, styles
-from vocc_torch.report.plots import LOOK, Curve, Figure, Panel
+from vocc_torch.report.plots import Curve, Figure, Panel
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.rival_results import (
-    GENIE,
-    KNOWS,
     Comparison,
     Transfer,
     ratio_text,
@@ -35,15 +33,11 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
         name: style.label for name, style in styles.receiver_styles(names).items()
     }
     reference = Style(labels[comparison.reference], "#D55E00", "", "-")
-    genie = Style(KNOWS, LOOK.ink, "", "--")
     at, panels = comparison.points.get(experiment), []
-    known = table.of(GENIE)
     for place, name in enumerate(names, 1):
         others = set(names) - {name, comparison.reference}
         curves = [bare_curve(table.of(other), OTHERS) for other in sorted(others)]
         curves.append(bare_curve(table.of(comparison.reference), reference))
-        if any(row.ber for row in known):
-            curves.append(bare_curve(known, genie))
         shown = curve.BerTable(table.of(name))
         curves += plots.table_panel(shown, styles={name: SHOWN}).curves
         title = f"{place}. {labels[name]}"
@@ -51,7 +45,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
         if at is not None and ratio is not None:
             title += f"\n{ratio_text(ratio)} at {styles.value_text(at)}"
         panels.append(Panel(curves, title, styles.axis_label(table.axis)))
-    frames = styles.range_text(row.frames for row in table if row.receiver != GENIE)
+    frames = styles.range_text(row.frames for row in table)
     note = " \N{MIDDLE DOT} ".join(
         [
             f"{frames} frames a point",
@@ -60,9 +54,6 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
             plots.interval_note(table),
         ]
     )
-    if known and not any(row.ber for row in known):
-        tested = styles.range_text(row.frames for row in known)
-        note += f" \N{MIDDLE DOT} {KNOWS}: no errors in {tested} frames a point"
     heading = f"Bit error rate of {len(names)} receivers, the fewest errors first"
     return plots.curve_figure(panels, heading, note, COLUMNS)
 

@@ -1,14 +1,12 @@
-"""What a comparison of many receivers measured: rates, the genie's, costs, other scenes; and its summary."""
+"""What a comparison of many receivers measured: rates, costs, other scenes; and its summary."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from statistics import median_high
 
 from vocc_torch.measure import curve, estimate, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import (
     PairedCounts,
     mover_ratio,
@@ -16,38 +14,6 @@ from vocc_torch.measure.paired import (
     rate_ratio,
 )
 from vocc_torch.report import page, styles
-
-GENIE = "genie"
-"""The genie's name among receivers."""
-
-KNOWS = "knows the scene"
-"""What the genie is called in pictures and tables."""
-
-
-@dataclass(frozen=True)
-class GeniePoint:
-    """What is possible at one point: the genie, and the receivers on the same frames.
-
-    Args:
-        genie: the genie's errors.
-        receivers: counts of the receivers.
-    """
-
-    genie: GenieReference
-    receivers: Mapping[str, Counts]
-
-    @property
-    def best(self) -> tuple[str, ...]:
-        """The receivers with the fewest wrong bits on these frames."""
-        wrong = {name: counts.half_errors for name, counts in self.receivers.items()}
-        least = min(wrong.values(), default=0)
-        return tuple(name for name, errors in wrong.items() if errors == least)
-
-    @property
-    def unbeaten(self) -> bool:
-        """Whether no receiver has fewer wrong bits than the genie."""
-        best = self.receivers[self.best[0]].half_errors if self.best else 0
-        return not self.best or self.genie.counts.half_errors <= best
 
 
 @dataclass(frozen=True)
@@ -97,8 +63,6 @@ class Comparison:
         points: of each experiment the value that the summary states.
         curves: by experiment.
         decision_ms: time of a frame from the rectified panel to its bits, by receiver.
-        genie: by experiment and value; empty without it.
-        no_genie: why there is none, by experiment.
         transfers: across scenes, all of them with ``home`` on one side.
         lost_scenes: why scenes are not among ``transfers``, by name.
         home: name of the scenes of the experiments.
@@ -111,8 +75,6 @@ class Comparison:
     points: Mapping[str, float]
     curves: Mapping[str, curve.Curves] = field(default_factory=dict)
     decision_ms: Mapping[str, float] = field(default_factory=dict)
-    genie: Mapping[str, Mapping[float, GeniePoint]] = field(default_factory=dict)
-    no_genie: Mapping[str, str] = field(default_factory=dict)
     transfers: Sequence[Transfer] = ()
     lost_scenes: Mapping[str, str] = field(default_factory=dict)
     home: str = ""
@@ -121,15 +83,8 @@ class Comparison:
 
     @cached_property
     def tables(self) -> dict[str, curve.BerTable]:
-        """Each experiment's points, the genie's last."""
-        tables = {}
-        for name, curves in self.curves.items():
-            points = list(curves.points())
-            for value, point in sorted(self.genie.get(name, {}).items()):
-                place = name, curves.axis, value, GENIE, curves.locator
-                points.append(curve.Point(*place, point.genie.counts, "frames"))
-            tables[name] = curve.BerTable(points)
-        return tables
+        """Each experiment's points."""
+        return {name: curves.table() for name, curves in self.curves.items()}
 
     @property
     def trainings(self) -> int:
@@ -159,7 +114,7 @@ class Comparison:
         After several trainings it is that of the algorithms, by the intervals of both, which takes no credit
         for their frames being the same.
         """
-        if receiver in (self.reference, GENIE):
+        if receiver == self.reference:
             return None
         if self.trainings > 1:
             rate = self.rate(experiment, receiver, value)
@@ -228,7 +183,7 @@ def ratio_text(ratio: estimate.Estimate, most: bool = False) -> str:
 
 
 def summary(comparison: Comparison, width: int = 100) -> str:
-    """Say which receiver is best, what it costs, how far it is from what is possible, and where it fails.
+    """Say which receiver is best, what it costs, and where it fails.
 
     Args:
         comparison: what was measured.
@@ -246,16 +201,6 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     stated = [name for name in names if name in (names[0], reference)]
     apart = [move for move in apart if move.receiver in stated]
     apart.sort(key=lambda move: -move.ratio.value if move.ratio else -float("inf"))
-    points = [
-        (name, value, point)
-        for name, by_value in comparison.genie.items()
-        for value, point in by_value.items()
-    ]
-    seconds = [point.genie.seconds_a_frame for *_, point in points]
-    on_its_frames = {
-        name: sum(point.receivers[name].bit_errors for *_, point in points)
-        for name in ranked
-    }
     text = page.render(
         __package__,
         "summary.txt.j2",
@@ -265,11 +210,6 @@ def summary(comparison: Comparison, width: int = 100) -> str:
         stated=stated,
         comparisons=len(apart),
         worse=[move for move in apart if move.surely_worse(len(apart))],
-        knows=KNOWS,
-        genie=sum((point.genie.counts for *_, point in points), Counts()),
-        genie_ms=1e3 * median_high(seconds or [0.0]),
-        genie_points=points,
-        on_its_frames=on_its_frames,
         ratio_text=ratio_text,
         value_text=styles.value_text,
     )

@@ -17,7 +17,7 @@ from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.compare import RivalsConfig
-from vocc_torch.studies.compare.rival_results import Comparison, GeniePoint, Transfer
+from vocc_torch.studies.compare.rival_results import Comparison, Transfer
 from vocc_torch.studies.compare.run import Run
 
 TIMED_ROUNDS = 9
@@ -76,7 +76,6 @@ class ClassifierStudy:
         demand_least(
             "rivals.",
             self.config,
-            genie_frames=0,
             scene_frames=0,
             scene_training_frames=2,
         )
@@ -174,7 +173,7 @@ def build_classifier_study(
 def compare_classifiers(
     study: ClassifierStudy, run: Run
 ) -> tuple[Comparison, Training]:
-    """Train all receivers, measure them along every axis, and what they cost and can do at best.
+    """Train all receivers, measure them along every axis, and what they cost.
 
     Args:
         study: the study.
@@ -219,7 +218,6 @@ def compare_classifiers(
         }
         measured = sweep.measured(experiment, at)
         curves[experiment.key] = measured.curves[experiment.locators[0]]
-    genie, no_genie = genie_points(study, jobs, outcomes, run)
     transfers, lost_scenes = across_scenes(study.scene_plans, run)
     with run.stage("times", 1) as advance:
         decision_ms = decision_times(study.base, trained[0])
@@ -230,8 +228,6 @@ def compare_classifiers(
         study.config.points,
         curves,
         decision_ms,
-        genie,
-        no_genie,
         transfers,
         lost_scenes,
         study.home,
@@ -247,47 +243,6 @@ def point_job(
     """Give what counts a point of an experiment, recorded under the experiment's own name."""
     job = sweep.plain_job(study, {study.locators[0]: bank}, value, run.pool)
     return replace(job, name=f"{study.key}/{job.point}")
-
-
-def genie_points(
-    study: ClassifierStudy,
-    jobs: Mapping[tuple[str, float], runner.Job],
-    outcomes: Mapping[tuple[str, float], runner.Outcome],
-    run: Run,
-) -> tuple[dict[str, dict[float, GeniePoint]], dict[str, str]]:
-    """Let the genie decide the first frames of every point, beside the receivers' errors on the same.
-
-    Args:
-        study: the study.
-        jobs: what counted the points, by experiment and value.
-        outcomes: what they gave.
-        run: workers, store and progress.
-
-    Returns:
-        The points by experiment and value; and why there are none, by experiment.
-    """
-    asked = {}
-    for place, outcome in outcomes.items():
-        frames = min(study.config.genie_frames, outcome.errors.counts[0].frames)
-        if frames:
-            asked[place] = jobs[place], frames
-    if not asked:
-        return {}, {}
-    found, refused = run.references(asked)
-    reasons = {name: reason for (name, _), reason in refused.items()}
-    points: dict[str, dict[float, GeniePoint]] = {}
-    for (name, value), reference in found.items():
-        if name in reasons:
-            continue
-        plan, errors = study.plans[name], outcomes[name, value].errors
-        first = errors.first(reference.counts.frames)
-        locator = plan.receiver.locator
-        receivers = {
-            receiver: first.counts[errors.place(Key(locator, receiver))]
-            for receiver in plan.receiver.names
-        }
-        points.setdefault(name, {})[value] = GeniePoint(reference, receivers)
-    return points, reasons
 
 
 def across_scenes(

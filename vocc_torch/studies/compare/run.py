@@ -1,7 +1,7 @@
-"""What every comparison does: train, count and ask the decoder that knows the scene; resumed, with time left."""
+"""What every comparison does: train and count; resumed, with time left."""
 
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -9,9 +9,7 @@ from typing import TypeVar
 from vocc_torch.measure import runner
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.genie import GenieReference, genie_reference
 from vocc_torch.measure.kept_training import KeptTrainings
-from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import Training, train_alone
@@ -94,28 +92,3 @@ class Run:
             batches = [job.plan.batch_frames for job, _ in jobs]
             batch_frames = max(batches, default=BLOCK_FRAMES)
             return list(runner.count(points, self.pool, batch_frames))
-
-    def references(
-        self, jobs: Mapping[Name, tuple[runner.Job, int]]
-    ) -> tuple[dict[Name, GenieReference], dict[Name, str]]:
-        """Let a decoder that knows the scene decide the first frames of each job.
-
-        Args:
-            jobs: each with its number of frames.
-
-        Returns:
-            What the decoder got wrong, and why it has no result, by name.
-        """
-        found: dict[Name, GenieReference] = {}
-        refused: dict[Name, str] = {}
-        total = sum(frames for _, frames in jobs.values())
-        with self.stage("what is possible", total) as advance:
-            for name, (job, frames) in jobs.items():
-                place = job.plan, job.model, job.point, frames
-                try:
-                    found[name] = genie_reference(*place, self.pool, self.store)
-                except UnknownLikelihoodError as error:
-                    # It shows only once scenes are drawn: pixels full before they are white.
-                    refused[name] = str(error)
-                advance(frames)
-        return found, refused

@@ -144,7 +144,6 @@ class TradeoffStudy:
             repeats=1,
             threads=0,
             frames_a_preamble=1,
-            genie_frames=0,
         )
         for name, scene in config.scenes.items():
             if not name.isidentifier() or not isinstance(scene, dict):

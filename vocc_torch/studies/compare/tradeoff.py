@@ -57,8 +57,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         run_folder.open_ledger(ledger, identity_of(study), console) as store,
     ):
         run_folder.write_config(settings, folder)
-        stages = 3 + bool(config.genie_frames)
-        run = Run(Workers.of(settings), store, console, stages)
+        run = Run(Workers.of(settings), store, console, 3)
         prices = price_receivers(study, run)
     words = price_report.recommendation(prices)
     price_report.write_prices(folder, prices)
@@ -111,17 +110,11 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
         errors = dict(
             zip(scenes, (by_training(receivers, of) for of in outcomes), strict=True)
         )
-        frames = min(study.config.genie_frames, study.plan.budget.frames)
-        if frames:
-            asked = {name: (job, frames) for name, job in jobs.items()}
-            references, refused = run.references(asked)
-        else:
-            references, refused = {}, dict.fromkeys(jobs, "tradeoff.genie_frames is 0")
     config = study.config
     places = len(config.frames) * len(config.devices) * len(config.batch_sizes)
     with run.stage("times", places) as advance:
         times = measure_times(study, receivers, advance)
-    return PriceList(study, costs, errors, references, refused, times)
+    return PriceList(study, costs, errors, times)
 
 
 def identity_of(study: TradeoffStudy) -> dict[str, object]:
