@@ -121,7 +121,7 @@ def test_default_run_writes_everything(app, tmp_path):
         "precision": None,
         "least_ber": 0.0,
         "trainings": 1,
-        "rare": False,
+        "sampling": None,
     }
     runs = {run.name for run in (folder / "tensorboard").iterdir()}
     assert runs == {"_summary", *names}

@@ -111,7 +111,7 @@ SECTIONS = {
             "target_frame_errors": 50,
             "precision": 0.2,
         },
-        **{"least_ber": 0.01, "trainings": 2, "rare": True},
+        **{"least_ber": 0.01, "trainings": 2, "sampling": "a.b"},
     },
     "figures": {
         **{"names": ["fig22"], "readings": ["open"]},

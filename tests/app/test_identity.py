@@ -97,7 +97,7 @@ DEPENDS = {
         scene={"distance_m": NEAR},
     ),
     **under("experiment", training={"distance_m": NEAR}),
-    **under("budget", training_frames=999, trainings=2, rare=True),
+    **under("budget", training_frames=999, trainings=2, sampling="a.b"),
 }
 """What the numbers of a ledger's rows depend on, and another value of each."""
 

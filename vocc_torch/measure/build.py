@@ -87,12 +87,9 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         VoccError: a value outside its range, named by its key.
     """
     world, budget = build_world(settings), settings.budget
-    if budget.rare and settings.task != "test":
-        raise VoccError.of(
-            "budget.rare",
-            "true",
-            f"false for task={settings.task}: only task=test uses it",
-        )
+    if budget.sampling and settings.task != "test":
+        rule = f"null for task={settings.task}: only task=test uses it"
+        raise VoccError.of("budget.sampling", budget.sampling, rule)
     if settings.task not in plans.TRAINS_OFTEN:
         # Of a named budget; where it is typed it is refused.
         budget = replace(budget, trainings=1)

@@ -58,8 +58,8 @@ class Budget:
             error rate to either side, above 0 and below 1; null spends all.
         least_ber: with ``precision``, a receiver whose interval lies below this rate needs no more frames; 0
             to below 1.
-        rare: draw scenes where errors are expected and weigh them back, for rates that counting cannot reach;
-            task=test alone, for one curve and one training.
+        sampling: a function that draws scenes where errors are expected and weighs them back, as
+            PACKAGE.MODULE.NAME; null counts scenes as they are. task=test alone, for one curve and one training.
 
     Raises:
         VoccError: a number outside its range, or two stop rules that contradict each other.
@@ -71,7 +71,7 @@ class Budget:
     precision: float | None = None
     least_ber: float = 0.0
     trainings: int = 1
-    rare: bool = False
+    sampling: str | None = None
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -95,9 +95,11 @@ class Budget:
             raise VoccError.of(
                 "budget.least_ber", self.least_ber, "0 unless budget.precision is given"
             )
-        if self.rare and (self.trainings > 1 or target is not None):
+        if self.sampling and (self.trainings > 1 or target is not None):
             name = "trainings" if self.trainings > 1 else "target_frame_errors"
-            rule = f"{1 if self.trainings > 1 else 'null'} where budget.rare is true"
+            rule = (
+                f"{1 if self.trainings > 1 else 'null'} where budget.sampling is given"
+            )
             raise VoccError.of(f"budget.{name}", getattr(self, name), rule)
         if share is not None and target is not None:
             rules = f"budget.precision is {share} and budget.target_frame_errors is {target}"

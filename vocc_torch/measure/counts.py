@@ -1,19 +1,16 @@
 """What a receiver got wrong: exact integers that add over blocks of frames, in any order."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from operator import attrgetter
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.measure.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +152,17 @@ class Counts(Tally):
         return cls(len(sent), sent.numel(), *sums.tolist())
 
     @property
+    def columns(self) -> dict[str, Any]:
+        """Columns of ``ber.csv`` that only counts of another kind have."""
+        return {}
+
+    def interval(
+        self, confidence: float, errors_per_frame_error: float
+    ) -> Estimate | None:
+        """Give the interval of a rate whose frames do not weigh alike; None where they do."""
+        return None
+
+    @property
     def spread(self) -> int:
         """Variance of half errors between frames, times the square of the frames: whole, so exact."""
         return self.frames * self.half_errors_squared - self.half_errors**2
@@ -183,137 +191,6 @@ class Counts(Tally):
                 "counts.bits is 0: a bit error rate needs at least one frame"
             )
         return self.half_errors / (2 * self.bits)
-
-
-WEIGHT_UNIT = 2.0**-100
-"""What weights are counted in, so that their sums are exact; below it a weight is 0."""
-
-
-@dataclass(frozen=True, slots=True)
-class WeightedCounts(Counts):
-    """Errors over frames that were drawn from other scenes than those meant, each with a weight.
-
-    A frame's weight w is the ratio of its probability in the scenes that are meant to that in those it was
-    drawn from, so that the mean of w h over the frames is that of h over frames as they are meant. The fields
-    of :class:`Counts` count the frames as they were drawn. The weighted sums are whole numbers of
-    :data:`WEIGHT_UNIT` (of its square, where weights are squared), so they add exactly in any order.
-
-    Args:
-        nominal: sum over the frames of the share, in 64ths, with which such a frame comes from the scenes
-            that are meant; no weight is above 64 over that share.
-        weighted: sum of w h over the frames, h a frame's ``half_errors``.
-        weighted_squares: sum of w h^2.
-        squares: sum of (w h)^2.
-        fourths: sum of (w h)^4, which tells whether a few frames are most of ``squares``.
-
-    Example:
-        >>> halves, found = np.array([0, 2, 0, 4]), np.ones(4, dtype=bool)
-        >>> rare = WeightedCounts.weigh(halves, found, 64, np.array([2.0, 1e-3, 0.5, 1e-4]), nominal=16)
-        >>> rare.bit_errors, round(rare.ber * rare.bits, 6), round(rare.effective_frames, 1)
-        (3.0, 0.0012, 5384.6)
-    """
-
-    nominal: int = 0
-    weighted: int = 0
-    weighted_squares: int = 0
-    squares: int = 0
-    fourths: int = 0
-    # Few frames may have most of the weight.
-    least_frames: ClassVar[int] = 128 * BLOCK_FRAMES
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that no set of frames can give."""
-        Counts.__post_init__(self)
-        limits = (
-            ("nominal", BLOCK_FRAMES * self.frames, "64 times frames"),
-            (
-                "weighted",
-                self.weighted_squares if self.half_errors else 0,
-                "weighted_squares",
-            ),
-            # By Cauchy and Schwarz.
-            (
-                "weighted",
-                math.isqrt(self.squares * self.frame_errors),
-                "the root of squares by frame_errors",
-            ),
-            (
-                "squares",
-                math.isqrt(self.fourths * self.frame_errors),
-                "the root of fourths by frame_errors",
-            ),
-            ("fourths", self.squares**2, "squares squared"),
-        )
-        for name, limit, reason in limits:
-            if getattr(self, name) > limit:
-                raise VoccError.of(
-                    f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})"
-                )
-
-    @classmethod
-    def weigh(
-        cls,
-        halves: NDArray[np.int64],
-        found: NDArray[np.bool_],
-        leds: int,
-        weights: NDArray[np.float64],
-        nominal: int,
-    ) -> Self:
-        """Count the errors of N frames.
-
-        Args:
-            halves: (N,) each frame's wrong bits, times two.
-            found: (N,) whether its panel was found.
-            leds: bits in a frame.
-            weights: (N,) each frame's weight, at least 0.
-            nominal: share of the frames, in 64ths, that come from the scenes that are meant.
-        """
-        wrong = np.flatnonzero(halves).tolist()
-        pairs = [
-            (round(float(weights[i]) / WEIGHT_UNIT), int(halves[i])) for i in wrong
-        ]
-        return cls(
-            frames=len(halves),
-            bits=len(halves) * leds,
-            half_errors=sum(h for _, h in pairs),
-            half_errors_squared=sum(h * h for _, h in pairs),
-            frame_errors=len(wrong),
-            panels_missed=int((~found).sum()),
-            nominal=len(halves) * nominal,
-            weighted=sum(w * h for w, h in pairs),
-            weighted_squares=sum(w * h * h for w, h in pairs),
-            squares=sum((w * h) ** 2 for w, h in pairs),
-            fourths=sum((w * h) ** 4 for w, h in pairs),
-        )
-
-    @property
-    def ber(self) -> float:
-        """Bit error rate of the scenes that are meant; by chance it may lie above 1.
-
-        Raises:
-            VoccError: no bits were counted.
-        """
-        if self.bits == 0:
-            raise VoccError(
-                "counts.bits is 0: a bit error rate needs at least one frame"
-            )
-        return self.weighted * WEIGHT_UNIT / (2 * self.bits)
-
-    @property
-    def nominal_frames(self) -> float:
-        """Frames drawn as they are meant: those that would find a kind of error that nothing else seeks."""
-        return self.nominal / BLOCK_FRAMES
-
-    @property
-    def effective_frames(self) -> float:
-        """How many frames that are drawn as they are meant would tell the rate as well.
-
-        The ratio of the two sampling variances, as these frames estimate both: mean w h^2 over mean (w h)^2.
-        Without errors :attr:`nominal_frames`, which then limit the rate.
-        """
-        if not self.squares:
-            return self.nominal_frames
-        return self.frames * self.weighted_squares / (self.squares * WEIGHT_UNIT)
 
 
 def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts, WeightedCounts
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
@@ -174,14 +174,8 @@ class Point(PointKey):
         rates = (counts.bit_errors, interval.value, interval.low, interval.high)
         ends = (counts.frame_errors, counts.panels_missed, self.stopped_by)
         row = Row(*named, counts.frames, counts.bits, *rates, *ends)
-        if isinstance(counts, WeightedCounts):
-            unseen = -math.log(1 - CONFIDENCE) / counts.nominal_frames
-            row = replace(
-                row,
-                effective_frames=counts.effective_frames,
-                unseen_below=min(1.0, unseen),
-            )
-            return replace(row, method="rare")
+        if counts.columns:
+            return replace(row, **counts.columns)
         if self.locator != "truth":
             row = replace(row, location_share=counts.location_share)
         if (of := self.trained) is None:

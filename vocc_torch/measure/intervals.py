@@ -16,19 +16,15 @@ from scipy.special import (
     betaincc,
     betainccinv,
     betaincinv,
-    gammainccinv,
-    gammaincinv,
     stdtrit,
 )
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts, WeightedCounts
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 
 MOST_TRIALS = 1e13
 """Most trials that an interval or a test is given of: SciPy's beta integral loses its digits beyond."""
-UNEVEN = 12
-"""Wrong frames to each that their weights are worth, above which the largest weights are too few to tell."""
 _TAIL_TOLERANCE = 1e-3
 
 
@@ -184,18 +180,12 @@ def ber_interval(
     if not 0 < errors_per_frame_error <= bits_per_frame:
         rule = f"above 0 and at most the bits of a frame, {bits_per_frame:g}"
         raise VoccError.of("errors_per_frame_error", errors_per_frame_error, rule)
-    if counts.half_errors == 0 or isinstance(counts, WeightedCounts):
-        frames = (
-            counts.nominal_frames
-            if isinstance(counts, WeightedCounts)
-            else counts.frames
-        )
-        # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
-        frame_error_limit = -math.expm1(math.log1p(-confidence) / frames)
-        limit = frame_error_limit * errors_per_frame_error / bits_per_frame
-        if isinstance(counts, WeightedCounts) and counts.weighted:
-            return weighted_interval(counts, confidence, limit)
-        return Estimate(ber, 0.0, limit)
+    weighed = counts.interval(confidence, errors_per_frame_error)
+    if weighed is not None:
+        return weighed
+    if counts.half_errors == 0:
+        limit = error_free_limit(counts.frames, confidence)
+        return Estimate(ber, 0.0, limit * errors_per_frame_error / bits_per_frame)
     if counts.bits > MOST_TRIALS:
         raise VoccError(
             f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits"
@@ -206,6 +196,12 @@ def ber_interval(
     return clustered_interval(
         counts, design_effect(counts), frames_in_error, fewest, confidence
     )
+
+
+def error_free_limit(frames: float, confidence: float) -> float:
+    """Give the probability of a frame error that frames without one leave possible."""
+    # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
+    return -math.expm1(math.log1p(-confidence) / frames)
 
 
 def precise_enough(counts: Counts, share: float, least_ber: float) -> bool:
@@ -253,63 +249,6 @@ def clustered_interval(
     low = max(clustered.low, frame_error.low * fewest / (counts.bits / counts.frames))
     return Estimate(
         rate, min(low, rate), max(min(clustered.high, frame_error.high), rate)
-    )
-
-
-def weighted_interval(
-    counts: WeightedCounts, confidence: float = 0.95, unseen: float = 0.0
-) -> Estimate:
-    """Give the interval of a rate from weighted frames, which are the independent units.
-
-    Their sum is one of rare things of unequal sizes, for which Fay and Feuer (Statistics in Medicine 16,
-    1997) take the gamma distribution with the sum's mean and variance, exact where all weights are equal. Its
-    shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` over the frames' weighted errors y,
-    corrected for a number of frames that is fixed, times the ratio of t quantiles that pays for a variance
-    which is itself an estimate: few large y make it, so its degrees of freedom are ``(sum y^2)^2 / sum y^4``.
-    The upper end allows for more wrong frames of the large ones, ``y^2 = sum y^4 / sum y^2``: for one where
-    all are alike, which is exact, and where a few make the variance for up to -ln(tail), as many as may be
-    expected of a kind of which none came (three, where the tail is 5 %).
-
-    Where more than :data:`UNEVEN` wrong frames are worth one of equal weights, the proposal seeks other
-    errors than most there are; the frames drawn as they are meant then say how many it may miss.
-
-    Args:
-        counts: at least one wrong frame of a weight above 0.
-        confidence: above 0, below 1.
-        unseen: rate of errors that may go unseen, added to the upper end of such counts.
-    """
-    total, squares, fourths, frames = (
-        counts.weighted,
-        counts.squares,
-        counts.fourths,
-        counts.frames,
-    )
-    effective, freedom = total**2 / squares, squares**2 / fourths
-    # Frames were a number fixed beforehand.
-    shape = (
-        total**2 / (squares - total**2 / frames)
-        if effective < frames
-        else float(frames)
-    )
-    paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
-    tail, rate, large = (
-        (1 - confidence) / 2,
-        counts.ber,
-        math.sqrt(fourths / squares) / total,
-    )
-    widened = 1 + (max(1.0, -math.log(tail)) - 1) * (
-        1 - min(1.0, freedom / effective) ** 2
-    )
-    mean, variance, shape = (
-        1 + widened * large,
-        (1 / shape + widened * large**2) / paid,
-        shape * paid,
-    )
-    low = gammaincinv(shape, tail) / shape
-    high = gammainccinv(mean**2 / variance, tail) * variance / mean
-    missed = unseen if counts.frame_errors > UNEVEN * effective else 0.0
-    return Estimate(
-        rate, float(low) * rate, max(rate, min(1.0, float(high) * rate + missed))
     )
 
 

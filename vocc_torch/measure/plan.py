@@ -242,7 +242,7 @@ class Plan:
         if target is not None and target > frames:
             rule = f"at most the {frames} frames of a point"
             raise VoccError.of("budget.target_frame_errors", target, rule)
-        if self.budget.rare and (
+        if self.budget.sampling and (
             self.experiment.axis == "contrast" or self.experiment.rows
         ):
             named, shape = (
@@ -251,7 +251,9 @@ class Plan:
                 else ("rows", "a grid")
             )
             raise VoccError.of(
-                "budget.rare", "true", f"false where experiment.{named} makes {shape}"
+                "budget.sampling",
+                self.budget.sampling,
+                f"null where experiment.{named} makes {shape}",
             )
         demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
@@ -352,7 +354,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         # A ledger of one training is what it was before there were several.
         **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
-        **({"rare": 3} if plan.budget.rare else {}),
+        **({"sampling": plan.budget.sampling} if plan.budget.sampling else {}),
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

@@ -15,7 +15,6 @@ from vocc_torch.measure import (
     executors,
     grid,
     paired,
-    rare,
     runner,
     sweep,
     timing,
@@ -24,6 +23,7 @@ from vocc_torch.measure import (
 from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
+from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder as run_folder
@@ -60,6 +60,9 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
     plan, console = begun(settings, folder, run_folder.LEDGER)
+    prepare = sweep.plain_job
+    if target := plan.budget.sampling:
+        prepare = PlugIn.of("budget.sampling", target).made
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     pool = executors.Workers.of(settings)
     for line in strangers(plan):
@@ -111,7 +114,6 @@ def run_test(settings: config.Settings, folder: Path) -> None:
                 interim[:] = sweep.points_of(plan, locator, at, told, "interrupted")
                 view.show(interim)
 
-            prepare = rare.weighed_job if plan.budget.rare else sweep.plain_job
             for _, at, done in sweep.run_studies(
                 [study], banks, {study.key: opened}, pool, show, prepare
             ):

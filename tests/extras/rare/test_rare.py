@@ -8,16 +8,15 @@ import pytest
 from one_point import banks
 from scipy import stats
 
-from vocc_torch.measure import rare
-from vocc_torch.measure.counts import WeightedCounts
+from vocc_torch.extras.rare import pilot
+from vocc_torch.extras.rare.scenes import EDGES, WIDTHS, Component, TiltedScenes
+from vocc_torch.extras.rare.weights import WeightedCounts, weighted_interval
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.intervals import (
     ber_interval,
-    weighted_interval,
 )
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.sweep import Study, measured, plain_job, run_studies
-from vocc_torch.measure.tilted import EDGES, WIDTHS, Component, TiltedScenes
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel
 from vocc_torch.types import PanelShape
@@ -101,12 +100,12 @@ def test_the_mean_of_weighted_errors_is_the_known_rate():
     shape, names = PanelShape(8, 8), ("distance_m", "background_grey")
     template = np.full((5, 5), 0.5)
     template[1:4, 2], template[2, 1:4], template[2, 2] = 0.9, 0.9, 0.1
-    seeks = rare.around_leds(
+    seeks = pilot.around_leds(
         shape,
         48,
         template,
         0.5,
-        dict.fromkeys(rare.CLASSES, 1.0),
+        dict.fromkeys(pilot.CLASSES, 1.0),
         dict.fromkeys(names, UPPER),
     )
     scenes, total = (
@@ -148,7 +147,7 @@ def study(make_plan):
     )
     plan = make_plan(experiment=dusk, names=("flda_2", "flda_3"), frames=640)
     return Study(
-        "dusk", replace(plan, budget=replace(plan.budget, rare=True)), ("truth",)
+        "dusk", replace(plan, budget=replace(plan.budget, sampling="rare")), ("truth",)
     )
 
 
@@ -157,9 +156,9 @@ def rates(study, trained, workers=1, ledger=None, **changes):
     plan = replace(study.plan, **changes)
     own = {study.key: banks(plan, {"truth": trained})}
     ledgers = {} if ledger is None else {study.key: ledger}
-    prepare = rare.weighed_job if plan.budget.rare else plain_job
+    prepare = pilot.weighed_job if plan.budget.sampling else plain_job
     with Workers(workers) as pool, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rare, "LEVEL_BLOCKS", (3, 3))
+        patch.setattr(pilot, "LEVEL_BLOCKS", (3, 3))
         ((_, value, outcome),) = run_studies(
             [replace(study, plan=plan)], own, ledgers, pool, prepare=prepare
         )
@@ -173,7 +172,7 @@ def rare_curves(study, trained):
 
 def test_tilted_frames_give_the_rates_that_counting_gives(study, trained, rare_curves):
     plain = rates(
-        study, trained, budget=replace(study.plan.budget, rare=False, frames=1280)
+        study, trained, budget=replace(study.plan.budget, sampling=None, frames=1280)
     )
     for name in study.plan.receiver.names:
         few, many = rare_curves.counts[name, 1000.0], plain.counts[name, 1000.0]

@@ -18,13 +18,20 @@ import torch
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from vocc_torch.extras.rare.scenes import (
+    WIDTHS,
+    Component,
+    Floats,
+    TiltedScenes,
+    part_of,
+)
+from vocc_torch.extras.rare.weights import WeightedCounts
 from vocc_torch.measure import runner, sweep
-from vocc_torch.measure.counts import Counts, WeightedCounts
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Locator, Plan
-from vocc_torch.measure.tilted import WIDTHS, Component, Floats, TiltedScenes, part_of
 from vocc_torch.measure.timing import threads
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from vocc_torch.measure.counts import WeightedCounts
-from vocc_torch.measure.intervals import UNEVEN, ber_interval, weighted_interval
+from vocc_torch.extras.rare.weights import UNEVEN, WeightedCounts, weighted_interval
+from vocc_torch.measure.intervals import ber_interval
 
 BITS = 4
 RARE = [1.0, 0.25, 0.25, 0.5, 2.0**-6]
