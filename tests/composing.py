@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.compare.effect_plan import build_effect_study
 from vocc_torch.studies.compare.rivals import build_classifier_study
-from vocc_torch.studies.compare.settings import build_tradeoff_study
+from vocc_torch.studies.compare.tradeoff import build_tradeoff_study
 from vocc_torch.studies.paper.plan import plan_figures
 
 NOWHERE = Path("runs/none")

@@ -128,25 +128,8 @@ SECTIONS = {
         "severity": {"defocus": Severity("defocus.focus_distance_m", [12.0, 8.0])},
     },
     "tradeoff": {
-        **{
-            "locators": ["truth"],
-            "samples_per_led": [16],
-            "gradients": ["central"],
-            "dtypes": ["float64"],
-        },
-        **{
-            "varied": ["flda_2"],
-            "combine": "all",
-            "batch_sizes": [2],
-            "frames": ["crops"],
-            "repeats": 1,
-        },
-        **{
-            "threads": 2,
-            "frames_a_preamble": 2,
-            "scenes": {"far": {"distance_m": 70}},
-        },
-        **{"devices": ["cpu", "cuda"], "onnx": True},
+        **{"locators": ["truth"], "batch_sizes": [2], "frames": "crops"},
+        **{"repeats": 1, "threads": 2},
     },
     "rivals": {
         **{
@@ -300,15 +283,7 @@ LATER = {
 WHO = ("workers", "executor")
 """Who counts, which a study leaves to ``Workers.of``."""
 
-FROM_OTHERS = {
-    "tradeoff": {
-        **{
-            "receiver.locator": "locators",
-            "receiver.samples_per_led": "samples_per_led",
-        },
-        **{"receiver.gradient": "gradients", "device": "devices"},
-    }
-}
+FROM_OTHERS = {"tradeoff": {"receiver.locator": "locators"}}
 """Keys that reach a task's own section as interpolations, which Hydra resolves, and where."""
 
 
@@ -435,15 +410,9 @@ def spent(settings):
             study.plan.budget,
         )
     if task == "tradeoff":
-        told = [learned(study.training(one)) for one in study.settings[:1]]
-        return (
-            study.settings,
-            told,
-            study.config,
-            study.missing,
-            study.scene_name,
-            study.plan.budget,
-        )
+        plan = replace(study.plan, receiver=replace(study.plan.receiver, save=None))
+        trained = learned(plan)
+        return trained, study.config, study.scene_name, study.plan.budget
     if task == "classifiers":
         scenes = {
             name: identity(one, ["truth"]) for name, one in study.scene_plans.items()
@@ -469,6 +438,8 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     source = inspect.getsource(getattr(place, run) if of_two else place)
     if task == "decode":
         source += inspect.getsource(decoder)
+    if "compare" in module:
+        source += inspect.getsource(import_module("vocc_torch.studies.compare.run"))
     usual, silent, refused = spent(base), [], []
     brought = FROM_OTHERS.get(task, {})
     others = (

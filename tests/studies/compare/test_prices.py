@@ -1,163 +1,172 @@
-"""Operating points, their frontier and the choices within limits are what their definitions give."""
+"""Operating points, their frontier and what is recommended are what their definitions give."""
 
-import itertools
+import dataclasses
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_prices import (
-    ALONE_MS,
-    BASE,
-    FRAMES,
-    LEDS,
-    SETTINGS,
-    made_up_prices,
-)
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.stage_times import STAGES
-from vocc_torch.studies.compare import price_report
-from vocc_torch.studies.compare.price_figure import price_figure
+from vocc_torch.measure.stage_times import STAGES, StageTimes
+from vocc_torch.measure.train import Making
+from vocc_torch.studies.compare import TradeoffConfig, price_report
 from vocc_torch.studies.compare.prices import (
-    LIMITS,
+    Errors,
     OperatingPoint,
-    Place,
-    answers,
+    PriceList,
+    Setting,
+    TradeoffStudy,
     ranked,
 )
-from vocc_torch.studies.compare.settings import Setting
 
-HERE = Place("cpu", "whole", 32)
+LEDS, FRAMES = 64, 1000
+NAMES = ("average_greyscale", "flda_2", "flda_3")
+BIT_ERRORS = (900, 300, 200, 400, 40, 0)
+ALONE_MS = (3.0, 4.0, 4.5, 9.0, 10.5, 11.5)
 
 
-def point(name, low_ms, ms, high_ms, ber, ber_low, ber_high):
-    setting = Setting(name, "paper", **BASE)
-    return OperatingPoint(
-        setting, HERE, Estimate(ms, low_ms, high_ms), Estimate(ber, ber_low, ber_high)
+def errors(wrong, frames=FRAMES):
+    """One wrong bit a frame in the first frames: what the better ones get wrong, the others do too."""
+    half = np.zeros((len(wrong), frames), dtype=np.int64)
+    for row, count in enumerate(wrong):
+        half[row, :count] = 2
+    return FrameErrors(half, np.ones_like(half, dtype=bool), LEDS)
+
+
+def spent(total_ms):
+    """Times about a median, a fifth of them in each of the first stages."""
+    rounds = total_ms * np.linspace(0.96, 1.04, 5) / 5
+    none = np.zeros(5)
+    return StageTimes(
+        {stage: tuple(none if stage == "preambles" else rounds) for stage in STAGES}
     )
 
 
-# Few different values about the limits, so that ties are common.
-times = st.sampled_from([0.5, 1.0, 5.0, 10.0, 15.0, 40.0])
-rates = st.sampled_from([0.0, 1e-5, 5e-5, 1e-3, 5e-3, 0.05])
+@pytest.fixture
+def study(make_plan):
+    config = TradeoffConfig(["paper", "refined"], [1, 32], repeats=3, threads=1)
+    return TradeoffStudy(make_plan(names=NAMES, frames=FRAMES), config, "paper")
 
 
-@st.composite
-def point_lists(draw):
-    pairs = draw(
-        st.lists(st.tuples(times, st.floats(0, 0.4), rates), min_size=1, max_size=12)
-    )
-    return [
-        point(str(n), t * (1 - s), t, t * (1 + s), r, r / 2, min(1, 2 * r + 1e-6))
-        for n, (t, s, r) in enumerate(pairs)
-    ]
-
-
-def everyone(points):
-    return set(itertools.product(range(len(points)), repeat=2))
-
-
-@given(point_lists())
-def test_the_frontier_is_what_nothing_beats(points):
-    kept = {
-        one.setting
-        for one in ranked(points, everyone(points))
-        if one.rank == "frontier"
+@pytest.fixture
+def prices(study):
+    times = {
+        (setting, batch): spent(ms / factor)
+        for setting, ms in zip(study.settings, ALONE_MS, strict=True)
+        for batch, factor in ((1, 1), (32, 2))
     }
-    assert kept == {
-        one.setting
-        for one in points
-        if not any(
-            (o.ms <= one.ms and o.ber.value < one.ber.value)
-            or (o.ms < one.ms and o.ber.value <= one.ber.value)
-            for o in points
+    costs = dict.fromkeys(study.settings, Making(1.5, 1.0, 1000, 80, 1700))
+    made = Errors([errors(BIT_ERRORS)])
+    return PriceList(study, costs, made, times, "a machine", waited_share=0.2)
+
+
+def test_the_frontier_is_what_nothing_beats(prices):
+    @given(
+        st.lists(
+            st.tuples(st.sampled_from([1.0, 5.0, 10.0]), st.sampled_from([0, 3, 90])),
+            min_size=1,
+            max_size=9,
         )
-    }
-    assert {one.rank for one in ranked(points, frozenset())} <= {
-        "frontier",
-        "perhaps",
-    }
+    )
+    def holds(pairs):
+        made = Errors([errors([wrong for _, wrong in pairs])])
+        points = [
+            OperatingPoint(
+                Setting(str(row), "paper"), 1, Estimate(ms, ms, ms), made.rate(row)
+            )
+            for row, (ms, _) in enumerate(pairs)
+        ]
+        for point, (ms, wrong) in zip(ranked(points, made), pairs, strict=True):
+            beaten = any(
+                (a <= ms and b < wrong) or (a < ms and b <= wrong) for a, b in pairs
+            )
+            assert (point.rank == "frontier") != beaten
+
+    holds()
 
 
-@given(point_lists())
-def test_choices_keep_their_limits_and_none_within_is_better(points):
-    found = answers(points, lambda a, b: True)
-    assert [limit for one in found for limit in one.limits] == [
-        *LIMITS.frames_per_s,
-        *LIMITS.rates,
-    ]
-    for one in found:
-        for limit in one.limits:
-            if one.timed:
-                within = [
-                    other for other in points if other.time_ms.high <= 1e3 / limit
-                ]
-                best = min(
-                    ((o.ber.value, o.ber.high, o.ms) for o in within), default=None
-                )
-                taken = one.taken and (
-                    one.taken.ber.value,
-                    one.taken.ber.high,
-                    one.taken.ms,
-                )
-            else:
-                within = [other for other in points if other.ber.high < limit]
-                best, taken = (
-                    min((o.ms for o in within), default=None),
-                    one.taken and one.taken.ms,
-                )
-            assert taken == best
-            assert one.taken is None or one.taken in within
-        if one.timed and one.taken and one.other:
-            assert one.other.time_ms.high < one.taken.time_ms.low
-
-
-def test_points_have_the_counts_interval_and_the_best_batch():
-    prices = made_up_prices()
-    points = prices.points("mixture", "cpu", "whole")
-    assert [one.setting for one in points] == list(SETTINGS)
-    np.testing.assert_allclose([one.ms for one in points], [ms / 2 for ms in ALONE_MS])
-    assert {one.place for one in points} == {HERE}
-    alone = prices.points("mixture", "cpu", "whole", 1)
-    np.testing.assert_allclose([one.ms for one in alone], ALONE_MS)
+def test_points_have_the_counts_interval_and_the_best_batch(prices):
+    points = prices.points()
+    np.testing.assert_allclose([point.ms for point in points], np.array(ALONE_MS) / 2)
+    assert {point.batch for point in points} == {32}
+    np.testing.assert_allclose([point.ms for point in prices.points(1)], ALONE_MS)
     assert points[1].ber == ber_interval(Counts(FRAMES, FRAMES * LEDS, 600, 1200, 300))
+    ranks = [point.rank for point in points]
+    assert [row for row, rank in enumerate(ranks) if rank != "frontier"] == [3]
+    assert ranks[3] == "beaten"
 
 
-def test_tables_have_a_line_each_and_at_most_fifteen_columns():
-    prices = made_up_prices()
-    head, *lines = price_report.price_lines(prices)
-    assert len(head) == 15
-    places, missing = len(SETTINGS) * 4 * 2, len(SETTINGS)
-    assert len(lines) == places + missing
-    assert {len(line) for line in lines} == {15}
-    stages, *times = price_report.stage_lines(prices)
-    assert {len(line) for line in times} == {len(stages)}
-    first = dict(zip(stages, times[0], strict=True))
-    spent = sum(first[f"{stage}_ms"] for stage in STAGES)
-    assert spent == pytest.approx(ALONE_MS[0])
+def test_several_trainings_give_the_algorithms_rate(prices):
+    several = Errors([errors(BIT_ERRORS), errors((100, 500, 200, 400, 40, 0))])
+    rate = several.rate(1)
+    assert rate.value == pytest.approx(400 / FRAMES / LEDS)
+    assert rate.high > prices.errors.rate(1).high
+    assert not several.surely_worse(0, 1)
+    assert prices.errors.surely_worse(0, 1)
 
 
-def test_words_take_what_the_table_says():
-    words = price_report.recommendation(made_up_prices())
+def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices):
+    rows = price_report.price_rows(prices)
+    assert len(rows) == 2 * len(ALONE_MS)
+    assert {len(row) for row in rows} == {14}
+    first = price_report.stage_rows(prices)[0]
+    total = sum(first[f"{stage}_ms"] for stage in STAGES)
+    assert total == pytest.approx(ALONE_MS[0])
+
+
+def test_words_take_what_the_table_says(prices):
+    words = price_report.recommendation(prices)
     assert max(map(len, words.splitlines())) <= 110
-    assert "Not measured on cuda: no such device." in words
     text = " ".join(words.split())
-    assert "take mlp (MLP on 3 x 3 cells), refined locator: BER < 4.7e-5" in text
+    assert "Within 1.00 ms a frame: none; the quickest is Average greyscale" in text
+    assert "Within 10.0 ms a frame: take FLDA: AGR + GRI + NGR, refined locator" in text
+    assert "For a BER below 1.0e-3: take FLDA: AGR + GRI, refined locator" in text
+    assert "Other work had the processor for 20 % of the time." in text
 
 
-def test_the_figure_numbers_every_setting_and_names_its_axes():
-    prices = made_up_prices()
-    figure = price_figure(prices, "far", "cpu", "whole")
+def test_the_figure_numbers_every_setting_and_names_its_axes(prices):
+    figure = price_report.price_figure(prices)
     (axes,) = figure.axes
     labels = axes.get_xlabel(), axes.get_ylabel()
     assert labels == ("Time a frame (ms)", "Bit error rate")
-    *_, legend = figure.legends
-    names = [text.get_text() for text in legend.get_texts()]
-    assert len(names) == len(SETTINGS)
-    assert names[0].startswith("1  Average greyscale")
-    bold = [text for text in legend.get_texts() if text.get_fontweight() == "bold"]
-    points = prices.points("far", "cpu", "whole")
-    assert len(bold) == sum(point.rank == "frontier" for point in points)
+    texts = figure.legends[-1].get_texts()
+    assert len(texts) == len(ALONE_MS)
+    assert texts[0].get_text().startswith("1  Average greyscale")
+    bold = [text for text in texts if text.get_fontweight() == "bold"]
+    assert len(bold) == len(texts) - 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"locators": []}, "tradeoff.locators is empty"),
+        (
+            {"locators": ["gps"]},
+            "tradeoff.locators has 'gps': it must be of truth, paper, refined",
+        ),
+        ({"batch_sizes": [0]}, "tradeoff.batch_sizes has 0: it must be from 1 to 1024"),
+        (
+            {"frames": "halves"},
+            "tradeoff.frames is 'halves': it must be whole or crops",
+        ),
+        ({"repeats": 0}, "tradeoff.repeats is 0: it must be at least 1"),
+        ({"threads": -1}, "tradeoff.threads is -1: it must be at least 0"),
+    ],
+)
+def test_impossible_studies_are_refused(study, changes, said):
+    config = dataclasses.replace(study.config, **changes)
+    with pytest.raises(VoccError) as raised:
+        dataclasses.replace(study, config=config)
+    assert said in str(raised.value)
+
+
+def test_a_stop_rule_is_refused(study):
+    budget = dataclasses.replace(study.plan.budget, target_frame_errors=10)
+    said = r"budget\.target_frame_errors is 10: it must be null for task=tradeoff"
+    with pytest.raises(VoccError, match=said):
+        dataclasses.replace(study, plan=dataclasses.replace(study.plan, budget=budget))

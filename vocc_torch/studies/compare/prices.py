@@ -1,189 +1,152 @@
-"""What each receiver costs in time and makes in errors on the same frames, and which to take."""
+"""What each receiver costs in time and makes in errors on the same frames."""
 
 import itertools
-from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
+from vocc_torch.errors import VoccError, demand_least
 from vocc_torch.measure import estimate, intervals, stage_times
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.measure.plan import OWN_LOCATORS, Plan
 from vocc_torch.measure.train import Making
 from vocc_torch.measure.trainings import Trained, mean_difference
-from vocc_torch.studies.compare.settings import Setting, TradeoffStudy
+from vocc_torch.simulation.simulator import Framing
+from vocc_torch.studies.compare import TradeoffConfig
+
+FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
+"""How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
 
 
 @dataclass(frozen=True)
-class TakenLimits:
-    """What recommendations are made for."""
+class TimingSettings:
+    """How times are taken and judged."""
 
-    frames_per_s: tuple[int, ...] = (1000, 100, 60, 30)  # rates of cameras
-    rates: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)  # bit error rates
+    least_frames: int = 48  # timed rounds meet at least so many, whatever the batch
+    most_batch: int = 1024  # frames at a time
     busy_share: float = 0.05  # waiting from which times are said to be doubtful
 
 
-LIMITS = TakenLimits()
+TIMING = TimingSettings()
 
 
-class Place(NamedTuple):
-    """Where and on what was timed.
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A receiver and what finds the panel for it.
 
     Args:
-        device: a torch device's name.
-        frames: ``whole`` frames of the sensor, or ``crops`` of the panel's surroundings.
-        batch: frames at a time.
+        receiver: what decides.
+        locator: where the corners come from.
     """
 
-    device: str
-    frames: str
-    batch: int
+    receiver: str
+    locator: str
+
+    @property
+    def name(self) -> str:
+        """A name that no other setting has, also for a folder."""
+        return f"{self.receiver}-{self.locator}"
+
+
+@dataclass(frozen=True)
+class TradeoffStudy:
+    """A study of what accuracy costs in time.
+
+    Args:
+        plan: world, receivers and budget; its experiment has no part in it.
+        config: the study's section of the configuration.
+        scene_name: what results call the scene.
+        left_out: receivers that were asked for and cannot be built here, and why.
+
+    Raises:
+        VoccError: a value outside its range or an unknown name.
+    """
+
+    plan: Plan
+    config: TradeoffConfig
+    scene_name: str = ""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check every list and every number, before any work is done."""
+        config = self.config
+        for name in ("locators", "batch_sizes"):
+            if not getattr(config, name):
+                raise VoccError(
+                    f"tradeoff.{name} is empty: it must hold at least one value"
+                )
+        known = (*OWN_LOCATORS, *self.plan.receiver.locators)
+        for locator in config.locators:
+            if locator not in known:
+                rule = f"of {', '.join(known)}"
+                raise VoccError.of("tradeoff.locators", repr(locator), rule, "has")
+        if config.frames not in FRAMINGS:
+            rule = " or ".join(FRAMINGS)
+            raise VoccError.of("tradeoff.frames", repr(config.frames), rule)
+        for batch in config.batch_sizes:
+            if not 1 <= batch <= TIMING.most_batch:
+                rule = f"from 1 to {TIMING.most_batch}"
+                raise VoccError.of("tradeoff.batch_sizes", batch, rule, "has")
+        demand_least("tradeoff.", config, repeats=1, threads=0)
+        why = "task=tradeoff, which compares receivers on the same frames"
+        self.plan.budget.demand_no_stop_rule(why)
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """Every receiver with every locator."""
+        return tuple(
+            Setting(name, locator)
+            for locator in self.config.locators
+            for name in self.plan.receiver.names
+        )
+
+    def rounds(self, batch: int) -> int:
+        """Timed rounds with batches of a size."""
+        return max(self.config.repeats, -(-TIMING.least_frames // batch))
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """The time that a receiver takes, the errors that it makes, and what beats it.
+    """The time that a receiver takes, the errors that it makes, and whether another one beats it.
 
     Args:
         setting: the receiver.
-        place: where it was timed.
+        batch: frames at a time.
         time_ms: median time a frame with its quartiles, ms, above 0.
         ber: bit error rate with its 95 % interval; without errors its upper end is a limit. After several
-            trainings it is the algorithm's: the mean of them all, over trainings and frames.
-        counts: its errors, of the first training.
-        beaten_by: the most accurate one that beats it, one that does so surely before others; or None.
-        surely: whether that one's rate is lower beyond chance.
+            trainings it is the algorithm's.
+        rank: ``frontier`` where no other is quicker and better, by medians and rates; ``beaten`` where one
+            is so whose rate is lower beyond chance, else ``perhaps``.
     """
 
     setting: Setting
-    place: Place
+    batch: int
     time_ms: estimate.Estimate
     ber: estimate.Estimate
-    counts: Counts = field(default_factory=Counts)
-    beaten_by: Setting | None = None
-    surely: bool = False
+    rank: Literal["frontier", "perhaps", "beaten"] = "frontier"
 
     @property
     def ms(self) -> float:
         """Median time a frame, ms."""
         return self.time_ms.value
 
-    @property
-    def rank(self) -> Literal["frontier", "perhaps", "beaten"]:
-        """Whether nothing beats it; or something does, perhaps by chance; or surely."""
-        if self.beaten_by is None:
-            return "frontier"
-        return "beaten" if self.surely else "perhaps"
-
-    @property
-    def error_free(self) -> bool:
-        """Whether no error was seen, so that only a limit is known."""
-        return self.ber.value == 0
-
     def beats(self, other: "OperatingPoint") -> bool:
-        """Whether it is no slower and no worse, and better in one, by medians and measured rates."""
-        mine, theirs = (self.ms, self.ber.value), (other.ms, other.ber.value)
-        return mine != theirs and mine[0] <= theirs[0] and mine[1] <= theirs[1]
-
-
-def ranked(
-    points: Sequence[OperatingPoint], surely_worse: Container[tuple[int, int]]
-) -> list[OperatingPoint]:
-    """Say for each point which one beats it, and how surely; those that none beats are the frontier.
-
-    Args:
-        points: in any order.
-        surely_worse: places (a, b) where the rate of a is above that of b beyond chance.
-    """
-    found = []
-    for place, point in enumerate(points):
-        better = [at for at, other in enumerate(points) if other.beats(point)]
-        sure = [at for at in better if (place, at) in surely_worse]
-        best = most_accurate([points[at] for at in sure or better])
-        name = best.setting if best else None
-        found.append(replace(point, beaten_by=name, surely=bool(sure)))
-    return found
+        """Whether it is no slower and no worse, and better in one."""
+        values, others = (self.ms, self.ber.value), (other.ms, other.ber.value)
+        return values != others and all(
+            value <= limit for value, limit in zip(values, others, strict=True)
+        )
 
 
 def most_accurate(points: Sequence[OperatingPoint]) -> OperatingPoint | None:
     """Choose the lowest rate; of equal rates the interval's end decides, then the time."""
-    return min(
-        points,
-        key=lambda point: (point.ber.value, point.ber.high, point.ms),
-        default=None,
-    )
 
+    def order(point: OperatingPoint) -> tuple[float, float, float]:
+        return point.ber.value, point.ber.high, point.ms
 
-class Answer(NamedTuple):
-    """Which receiver to take within some limits that have the same answer.
-
-    Args:
-        timed: whether the limits are frames a second, not bit error rates.
-        limits: at least one.
-        taken: the receiver to take, or None.
-        other: without a receiver to take the nearest one; with one, a quicker one whose rate these frames do
-            not tell from it, or None.
-    """
-
-    timed: bool
-    limits: tuple[float, ...]
-    taken: OperatingPoint | None
-    other: OperatingPoint | None
-
-
-def answers(
-    points: Sequence[OperatingPoint], alike: Callable[[int, int], bool]
-) -> list[Answer]:
-    """Choose within each time and below each rate; limits with the same answer are together.
-
-    A receiver keeps within a time where its upper quartile does, and below a rate where its whole interval
-    does.
-
-    Args:
-        points: at least one.
-        alike: whether the frames do not tell the rates of two apart, by their places.
-    """
-    found = []
-    quickest = min(points, key=lambda point: point.ms)
-    for speed in LIMITS.frames_per_s:
-        taken = most_accurate(
-            [point for point in points if point.time_ms.high <= 1e3 / speed]
-        )
-        other = quickest if taken is None else quicker(points, taken, alike)
-        found.append(Answer(True, (speed,), taken, other))
-    nearest = min(points, key=lambda point: (point.ber.high, point.ms))
-    for rate in LIMITS.rates:
-        below = [point for point in points if point.ber.high < rate]
-        taken = min(below, key=lambda point: (point.ms, point.ber.value), default=None)
-        found.append(Answer(False, (rate,), taken, None if taken else nearest))
-
-    def same(answer: Answer) -> tuple[object, ...]:
-        # Too few frames to show a rate are another answer than a rate that is too high.
-        setting = answer.taken.setting if answer.taken else None
-        unseen = answer.other is not None and answer.other.ber.value < answer.limits[0]
-        return answer.timed, setting, setting is None and unseen
-
-    together = []
-    for _, group in itertools.groupby(found, same):
-        alike_answers = list(group)
-        limits = tuple(limit for answer in alike_answers for limit in answer.limits)
-        together.append(alike_answers[-1]._replace(limits=limits))
-    return together
-
-
-def quicker(
-    points: Sequence[OperatingPoint],
-    taken: OperatingPoint,
-    alike: Callable[[int, int], bool],
-) -> OperatingPoint | None:
-    """Choose the quickest one that is surely quicker and whose rate these frames do not tell from it."""
-    at = points.index(taken)
-    candidates = [
-        point
-        for place, point in enumerate(points)
-        if point.time_ms.high < taken.time_ms.low and alike(at, place)
-    ]
-    return min(candidates, key=lambda point: point.ms, default=None)
+    return min(points, key=order, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,100 +159,35 @@ class Errors:
 
     by_training: Sequence[FrameErrors]
 
-    @property
-    def first(self) -> FrameErrors:
-        """The first training's."""
-        return self.by_training[0]
-
     @cached_property
     def pooled(self) -> FrameErrors:
         """Errors of all trainings together: a frame holds the bits of all of them."""
         return FrameErrors.pooled(self.by_training)
+
+    def counts(self, row: int) -> Counts:
+        """Give a receiver's counts after the first training."""
+        return self.by_training[0].counts[row]
 
     def trained(self, row: int) -> Trained:
         """Give a receiver's errors after each training."""
         counts = tuple(errors.counts[row] for errors in self.by_training)
         return Trained(counts, self.pooled.counts[row])
 
-    def rate(self, row: int, bits_a_wrong_frame: float) -> estimate.Estimate:
+    def rate(self, row: int) -> estimate.Estimate:
         """Give a receiver's rate with its interval: the algorithm's after several trainings."""
         if len(self.by_training) > 1:
-            trained = self.trained(row)
-            return trained.interval(errors_per_frame_error=bits_a_wrong_frame)
-        return intervals.ber_interval(
-            self.first.counts[row], errors_per_frame_error=bits_a_wrong_frame
-        )
+            return self.trained(row).interval()
+        return intervals.ber_interval(self.counts(row))
 
-    def compared(
-        self, a: int, b: int, confidence: float = estimate.CONFIDENCE
-    ) -> estimate.Estimate:
-        """Estimate the rate of receiver a less that of b, by their rows."""
+    def surely_worse(self, a: int, b: int) -> bool:
+        """Whether a's rate is above b's, by intervals of all pairs that hold together at 95 %."""
+        pairs = estimate.all_pairs(len(self.pooled.counts))
+        confidence = estimate.joint_confidence(pairs)
         if len(self.by_training) == 1:
-            return self.first.compared(a, b, confidence)
+            return self.pooled.compared(a, b, confidence).low > 0
         trained = self.trained(a), self.trained(b)
-        return mean_difference(*trained, self.pooled.paired(a, b), confidence)
-
-    @cached_property
-    def surely_worse(self) -> frozenset[tuple[int, int]]:
-        """Rows (a, b) where a's rate is above b's, by intervals of all pairs that hold together at 95 %."""
-        rows = len(self.first.counts)
-        confidence = estimate.joint_confidence(estimate.all_pairs(rows))
-        return frozenset(
-            (a, b)
-            for a, b in itertools.permutations(range(rows), 2)
-            if self.compared(a, b, confidence).low > 0
-        )
-
-
-@dataclass(frozen=True)
-class Times:
-    """What was timed, on frames of the first kind of scenes.
-
-    Args:
-        stages: of each setting, by place.
-        end_to_end: by place, time of a receiver in one go over the sum of its stages.
-        in_one_go: the receiver that ``end_to_end`` is of.
-        machines: what was measured on, by device.
-        threads: threads that torch used within an operation.
-        waited_share: share of the time in which other work had the processor, 0 to 1.
-        crop_px: height and width of a crop.
-        graphs: time a frame of a receiver's ONNX graph and of the same work in torch, ms, by receiver and
-            place.
-        no_graphs: receivers that no graph holds, and why.
-    """
-
-    stages: Mapping[tuple[Setting, Place], stage_times.StageTimes]
-    end_to_end: Mapping[Place, float]
-    in_one_go: str
-    machines: Mapping[str, str]
-    threads: int
-    waited_share: float
-    crop_px: tuple[int, int]
-    graphs: Mapping[tuple[str, Place], tuple[estimate.Estimate, estimate.Estimate]] = (
-        field(default_factory=dict)
-    )
-    no_graphs: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def places(self) -> tuple[Place, ...]:
-        """Where was timed, in order."""
-        return tuple(dict.fromkeys(place for _, place in self.stages))
-
-    @property
-    def kinds(self) -> tuple[tuple[str, str], ...]:
-        """Devices with kinds of frames, in order."""
-        kinds = ((place.device, place.frames) for place in self.places)
-        return tuple(dict.fromkeys(kinds))
-
-    @property
-    def busy(self) -> bool:
-        """Whether other work had the processor for so long that times are doubtful."""
-        return self.waited_share >= LIMITS.busy_share
-
-    def batches(self, device: str, frames: str) -> list[int]:
-        """Batch sizes that were timed, ascending."""
-        kind = device, frames
-        return sorted(place.batch for place in self.places if place[:2] == kind)
+        paired = self.pooled.paired(a, b)
+        return mean_difference(*trained, paired, confidence).low > 0
 
 
 @dataclass(frozen=True)
@@ -299,70 +197,60 @@ class PriceList:
     Args:
         study: what was compared.
         costs: what it took to train each setting.
-        errors: by kind of scenes, in the order of the settings.
-        times: on frames of the first kind of scenes; they stand for the other kinds too.
+        errors: in the order of the settings.
+        times: the stages' times, by setting and batch.
+        machine: what was measured on.
+        waited_share: share of the time in which other work had the processor, 0 to 1.
     """
 
     study: TradeoffStudy
     costs: Mapping[Setting, Making]
-    errors: Mapping[str, Errors]
-    times: Times
+    errors: Errors
+    times: Mapping[tuple[Setting, int], stage_times.StageTimes]
+    machine: str
+    waited_share: float = 0.0
 
     @property
-    def settings(self) -> tuple[Setting, ...]:
-        """The configurations, in the order of the results."""
-        return self.study.settings
+    def frames(self) -> int:
+        """Frames that errors were counted on."""
+        return self.errors.counts(0).frames
 
     @property
-    def timed_scenes(self) -> str:
-        """The kind of scenes whose frames were timed."""
-        return next(iter(self.errors))
+    def batches(self) -> list[int]:
+        """Batch sizes that were timed, ascending."""
+        return sorted({batch for _, batch in self.times})
 
-    @property
-    def trainings(self) -> int:
-        """How often every receiver was trained."""
-        return len(self.errors[self.timed_scenes].by_training)
+    def points(self, batch: int | None = None) -> list[OperatingPoint]:
+        """Give every setting's operating point with batches of a size, or with its quickest ones."""
+        points = []
+        for row, setting in enumerate(self.study.settings):
+            totals = {
+                size: self.times[setting, size].total
+                for size in ([batch] if batch else self.batches)
+            }
+            best = min(totals, key=lambda size: totals[size].value)
+            rate = self.errors.rate(row)
+            points.append(OperatingPoint(setting, best, totals[best], rate))
+        return ranked(points, self.errors)
 
-    @property
-    def counted_frames(self) -> int:
-        """Frames of each kind of scenes that errors were counted on."""
-        return self.errors[self.timed_scenes].first.counts[0].frames
 
-    def points(
-        self, scenes: str, device: str, frames: str, batch: int | None = None
-    ) -> list[OperatingPoint]:
-        """Give every setting's operating point with batches of a size, or with its quickest ones.
+def ranked(points: Sequence[OperatingPoint], errors: Errors) -> list[OperatingPoint]:
+    """Say of each point whether another one beats it, and how surely.
 
-        Without errors, a wrong frame is taken to have as many wrong bits as in the other kinds of scenes.
-        Times, all taken in the same rounds, are compared by their medians; rates on the same frames, by
-        intervals of all pairs that hold together at 95 % (Bonferroni).
-        """
-        sizes = [batch] if batch else self.times.batches(device, frames)
-        places = [Place(device, frames, size) for size in sizes]
-        errors, points = self.errors[scenes], []
-        for row, setting in enumerate(self.settings):
-            totals = [
-                (self.times.stages[setting, place].total, place) for place in places
-            ]
-            time_ms, best = min(totals, key=lambda pair: pair[0].value)
-            counts = [of.first.counts[row] for of in self.errors.values()]
-            rate = errors.rate(row, bits_a_wrong_frame(counts))
-            mine = errors.first.counts[row]
-            points.append(OperatingPoint(setting, best, time_ms, rate, mine))
-        return ranked(points, errors.surely_worse)
-
-    def answers(
-        self, scenes: str, device: str, frames: str, batch: int | None = None
-    ) -> list[Answer]:
-        """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
-        compared = self.errors[scenes].compared
-        return answers(
-            self.points(scenes, device, frames, batch),
-            lambda a, b: not compared(a, b).real,
+    Args:
+        points: in any order.
+        errors: whose rows are in that order.
+    """
+    beaten: dict[int, bool] = {}
+    for worse, better in itertools.permutations(range(len(points)), 2):
+        if points[better].beats(points[worse]):
+            surely = errors.surely_worse(worse, better)
+            beaten[worse] = beaten.get(worse, False) or surely
+    ranks: dict[bool | None, Literal["frontier", "perhaps", "beaten"]]
+    ranks = {None: "frontier", False: "perhaps", True: "beaten"}
+    return [
+        OperatingPoint(
+            point.setting, point.batch, point.time_ms, point.ber, ranks[beaten.get(row)]
         )
-
-
-def bits_a_wrong_frame(counts: Sequence[Counts]) -> float:
-    """Say how many wrong bits a wrong frame has, at least 1."""
-    total = sum(counts, Counts())
-    return max(1.0, total.bit_errors / max(1, total.frame_errors))
+        for row, point in enumerate(points)
+    ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from vocc_torch.measure import curve, intervals
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report import heatmap, page, plots, styles
+from vocc_torch.report import heatmap, plots, styles
 from vocc_torch.report.plots import Curve, Figure, Panel
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.rival_results import (
@@ -71,7 +71,9 @@ def scenes_figure(comparison: Comparison) -> Figure:
         comparison: with transfers.
     """
     home, transfers = comparison.home, comparison.transfers
-    found = {(one.trained_on, one.tested_on, one.receiver): one for one in transfers}
+    found = {
+        (move.trained_on, move.tested_on, move.receiver): move for move in transfers
+    }
     names = [name for name in comparison.ranked if (home, home, name) in found][::-1]
     scenes = list(dict.fromkeys(move.tested_on for move in transfers))
     others = [name for name in scenes if name != home]
@@ -87,12 +89,10 @@ def scenes_figure(comparison: Comparison) -> Figure:
         columns = [a if b == home and a != home else b for a, b in pairs]
         shown = [name.replace("_", " ") for name in columns]
         maps.append(heatmap.Matrix(rates, texts, labels, shown, title))
-    note = page.render(
-        __package__,
-        "scenes.txt.j2",
-        frames=transfers[0].counts.frames,
-        home=home,
-        most_training_frames=comparison.most_training_frames,
+    note = (
+        f"{transfers[0].counts.frames} test frames a pair \N{MIDDLE DOT} pale: no errors, 95 % limit"
+        " \N{MIDDLE DOT} below a rate: over that of the same receiver trained on the scenes of the test, on"
+        " the same frames, where a paired 95 % interval tells them apart"
     )
     title = "Receivers in scenes that they did not learn in"
     return heatmap.matrix_figure(maps, title, note, len(maps))[0]
@@ -103,5 +103,5 @@ def transfer_text(move: Transfer) -> str:
     limit = intervals.ber_interval(move.counts).high
     text = heatmap.rate_or_limit(move.counts.ber, limit)
     if move.ratio is None:
-        return f"{text}\n0 there" if move.surely_worse() else text
+        return f"{text}\n0 there" if move.surely_worse else text
     return f"{text}\n{ratio_text(move.ratio)}" if move.ratio.leaves_out(1) else text

@@ -6,22 +6,15 @@ from itertools import product
 from pathlib import Path
 
 from vocc_torch.errors import VoccError, demand_least, section
-from vocc_torch.measure import build, config, runner, stage_times, sweep, timing
+from vocc_torch.measure import build, config, runner, sweep
 from vocc_torch.measure.frame_errors import Key
-from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Budget, Experiment, Plan
 from vocc_torch.measure.train import Training
-from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
+from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank
 from vocc_torch.receiver.classifiers import plugged
-from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.rival_results import Comparison, Transfer
 from vocc_torch.studies.compare.run import Run
-
-TIMED_ROUNDS = 9
-"""Rounds that the time of a decision is a median of."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,7 @@ class ClassifierStudy:
                     f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}"
                 )
             if value not in (values := self.plans[name].experiment.values):
-                allowed = ", ".join(f"{one:g}" for one in values)
+                allowed = ", ".join(f"{known:g}" for known in values)
                 raise VoccError.of(
                     f"rivals.points.{name}", f"{value:g}", f"one of {allowed}"
                 )
@@ -173,7 +166,7 @@ def build_classifier_study(
 def compare_classifiers(
     study: ClassifierStudy, run: Run
 ) -> tuple[Comparison, Training]:
-    """Train all receivers, measure them along every axis, and what they cost.
+    """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
     Args:
         study: the study.
@@ -219,20 +212,14 @@ def compare_classifiers(
         measured = sweep.measured(experiment, at)
         curves[experiment.key] = measured.curves[experiment.locators[0]]
     transfers, lost_scenes = across_scenes(study.scene_plans, run)
-    with run.stage("times", 1) as advance:
-        decision_ms = decision_times(study.base, trained[0])
-        advance(1)
     comparison = Comparison(
         study.config.reference,
         {name: trained[0].making(name) for name in names},
         study.config.points,
         curves,
-        decision_ms,
         transfers,
-        lost_scenes,
         study.home,
-        study.config.scene_training_frames,
-        study.left_out,
+        {**study.left_out, **lost_scenes},
     )
     return comparison, trained[0]
 
@@ -288,7 +275,7 @@ def across_scenes(
         receivers = runner.Banks(
             [(locator, banks[of], number) for number, of in enumerate(trained_on)]
         )
-        model: SceneModel = plan.experiment.training_model(plan.world)
+        model = plan.experiment.training_model(plan.world)
         name = f"{point} trained on {', '.join(trained_on)}"
         job = runner.Job(plan, model, point, receivers, name=name)
         jobs.append((job, plan.budget))
@@ -309,36 +296,3 @@ def across_scenes(
                 Transfer(receiver, scenes, tested_on, counts, at_home, pair.pairs[0, 1])
             )
     return transfers, lost
-
-
-def decision_times(plan: Plan, training: Training) -> dict[str, float]:
-    """Time each receiver from a block of rectified panels to the bits, on one thread, all in the same rounds.
-
-    Features and patches are in it. The threshold of receivers that need frames of known bits is known before.
-
-    Args:
-        plan: the study.
-        training: the trained receivers.
-
-    Returns:
-        ms a frame, by receiver.
-    """
-    names, link = plan.receiver.names, Link.of(plan)
-    model = plan.experiment.training_model(plan.world)
-    key = BlockKey(plan.seed, "times", 0)
-    receivers = {
-        name: StagedReceiver(training.bank([name]), link.reader, link.locator)
-        for name in names
-    }
-    with timing.threads(1):
-        exposure = stage_times.Exposure.of(
-            plan.world, model, [key], preambles=needs_preambles(names)
-        )
-        device = link.simulator.device
-        timed = stage_times.time_stages(
-            receivers, exposure, BLOCK_FRAMES, TIMED_ROUNDS, device
-        )
-    return {
-        name: stage_times.median_of(times.summed(("features", "classify"))).value
-        for name, times in timed.by_receiver.items()
-    }

@@ -1,25 +1,32 @@
-"""What every comparison does: train and count; resumed, with time left."""
+"""What every comparison does: train, count and report; resumed."""
 
 import time
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeAlias
 
-from vocc_torch.measure import runner
-from vocc_torch.measure.config import Budget
+from vocc_torch.measure import intervals, runner
+from vocc_torch.measure.config import Budget, Settings
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import Training, train_alone
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import tensorboard
+from vocc_torch.report.plots import Figure
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.rng import BLOCK_FRAMES
 
-Name = TypeVar("Name", bound=Hashable)
-
 Advance = Callable[[float], None]
 """Called with the units of work done since the last call."""
+
+Row: TypeAlias = dict[str, str | int | float | None]
+"""A row of a table by its columns; what is missing is blank."""
 
 
 @dataclass(eq=False)
@@ -67,7 +74,10 @@ class Run:
         parts = {
             repr((plan.world, plan.receiver.reader, plan.receiver.locator, learner))
             for plan in plans
-            for learner in ("flda", *(one.name for one in plan.receiver.classifiers))
+            for learner in (
+                "flda",
+                *(classifier.name for classifier in plan.receiver.classifiers),
+            )
         }
         with self.stage("training", len(parts)) as advance:
             recorded = None if self.store is None else KeptTrainings([self.store])
@@ -92,3 +102,87 @@ class Run:
             batches = [job.plan.batch_frames for job, _ in jobs]
             batch_frames = max(batches, default=BLOCK_FRAMES)
             return list(runner.count(points, self.pool, batch_frames))
+
+
+@contextmanager
+def comparison(
+    settings: Settings, folder: Path, identity: dict[str, object], stages: int
+) -> Iterator[Run]:
+    """Open a comparison's store in its folder, and its workers.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        identity: what the counts depend on.
+        stages: how many stages there are.
+
+    Raises:
+        VoccError: a folder with other results, or a store of other counts.
+    """
+    run_folder.refuse_results(folder, run_folder.LEDGER)
+    console, ledger = Console(), folder / run_folder.LEDGER
+    with (
+        run_folder.resumable(settings, folder, console),
+        run_folder.open_ledger(ledger, identity, console) as store,
+    ):
+        run_folder.write_config(settings, folder)
+        yield Run(Workers.of(settings), store, console, stages)
+
+
+def write_report(
+    settings: Settings,
+    folder: Path,
+    rows: Mapping[str, Sequence[Row]],
+    figures: Mapping[str, Figure],
+    others: Sequence[str] = (),
+    **board: Mapping[str, Any] | Any,
+) -> None:
+    """Write tables and figures, the board where it is wanted, and say where they are.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        rows: of the tables, by the file's name without its end; one without rows is not written.
+        figures: by the file's name without its end.
+        others: files that were written before.
+        **board: what else :func:`vocc_torch.report.tensorboard.write_figures` takes.
+    """
+    places = [("file", name) for name in others]
+    for name, table in rows.items():
+        if table:
+            columns = list(dict.fromkeys(column for row in table for column in row))
+            lines = [[row.get(column) for column in columns] for row in table]
+            file = f"{name}.csv"
+            run_folder.write_rows(folder / file, [columns, *lines], short=True)
+            places.append(("table", file))
+    tensorboard.write_figures(settings, folder, figures, **board)
+    places += [("figure", f"{name}.png") for name in figures]
+    run_folder.print_places(Console(), folder, places, settings.tensorboard)
+
+
+def ends(name: str, found: Estimate | None) -> Row:
+    """Give an estimate's cells.
+
+    Example:
+        >>> ends("ms", Estimate(2.0, 1.0, 3.0))
+        {'ms': 2.0, 'ms_low': 1.0, 'ms_high': 3.0}
+    """
+    names = name, f"{name}_low", f"{name}_high"
+    values = (found.value, found.low, found.high) if found else (None, None, None)
+    return dict(zip(names, values, strict=True))
+
+
+def counted(counts: Counts) -> Row:
+    """Give the cells of counts: frames, bits and the bit error rate with its interval."""
+    rate = intervals.ber_interval(counts)
+    cells: Row = {"frames": counts.frames, "bits": counts.bits}
+    return {**cells, "bit_errors": counts.bit_errors, **ends("ber", rate)}
+
+
+def numbers_of(row: Row) -> dict[str, float]:
+    """Give a row's numbers, for the board."""
+    return {
+        name: float(cell)
+        for name, cell in row.items()
+        if isinstance(cell, int | float) and not isinstance(cell, bool)
+    }
