@@ -89,7 +89,7 @@ class Watch:
         self._on_simulator(monkeypatch)
         self._on_receivers(monkeypatch)
         training = (
-            (train_module, "train_each", "train"),
+            (train_module, "train_flda", "train"),
             (train_module, "train_classifiers", "train"),
             (train_module, "calibrated_receiver", "calibrate"),
             (samples, "write_samples", "show"),

@@ -94,7 +94,7 @@ def learned(mine):
         *own,
     )
     plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=32")
-    return plan, train(plan, keep=True)
+    return plan, train(plan)
 
 
 @pytest.fixture(scope="module")
@@ -129,34 +129,32 @@ def sent(count):
 def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
     """All of them, and what they took; one that takes up less than it gave is left to be trained again."""
     plan, training = learned
-    key = training_key(plan, ["truth"])
+    key = training_key(plan)
     more = replace(
         training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31
     )
     with Store.open(tmp_path / "a.sqlite", {}) as ledger:
-        KeptTrainings([ledger]).keep(
-            key, plan, {"truth": replace(training, more=(more,))}
-        )
+        KeptTrainings([ledger]).keep(key, plan, replace(training, further=(more,)))
     with (
         Store.open(tmp_path / "a.sqlite", {}) as ledger,
         Store.open(tmp_path / "b.sqlite", {}) as other,
     ):
         kept = KeptTrainings([other, ledger])
-        again = kept.known(key, plan)["truth"]
-        assert kept.known(training_key(replace(plan, seed=1), ["truth"]), plan) is None
+        again = kept.find(key, plan)
+        assert kept.find(training_key(replace(plan, seed=1)), plan) is None
         # Whatever its network knows, this one comes back with other weights.
         net = training.classifiers["mlp"]
         monkeypatch.setattr(
             type(net.classifier), "load_state_dict", lambda self, state: None
         )
-        kept.keep(key, plan, {"truth": replace(training, classifiers={"mlp": net})})
+        kept.keep(key, plan, replace(training, classifiers={"mlp": net}))
         assert other.trained(key) is None
     drawn = torch.Generator().manual_seed(7)
-    for one, back in ((training, again), (more, again.more[0])):
-        assert (one.frames, one.missed, one.made) == (
+    for one, back in ((training, again), (more, again.further[0])):
+        assert (one.frames, one.missed, one.costs) == (
             back.frames,
             back.missed,
-            back.made,
+            back.costs,
         )
         assert torch.equal(one.features, back.features)
         assert torch.equal(one.flda.direction, back.flda.direction)
@@ -172,7 +170,7 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
 FORGED = {
     "text for frames": {"frames": "a"},
     "nothing for seconds": {"seconds": None},
-    "a making without sense": {"made": {"lmmse": {"frames": []}}},
+    "a making without sense": {"costs": {"lmmse": {"frames": []}}},
     "no arrays": {"arrays": {}},
 }
 
@@ -181,7 +179,7 @@ FORGED = {
 def test_a_training_that_a_ledger_only_claims_is_trained_again(learned, changes):
     """A row may be sealed by hand."""
     plan, training = learned
-    key, known = training_key(plan, ["truth"]), {}
+    key, known = training_key(plan), {}
 
     class Forged:
         def add_trained(self, key, content):
@@ -191,13 +189,13 @@ def test_a_training_that_a_ledger_only_claims_is_trained_again(learned, changes)
             return known
 
     kept = KeptTrainings([Forged()])
-    kept.keep(key, plan, {"truth": training})
-    assert kept.known(key, plan)
+    kept.keep(key, plan, training)
+    assert kept.find(key, plan)
     if changes is None:
         known.clear()
     else:
-        known["truth"] |= changes
-    assert kept.known(key, plan) is None
+        known |= changes
+    assert kept.find(key, plan) is None
 
 
 @pytest.mark.parametrize("count", [16, pytest.param(1000, marks=pytest.mark.slow)])

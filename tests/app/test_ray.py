@@ -190,6 +190,7 @@ def test_a_task_that_runs_out_of_memory_is_one_line(tmp_path):
     limits = {
         "RAY_memory_usage_threshold": "0.01",
         "RAY_memory_monitor_refresh_ms": "100",
+        "RAY_task_oom_retries": "2",
     }
     with cluster(1, **limits) as (address, _):
         status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))

@@ -22,7 +22,7 @@ from vocc_torch.measure.executors import Pool, Workers, about_run, called
 from vocc_torch.measure.plan import Experiment, resolve_device
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import Study, measured, run_studies
-from vocc_torch.measure.train import train_each
+from vocc_torch.measure.train import train
 from vocc_torch.simulation import Distribution
 
 LOCATORS = ("truth", "paper")
@@ -45,9 +45,7 @@ def sweeps(make_plan):
         ),
         batch_frames=16,
     )
-    fldas = {
-        name: training.flda for name, training in train_each(stopping, LOCATORS).items()
-    }
+    fldas = {name: train(stopping.locating_with(name)).flda for name in LOCATORS}
     studies = [
         Study(plan.experiment.name, plan, LOCATORS) for plan in (stopping, spending)
     ]

@@ -15,7 +15,7 @@ from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.runner import Part
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import Study
-from vocc_torch.measure.train import train, train_each
+from vocc_torch.measure.train import train
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
@@ -49,7 +49,7 @@ def plan(make_plan):
 
 @pytest.fixture(scope="module")
 def fldas(plan):
-    return {name: training.flda for name, training in train_each(plan, BOTH).items()}
+    return {name: train(plan.locating_with(name)).flda for name in BOTH}
 
 
 def counted(plan, of_locators, value=600.0, parts=PARTS):

@@ -44,7 +44,7 @@ def test_every_training_has_frames_of_its_own(plan, training):
         )
         sent.append(seen.bits)
         flda = FLDA(3).fit(seen.readings.features, seen.bits)
-        own = training if not number else training.more[number - 1]
+        own = training if not number else training.further[number - 1]
         assert torch.equal(own.flda.mean, flda.mean)
     for one in range(K):
         assert all(

@@ -5,7 +5,7 @@ import pytest
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import ReceiverPlan
-from vocc_torch.measure.train import Training, train, train_each, trained_receiver
+from vocc_torch.measure.train import Training, train, trained_receiver
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 
 
@@ -30,7 +30,7 @@ def test_a_link_locates_with_the_plans_locator(make_plan):
 
 def test_training_on_refined_corners_is_nearly_training_on_the_true_ones(make_plan):
     plan = make_plan(locator="refined", training_frames=64)
-    trainings = train_each(plan, ["truth", "refined"])
+    trainings = {name: train(plan.locating_with(name)) for name in ("truth", "refined")}
     directions = [trainings[name].flda.direction for name in ("truth", "refined")]
     assert trainings["refined"].missed == 0
     assert (directions[0] - directions[1]).norm() < 0.05 * directions[0].norm()

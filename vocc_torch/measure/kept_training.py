@@ -4,8 +4,7 @@ They stand under a key of all that training depends on, as numbers, texts and ar
 executed: a classifier is built from the plan of the run that goes on, and takes up what it had learned.
 """
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, fields, replace
 from typing import Any
@@ -14,7 +13,7 @@ import torch
 
 from vocc_torch.boundary import allowed, fits
 from vocc_torch.errors import VoccError, shown
-from vocc_torch.measure.plan import ClassifierPlan, Locator, Plan, resolve_device
+from vocc_torch.measure.plan import ClassifierPlan, Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
 from vocc_torch.measure.train import Making, Training, training_key
 from vocc_torch.receiver.classifiers import plugged
@@ -43,7 +42,7 @@ class KeptTrainings:
     def __init__(self, stores: Iterable[Store]) -> None:
         self._stores = tuple(stores)
 
-    def known(self, key: str, plan: Plan) -> dict[Locator, Training] | None:
+    def find(self, key: str, plan: Plan) -> Training | None:
         """Give the trained receivers that stand under a key, or None where they must be trained.
 
         Args:
@@ -53,11 +52,10 @@ class KeptTrainings:
         for content in (store.trained(key) for store in self._stores):
             with suppress(*_NOT_KEPT):
                 if content is not None:
-                    names = json.loads(key)["receiver"]["locator"]
-                    return {name: _unpacked(content[name], plan) for name in names}
+                    return _unpacked(content, plan)
         return None
 
-    def keep(self, key: str, plan: Plan, trainings: Mapping[Locator, Training]) -> None:
+    def keep(self, key: str, plan: Plan, training: Training) -> None:
         """Write trained receivers down, but for those that cannot be kept: they are trained again.
 
         Raises:
@@ -65,41 +63,36 @@ class KeptTrainings:
         """
         content = ""
         with suppress(*_NOT_KEPT):
-            parts = {name: _packed(training) for name, training in trainings.items()}
-            if all(
-                _alike(training, _unpacked(parts[name], plan), plan)
-                for name, training in trainings.items()
-            ):
-                content = canonical(parts)
+            packed = _packed(training)
+            if _alike(training, _unpacked(packed, plan), plan):
+                content = canonical(packed)
         if 0 < len(content) <= MOST_BYTES:
             self._stores[0].add_trained(key, content)
 
     def or_trained(
-        self,
-        plan: Plan,
-        locators: Sequence[Locator],
-        train: Callable[[], dict[Locator, Training]],
-    ) -> tuple[dict[Locator, Training], bool]:
+        self, plan: Plan, train: Callable[[], Training]
+    ) -> tuple[Training, bool]:
         """Give a plan's trained receivers, and whether they were known; else they are trained and kept."""
-        key = training_key(plan, locators)
-        if (stored := self.known(key, plan)) is not None:
+        key = training_key(plan)
+        if (stored := self.find(key, plan)) is not None:
             return stored, True
         trained = train()
         self.keep(key, plan, trained)
         return trained, False
 
 
-def _alike(one: Training, other: Training, plan: Plan) -> bool:
+def _alike(first: Training, other: Training, plan: Plan) -> bool:
     """Whether classifiers score alike to the last bit: one may take up less than it gave."""
     shape, drawn = plan.world.panel.shape, torch.Generator().manual_seed(0)
-    for name, learned in one.classifiers.items():
+    for name, learned in first.classifiers.items():
         size = shape.rows, shape.columns, learned.inputs.size
         x = torch.rand(2, *size, generator=drawn).to(resolve_device(plan.world.device))
         if not torch.equal(
             learned.decision_function(x), other.classifiers[name].decision_function(x)
         ):
             return False
-    return all(_alike(*pair, plan) for pair in zip(one.more, other.more, strict=True))
+    pairs = zip(first.further, other.further, strict=True)
+    return all(_alike(*pair, plan) for pair in pairs)
 
 
 def _packed(training: Training) -> dict[str, Any]:
@@ -117,8 +110,8 @@ def _packed(training: Training) -> dict[str, Any]:
         **{key: getattr(training, key) for key in _NUMBERS},
         "arrays": arrays_as_json(arrays),
         "classifiers": learned,
-        "made": {name: asdict(making) for name, making in training.made.items()},
-        "more": [_packed(training_again) for training_again in training.more],
+        "costs": {name: asdict(cost) for name, cost in training.costs.items()},
+        "further": list(map(_packed, training.further)),
     }
 
 
@@ -139,17 +132,17 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
             plans[name].build, plans[name].inputs, stored["values"], state
         )
         learned[name] = guarded if device.type == "cpu" else guarded.to(device)
-    makings = {name: Making(**making) for name, making in content["made"].items()}
-    trainings = tuple(_unpacked(packed, plan) for packed in content["more"])
+    costs = {name: Making(**cost) for name, cost in content["costs"].items()}
+    further = tuple(_unpacked(packed, plan) for packed in content["further"])
     numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
     training = replace(
-        Training(flda.to(device), classifiers=learned, made=makings, more=trainings),
+        Training(flda.to(device), classifiers=learned, costs=costs, further=further),
         **numbers,
         **figures,
     )
     _demand_numbers(training)
-    for making in makings.values():
-        _demand_numbers(making)
+    for cost in costs.values():
+        _demand_numbers(cost)
     samples, features = training.features.shape
     if training.bits.shape != (samples,) or features != len(plan.receiver.reader.names):
         raise ValueError("features and bits are of other numbers of LEDs")

@@ -281,9 +281,9 @@ class Plan:
             rows[value] = replace(self, experiment=row)
         return rows
 
-    def at_true_corners(self) -> Self:
-        """Give the plan by which receivers learn at the true corners; panels alone are quickly simulated."""
-        return replace(self, receiver=replace(self.receiver, locator="truth"))
+    def locating_with(self, locator: Locator) -> Self:
+        """Give the same plan with another locator."""
+        return replace(self, receiver=replace(self.receiver, locator=locator))
 
     @property
     def frames_in_point(self) -> int:

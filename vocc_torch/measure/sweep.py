@@ -90,15 +90,14 @@ def run_campaign(
         VoccError: a store that cannot be used, no panel in any training frame, or a worker that was ended
             from outside.
     """
-    training_store, locators = (
-        KeptTrainings(stores.values()),
-        [study.locators for study in studies],
-    )
-    every = train.train_plans(
-        [study.plan for study in studies], locators, workers, training_store
-    )
+    plans = [
+        study.plan.locating_with(locator)
+        for study in studies
+        for locator in study.locators
+    ]
+    every = iter(train.train_plans(plans, workers, KeptTrainings(stores.values())))
     trainings = {
-        study.key: training for study, training in zip(studies, every, strict=True)
+        study.key: dict(zip(study.locators, every, strict=False)) for study in studies
     }
     trained()
     banks, results = {}, {}

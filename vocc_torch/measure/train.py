@@ -5,7 +5,6 @@ import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,16 +16,17 @@ from vocc_torch.measure import timing
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import Locator, Plan, identity, resolve_device
+from vocc_torch.measure.plan import Plan, identity, resolve_device
 from vocc_torch.measure.store import canonical
-from vocc_torch.receiver import discriminant, reader
+from vocc_torch.plugins import one_line
+from vocc_torch.receiver import discriminant
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import PanelLocator, locator_settings, locator_words
+from vocc_torch.receiver.locators import locator_settings, locator_words
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey, training_point
+from vocc_torch.rng import BLOCK_FRAMES, training_point
 from vocc_torch.simulation.scene import SceneModel, narrowed
 
 CALIBRATION_FRAMES = 512
@@ -38,7 +38,7 @@ FIGURE_SAMPLES = 20_000
 if TYPE_CHECKING:
     from vocc_torch.measure.kept_training import KeptTrainings
 
-Told = Callable[[int], None]
+Progress = Callable[[int], object]
 _N_FEATURES = len(FLDA_FEATURES["flda_3"])
 
 
@@ -73,8 +73,8 @@ class Training:
         bits: (N,) their bits.
         seconds: wall time of FLDA's training, the simulation of its frames included.
         classifiers: those that plug in, trained, by name.
-        made: what each of these took, by name.
-        more: the same of each further training, on frames of its own.
+        costs: what each of these took, by name.
+        further: the same of each further training, on frames of its own.
     """
 
     flda: FLDA = field(default_factory=lambda: FLDA(_N_FEATURES))
@@ -84,39 +84,35 @@ class Training:
     bits: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
     seconds: float = 0.0
     classifiers: Mapping[str, Guarded] = field(default_factory=dict)
-    made: Mapping[str, Making] = field(default_factory=dict)
-    more: "tuple[Training, ...]" = ()
+    costs: Mapping[str, Making] = field(default_factory=dict)
+    further: "tuple[Training, ...]" = ()
 
     def bank(self, names: Sequence[str]) -> ReceiverBank:
         """Give the named receivers, ready to decide."""
         learners = [
-            name
-            for name in names
-            if name in FLDA_FEATURES or self.made.get(name, Making()).frames
+            name for name in names if name in FLDA_FEATURES or self.making(name).frames
         ]
-        banks = [training.bank(learners) for training in self.more] if learners else []
+        further = self.further if learners else ()
+        banks = [training.bank(learners) for training in further]
         return ReceiverBank(names, self.flda, self.classifiers, banks)
 
     @classmethod
     def joined(cls, parts: "Sequence[Training]") -> "Training":
         """Put trainings of different classifiers on the same frames together; FLDA is that of the first."""
-        first = parts[0]
-        classifiers, makings = dict(first.classifiers), dict(first.made)
-        for part in parts[1:]:
-            classifiers, makings = (
-                {**classifiers, **part.classifiers},
-                {**makings, **part.made},
-            )
-        trainings = tuple(
-            cls.joined(column)
-            for column in zip(*(part.more for part in parts), strict=True)
+        classifiers = [part.classifiers.items() for part in parts]
+        costs = [part.costs.items() for part in parts]
+        columns = zip(*(part.further for part in parts), strict=True)
+        return replace(
+            parts[0],
+            classifiers=dict(itertools.chain(*classifiers)),
+            costs=dict(itertools.chain(*costs)),
+            further=tuple(cls.joined(column) for column in columns),
         )
-        return replace(first, classifiers=classifiers, made=makings, more=trainings)
 
     def making(self, name: str) -> Making:
         """Say what it took to make a receiver; one that learns nothing has no parameters."""
-        if name in self.made:
-            return self.made[name]
+        if name in self.costs:
+            return self.costs[name]
         if name not in FLDA_FEATURES:
             return Making(parameters=0)
         # What decides, without the sums that it was solved from.
@@ -129,235 +125,139 @@ class Training:
         )
 
 
-def train(plan: Plan, progress: Told | None = None, *, keep: bool = False) -> Training:
-    """Train on the plan's training scenes with its own locator, as :func:`train_each`."""
-    return train_each(plan, [plan.receiver.locator], progress, keep=keep)[
-        plan.receiver.locator
-    ]
+def train(plan: Plan, progress: Progress = lambda frames: None) -> Training:
+    """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
-
-def train_each(
-    plan: Plan,
-    locators: Sequence[Locator],
-    progress: Told | None = None,
-    *,
-    keep: bool = False,
-) -> dict[Locator, Training]:
-    """Train on the plan's training scenes with each of several locators, all on the same frames.
-
-    It is done as often as the budget says, each time on frames of its own; the first training is the one that
-    is kept, and does not depend on how many follow. Frames without a located panel teach nothing and are left
-    out.
+    Each training has frames of its own. The first is the one that is kept, and does not depend on how many
+    follow. Frames without a located panel teach nothing and are left out.
 
     Args:
         plan: the study.
-        locators: names of the locators.
         progress: called with the frames done since the last call.
-        keep: whether the classifiers share frames that are kept in memory, instead of simulating them anew
-            for each; they learn the same.
 
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
-    numbers = range(plan.budget.trainings)
-    return several(
-        [
-            train_once(plan, locators, progress, keep=keep, number=number)
-            for number in numbers
-        ]
-    )
+    link = Link.of(plan)
+    first, *further = [
+        train_classifiers(plan, link, train_flda(plan, link, number, progress), number)
+        for number in range(plan.budget.trainings)
+    ]
+    return replace(first, further=tuple(further))
 
 
-def several(trainings: Sequence[Mapping[Locator, Training]]) -> dict[Locator, Training]:
-    """Give the first of some trainings with the others in it, by locator."""
-    first, *others = trainings
-    return {
-        name: replace(training, more=tuple(other[name] for other in others))
-        for name, training in first.items()
-    }
+def train_flda(
+    plan: Plan, link: Link, number: int, progress: Progress = lambda frames: None
+) -> Training:
+    """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifiers`.
 
-
-def train_once(
-    plan: Plan,
-    locators: Sequence[Locator],
-    progress: Told | None,
-    *,
-    keep: bool,
-    number: int,
-) -> dict[Locator, Training]:
-    """Do one training, by its number, from 0 on, as :func:`train_each`."""
-    begun, link, frames = (
-        time.perf_counter(),
-        Link.of(plan),
-        plan.budget.training_frames,
-    )
-    finders, scenes = (
-        plan.receiver.finders(locators),
-        plan.experiment.training_model(plan.world),
-    )
-    fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
-    samples: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
-    missed = dict.fromkeys(locators, 0)
-    keys = block_keys(plan.seed, training_point(number), frames)
-    views = link.observe_each(finders, scenes, keys, preambles=False, frames=frames)
-    read = (
-        [
-            (observation.readings.features, observation.panels.found, observation.bits)
-            for observation in of.values()
-        ]
-        for of in views
-    )
+    Raises:
+        VoccError: no panel was found in any training frame, or LEDs of one status alone.
+    """
+    begun, frames = time.perf_counter(), plan.budget.training_frames
+    flda = FLDA(_N_FEATURES).to(link.simulator.device)
+    scenes = plan.experiment.training_model(plan.world)
+    stream = PanelStream(link, scenes, plan.seed, None, training_point(number))
+    samples: list[tuple[Tensor, Tensor]] = []
     # A block at a time: sums then do not depend on the batch's size.
-    for parts in in_blocks(
-        tuple(itertools.chain(*observations)) for observations in read
-    ):
-        for name, features, found, bits in zip(
-            locators, *(parts[at::3] for at in range(3)), strict=True
-        ):
-            leds = features[found], bits[found]
-            fldas[name].update(leds[0][..., :_N_FEATURES], leds[1])
-            missed[name] += int((~found).sum())
-            if sum(len(statuses) for _, statuses in samples[name]) < FIGURE_SAMPLES:
-                samples[name].append(
-                    (leds[0].flatten(0, -2).cpu(), leds[1].reshape(-1).cpu())
-                )
-        if progress is not None:
-            progress(len(parts[0]))
-    trained = {}
-    for name, flda in fldas.items():
-        if missed[name] == frames:
-            help_ = "check scene, camera and receiver.location"
-            raise VoccError(
-                f"training found no panel in any of {frames} frames: {help_}"
-            )
-        for status, leds in zip(("Off", "On"), flda.count.tolist(), strict=True):
-            if not leds:
-                refusal = (
-                    f"{frames - missed[name]} with a located panel held no {status} LED"
-                )
-                rule = "raise it, or take receiver.locator=truth for panels too small to be found"
-                raise VoccError(
-                    f"budget.training_frames is {frames}: {refusal}: {rule}"
-                )
-        x, bits = (
-            torch.cat(parts)[:FIGURE_SAMPLES]
-            for parts in zip(*samples[name], strict=True)
-        )
-        training = Training(
-            flda, frames, missed[name], x, bits, time.perf_counter() - begun
-        )
-        trained[name] = train_classifiers(
-            plan, link, finders[name], training, number, keep
-        )
-    return trained
-
-
-def training_key(plan: Plan, locators: Sequence[Locator]) -> str:
-    """Name all that the trained receivers of a plan depend on; of the experiment only its training scenes."""
-    settings = identity(
-        replace(plan, receiver=replace(plan.receiver, save="flda_3")), locators
+    for features, bits in stream(0, frames):
+        flda.update(features[..., :_N_FEATURES], bits)
+        if sum(len(statuses) for _, statuses in samples) < FIGURE_SAMPLES:
+            samples.append((features.flatten(0, -2).cpu(), bits.reshape(-1).cpu()))
+        progress(min(BLOCK_FRAMES, frames))
+        frames -= BLOCK_FRAMES
+    frames = plan.budget.training_frames
+    if not stream.frames:
+        help_ = "check scene, camera and receiver.location"
+        raise VoccError(f"training found no panel in any of {frames} frames: {help_}")
+    for status, leds in zip(("Off", "On"), flda.count.tolist(), strict=True):
+        if not leds:
+            refusal = f"{stream.frames} with a located panel held no {status} LED"
+            rule = "raise it, or take receiver.locator=truth for panels too small to be found"
+            raise VoccError(f"budget.training_frames is {frames}: {refusal}: {rule}")
+    x, bits = (
+        torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*samples, strict=True)
     )
+    missed = frames - stream.frames
+    return Training(flda, frames, missed, x, bits, time.perf_counter() - begun)
+
+
+def training_key(plan: Plan) -> str:
+    """Name all that the trained receivers of a plan depend on; of the experiment only its training scenes."""
+    receiver = replace(plan.receiver, save="flda_3")
+    settings = identity(replace(plan, receiver=receiver), [receiver.locator])
     return canonical({**settings, "experiment": settings["experiment"]["training"]})
 
 
 def train_plans(
     plans: Sequence[Plan],
-    locators: Sequence[Sequence[Locator]],
     workers: Workers,
-    kept: "KeptTrainings | None" = None,
-    told: Told = lambda frames: None,
-) -> list[dict[Locator, Training]]:
-    """Train every plan with each of its locators, each receiver by itself on one thread.
+    known: "KeptTrainings | None" = None,
+    progress: Progress = lambda frames: None,
+) -> list[Training]:
+    """Train every plan with its own locator, each receiver by itself on one thread.
 
-    So many train at the same time and each has a price. Receivers that train alike are trained once: FLDA on
-    the same scenes through the same reader is one pass over the frames for all its features.
+    So many train at the same time and each has a price. Receivers that train alike are trained once.
 
     Args:
         plans: the studies.
-        locators: of each plan.
         workers: who does it; here too on one thread.
-        kept: what was trained before, and where it is kept; None for nowhere.
-        told: called with the training frames of each receiver that is trained, or was.
+        known: what was trained before, and where it is kept; None for nowhere.
+        progress: called with the training frames of each receiver that is trained, or was.
 
     Returns:
-        For each plan the training of its receivers by locator. ``making`` says what each took.
+        The training of each plan. ``making`` says what each receiver took.
 
     Raises:
-        VoccError: as :func:`train_each`, or a worker that was ended from outside.
+        VoccError: as :func:`train`, or a worker that was ended from outside.
     """
-    keys_of_plans: list[list[str]] = []
-    parts: dict[str, tuple[Plan, tuple[Locator, ...]]] = {}
-    for plan, named in zip(plans, locators, strict=True):
+    parts: dict[str, Plan] = {}
+    keys_of_plans = []
+    for plan in plans:
         # A part need not have the receiver that is kept.
-        receiver, keys = replace(plan.receiver, save="flda_3"), list[str]()
+        receiver = replace(plan.receiver, save="flda_3")
         alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
         alone += [
             replace(receiver, names=(classifier.name,), classifiers=(classifier,))
             for classifier in receiver.classifiers
         ]
-        for part in (replace(plan, receiver=receiver_part) for receiver_part in alone):
-            keys.append(training_key(part, named))
-            parts[keys[-1]] = part, tuple(named)
-        keys_of_plans.append(keys)
-
-    def panels(key: str) -> int:
-        return sum(
-            classifier.frames or classifier.training.frames
-            for classifier in parts[key][0].receiver.classifiers
-        )
-
-    known = {
-        key: None if kept is None else kept.known(key, part)
-        for key, (part, _) in parts.items()
-    }
-    trained = {key: training for key, training in known.items() if training is not None}
+        split = [replace(plan, receiver=part) for part in alone]
+        keys_of_plans.append([training_key(part) for part in split])
+        parts |= zip(keys_of_plans[-1], split, strict=True)
+    trained: dict[str, Training] = {}
+    for key, part in parts.items():
+        if known is not None and (stored := known.find(key, part)) is not None:
+            trained[key] = stored
+            progress(part.budget.training_frames)
     # The longest training begins first.
-    longest = sorted(
-        (key for key in parts if key not in trained), key=panels, reverse=True
-    )
-    for key in trained:
-        told(parts[key][0].budget.training_frames)
+    missing = [key for key in parts if key not in trained]
+    longest = sorted(missing, key=lambda key: -_panels(parts[key]))
     calls = {key: workers.submit(train_part, parts[key]) for key in longest}
     for key, call in calls.items():
         trained[key] = call.result()
-        told(parts[key][0].budget.training_frames)
-        if kept is not None:
-            kept.keep(key, parts[key][0], trained[key])
-    return [
-        {name: Training.joined([trained[key][name] for key in keys]) for name in named}
-        for keys, named in zip(keys_of_plans, locators, strict=True)
-    ]
+        progress(parts[key].budget.training_frames)
+        if known is not None:
+            known.keep(key, parts[key], trained[key])
+    return [Training.joined([trained[key] for key in keys]) for keys in keys_of_plans]
 
 
-def train_alone(
-    plans: Sequence[Plan],
-    workers: Workers,
-    kept: "KeptTrainings | None" = None,
-    told: Told = lambda frames: None,
-) -> list[Training]:
-    """Train every plan with its own locator, as :func:`train_plans`."""
-    locators = [plan.receiver.locator for plan in plans]
-    trained = train_plans(plans, [[name] for name in locators], workers, kept, told)
-    return [by_name[name] for by_name, name in zip(trained, locators, strict=True)]
+def _panels(plan: Plan) -> int:
+    """Count the panels that a plan's classifiers learn from."""
+    recipes = plan.receiver.classifiers
+    return sum(recipe.frames or recipe.training.frames for recipe in recipes)
 
 
-def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
-    """Train a receiver by itself on one thread with each of some locators: FLDA, or a plan's classifier."""
-    plan, locators = part
+def train_part(plan: Plan) -> Training:
+    """Train a receiver by itself on one thread: FLDA, or a plan's classifier."""
     with timing.threads(1):
         if not plan.receiver.classifiers:
-            return train_each(plan, locators)
-        link, finders, trained = (
-            Link.of(plan),
-            plan.receiver.finders(locators).items(),
-            [],
-        )
-        for number in range(plan.budget.trainings):
-            learn = partial(
-                train_classifiers, plan, link, training=Training(), number=number
-            )
-            trained.append({name: learn(finder) for name, finder in finders})
-        return several(trained)
+            return train(plan)
+        link = Link.of(plan)
+        first, *further = [
+            train_classifiers(plan, link, Training(), number)
+            for number in range(plan.budget.trainings)
+        ]
+        return replace(first, further=tuple(further))
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -417,7 +317,7 @@ def receiver_for(
         VoccError: a model that cannot be read or is for another panel.
     """
     if model is None:
-        studied = plan.at_true_corners() if at_truth else plan
+        studied = plan.locating_with("truth") if at_truth else plan
         untouched = replace(studied.experiment, training={})
         receiver = calibrated_receiver(
             studied, train(replace(studied, experiment=untouched))
@@ -485,32 +385,24 @@ def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, .
         yield tuple(torch.cat(parts) for parts in zip(*waiting, strict=True))
 
 
-Read = tuple[reader.Readings, Tensor, Tensor]
-"""Readings of some frames, their bits, and whether the panel was found."""
-
-
 @dataclass
 class PanelStream:
-    """Training panels as a classifier sees them, simulated anew whenever they are asked for, or kept.
+    """Training panels as a classifier sees them, simulated anew whenever they are asked for.
 
     Args:
-        link: simulation and reader.
-        locator: what finds the panel, or None for true corners.
+        link: simulation, locator and reader.
         model: the training scenes.
         seed: root seed.
-        inputs: what the classifier sees.
-        kept: what was read of each block; None to keep nothing.
+        inputs: what the classifier sees; None for every feature of the reader as it is.
         point: name that keys the frames.
         frames: panels that it was shown so far.
         seconds: wall time that went into them so far.
     """
 
     link: Link
-    locator: PanelLocator | None
     model: SceneModel
     seed: int
-    inputs: Inputs
-    kept: dict[int, list[Read]] | None = None
+    inputs: Inputs | None
     point: str = "train"
     frames: int = 0
     seconds: float = 0.0
@@ -522,55 +414,30 @@ class PanelStream:
             VoccError: ``first`` is no multiple of a block.
         """
         if first % BLOCK_FRAMES:
-            raise VoccError(
-                f"first is {first}: it must be a multiple of {BLOCK_FRAMES}"
-            )
+            rule = f"a multiple of {BLOCK_FRAMES}"
+            raise VoccError.of("first", first, rule)
         begun = time.perf_counter()
-        for x, bits, found in in_blocks(self._seen(first, count)):
+        for x, bits, found in in_blocks(self._read(first, count)):
             self.frames += int(found.sum())
             self.seconds += time.perf_counter() - begun
             yield x[found], bits[found]
             begun = time.perf_counter()
         self.seconds += time.perf_counter() - begun
 
-    def _seen(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
+    def _read(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
         """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
         keys = block_keys(self.seed, self.point, first + count, first)
-        parts = (
-            [self._simulated(keys, count)]
-            if self.kept is None
-            else map(self._known, keys)
-        )
-        for readings, bits, found in (read for part in parts for read in part):
-            used = min(len(bits), count)
-            count -= used
-            x = self.inputs.of(readings, readings.cell_px, self.link.reader.shape)
-            yield x[:used], bits[:used], found[:used]
-
-    def _known(self, key: BlockKey) -> list[Read]:
-        """Give what is read of a block, which is kept."""
-        assert self.kept is not None
-        if key.block not in self.kept:
-            self.kept[key.block] = list(self._simulated([key], BLOCK_FRAMES))
-        return self.kept[key.block]
-
-    def _simulated(self, keys: Sequence[BlockKey], frames: int) -> Iterator[Read]:
-        """Yield what is read of the first frames of some blocks."""
-        views = self.link.observe_each(
-            {"": self.locator}, self.model, keys, preambles=False, frames=frames
-        )
-        for observation in (view[""] for view in views):
-            # Without the frames themselves, which would fill the memory where panels are kept.
-            yield observation.readings, observation.bits, observation.panels.found
+        observed = self.link.observe(self.model, keys, preambles=False, frames=count)
+        for view in observed:
+            readings, x = view.readings, view.readings.features
+            if self.inputs is not None:
+                shape = self.link.reader.shape
+                x = self.inputs.of(readings, readings.cell_px, shape)
+            yield x, view.bits, view.panels.found
 
 
 def train_classifiers(
-    plan: Plan,
-    link: Link,
-    locator: PanelLocator | None,
-    training: Training,
-    number: int,
-    keep: bool = False,
+    plan: Plan, link: Link, training: Training, number: int
 ) -> Training:
     """Train a plan's classifiers one after the other.
 
@@ -578,11 +445,9 @@ def train_classifiers(
 
     Args:
         plan: the study.
-        link: simulation and reader.
-        locator: what finds the panel, or None for the simulator's true corners.
+        link: simulation, locator and reader.
         training: what is trained already.
         number: of the training, from 0 on; each has frames and first weights of its own.
-        keep: whether to keep simulated frames in memory for the next classifier.
 
     Returns:
         The training with the classifiers too, and what each took.
@@ -590,47 +455,30 @@ def train_classifiers(
     Raises:
         VoccError: a classifier that cannot be built or trained, by its name.
     """
-    panels: dict[SceneModel, dict[int, list[Read]]] = {}
-    classifiers, makings, scenes = {}, {}, plan.experiment.training_model(plan.world)
-    for classifier in plan.receiver.classifiers:
-        model = narrowed(
-            scenes, classifier.scene, f"classifiers.{classifier.name}.scene"
-        )
-        shared = panels.setdefault(model, {}) if keep else None
-        stream = PanelStream(
-            link,
-            locator,
-            model,
-            plan.seed,
-            classifier.inputs,
-            shared,
-            training_point(number),
-        )
-        recipe = replace(classifier.training, seed=classifier.training.seed + number)
-        guarded, begun = (
-            plugged.classifier_of(classifier.build, classifier.inputs, recipe),
-            time.perf_counter(),
-        )
-        with plugged.seeded(recipe.seed):
-            guarded.fit_stream(stream, classifier.frames or plan.budget.training_frames)
+    classifiers, costs = {}, {}
+    scenes = plan.experiment.training_model(plan.world)
+    for recipe in plan.receiver.classifiers:
+        model = narrowed(scenes, recipe.scene, f"classifiers.{recipe.name}.scene")
+        point = training_point(number)
+        stream = PanelStream(link, model, plan.seed, recipe.inputs, point)
+        steps = replace(recipe.training, seed=recipe.training.seed + number)
+        guarded = plugged.classifier_of(recipe.build, recipe.inputs, steps)
+        begun = time.perf_counter()
+        with plugged.seeded(steps.seed):
+            guarded.fit_stream(stream, recipe.frames or plan.budget.training_frames)
         # An interrupted training that went on has a price too.
-        seconds = (
-            time.perf_counter()
-            - begun
-            + float(getattr(guarded.classifier, "earlier_s", 0.0))
-        )
-        counted = getattr(guarded.classifier, "parameters_count", None)
+        earlier_s = float(getattr(guarded.classifier, "earlier_s", 0.0))
+        seconds = time.perf_counter() - begun + earlier_s
         try:
             size = len(pickle.dumps(guarded))
         except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
             rule = "it must be possible to pickle it, for other processes"
-            raise VoccError(
-                f"classifier {classifier.name}: {rule} ({reason})"
-            ) from error
-        classifiers[classifier.name] = guarded
+            reason = f"classifier {recipe.name}: {rule} ({one_line(error)})"
+            raise VoccError(reason) from error
+        counted = getattr(guarded.classifier, "parameters_count", None)
         parameters = None if counted is None else int(counted)
-        makings[classifier.name] = Making(
+        classifiers[recipe.name] = guarded
+        costs[recipe.name] = Making(
             seconds, stream.seconds, stream.frames, parameters, size
         )
-    return replace(training, classifiers=classifiers, made=makings)
+    return replace(training, classifiers=classifiers, costs=costs)

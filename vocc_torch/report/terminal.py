@@ -378,9 +378,11 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
     )
     more = f", and {often - 1} more times on as many of their own" if often > 1 else ""
     view.say(f"trained on {training.frames} frames{missed}{more}")
-    for name, one in training.made.items():
-        if one.frames:
-            view.say(f"trained {name} on {one.frames} frames in {one.training_s:.0f} s")
+    for name, cost in training.costs.items():
+        if cost.frames:
+            view.say(
+                f"trained {name} on {cost.frames} frames in {cost.training_s:.0f} s"
+            )
     return training
 
 

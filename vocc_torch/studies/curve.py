@@ -91,10 +91,9 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     ):
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
-        trained, known = KeptTrainings([opened]).or_trained(
-            plan, [locator], lambda: {locator: terminal.train_shown(plan, console)}
+        training, known = KeptTrainings([opened]).or_trained(
+            plan, lambda: terminal.train_shown(plan, console)
         )
-        training = trained[locator]
         if known:
             console.print(
                 "resuming: the receivers are trained already", highlight=False

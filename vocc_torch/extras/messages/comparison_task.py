@@ -82,7 +82,10 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         VoccError: a value outside its range, or whatever a stage refuses.
     """
     run_folder.refuse_results(folder)
-    plan, console = build_plan(settings, folder).at_true_corners(), terminal.Console()
+    plan, console = (
+        build_plan(settings, folder).locating_with("truth"),
+        terminal.Console(),
+    )
     # Refused, as a code that is not installed, before anything is trained.
     variants_of(plan, config)
     for code in config.codes:

@@ -15,7 +15,7 @@ from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import Store
-from vocc_torch.measure.train import Training, train_alone
+from vocc_torch.measure.train import Training, train_plans
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import tensorboard
 from vocc_torch.report.plots import Figure
@@ -81,7 +81,7 @@ class Run:
         }
         with self.stage("training", len(parts)) as advance:
             recorded = None if self.store is None else KeptTrainings([self.store])
-            return train_alone(plans, self.pool, recorded, lambda frames: advance(1))
+            return train_plans(plans, self.pool, recorded, lambda frames: advance(1))
 
     def count(
         self,
