@@ -1,16 +1,16 @@
 """The figures of ``task=effects``: costs and changes of every effect, and rates over severity."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from vocc_torch.measure import curve, stage_times
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report import page, plots, styles
+from vocc_torch.report import plots, styles
 from vocc_torch.report.plots import LOOK, Figure, Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.effect_results import EffectResults, EffectRow
 
-SIGNS = {"fills": "\N{BLACK SQUARE}", "in_scene": "*"}
-"""Signs after an effect's name."""
+FILLS, IN_SCENE = "#", "*"
+"""Signs after an effect's name: a locator needs whole frames; the scene has it."""
 
 COSTS = {
     "near": Style("near the panel", "#009E73", "o", "-"),
@@ -24,43 +24,25 @@ LINEAR = 1e-3
 SEVERITY_COLUMNS = 5
 """Panels of severities in a row."""
 
-UNITS = {
-    "_deg": "°",
-    "_m": "m",
-    "_s": "s",
-    "_px": "px",
-    "_nm": "nm",
-    "_lx": "lx",
-    "_cd_m2": "cd/m²",
-    "_m_s": "m/s",
-    "electrons_per_s": "electrons/s",
-    "electrons": "electrons",
-}
-"""Units by the end of a parameter's name; the longest end that fits counts."""
 
-
-def signs_of(row: EffectRow, signs: Mapping[str, str] = SIGNS) -> str:
+def signs_of(row: EffectRow) -> str:
     """Write the signs after an effect's name."""
-    shown = signs["fills"] * row.fills_sensor + signs["in_scene"] * row.pair.in_scene
+    shown = FILLS * row.fills_sensor + IN_SCENE * row.pair.in_scene
     return f" {shown}" if shown else ""
 
 
-def headed(template: str, results: EffectResults) -> tuple[str, str]:
-    """Give a figure's title and footnote, the first line of a template and the others."""
+def titled(results: EffectResults, title: str) -> str:
+    """Give a title with the scene and the receiver that the figure shows."""
     shown = results.study.shown
     label = styles.receiver_styles([shown])[shown].label
-    text = page.render(
-        __package__, template, results=results, label=label, signs=SIGNS, linear=LINEAR
-    )
-    title, *notes = text.splitlines()
-    return title, "\n".join(notes)
+    return f"{title}, scene {results.study.scene_name} ({label})"
 
 
 def effects_figure(results: EffectResults) -> Figure:
     """Draw costs and changes of the bit error rate, a row an effect.
 
     Changes are on an axis that is linear within a thousandth and logarithmic beyond; a sign is full where its
-    95 % interval leaves out 0.
+    95 % interval excludes 0.
     """
     rows, shown = results.every_row, results.study.shown
     panels = [Rows(cost_series(rows), "Time added (ms a frame)", "Cost", "log")]
@@ -77,8 +59,14 @@ def effects_figure(results: EffectResults) -> Figure:
             label = "Change of the bit error rate"
             panels.append(Rows(series, label, title, "symlog", LINEAR))
     names = [row.label + signs_of(row) for row in rows]
-    groups = [row.group for row in rows]
-    title, note = headed("effects.txt.j2", results)
+    note = (
+        f"{FILLS} a locator needs whole frames \N{MIDDLE DOT} {IN_SCENE} the scene has it: compared with the"
+        f" scene without it\n{results.study.plan.budget.frames} frames at true corners, the same with and"
+        f" without \N{MIDDLE DOT} bars: 95 % intervals, full where they exclude 0 \N{MIDDLE DOT} linear within"
+        f" {LINEAR:g}\nTimes: {results.costs.machine}; medians with quartiles"
+    )
+    title = titled(results, "What each effect costs and does")
+    groups = [str(row) for row in range(len(rows))]
     return plots.rows_figure(names, panels, title, note, groups, len(panels))
 
 
@@ -104,7 +92,12 @@ def severity_figure(results: EffectResults) -> Figure:
         plots.table_panel(severity_table(results, name), name, looks)
         for name in results.severities
     ]
-    title, note = headed("severity.txt.j2", results)
+    note = (
+        f"{results.study.config.severity_frames} frames a point, the same in all, true corners \N{MIDDLE DOT}"
+        " bars: 95 % intervals \N{MIDDLE DOT} arrows: no errors, one-sided limit \N{MIDDLE DOT} dashed"
+        " upright line: the value in the table of effects"
+    )
+    title = titled(results, "Bit error rate over each effect's severity")
     figure = plots.curve_figure(panels, title, note, SEVERITY_COLUMNS, False)
     for axes, name in zip(figure.axes, results.severities, strict=True):
         values, usual = results.study.severities[name], results.study.usual(name)
@@ -117,25 +110,9 @@ def severity_figure(results: EffectResults) -> Figure:
 
 def severity_table(results: EffectResults, name: str) -> curve.BerTable:
     """Put one effect's points into a table: a curve for each training."""
-    axis = parameter_label(results.study.config.severity[name].parameter)
+    axis = results.study.config.severity[name].parameter.partition(".")[2]
     return curve.BerTable(
         curve.Point(name, axis, value, reading, "truth", counts, "frames")
         for (value, reading, receiver), counts in results.severities[name].items()
         if receiver == results.study.shown
     )
-
-
-def parameter_label(parameter: str) -> str:
-    """Write a parameter's name with its unit in brackets.
-
-    Args:
-        parameter: ``effect.parameter``.
-
-    Example:
-        >>> parameter_label("defocus.focus_distance_m"), parameter_label("prnu.share")
-        ('focus distance (m)', 'share')
-    """
-    name = parameter.partition(".")[2]
-    end = max((end for end in UNITS if name.endswith(end)), key=len, default="")
-    words = name.removesuffix(end).replace("_", " ").strip()
-    return f"{words} ({UNITS[end]})" if words and end else words or UNITS[end]

@@ -1,6 +1,6 @@
 """Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -36,30 +36,6 @@ POINT = "effects"
 
 TOGETHER = "all together"
 
-FIRST = {
-    "view": "pose",
-    "LEDs": "stuck_leds",
-    "surroundings": "attenuation",
-    "optics": "motion_blur",
-    "sensor": "bayer",
-    "encoding": "saturation",
-}
-"""The first effect of each part of the chain."""
-
-
-def group_of(name: str, order: Sequence[str] = ORDER) -> str:
-    """Name the part of the chain that an effect belongs to, of those in physical order.
-
-    Example:
-        >>> group_of("defocus"), group_of("bayer"), group_of("jpeg")
-        ('optics', 'sensor', 'encoding')
-    """
-    return [
-        group
-        for group, first in FIRST.items()
-        if order.index(first) <= order.index(name)
-    ][-1]
-
 
 def fills(effects: Key) -> bool:
     """Whether a locator needs frames with these effects rendered whole."""
@@ -75,28 +51,21 @@ class ScenePair:
         present: the effects of the scene that has it.
         absent: those of the scene that does not.
         in_scene: whether the scene of the study has it.
-        companions: effects that were added with it.
     """
 
     name: str
     present: Effects
     absent: Effects
     in_scene: bool = False
-    companions: tuple[str, ...] = ()
 
     @property
     def differing(self) -> tuple[str, ...]:
         """Names of the effects in which the two differ."""
         return tuple(
             name
-            for name in self.order
+            for name in chain.kinds_of(self.present)
             if name in self.present and name not in self.absent
         )
-
-    @property
-    def order(self) -> tuple[str, ...]:
-        """Names of all effects in physical order, those from outside too."""
-        return tuple(chain.kinds_of(self.present))
 
 
 @dataclass(frozen=True)
@@ -243,9 +212,7 @@ class EffectStudy:
             if key == name or key not in taken
         }
         present = alone if _buildable(alone) else scene
-        added = present.keys() - {*self.scene, name}
-        companions = tuple(key for key in chain.kinds_of(present) if key in added)
-        return ScenePair(name, present, absent, name in self.scene, companions)
+        return ScenePair(name, present, absent, name in self.scene)
 
     @cached_property
     def together(self) -> ScenePair | None:
@@ -259,9 +226,9 @@ class EffectStudy:
                 if scene.get(name) == self.scene.get(name):
                     scene[name] = parameters
                 elif parameters not in (scene[name], self.scene.get(name)):
-                    both = f"{dict(parameters)}: another part has {dict(scene[name])}"
+                    clash = f"{dict(parameters)}: another part has {dict(scene[name])}"
                     raise VoccError(
-                        f"effects.parts.{pair.name}.{name} is {both}, and all together need one"
+                        f"effects.parts.{pair.name}.{name} is {clash}, and all together need one"
                     )
         differing = {name for pair in added for name in pair.differing}
         present = {name: scene[name] for name in chain.kinds_of(scene) if name in scene}
@@ -272,8 +239,7 @@ class EffectStudy:
         }
         with section("effects.parts", before="scene.effects"):
             chain.build_effects(present)
-        companions = tuple(name for name in absent if name not in self.scene)
-        return ScenePair(TOGETHER, present, absent, companions=companions)
+        return ScenePair(TOGETHER, present, absent)
 
     @property
     def every_pair(self) -> tuple[ScenePair, ...]:
@@ -304,7 +270,9 @@ class EffectStudy:
     def usual(self, name: str) -> float | None:
         """Return the value that a severity's parameter has in the table of effects; None if no number."""
         effect, _, parameter = self.config.severity[name].parameter.partition(".")
-        built = {one.name: one for one in chain.build_effects(self.pair(name).present)}
+        built = {
+            kind.name: kind for kind in chain.build_effects(self.pair(name).present)
+        }
         value = getattr(built[effect], parameter, None)
         return float(value) if isinstance(value, int | float) else None
 
@@ -368,8 +336,8 @@ def build_effect_study(
             )
         effect_settings(part, key)
     severities = {
-        name: _severity(f"effects.severity.{name}", one)
-        for name, one in config.severity.items()
+        name: _severity(f"effects.severity.{name}", given_severity)
+        for name, given_severity in config.severity.items()
     }
     config = replace(config, severity=severities)
     # All frames are of the scene itself: no experiment narrows them.

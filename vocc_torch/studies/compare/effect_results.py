@@ -21,7 +21,6 @@ from vocc_torch.studies.compare.effect_plan import (
     Key,
     ScenePair,
     fills,
-    group_of,
 )
 
 KINDS = ("near", "located")
@@ -98,16 +97,10 @@ class EffectRow:
         return change.estimate if change else None
 
     @property
-    def group(self) -> str:
-        """The part of the chain that it belongs to, such as optics; empty for many together."""
-        if self.pair.name not in self.pair.differing:
-            return ""
-        return group_of(self.pair.name, self.pair.order)
-
-    @property
     def label(self) -> str:
         """The names of what it is about."""
-        return " + ".join(self.pair.differing) if self.group else self.pair.name
+        pair = self.pair
+        return " + ".join(pair.differing) if pair.name in pair.differing else pair.name
 
     @property
     def fills_sensor(self) -> bool:
@@ -115,20 +108,6 @@ class EffectRow:
         names = self.pair.differing
         built = build_effects(self.pair.present)
         return fills(tuple(effect for effect in built if effect.name in names))
-
-    @property
-    def settings(self) -> str:
-        """Its parameters as the configuration has them; empty for many together."""
-        values = self.pair.present[self.pair.name] if self.group else {}
-        texts = (f"{name}={parameter_text(value)}" for name, value in values.items())
-        return ", ".join(texts)
-
-
-def parameter_text(value: object) -> str:
-    """Write a parameter: a number, or a distribution with its numbers."""
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(parameter_text, value))}]"
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True)
@@ -234,12 +213,6 @@ class EffectResults:
         """The readings that any effect has."""
         known = {place for row in self.every_row for place in row.changes}
         return [name for name in READINGS if (name, self.study.shown) in known]
-
-    def frames(self, reading: str) -> list[int]:
-        """The numbers of frames that effects were read on."""
-        place = reading, self.study.shown
-        rows = (row.changes.get(place) for row in self.every_row)
-        return sorted({change.present.frames for change in rows if change})
 
     @cached_property
     def base_costs(self) -> dict[str, Rounds]:

@@ -150,7 +150,8 @@ def write_report(
     places = [("file", name) for name in others]
     for name, table in rows.items():
         if table:
-            columns = list(dict.fromkeys(column for row in table for column in row))
+            fullest = sorted(table, key=len, reverse=True)
+            columns = list(dict.fromkeys(column for row in fullest for column in row))
             lines = [[row.get(column) for column in columns] for row in table]
             file = f"{name}.csv"
             run_folder.write_rows(folder / file, [columns, *lines], short=True)
