@@ -75,12 +75,12 @@ def open_ledgers(
 ) -> dict[str, Store]:
     """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
     every = {
-        one.key: (folder / LEDGERS / f"{one.key}{SUFFIX}", one.identity)
-        for one in studies
+        study.key: (folder / LEDGERS / f"{study.key}{SUFFIX}", study.identity)
+        for study in studies
     }
     return {
-        key: held.enter_context(open_ledger(*one, console))
-        for key, one in every.items()
+        key: held.enter_context(open_ledger(*place, console))
+        for key, place in every.items()
     }
 
 
@@ -168,19 +168,19 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                 io.TextIOWrapper(file, encoding="utf-8", newline="")
             )
             names = list(reader.fieldnames or ())
-            wanted = [
-                one.name
-                for one in fields(curve.Row)
-                if one.default is MISSING or one.name in names
+            columns = [
+                attribute.name
+                for attribute in fields(curve.Row)
+                if attribute.default is MISSING or attribute.name in names
             ]
-            if missing := [name for name in wanted if name not in names]:
+            if missing := [name for name in columns if name not in names]:
                 raise VoccError(
                     f"{path} has no column {missing[0]}: it needs {', '.join(curve.COLUMNS)}"
                 )
             grid = "" if names[0] == curve.COLUMNS[0] else names[0]
             for line in reader:
                 cells, parsed = {"": "", **line}, dict[str, Any]()
-                for name in wanted:
+                for name in columns:
                     text, kind = printable(cells[name] or ""), kinds[name]
                     try:
                         # What an optional column has is a number.
@@ -263,7 +263,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         b,
                         paired.frames,
                     )
-                    given = (
+                    numbers = (
                         found.value,
                         found.low,
                         found.high,
@@ -271,11 +271,11 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         *worse,
                         sign_test(paired),
                     )
-                    told: Cells = (1, None, None, None, None)
+                    trained: Cells = (1, None, None, None, None)
                     if (of := curves.trained_pair(a, b, value)) is not None:
                         count = len(curves.trained[a, value].each)
-                        told = (count, of.value, of.low, of.high, int(of.real))
-                    lines.append((*place, *given, *told))
+                        trained = (count, of.value, of.low, of.high, int(of.real))
+                    lines.append((*place, *numbers, *trained))
     write_rows(path, lines, short=True)
 
 

@@ -77,14 +77,14 @@ def matrix_figure(
         ['1e-3', '< 1e-4']
     """
     layout = plots.rows_of(list(range(len(maps))), columns)
-    cells = [max(2.6, 0.72 * len(one.columns)) for one in maps[: len(layout[0])]]
-    height = max(2.2, 0.52 * max(len(one.rows) for one in maps)) + 0.9
+    cells = [max(2.6, 0.72 * len(matrix.columns)) for matrix in maps[: len(layout[0])]]
+    height = max(2.2, 0.52 * max(len(matrix.rows) for matrix in maps)) + 0.9
     size = max(7.0, sum(cells) + 2.2), height * len(layout) + 1.0
     figure, axes = plots.sheet(layout, size, title, footnote, width_ratios=cells)
-    norm = rate_norm(rate for one in maps for rate in one.rates.ravel())
-    for place, one in enumerate(maps):
-        draw_matrix(axes[place], one, norm)
-        if place % len(layout[0]) and list(one.rows) == list(maps[place - 1].rows):
+    norm = rate_norm(rate for matrix in maps for rate in matrix.rates.ravel())
+    for place, matrix in enumerate(maps):
+        draw_matrix(axes[place], matrix, norm)
+        if place % len(layout[0]) and list(matrix.rows) == list(maps[place - 1].rows):
             axes[place].set(yticklabels=[], ylabel="")
     scale = figure.colorbar(
         cm.ScalarMappable(norm, _MAP), ax=list(axes.values()), pad=0.01, aspect=30
@@ -179,10 +179,10 @@ def dimming_figure(
     for name in names:
         rates, limits = grid.ber(name).T, grid.intervals(name)[1].T
         pairs = [
-            zip(*both, strict=True)
-            for both in zip(rates.tolist(), limits.tolist(), strict=True)
+            zip(*column, strict=True)
+            for column in zip(rates.tolist(), limits.tolist(), strict=True)
         ]
-        texts = [[rate_or_limit(*one) for one in row] for row in pairs]
+        texts = [[rate_or_limit(*ends) for ends in row] for row in pairs]
         maps.append(
             Matrix(
                 rates, texts, rows, columns, looks[name].label, *labels, text_at=0.24
@@ -193,8 +193,8 @@ def dimming_figure(
         maps, title, f"{note} \N{MIDDLE DOT} pale: no errors, limit", 2
     )
     places = dict(zip(grid.columns, np.arange(len(grid.columns)) + 0.5, strict=True))
-    for one, name in zip(axes, names, strict=True):
-        draw_best(one, best_luminance(grid, name), places)
+    for map_axes, name in zip(axes, names, strict=True):
+        draw_best(map_axes, best_luminance(grid, name), places)
     return figure
 
 
@@ -245,10 +245,10 @@ def best_luminance_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
     for name, style in styles.receiver_styles(receivers or grid.receivers).items():
         bests = best_luminance(grid, name)
         ends = [
-            (one.middle_cd_m2, one.candidates_cd_m2[0], one.candidates_cd_m2[-1])
-            for one in bests
+            (best.middle_cd_m2, best.candidates_cd_m2[0], best.candidates_cd_m2[-1])
+            for best in bests
         ]
-        curves.append(Curve(style, grid.rows, [Estimate(*one) for one in ends]))
+        curves.append(Curve(style, grid.rows, [Estimate(*end) for end in ends]))
     labels = styles.axis_label(grid.row_axis), styles.axis_label(grid.column_axis)
     panel = Panel(curves, "", *labels, x_scale="log")
     note = f"{_frames_text(grid)} \N{MIDDLE DOT} {styles.LOOKS['dimming_signs']}"

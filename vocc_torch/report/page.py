@@ -57,27 +57,27 @@ def environment(package: str) -> jinja2.Environment:
         markdown = context.name is not None and context.name.endswith(".md.j2")
         return md(value) if markdown and not hasattr(value, "__html__") else value
 
-    made = jinja2.Environment(
+    filled = jinja2.Environment(
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    made.undefined, made.finalize = jinja2.StrictUndefined, escaped
-    made.loader = jinja2.ChoiceLoader(
+    filled.undefined, filled.finalize = jinja2.StrictUndefined, escaped
+    filled.loader = jinja2.ChoiceLoader(
         [jinja2.PackageLoader(name, "") for name in (package, __package__)]
     )
     # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
-    made.autoescape = lambda name: (
+    filled.autoescape = lambda name: (
         name is not None and name.endswith((".md.j2", ".html.j2"))
     )
-    made.filters |= {
+    filled.filters |= {
         "md": md,
         "code": code,
         "fence": fence,
         "slug": slug,
         "rate": rate_text,
     }
-    made.filters["interval"] = lambda of: ends_text(of.low, of.high)
-    made.globals["SIGNS"] = SIGNS
-    return made
+    filled.filters["interval"] = lambda of: ends_text(of.low, of.high)
+    filled.globals["SIGNS"] = SIGNS
+    return filled
 
 
 def md(value: object) -> Markup:

@@ -34,7 +34,7 @@ from vocc_torch.report.styles import (
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class FigureLook:
     """Sizes and colours that all figures share."""
 
     dpi: int = 120  # pixels an inch
@@ -52,7 +52,7 @@ class Look:
     )
 
 
-LOOK = Look()
+LOOK = FigureLook()
 
 OFF, ON = LOOK.off, LOOK.on
 STATUS = ((False, "Off", LOOK.off), (True, "On", LOOK.on))
@@ -220,8 +220,8 @@ def sheet(
             footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet
         )
         below.set(wrap=True, linespacing=1.4)
-    for one in axes.values():
-        quiet(one)
+    for panel_axes in axes.values():
+        quiet(panel_axes)
     return figure, axes
 
 
@@ -296,8 +296,8 @@ def draw_panel(
         )
     )
     named = [0]
-    for place, one in enumerate(at):
-        if one - at[named[-1]] > LOOK.tick_px / axes.bbox.width * width:
+    for place, position in enumerate(at):
+        if position - at[named[-1]] > LOOK.tick_px / axes.bbox.width * width:
             named.append(place)
     axes.set_xticks(
         [values[place] for place in named],
@@ -315,7 +315,9 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
         x: where they stand.
     """
     rate, low, high = (
-        np.array([(one.value, one.low, one.high) for one in curve.rates])
+        np.array(
+            [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
+        )
         .reshape(-1, 3)
         .T
     )
@@ -505,17 +507,19 @@ def facet_figure(
     Raises:
         VoccError: no facet, or a table without points.
     """
-    tables = [one for row in rows for one in row.values() if isinstance(one, BerTable)]
-    tables.sort(key=lambda one: -len(one.receivers))
+    tables = [
+        facet for row in rows for facet in row.values() if isinstance(facet, BerTable)
+    ]
+    tables.sort(key=lambda table: -len(table.receivers))
     styles = styles or receiver_styles(
         name for table in tables for name in table.receivers
     )
     panels = [
-        Panel(title=name, y_label=rate, reason=one)
-        if isinstance(one, str)
-        else table_panel(one, name, styles, y_label=rate)
+        Panel(title=name, y_label=rate, reason=facet)
+        if isinstance(facet, str)
+        else table_panel(facet, name, styles, y_label=rate)
         for row in rows
-        for name, one in row.items()
+        for name, facet in row.items()
     ]
     return curve_figure(
         panels, title, footnote, max(map(len, rows), default=1), axes_alike
@@ -635,25 +639,25 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
     ends = [0.0] * count
     for number, (style, estimates) in enumerate(panel.series.values()):
         shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
-        for row, one in enumerate(estimates):
-            if one is None or (panel.scale == "log" and one.high <= 0):
+        for row, estimate in enumerate(estimates):
+            if estimate is None or (panel.scale == "log" and estimate.high <= 0):
                 continue
-            reach = [[one.value - one.low], [one.high - one.value]]
-            face = style.colour if one.real else "white"
+            reach = [[estimate.value - estimate.low], [estimate.high - estimate.value]]
+            face = style.colour if estimate.real else "white"
             look: dict[str, Any] = {
                 "color": style.colour,
                 "marker": style.marker,
                 "capsize": 2,
             }
             axes.errorbar(
-                [one.value],
+                [estimate.value],
                 [row + shift],
                 xerr=reach,
                 markerfacecolor=face,
                 markersize=5,
                 **look,
             )
-            ends[row] = max(ends[row], one.high)
+            ends[row] = max(ends[row], estimate.high)
     if panel.stars:
         axes.plot(list(panel.stars.values()), list(panel.stars), **_star("white"))
     for row, text in enumerate(panel.texts):

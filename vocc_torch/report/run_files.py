@@ -60,7 +60,7 @@ def print_places(
     board: bool = False,
 ) -> None:
     """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
-    lines = [f"{what:<9} {printable(str(folder / name))}" for what, name in places]
+    lines = [f"{kind:<9} {printable(str(folder / name))}" for kind, name in places]
     if board:
         command, address = board_hint(folder / "tensorboard").splitlines()
         lines += [f"{'board':<9} {printable(command)}", f"{'':<9} {address}"]

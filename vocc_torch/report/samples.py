@@ -65,13 +65,13 @@ def crops(
     for frame in range(frames):
         row, keys = slice(frame, frame + 1), [FrameKey(key, frame)]
         with torch.autocast(simulator.device.type, enabled=False):
-            seen = simulator.render(
+            rendered = simulator.render(
                 scenes[row], bits[row], nearest_m=nearest_m, keys=keys, panel_only=True
             )
-        pixels = seen.pixels[0]
-        if seen.colour is None:
+        pixels = rendered.pixels[0]
+        if rendered.colour is None:
             pixels = np.repeat(pixels[..., None], 3, axis=2)
-        yield Crop(scenes[row], pixels, seen.origin_px[0].cpu())
+        yield Crop(scenes[row], pixels, rendered.origin_px[0].cpu())
 
 
 def write_samples(

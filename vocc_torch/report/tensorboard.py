@@ -70,13 +70,13 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
     """
     factor, _ = styles.LOOKS["steps"].get(axis, (1, ""))
     logarithmic = is_logarithmic(axis, values)
-    seen: dict[int, float] = {}
+    by_step: dict[int, float] = {}
     for value in sorted(values):
         step = round(LOG_FACTOR * math.log10(value) if logarithmic else value * factor)
-        if (other := seen.setdefault(step, value)) != value:
+        if (other := by_step.setdefault(step, value)) != value:
             rule = f"TensorBoard's steps are integers and both give {step}"
             raise VoccError(f"{axis} is {other:g} and {value:g}: {rule}")
-    return {value: step for step, value in seen.items()}
+    return {value: step for step, value in by_step.items()}
 
 
 def swept_keys() -> dict[str, str]:
@@ -162,16 +162,16 @@ def write_boards(
         ...     sorted(run.name for run in Path(folder).iterdir())
         ['_summary', 'flda_3']
     """
-    given = [
+    named = [
         (group, table) for group, some in tables.items() for table in some if len(table)
     ]
     parts = [
         BoardPart(group, table, axis_steps(table.axis, table.values))
-        for group, table in given
+        for group, table in named
     ]
     # The sort is stable: those without a place keep their order.
     receivers = list(
-        dict.fromkeys(name for _, table in given for name in table.receivers)
+        dict.fromkeys(name for _, table in named for name in table.receivers)
     )
     receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
     try:
@@ -237,7 +237,7 @@ class BoardPart:
 
         TensorBoard takes what few points have for outliers: both ends of a chart have enough of them.
         """
-        rates = [one.ber for one in self.table if not one.error_free]
+        rates = [point.ber for point in self.table if not point.error_free]
         if row.ber not in (min(rates, default=None), max(rates, default=None)):
             return 1
         step = self.steps[row.value]

@@ -106,29 +106,33 @@ def ber_table(
 
     joints = ((" to ", 2), (" to\n", 3), (None, 1))
     fitting = [
-        joint for joint, each in joints if lines is None or each * len(values) <= lines
+        joint
+        for joint, lines_a_row in joints
+        if lines is None or lines_a_row * len(values) <= lines
     ]
     for joint in fitting or [None]:
-        made = plain_table(heading, *map(receiver_heading, receivers))
+        candidate = plain_table(heading, *map(receiver_heading, receivers))
         for value in values:
-            made.add_row(
+            candidate.add_row(
                 value_text(value),
                 *(cell(value, receiver, joint) for receiver in receivers),
             )
         if (
-            console.measure(made, options=console.options.update(width=10_000)).maximum
+            console.measure(
+                candidate, options=console.options.update(width=10_000)
+            ).maximum
             <= console.width
         ):
-            return made
-    made = plain_table(
+            return candidate
+    candidate = plain_table(
         heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold"
     )
-    made.columns[1].justify = "left"
+    candidate.columns[1].justify = "left"
     for value in values:
         for receiver in receivers:
             rate, *ends = cell(value, receiver, " to ").split()
-            made.add_row(value_text(value), Text(receiver), rate, *ends)
-    return made
+            candidate.add_row(value_text(value), Text(receiver), rate, *ends)
+    return candidate
 
 
 class _Bar(progress.Progress):
@@ -174,11 +178,11 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if not len(table):
         return console.print("No points were measured.")
     console.print(ber_table(table, console))
-    given: dict[str, object] = {
+    values: dict[str, object] = {
         "free": any(row.error_free for row in table),
         "value_text": value_text,
     }
-    given["unseen"] = [
+    values["unseen"] = [
         row.unseen_below for row in table if row.unseen_below is not None
     ]
     # How each receiver's rate scatters over the trainings; nothing after a single one.
@@ -186,9 +190,9 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
         receiver: [row for row in table.of(receiver) if row.ber_sd]
         for receiver in table.receivers
     }
-    given["scattered"] = {receiver: some for receiver, some in rows.items() if some}
+    values["scattered"] = {receiver: some for receiver, some in rows.items() if some}
     about, *lines = page.render(
-        __package__, "below.txt.j2", table=table, **given
+        __package__, "below.txt.j2", table=table, **values
     ).splitlines()
     console.print(Text(about, style="dim"))
     for line in lines:
@@ -329,7 +333,9 @@ class StudyView(ProgressView):
         self._frames_here = 0
         self.advance(self._doing(), 0)
         for point in (
-            {one.value: one for one in points}.values() if self._bar.disable else ()
+            {point.value: point for point in points}.values()
+            if self._bar.disable
+            else ()
         ):
             why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
             self.say(
@@ -376,8 +382,10 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
         if training.missed
         else ""
     )
-    more = f", and {often - 1} more times on as many of their own" if often > 1 else ""
-    view.say(f"trained on {training.frames} frames{missed}{more}")
+    repeated = (
+        f", and {often - 1} more times on as many of their own" if often > 1 else ""
+    )
+    view.say(f"trained on {training.frames} frames{missed}{repeated}")
     for name, cost in training.costs.items():
         if cost.frames:
             view.say(

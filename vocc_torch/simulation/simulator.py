@@ -331,17 +331,18 @@ class Simulator:
                 self.panel,
                 margin_cells=0,
             )
-            worth = (
+            group_pixels = (
                 framing.GROUP_PIXELS
                 if self.device.type == "cpu"
                 else framing.GROUP_PIXELS_ELSEWHERE
             )
-            groups = framing.like_sized(scene, moved, size, tight, worth)
+            groups = framing.like_sized(scene, moved, size, tight, group_pixels)
         pictures = framing.in_groups(
             batch, groups, lambda part: self.expose(part.to(self.device), window)
         )
         centre, origin = (
-            one.to(self.device, non_blocking=True) for one in (batch.centre_px, origin)
+            points_px.to(self.device, non_blocking=True)
+            for points_px in (batch.centre_px, origin)
         )
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)

@@ -18,7 +18,7 @@ from vocc_torch import (
     load_scene,
 )
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.drawing import Drawing
+from vocc_torch.extras.calibrate.drawing import PanelDrawing
 from vocc_torch.extras.calibrate.fit import BASE, RecordingFit, settled
 from vocc_torch.extras.calibrate.leds import decided, start
 from vocc_torch.extras.calibrate.noise import Noise, expected
@@ -41,7 +41,7 @@ def fit_of(scene, lit, angles=(0.0, 0.0, 0.0), panel=SMALL, size=None):
     origin = torch.zeros(len(scene), 2, dtype=torch.int64)
     if size is not None:
         origin += torch.tensor([CAMERA.width_px - size, CAMERA.height_px - size]) // 2
-    drawing = Drawing(
+    drawing = PanelDrawing(
         CAMERA, panel, origin, CAMERA.sensor_px if size is None else (size, size)
     )
     away = scene.distance_m
@@ -63,12 +63,12 @@ def fit_of(scene, lit, angles=(0.0, 0.0, 0.0), panel=SMALL, size=None):
         for light in lights
     ]
     turned = [torch.full_like(away, angle) for angle in angles]
-    own = torch.stack([*(place + sides / 2).T, pitch, *turned, *greys], 1).numpy()
+    own_ = torch.stack([*(place + sides / 2).T, pitch, *turned, *greys], 1).numpy()
     shared = np.array([CAMERA.gamma, 1.3])
     fit = RecordingFit(
         drawing,
         np.zeros((len(scene), *drawing.size_px)),
-        own,
+        own_,
         shared,
         np.array(lit, float),
     )
@@ -106,7 +106,7 @@ def test_a_fit_begun_beside_the_truth_ends_there():
     fit = settled(begun, BASE, 20)
     assert fit.gamma == pytest.approx(2.2, abs=1e-3)
     assert fit.value("blur_px") == pytest.approx(1.3, abs=1e-3)
-    assert np.abs(fit.own - truth.own)[:, :3].max() < 1e-3
+    assert np.abs(fit.own_ - truth.own_)[:, :3].max() < 1e-3
 
 
 def test_intervals_are_as_wide_as_values_scatter_in_many_draws():
@@ -224,10 +224,10 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
         one = found[key]
         assert abs(one.middle - value) < 4 * one.deviation, (key, one)
         assert one.deviation < 0.2 * value, (key, one)
-    away, own, common = study.fit.derived(
+    away, own_, common = study.fit.derived(
         lambda values, _: study.fit.drawing.distance_m(values)
     )
-    assert (np.abs(away - scene.distance_m.numpy()) < 4 * np.hypot(own, common)).all()
+    assert (np.abs(away - scene.distance_m.numpy()) < 4 * np.hypot(own_, common)).all()
     assert abs(study.fit.gamma - 2.2) < 4 * study.fit.deviation("gamma")
 
 
@@ -310,10 +310,10 @@ def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
         spread("distance_m", (50 + width * draws, error, 0.0), "x")
         for width in (0.1, 2.0)
     )
-    assert isinstance(stays.given, float)
+    assert isinstance(stays.setting, float)
     assert 0.1 / math.sqrt(30) <= stays.deviation < 0.15 / math.sqrt(30)
     mean, half = 50 + 2 * draws.mean(), 2 * math.sqrt(3) * draws.std(ddof=1)
-    assert moves.given == [
+    assert moves.setting == [
         "uniform",
         pytest.approx(mean - half),
         pytest.approx(mean + half),

@@ -14,7 +14,7 @@ from vocc_torch.studies.compare.classifiers import (
     write_points,
 )
 from vocc_torch.studies.compare.rival_figures import curves_figure, scenes_figure
-from vocc_torch.studies.compare.rival_results import Comparison, Transfer
+from vocc_torch.studies.compare.rival_results import ReceiverComparison, Transfer
 
 FRAMES = 1000
 WRONG = {
@@ -99,7 +99,7 @@ def made_up():
             transfer(name, *pair, wrong[place], wrong[home])
             for name, wrong in errors.items()
         ]
-    return Comparison(
+    return ReceiverComparison(
         reference="flda_3",
         curves={"distance": curves()},
         costs={

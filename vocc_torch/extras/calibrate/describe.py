@@ -40,7 +40,7 @@ def describe(apart: Array, found: Findings) -> None:
     found.loose = coded or found.bound is not None
     found.say("coded", when=coded)
     if found.bound is not None:
-        found.say("bound", gamma=found.bound, own=fit.gamma)
+        found.say("bound", gamma=found.bound, fitted=fit.gamma)
     else:
         found.camera = replace(found.camera, gamma=round(fit.gamma, 5))
         found.tell("camera.gamma", fit.gamma, fit.deviation("gamma"))
@@ -70,11 +70,11 @@ def describe(apart: Array, found: Findings) -> None:
 def place(apart: Array, found: Findings) -> None:
     """Describe place and pose."""
     drawing = found.fit.drawing
-    found.over("distance_m", lambda own, _: drawing.distance_m(own))
+    found.over("distance_m", lambda by_frame, _: drawing.distance_m(by_frame))
     for axis, name in enumerate("xy"):
 
-        def offset(own: Array, _: Array, axis: int = axis) -> Array:
-            scene = drawing.scene(own, 0.0)
+        def offset(by_frame: Array, _: Array, axis: int = axis) -> Array:
+            scene = drawing.scene(by_frame, 0.0)
             return np.asarray((scene.offset_x_m, scene.offset_y_m)[axis])
 
         found.over(f"offset_{name}_m", offset)
@@ -83,16 +83,16 @@ def place(apart: Array, found: Findings) -> None:
         return
     for name in TURNED:
 
-        def angle(own: Array, _: Array, at: int = OF_FRAME.index(name)) -> Array:
-            return np.asarray(own[:, at])
+        def angle(by_frame: Array, _: Array, at: int = OF_FRAME.index(name)) -> Array:
+            return np.asarray(by_frame[:, at])
 
         found.over(f"effects.pose.{name}", angle)
     found.say("signs", when=float(np.median(apart)) < 9)
 
 
-def level(own: Array, shared: Array, name: str) -> Array:
+def level(by_frame: Array, shared: Array, name: str) -> Array:
     """Give a level of each frame as light, (B,)."""
-    return linear(own[:, OF_FRAME.index(name)], float(shared[0]))
+    return linear(by_frame[:, OF_FRAME.index(name)], float(shared[0]))
 
 
 def illuminance(
@@ -125,7 +125,9 @@ def veil_luminance(found: Findings) -> tuple[float, float]:
     """
     panel = found.panel
     ratio, own_error, common = found.derived(
-        lambda own, shared: level(own, shared, "off") / level(own, shared, "background")
+        lambda by_frame, shared: (
+            level(by_frame, shared, "off") / level(by_frame, shared, "background")
+        )
     )
     middle = float(np.median(ratio))
     error = math.hypot(float(np.median(own_error)) / math.sqrt(len(ratio)), common)
@@ -148,7 +150,7 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
     efficiency = config.quantum_efficiency
     found.over(
         "background_grey",
-        lambda own, _: np.asarray(own[:, OF_FRAME.index("background")]),
+        lambda by_frame, _: np.asarray(by_frame[:, OF_FRAME.index("background")]),
         1.0,
     )
     grey = found.values[-1]
@@ -172,9 +174,9 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
             efficiency *= counted / config.ambient_lx
     found.note(Value("ambient_lx", lux, error, note))
 
-    def own_light(own: Array, shared: Array) -> Array:
-        added = level(own, shared, "on") - level(own, shared, "off")
-        return added / level(own, shared, "background") * (background * lux)
+    def own_light(by_frame: Array, shared: Array) -> Array:
+        added = level(by_frame, shared, "on") - level(by_frame, shared, "off")
+        return added / level(by_frame, shared, "background") * (background * lux)
 
     found.over("led_luminance_cd_m2", own_light, 0.0)
     found.say("air")

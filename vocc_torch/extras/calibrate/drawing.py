@@ -19,7 +19,7 @@ PLACED = ("x_px", "y_px", "log_pitch_px")
 TURNED = ("yaw_deg", "pitch_deg", "roll_deg")
 LEVELS = ("background", "off", "on", "board")
 OF_FRAME = (*PLACED, *TURNED, *LEVELS)
-"""What each frame has of its own: the panel's centre on the sensor (px), the
+"""What each frame has by itself: the panel's centre on the sensor (px), the
 logarithm of the image of a pitch (px), its angles, and grey values, not clipped, of the background, of wide
 Off and On LEDs and of the board."""
 
@@ -67,7 +67,7 @@ class LedWeights(Effect, on=Quantity.LED_LUMINANCE):
 
 
 @dataclass(frozen=True)
-class Drawing:
+class PanelDrawing:
     """Windows of the sensor, and what is known of camera and panel.
 
     Args:
@@ -84,29 +84,29 @@ class Drawing:
     size_px: tuple[int, int]
     corner_loss: float | None = None
 
-    def taken(self, frames: slice) -> "Drawing":
+    def taken(self, frames: slice) -> "PanelDrawing":
         """Take some frames."""
         return replace(self, origin_px=self.origin_px[frames])
 
     def simulator(
-        self, own: Array, shared: Array, weights: Array | None = None
+        self, by_frame: Array, shared: Array, weights: Array | None = None
     ) -> Simulator:
         """Give the simulator whose linear pictures have the background's light as 1.
 
         Args:
-            own: (B,10) as :data:`OF_FRAME`.
+            by_frame: (B,10) as :data:`OF_FRAME`.
             shared: (2,) as :data:`OF_ALL`.
             weights: (B,R*C) of the LEDs' own light, or None for all alike.
         """
         blur_px = float(shared[1])
-        angles = own[:, len(PLACED) : len(PLACED) + len(TURNED)]
+        angles = by_frame[:, len(PLACED) : len(PLACED) + len(TURNED)]
         effects: dict[str, object] = {"blooming": {"sigma_px": blur_px}}
         if angles.any():
             effects["frame_pose"] = FramePose(torch.from_numpy(angles.copy()))
         if self.corner_loss is not None:
             effects["vignetting"] = {"corner_loss": self.corner_loss}
         if weights is not None:
-            shape = len(own), self.panel.shape.rows, self.panel.shape.columns
+            shape = len(by_frame), self.panel.shape.rows, self.panel.shape.columns
             effects["led_weights"] = LedWeights(torch.from_numpy(weights).view(shape))
         panel = replace(
             self.panel,
@@ -116,66 +116,76 @@ class Drawing:
         linear = replace(self.camera, gamma=1.0, iso_limits=None)
         return Simulator(linear, panel, effects, dtype=torch.float64)  # type: ignore[arg-type]
 
-    def distance_m(self, own: Array) -> Array:
+    def distance_m(self, by_frame: Array) -> Array:
         """Distances of the panels, (B,)."""
         away: Array = (
-            self.camera.focal_length_px * self.panel.pitch_m * np.exp(-own[:, 2])
+            self.camera.focal_length_px * self.panel.pitch_m * np.exp(-by_frame[:, 2])
         )
         return away
 
-    def scene(self, own: Array, luminance: float) -> Scene:
+    def scene(self, by_frame: Array, luminance: float) -> Scene:
         """Give the scenes of frames: where the panels are."""
-        away = self.distance_m(own)
+        away = self.distance_m(by_frame)
         sides = np.array([self.camera.width_px, self.camera.height_px])
-        offsets = (own[:, :2] - sides / 2) * away[:, None] / self.camera.focal_length_px
-        same = np.ones(len(own))
+        offsets = (
+            (by_frame[:, :2] - sides / 2) * away[:, None] / self.camera.focal_length_px
+        )
+        same = np.ones(len(by_frame))
         columns = AMBIENT_LX * same, luminance * same, away, same, *offsets.T
         return Scene(
             *(torch.from_numpy(np.ascontiguousarray(column)) for column in columns)
         )
 
-    def centres_px(self, own: Array, shared: Array) -> Array:
+    def centres_px(self, by_frame: Array, shared: Array) -> Array:
         """Centres of the LEDs in the windows, (B,R*C,2) px."""
-        at = self.simulator(own, shared).led_centres_px(self.scene(own, 0.0)).numpy()
+        at = (
+            self.simulator(by_frame, shared)
+            .led_centres_px(self.scene(by_frame, 0.0))
+            .numpy()
+        )
         inside: Array = at - self.origin_px.numpy()[:, None]
         return inside
 
-    def cover(self, own: Array, shared: Array, weights: Array | None = None) -> Array:
+    def cover(
+        self, by_frame: Array, shared: Array, weights: Array | None = None
+    ) -> Array:
         """Light that LEDs of luminance 1 add, as the lens spreads and dims it, (B,H,W).
 
         Args:
-            own: (B,10).
+            by_frame: (B,10).
             shared: (2,).
             weights: (B,R*C), or None for all alike.
         """
         luminance = AMBIENT_LX * self.panel.background_reflectance / np.pi
-        lit = self._linear(self.simulator(own, shared, weights), own, luminance)
-        return lit - self.base(own)
+        lit = self._linear(
+            self.simulator(by_frame, shared, weights), by_frame, luminance
+        )
+        return lit - self.base(by_frame)
 
-    def base(self, own: Array) -> Array:
+    def base(self, by_frame: Array) -> Array:
         """Light of a background of 1 without a panel, (B,H,W) or (B,1,1)."""
         if self.corner_loss is None:
-            return np.ones((len(own), 1, 1))
+            return np.ones((len(by_frame), 1, 1))
         still = np.ones(2)
-        return self._linear(self.simulator(own, still), own, 0.0)
+        return self._linear(self.simulator(by_frame, still), by_frame, 0.0)
 
-    def board(self, own: Array, shared: Array) -> Array:
+    def board(self, by_frame: Array, shared: Array) -> Array:
         """Light that a board of luminance 1 adds, (B,H,W)."""
-        simulator = self.simulator(own, shared)
+        simulator = self.simulator(by_frame, shared)
         shares = {"led_reflectance": 1.0, "board_reflectance": 1.0}
         white = replace(simulator.panel, **shares)  # type: ignore[arg-type]
         drawn = Simulator(
             simulator.camera, white, simulator.effects, dtype=torch.float64
         )
         excess = 1 / self.panel.background_reflectance - 1
-        return (self._linear(drawn, own, 0.0) - self.base(own)) / excess
+        return (self._linear(drawn, by_frame, 0.0) - self.base(by_frame)) / excess
 
-    def _linear(self, simulator: Simulator, own: Array, luminance: float) -> Array:
+    def _linear(self, simulator: Simulator, by_frame: Array, luminance: float) -> Array:
         """Render windows in linear light."""
         shape = self.panel.shape
-        lit = torch.ones(len(own), shape.rows, shape.columns, dtype=torch.bool)
+        lit = torch.ones(len(by_frame), shape.rows, shape.columns, dtype=torch.bool)
         frames = simulator.render_window(
-            self.scene(own, luminance), lit, self.origin_px, self.size_px
+            self.scene(by_frame, luminance), lit, self.origin_px, self.size_px
         )
         grey: Array = frames.grey[:, 0].numpy()
         return grey

@@ -15,7 +15,7 @@ from vocc_torch.extras.calibrate.drawing import (
     PLACED,
     TURNED,
     Array,
-    Drawing,
+    PanelDrawing,
 )
 from vocc_torch.extras.calibrate.noise import ROUNDING, Noise, expected, linear
 
@@ -27,7 +27,7 @@ POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur_px")
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class RecordingFitSettings:
     """How a fit is made."""
 
     clear_sigmas: float = (
@@ -44,7 +44,7 @@ class FitSettings:
     )
 
 
-SETTINGS = FitSettings()
+SETTINGS = RecordingFitSettings()
 
 RANGES = {
     "gamma": (1.0, 4.0),
@@ -69,7 +69,7 @@ class RecordingFit:
     Args:
         drawing: the windows, camera and panel.
         grey: (B,H,W) measured.
-        own: (B,10) as :data:`OF_FRAME`.
+        by_frame: (B,10) as :data:`OF_FRAME`.
         shared: (2,) as :data:`OF_ALL`.
         lit: (B,R*C) share of On's light of each LED.
         noise: of the light.
@@ -82,9 +82,9 @@ class RecordingFit:
             (sandwiches); the widest counts.
     """
 
-    drawing: Drawing
+    drawing: PanelDrawing
     grey: Array
-    own: Array
+    by_frame: Array
     shared: Array
     lit: Array
     noise: Noise = field(default_factory=Noise)
@@ -132,7 +132,7 @@ class RecordingFit:
     def value(self, name: str) -> Array:
         """A value: of each frame (B,), or of all ()."""
         if name in OF_FRAME:
-            return np.asarray(self.own[:, OF_FRAME.index(name)])
+            return np.asarray(self.by_frame[:, OF_FRAME.index(name)])
         return np.asarray(self.shared[OF_ALL.index(name)])
 
     def level(self, name: str) -> Array:
@@ -143,25 +143,34 @@ class RecordingFit:
         """Take some frames."""
         trust = self.trust if len(self.trust) == 1 else self.trust[frames]
         drawing = self.drawing.taken(frames)
-        grey, frame_values, lit = self.grey[frames], self.own[frames], self.lit[frames]
+        grey, frame_values, lit = (
+            self.grey[frames],
+            self.by_frame[frames],
+            self.lit[frames],
+        )
         return replace(
-            self, drawing=drawing, trust=trust, grey=grey, own=frame_values, lit=lit
+            self,
+            drawing=drawing,
+            trust=trust,
+            grey=grey,
+            by_frame=frame_values,
+            lit=lit,
         )
 
     def set(self, name: str, value: Array | float) -> "RecordingFit":
         """Set a value."""
-        frame_values, shared = self.own.copy(), self.shared.copy()
+        frame_values, shared = self.by_frame.copy(), self.shared.copy()
         if name in OF_FRAME:
             frame_values[:, OF_FRAME.index(name)] = value
         else:
             shared[OF_ALL.index(name)] = value
-        return replace(self, own=frame_values, shared=shared)
+        return replace(self, by_frame=frame_values, shared=shared)
 
     def parts(self) -> list[Array]:
         """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
-        drawing, parameters = self.drawing, (self.own, self.shared)
+        drawing, parameters = self.drawing, (self.by_frame, self.shared)
         drawn = [
-            drawing.base(self.own),
+            drawing.base(self.by_frame),
             drawing.cover(*parameters),
             drawing.cover(*parameters, self.lit),
         ]
@@ -186,16 +195,16 @@ class RecordingFit:
     def packed(self) -> Array:
         """The fitted values in one vector: each frame's in turn, and the shared ones."""
         return np.concatenate(
-            [self.own[:, self.of_frame].ravel(), self.shared[self.of_all]]
+            [self.by_frame[:, self.of_frame].ravel(), self.shared[self.of_all]]
         )
 
     def moved(self, packed: Array) -> "RecordingFit":
         """Take the fitted values from a vector."""
-        frame_values, shared = self.own.copy(), self.shared.copy()
+        frame_values, shared = self.by_frame.copy(), self.shared.copy()
         count = len(frame_values) * len(self.of_frame)
         frame_values[:, self.of_frame] = packed[:count].reshape(len(frame_values), -1)
         shared[self.of_all] = packed[count:]
-        return replace(self, own=frame_values, shared=shared)
+        return replace(self, by_frame=frame_values, shared=shared)
 
     def slopes(self) -> Array:
         """Derivatives of the mean grey values by the fitted values, (D,B,H,W), by finite differences."""
@@ -232,13 +241,13 @@ class RecordingFit:
             the values (B,), their standard deviations (B,) but for what all frames have in common, and the
             standard deviation of that.
         """
-        packed, values = self.packed(), of(self.own, self.shared)
+        packed, values = self.packed(), of(self.by_frame, self.shared)
         turns = []
         for at in range(len(packed)):
             step = np.zeros(len(packed))
             step[at] = 1e-5 * max(1.0, abs(packed[at]))
             other = self.moved(packed + step)
-            turns.append((of(other.own, other.shared) - values) / step[at])
+            turns.append((of(other.by_frame, other.shared) - values) / step[at])
         slope = np.stack(turns, 1)
         spreads = slope @ self.covariances @ slope.T
         frames = len(values)

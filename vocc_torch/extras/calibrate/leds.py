@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vocc_torch.extras.calibrate.drawing import LEVELS, Array, Drawing
+from vocc_torch.extras.calibrate.drawing import LEVELS, Array, PanelDrawing
 from vocc_torch.extras.calibrate.fit import RecordingFit, settled
 
 Bits = NDArray[np.bool_]
@@ -54,7 +54,7 @@ def led_places(corners_px: Array, rows: int, columns: int) -> Array:
 
 
 def start(
-    drawing: Drawing, grey: Array, corners_px: Array, bits: Bits | None
+    drawing: PanelDrawing, grey: Array, corners_px: Array, bits: Bits | None
 ) -> RecordingFit:
     """Begin from the corners that the locator found.
 
@@ -124,7 +124,7 @@ def likelier(fit: RecordingFit) -> Array:
     LEDs that share no pixel are flipped together. An LED beyond white is told by its flanks.
     """
     shape, (height, width) = fit.drawing.panel.shape, fit.drawing.size_px
-    at, step = fit.drawing.centres_px(fit.own, fit.shared), SETTINGS.flip_step
+    at, step = fit.drawing.centres_px(fit.by_frame, fit.shared), SETTINGS.flip_step
     y, x = np.mgrid[:height, :width] + 0.5
     rows, weights, parts = (
         np.arange(len(at)),
@@ -145,7 +145,7 @@ def likelier(fit: RecordingFit) -> Array:
         other[:, group] = 1 - other[:, group]
         misfits = []
         for weighed in (lit, other):
-            parts[2] = fit.drawing.cover(fit.own, fit.shared, weighed)
+            parts[2] = fit.drawing.cover(fit.by_frame, fit.shared, weighed)
             misfits.append(weights * (fit.grey - fit.predicted(parts)[0]) ** 2)
         gain = misfits[0] - misfits[1]
         for place, led in enumerate(group):
@@ -173,7 +173,9 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Arra
     better = (other_cost < here)[:, None]
     if not better.any():
         return fit, apart
-    return settled(replace(fit, own=np.where(better, other.own, fit.own)), free), apart
+    return settled(
+        replace(fit, by_frame=np.where(better, other.by_frame, fit.by_frame)), free
+    ), apart
 
 
 def misfits(fit: RecordingFit) -> Array:

@@ -31,23 +31,25 @@ class Value(NamedTuple):
 
     Args:
         key: below ``scene``, such as ``effects.blooming.sigma_px``.
-        given: a number, or a distribution over the recording.
+        setting: a number, or a distribution over the recording.
         deviation: standard deviation of the number, or of the distribution's middle; NaN where it is taken
             from the configuration.
         note: what it explains, or where it is from.
     """
 
     key: str
-    given: float | Sequence[object]
+    setting: float | Sequence[object]
     deviation: float = math.nan
     note: str = ""
 
     @property
     def middle(self) -> float:
         """The number, or the middle of the distribution."""
-        if isinstance(self.given, Sequence):
-            return float(np.mean([v for v in self.given if isinstance(v, int | float)]))
-        return self.given
+        if isinstance(self.setting, Sequence):
+            return float(
+                np.mean([v for v in self.setting if isinstance(v, int | float)])
+            )
+        return self.setting
 
     @property
     def remark(self) -> str:
@@ -73,7 +75,7 @@ class Named(NamedTuple):
         asked: whether it is in the scene.
         criterion: what was compared, in words.
         gain: by how much the criterion favours the effect.
-        needed: the gain from which it is named.
+        threshold: the gain from which it is named.
         explains: what it explains.
     """
 
@@ -81,7 +83,7 @@ class Named(NamedTuple):
     asked: bool
     criterion: str
     gain: float = 0.0
-    needed: float = 0.0
+    threshold: float = 0.0
     explains: str = ""
 
 
@@ -171,9 +173,9 @@ class Findings:
             math.hypot(common, float(np.median(frame_values)) * self.is_coded),
         )
 
-    def tell(self, key: str, given: float, deviation: float = math.nan) -> None:
+    def tell(self, key: str, setting: float, deviation: float = math.nan) -> None:
         """Note a value."""
-        self.note(Value(key, given, deviation, WORDS["values"].get(key, "")))
+        self.note(Value(key, setting, deviation, WORDS["values"].get(key, "")))
 
     def over(self, key: str, of: Of, least: float = -math.inf) -> None:
         """Note a value of every frame."""

@@ -8,7 +8,7 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.describe import describe
-from vocc_torch.extras.calibrate.drawing import Array, Drawing
+from vocc_torch.extras.calibrate.drawing import Array, PanelDrawing
 from vocc_torch.extras.calibrate.fit import (
     BASE,
     POSED,
@@ -56,7 +56,7 @@ BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 
 def drawing_of(
     footage: Footage, camera: Camera, panel: LedPanel
-) -> tuple[Drawing, Array]:
+) -> tuple[PanelDrawing, Array]:
     """Cut a window about the panel from each frame, all of one size, on a grid of 8 px.
 
     Returns:
@@ -74,7 +74,7 @@ def drawing_of(
     first = np.round((low + high) / 2 - size / 2).astype(int) // grid * grid
     first = np.minimum(first.clip(min=0), sensor - size).clip(min=0) // grid * grid
     width, height = np.minimum(size, sensor - first.max(0)).tolist()
-    drawing = Drawing(camera, panel, torch.from_numpy(first), (height, width))
+    drawing = PanelDrawing(camera, panel, torch.from_numpy(first), (height, width))
     places = zip(footage.greys, first.tolist(), strict=True)
     return drawing, np.stack(
         [grey[y : y + height, x : x + width] for grey, (x, y) in places]
@@ -185,7 +185,7 @@ def finer(found: Findings, camera: Camera, times: int) -> None:
         if value.key in BY_PIXEL:
             scale = float(times) ** BY_PIXEL[value.key]
             found.values[at] = value._replace(
-                given=value.middle * scale, deviation=value.deviation * scale
+                setting=value.middle * scale, deviation=value.deviation * scale
             )
     found.camera = replace(camera, gamma=found.camera.gamma)
 
@@ -219,7 +219,7 @@ def bounded(fit: RecordingFit, found: Findings) -> RecordingFit:
     return settled(fit.set("gamma", found.camera.gamma), free)
 
 
-def shaded(drawing: Drawing, fall: Falloff) -> Drawing:
+def shaded(drawing: PanelDrawing, fall: Falloff) -> PanelDrawing:
     """Dim the windows as the background falls off, where it does."""
     return replace(drawing, corner_loss=fall.corner_loss if fall.gain > 0 else None)
 

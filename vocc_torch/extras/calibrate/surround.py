@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import fft
 
-from vocc_torch.extras.calibrate.drawing import Array, Drawing
+from vocc_torch.extras.calibrate.drawing import Array, PanelDrawing
 from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
 
 BLOCKS = 5000
@@ -111,7 +111,7 @@ class Falloff(NamedTuple):
     deviation: float = math.nan
 
 
-def natural(drawing: Drawing) -> tuple[Array, Array]:
+def natural(drawing: PanelDrawing) -> tuple[Array, Array]:
     """Give what natural vignetting leaves of each pixel's light, and the pixel's distance from the middle.
 
     Returns:
@@ -128,7 +128,7 @@ def natural(drawing: Drawing) -> tuple[Array, Array]:
     return shade, 2 - 2 * half / shade
 
 
-def falloff(around: Surround, drawing: Drawing, gamma: float) -> Falloff:
+def falloff(around: Surround, drawing: PanelDrawing, gamma: float) -> Falloff:
     """Compare the background's blocks with even light, with cos^4 and with a lens barrel's loss."""
     height, width = around.greys.shape[1:]
     if (height // CELL_PX) * (width // CELL_PX) < 40 or not around.outside.any():

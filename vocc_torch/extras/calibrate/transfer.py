@@ -75,7 +75,7 @@ def residuals(fit: RecordingFit) -> tuple[Array, Array, bool]:
     if frames < 4 or moved > SETTINGS.still_px or not bool((origin == origin[0]).all()):
         return residual, np.ones_like(residual), False
     y, x = np.mgrid[:height, :width] + 0.5
-    at = fit.drawing.taken(slice(0, 1)).centres_px(fit.own[:1], fit.shared)[0]
+    at = fit.drawing.taken(slice(0, 1)).centres_px(fit.by_frame[:1], fit.shared)[0]
     nearest = np.argmin([(x - led[0]) ** 2 + (y - led[1]) ** 2 for led in at], axis=0)
     lit = fit.bits[:, nearest]
     left, remaining = residual.copy(), np.zeros_like(residual)
@@ -212,7 +212,7 @@ def transfer(fit: RecordingFit) -> TransferCurve:
 
 
 def bent(fit: RecordingFit) -> RecordingFit:
-    """Move gamma by its deviation, and what each frame has of its own as it follows."""
+    """Move gamma by its deviation, and what each frame has by itself as it follows."""
     at = fit.values - len(fit.of_all)
     covariance = fit.covariances[0]
     step = covariance[:, at] / max(covariance[at, at], 1e-300) * fit.deviation("gamma")

@@ -170,7 +170,7 @@ class Convolutional(Ldpc):
         info_bytes: bytes of information.
     """
 
-    kept: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    sent_places: NDArray[np.int64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Make encoder and decoder."""
@@ -186,12 +186,14 @@ class Convolutional(Ldpc):
             self, "coders", (encoder, fec.ViterbiDecoder(encoder=encoder, device="cpu"))
         )
         object.__setattr__(
-            self, "kept", np.arange(self.word_bits) * parts * info // self.word_bits
+            self,
+            "sent_places",
+            np.arange(self.word_bits) * parts * info // self.word_bits,
         )
 
     def encode(self, info: Bytes) -> Bytes:
         """Encode bits, and leave some out."""
-        return super().encode(info)[:, self.kept]
+        return super().encode(info)[:, self.sent_places]
 
     def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
         """Decode words together; nothing is known of the bits that were left out."""
@@ -199,7 +201,7 @@ class Convolutional(Ldpc):
         depunctured = np.zeros(
             (len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32
         )
-        np.add.at(depunctured.T, self.kept, llr.T)
+        np.add.at(depunctured.T, self.sent_places, llr.T)
         return super().decode(depunctured)
 
 

@@ -274,7 +274,7 @@ class Carried:
         variant: what carried it.
         lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
         raw: wrong bits of single frames, likewise by recording.
-        each: packets lost in each recording.
+        lost_each: packets lost in each recording.
         kbit_s: of packets sent.
         frames: of the camera.
         false: packets whose checksum is right and which nobody sent.
@@ -284,7 +284,7 @@ class Carried:
     variant: Variant
     lost: Counts
     raw: Counts
-    each: tuple[int, ...]
+    lost_each: tuple[int, ...]
     kbit_s: float
     frames: int
     false: int
@@ -357,7 +357,7 @@ def pairs(
         unlike = [x != y for x, y in zip(a.variant, b.variant, strict=True)]
         if a.place != b.place or sum(unlike) != 1:
             continue
-        apart = [2 * (x - y) for x, y in zip(a.each, b.each, strict=True)]
+        apart = [2 * (x - y) for x, y in zip(a.lost_each, b.lost_each, strict=True)]
         counts = []
         for side in (
             [step for step in apart if step > 0],

@@ -125,7 +125,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     run_folder.write_config(settings, folder)
     losses = panels(results, "Packets lost", lambda result: result.loss)
     arriving = panels(results, "kbit/s that arrive", lambda result: result.goodput)
-    count, packets = len(results[0].each), results[0].lost.bits
+    count, packets = len(results[0].lost_each), results[0].lost.bits
     note = f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings"
     for name, title, drawn in (
         ("messages", "Packets lost", losses),
@@ -172,9 +172,9 @@ def rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
             code,
         ]
         line += [
-            len(result.each),
+            len(result.lost_each),
             result.lost.bits,
-            sum(result.each),
+            sum(result.lost_each),
             *cells(result.loss),
             result.false,
         ]

@@ -213,7 +213,7 @@ class Leaves(street.Sketched):
 
     def draw(self, layer: street.Layer, generator: Generator) -> None:
         """Draw one frame's shapes."""
-        context, window = layer.seen.context, layer.window
+        context, window = layer.camera_view.context, layer.window
         plain = (
             float(context.scene.ambient_lx[0])
             * context.panel.background_reflectance

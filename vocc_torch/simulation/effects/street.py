@@ -192,13 +192,13 @@ class Layer:
     """What lies before one frame's background.
 
     Args:
-        seen: the frame alone, as its camera sees the panel.
+        camera_view: the frame alone, as its camera sees the panel.
         window: the part of the sensor that it covers, px: left, top, right and bottom.
         things: what was laid, the farthest first.
         dirt: (h,w) nodes of a texture on all of it, on the sensor; None for none.
     """
 
-    seen: view.View
+    camera_view: view.View
     window: sketch.Window
     things: list[sketch.Drawing] = field(default_factory=list)
     dirt: Plane | None = None
@@ -211,8 +211,8 @@ class Layer:
         seed: int | None = None,
     ) -> None:
         """Lay a sketch before what is there: a mirror's ``share`` of it, in the colours of a ``seed``."""
-        if seed is not None and self.seen.context.channel is not None:
-            tints = colour.tints(seed, len(parts), self.seen.context.channel)
+        if seed is not None and self.camera_view.context.channel is not None:
+            tints = colour.tints(seed, len(parts), self.camera_view.context.channel)
             parts = [
                 (points, light * tint)
                 for (points, light), tint in zip(parts, tints, strict=True)
@@ -328,7 +328,7 @@ class Clutter(Sketched):
 
     def draw(self, layer: Layer, generator: Generator) -> None:
         """Draw one frame's things."""
-        camera_view, (left, top, right, bottom) = layer.seen, layer.window
+        camera_view, (left, top, right, bottom) = layer.camera_view, layer.window
         scene = camera_view.context.scene
         white, led = (
             float(scene.ambient_lx[0]) / math.pi,

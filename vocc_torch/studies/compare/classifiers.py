@@ -6,7 +6,7 @@ from vocc_torch.measure import config
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import styles, terminal
 from vocc_torch.studies.compare import RivalsConfig, rival_figures
-from vocc_torch.studies.compare.rival_results import Comparison, ratio_text
+from vocc_torch.studies.compare.rival_results import ReceiverComparison, ratio_text
 from vocc_torch.studies.compare.rivals import (
     build_classifier_study,
     compare_classifiers,
@@ -54,7 +54,7 @@ def run_classifiers(
     )
 
 
-def write_points(folder: Path, found: Comparison) -> None:
+def write_points(folder: Path, found: ReceiverComparison) -> None:
     """Write ``ber.csv`` and ``paired.csv`` of all experiments."""
     tables = [run_folder.ber_rows(table) for table in found.tables.values()]
     rows = [row for table in tables for row in table[1:]]
@@ -62,7 +62,7 @@ def write_points(folder: Path, found: Comparison) -> None:
     run_folder.write_paired(folder / "paired.csv", found.curves.values())
 
 
-def classifier_rows(found: Comparison) -> list[Row]:
+def classifier_rows(found: ReceiverComparison) -> list[Row]:
     """Give the rows of ``classifiers.csv``: what each receiver costs, and its rates, the best first.
 
     Rates and ratios are at the table's points; after several trainings they are the algorithms'.
@@ -81,7 +81,7 @@ def classifier_rows(found: Comparison) -> list[Row]:
     return rows
 
 
-def scene_rows(found: Comparison) -> list[Row]:
+def scene_rows(found: ReceiverComparison) -> list[Row]:
     """Give the rows of ``robustness.csv``: a row for each pair of scenes and receiver.
 
     ``ratio``: to the same receiver trained on the scenes of the test; empty where that made no error.
@@ -100,7 +100,7 @@ def scene_rows(found: Comparison) -> list[Row]:
     ]
 
 
-def print_table(found: Comparison, console: terminal.Console) -> None:
+def print_table(found: ReceiverComparison, console: terminal.Console) -> None:
     """Print a row for each receiver, the best first."""
     heads = ["receiver"]
     for name in found.points:
@@ -122,7 +122,9 @@ def print_table(found: Comparison, console: terminal.Console) -> None:
         console.print(terminal.Text(note, style="dim"), soft_wrap=True)
 
 
-def point_text(found: Comparison, experiment: str, receiver: str, value: float) -> str:
+def point_text(
+    found: ReceiverComparison, experiment: str, receiver: str, value: float
+) -> str:
     """Write a rate with its interval below, or its limit."""
     rate = found.rate(experiment, receiver, value)
     if rate is None:

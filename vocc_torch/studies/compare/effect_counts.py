@@ -76,7 +76,7 @@ def measure_costs(study: EffectStudy) -> Costs:
 
 
 @dataclass
-class Reading:
+class SceneReading:
     """A scene that is read with one locator, by receivers that trained on some scenes.
 
     Args:
@@ -90,20 +90,20 @@ class Reading:
     trained_on: dict[Key, Effects] = field(default_factory=dict)
 
 
-Readings = Mapping[tuple[Key, Locator], Reading]
+Readings = Mapping[tuple[Key, Locator], SceneReading]
 """What is read, by scene and locator."""
 
 
 def readings_of(study: EffectStudy) -> Readings:
     """List what is read, each scene once; slow ones first, so that no worker ends long after the others."""
-    found: dict[tuple[Key, Locator], Reading] = {}
+    found: dict[tuple[Key, Locator], SceneReading] = {}
 
     def read(
         effects: Effects, locator: Locator, frames: int, *trained_on: Effects
     ) -> None:
         if frames:
             place = build_effects(effects), locator
-            reading = found.setdefault(place, Reading(effects))
+            reading = found.setdefault(place, SceneReading(effects))
             reading.frames = max(reading.frames, frames)
             for scene in trained_on:
                 reading.trained_on[build_effects(scene)] = scene

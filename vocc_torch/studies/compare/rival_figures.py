@@ -10,7 +10,7 @@ from vocc_torch.report import heatmap, plots, styles
 from vocc_torch.report.plots import Curve, Figure, Panel
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.rival_results import (
-    Comparison,
+    ReceiverComparison,
     Transfer,
     ratio_text,
 )
@@ -21,7 +21,7 @@ COLUMNS = 4
 """Panels in a row."""
 
 
-def curves_figure(comparison: Comparison, experiment: str) -> Figure:
+def curves_figure(comparison: ReceiverComparison, experiment: str) -> Figure:
     """Draw one experiment: a panel for each receiver, the best first, with all others faint behind it.
 
     Args:
@@ -64,7 +64,7 @@ def bare_curve(rows: Sequence[curve.Row], style: Style) -> Curve:
     return Curve(style, [row.value for row in rows], rates, bars=False)
 
 
-def scenes_figure(comparison: Comparison) -> Figure:
+def scenes_figure(comparison: ReceiverComparison) -> Figure:
     """Draw both ways: trained at home and tested elsewhere, and trained elsewhere and tested at home.
 
     Args:

@@ -47,7 +47,7 @@ class Transfer:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ReceiverComparison:
     """All that was measured of many receivers.
 
     Args:

@@ -13,7 +13,7 @@ from vocc_torch.measure.train import Training
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.studies.compare import RivalsConfig
-from vocc_torch.studies.compare.rival_results import Comparison, Transfer
+from vocc_torch.studies.compare.rival_results import ReceiverComparison, Transfer
 from vocc_torch.studies.compare.run import Run
 
 
@@ -158,14 +158,14 @@ def build_classifier_study(
         # The scene of the experiments may be among the shipped ones or not.
         if name != settings.scene.name:
             with section(f"rivals.scenes.{name}", before="scene"):
-                there = build.build_plan(replace(settings, scene=scene), folder)
-                scenes[name] = replace(there, receiver=receiver)
+                other_plan = build.build_plan(replace(settings, scene=scene), folder)
+                scenes[name] = replace(other_plan, receiver=receiver)
     return ClassifierStudy(plans, rivals, settings.scene.name, scenes, left_out)
 
 
 def compare_classifiers(
     study: ClassifierStudy, run: Run
-) -> tuple[Comparison, Training]:
+) -> tuple[ReceiverComparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
     Args:
@@ -212,7 +212,7 @@ def compare_classifiers(
         measured = sweep.measured(experiment, at)
         curves[experiment.key] = measured.curves[experiment.locators[0]]
     transfers, lost_scenes = across_scenes(study.scene_plans, run)
-    comparison = Comparison(
+    comparison = ReceiverComparison(
         study.config.reference,
         {name: trained[0].making(name) for name in names},
         study.config.points,
@@ -283,12 +283,13 @@ def across_scenes(
     transfers = []
     for (tested_on, trained_on), outcome in zip(sources.items(), counted, strict=True):
         errors, locator = outcome.errors, plans[tested_on].receiver.locator
-        there = trained_on.index(tested_on)
+        home_number = trained_on.index(tested_on)
         for (number, scenes), receiver in product(
             enumerate(trained_on), banks[home].names
         ):
             rows = [
-                errors.keys.index(Key(locator, receiver, at)) for at in (there, number)
+                errors.keys.index(Key(locator, receiver, at))
+                for at in (home_number, number)
             ]
             pair = errors.of(rows)
             at_home, counts = pair.counts
