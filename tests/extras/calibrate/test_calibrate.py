@@ -106,7 +106,7 @@ def test_a_fit_begun_beside_the_truth_ends_there():
     fit = settled(begun, BASE, 20)
     assert fit.gamma == pytest.approx(2.2, abs=1e-3)
     assert fit.value("blur_px") == pytest.approx(1.3, abs=1e-3)
-    assert np.abs(fit.own_ - truth.own_)[:, :3].max() < 1e-3
+    assert np.abs(fit.by_frame - truth.by_frame)[:, :3].max() < 1e-3
 
 
 def test_intervals_are_as_wide_as_values_scatter_in_many_draws():
