@@ -4,14 +4,13 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import maximum_filter
 from skimage.filters import threshold_otsu
 
 from vocc_torch.receiver.detector import pyramid as pyramid_file
 from vocc_torch.receiver.detector.clues import alignment, randomness, two_levels
 from vocc_torch.receiver.detector.fit import fitted
-from vocc_torch.receiver.detector.judge import SETTINGS as JUDGE
-from vocc_torch.receiver.detector.judge import Judge, box_means, judged
+from vocc_torch.receiver.detector.judge import judged
 from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
 from vocc_torch.types import PanelShape
@@ -87,14 +86,6 @@ def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):
     assert sorted(gate(plane).tolist()) == [[3, 7], [16, 29]]
 
 
-def test_means_of_boxes_are_scipys():
-    planes = noise(2, 3, 12, 15)
-    wanted = uniform_filter(
-        planes.numpy(), (0, 0, 5, 3), mode="constant", origin=(0, 0, -2, -1)
-    )[:, :, :8, :13]
-    assert np.abs(box_means(planes, 5, 3).numpy() - wanted).max() < 1e-3
-
-
 def test_candidates_are_the_local_maxima():
     outputs = noise(2, 9, 20, 30)
     score = outputs[:, 0].numpy()
@@ -124,47 +115,31 @@ def test_the_scout_is_convolutional():
         assert (moved - net(crop))[..., 4:-4, 10:-4].abs().max() < 1e-3
 
 
-def test_the_judge_sees_placings_where_they_are():
-    """A change of one cell changes what is judged of the placings that hold it or border on it alone."""
-    torch.manual_seed(0)
-    net, shape, reach = Judge().eval(), PanelShape(4, 6), 4
-    margin = reach + JUDGE.context
-    dark, pitch = (
-        noise(1, (4 + 2 * margin) * 4, (6 + 2 * margin) * 4),
-        torch.full((1,), 4.0),
-    )
-    lit = dark.clone()
-    lit[:, :8, :4] += 50  # outside what norms the light
-    with torch.inference_mode():
-        change = (net(lit, pitch, shape)[0] - net(dark, pitch, shape)[0]).abs()[0]
-    seen = change > 1e-6
-    assert seen.shape == (2 * reach + 1, 2 * reach + 1)
-    assert seen[0, 0]
-    assert not seen[2 * JUDGE.context + 2 :].any()
-    assert not seen[:, 2 * JUDGE.context + 1 :].any()
+def test_candidates_are_pictured_through_the_homography_of_opencv():
+    """A smooth picture, where interpolation does not matter; and corners in a picture are those in the frame."""
 
+    class Seen(torch.nn.Module):
+        def forward(self, pictures):
+            self.pictures = pictures
+            maps = torch.zeros(len(pictures), 4, 24, 24)
+            for corner, (row, column) in enumerate(
+                ((4, 5), (4, 18), (18, 18), (18, 5))
+            ):
+                maps[:, corner, row, column] = 50.0
+            return torch.zeros(len(pictures)), maps
 
-def test_places_are_shifted_to_where_the_judge_is_surest():
-    class Sure(torch.nn.Module):
-        def forward(self, patches, pitch_px, shape):
-            logits, moves = (
-                torch.zeros(len(patches), 5, 5),
-                torch.zeros(len(patches), 4, 2),
-            )
-            logits[:, 4, 1] = 3.0  # two cells down, one to the left
-            moves[:, 0, 1] = 0.5  # the first corner down
-            return logits, moves
-
-    quad = torch.tensor(
-        [[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]]
-    ).double()
-    scales = Pyramid.of(noise(1, 1, 90, 120))
-    logit, placed, moved = judged(Sure(), scales, quad, PanelShape(8, 16))
-    assert logit.tolist() == [3.0]
-    assert torch.allclose(placed - quad, torch.tensor([-2.0, 4.0]).double())
-    assert torch.allclose(
-        moved - quad, torch.tensor([[0.0, 1.0], [0, 0], [0, 0], [0, 0]]).double()
-    )
+    plane = cv2.GaussianBlur(noise(90, 120).numpy(), (0, 0), 4)
+    quad = np.array([[30, 20], [66, 26], [63, 52], [28, 44]], np.float32)
+    square = np.array([[10, 10], [38, 10], [38, 38], [10, 38]], np.float32)
+    net, scales = Seen(), Pyramid.of(torch.from_numpy(plane)[None, None])
+    _, moved = judged(net, scales, torch.from_numpy(quad)[None].double())
+    # OpenCV counts from a pixel's centre.
+    matrix = cv2.getPerspectiveTransform(quad - 0.5, square - 0.5)
+    wanted = cv2.warpPerspective(plane, matrix, (48, 48))
+    assert np.abs(net.pictures[0].numpy() - wanted).max() < 2
+    places = np.array([[[11, 9], [37, 9], [37, 37], [11, 37]]], np.float32) - 0.5
+    back = cv2.perspectiveTransform(places, np.linalg.inv(matrix)) + 0.5
+    assert np.abs(moved[0].numpy() - back[0]).max() < 1e-3
 
 
 def test_two_levels_are_parted_as_otsu_does():

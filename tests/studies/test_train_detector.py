@@ -2,137 +2,165 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 
 from vocc_torch.receiver.detector.scout import Scout
 from vocc_torch.receiver.detector.weights import SHIPPED, load_networks
-from vocc_torch.receiver.resample import corner_cells, map_points
 from vocc_torch.report.terminal import Console
 from vocc_torch.studies.train_detector import (
     TrainDetectorConfig,
+    composition,
     judge_training,
+    material,
+    pool,
     run,
     scout_training,
 )
-from vocc_torch.studies.train_detector.pool import Example, read_pool, save_block
-from vocc_torch.studies.train_detector.worlds import SMALL, WIDE, world
 from vocc_torch.types import PanelShape
 
-FEW = replace(SMALL, width_px=128, height_px=128, frames=3)
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """Hardly any frames and crops."""
+    for module, settings in (
+        (pool, {"frames": 2, "width_px": 240, "height_px": 160}),
+        (material, {"drawings": 2, "drawing_px": 150}),
+        (scout_training, {"composed": 3, "rendered": 2, "empty": 2, "mined": 1}),
+        (
+            judge_training,
+            {"composed": 3, "rendered": 2, "empty": 2, "verdict_steps": 3},
+        ),
+    ):
+        monkeypatch.setattr(module, "SETTINGS", replace(module.SETTINGS, **settings))
 
 
-@pytest.fixture(scope="module")
-def blocks(tmp_path_factory):
-    """Frames of two blocks, in files."""
-    folder = tmp_path_factory.mktemp("pool")
-    paths = [folder / f"{block}.npz" for block in range(2)]
-    for block, path in enumerate(paths):
-        save_block(path, *world(1, block, FEW))
-    return paths
+def example(panel: bool) -> pool.Example:
+    """Make a frame with a bright rectangle for a panel, or with none."""
+    grey = torch.full((1, 1, 200, 240), 40, dtype=torch.uint8)
+    grey[..., 100:124, 60:92] += 160 * panel
+    corners = torch.tensor([[60.0, 100.0], [92, 100], [92, 124], [60, 124]]).double()
+    return pool.Example(grey, corners * panel, PanelShape(8, 8), readable=panel)
 
 
-def test_a_block_is_the_same_again_and_another_is_another(blocks):
-    first, again = (world(1, 0, FEW) for _ in range(2))
-    assert torch.equal(first.grey, again.grey)
-    assert not torch.equal(first.grey, world(2, 0, FEW).grey)
-    kept = read_pool(blocks[:1])
+def test_a_block_is_the_same_again(tmp_path):
+    for name in ("first", "again"):
+        pool.render_block(tmp_path / f"{name}.npz", "street", (4, 8), 3, "name")
+    first, again = (
+        pool.read_pool([tmp_path / f"{name}.npz"]) for name in ("first", "again")
+    )
+    assert first[0].grey.shape == (1, 1, 160, 240)
     assert all(
-        torch.equal(one.grey[0, 0], grey)
-        for one, grey in zip(kept, first.grey, strict=True)
+        torch.equal(one.grey, two.grey)
+        and torch.equal(one.corners_px, two.corners_px)
+        and one.shape == PanelShape(4, 8)
+        for one, two in zip(first, again, strict=True)
     )
 
 
-def test_wide_frames_have_no_panel():
-    seen = world(1, 0, replace(WIDE, width_px=192, height_px=128, frames=2))
-    assert seen.grey.shape == (2, 128, 192)
-    assert not seen.corners_px.any()
+def test_places_in_cells_are_those_of_opencvs_homography():
+    quad = np.array([[12, 9], [50, 14], [47, 40], [10, 35]], np.float32)
+    cells = np.array([[0, 0], [16, 0], [16, 8], [0, 8]], np.float32)
+    at = np.stack(np.meshgrid(np.arange(64), np.arange(64)), -1) + 0.5
+    matrix = cv2.getPerspectiveTransform(quad, cells)
+    wanted = cv2.perspectiveTransform(at.reshape(1, -1, 2), matrix)[0]
+    seen = composition.cells_of(
+        torch.from_numpy(quad)[None], torch.tensor([[8.0, 16.0]]), 64
+    )
+    assert np.abs(seen[0].T.numpy() - wanted).max() < 1e-3
 
 
-def test_training_is_the_same_where_it_was_interrupted(blocks, tmp_path, monkeypatch):
+def test_poses_have_their_pitch():
+    draws = composition.Draws(np.random.default_rng(1), 50)
+    shapes, pitch = draws.shapes(), draws.geometric(2, 5)
+    quads = composition.poses(draws, shapes, pitch, draws.uniform(40, 80, 2))
+    areas = [cv2.contourArea(quad.numpy()) for quad in quads]
+    wanted = (shapes.prod(1) * pitch.square()).tolist()
+    assert areas == pytest.approx(wanted, rel=1e-3)
+
+
+def test_blurs_are_scipys():
+    pictures = 255 * torch.rand(3, 40, 40, generator=torch.Generator().manual_seed(0))
+    sigma = torch.tensor([0.4, 0.8, 1.2])
+    for picture, seen, width in zip(
+        pictures, composition.blurred(pictures, sigma), sigma.tolist(), strict=True
+    ):
+        wanted = gaussian_filter(picture.numpy(), width, mode="nearest", radius=4)
+        assert np.abs(seen.numpy() - wanted).max() < 0.01
+
+
+def test_training_is_the_same_where_it_was_interrupted(tmp_path, monkeypatch):
     """Four steps at once, and two with two more from a checkpoint, to the last bit."""
     torch.manual_seed(3)
     start, found = Scout().state_dict(), []
-    monkeypatch.setattr(
-        scout_training, "SETTINGS", replace(scout_training.SETTINGS, batch=4)
+    sampler = scout_training.Sampler(
+        material.Material([example(True), example(False)], 1)
     )
-    sampler = scout_training.Sampler(read_pool(blocks))
     for piece in (4, 2):
+        monkeypatch.setattr(run, "SETTINGS", replace(run.SETTINGS, round_steps=piece))
         for stop in range(piece, 5, piece):
             net = Scout()
             net.load_state_dict(start)
-            part = run.Checkpoint(tmp_path / f"{piece}.pt", net, 1e-3)
-            for steps in part.rounds(stop, piece):
-                scout_training.train_steps(net, part.optimiser, sampler, 5, steps, 4)
+            training = run.Training(tmp_path / f"{piece}.pt", net, 5)
+
+            def loss(draw, net=net):
+                crops = sampler.batch(draw)
+                return scout_training.scout_loss(net(crops.grey), crops)
+
+            for steps in training.rounds(stop):
+                training.take(steps, 4, loss)
         found.append(net.state_dict())
     assert all(torch.equal(found[0][name], found[1][name]) for name in start)
     assert not any(torch.equal(found[0][name], start[name]) for name in start)
 
 
-def test_corners_are_compared_in_cells():
-    """Against corners that were moved by known parts of cells, whichever corner comes first."""
-    shape, cells = PanelShape(8, 8), corner_cells(PanelShape(8, 8))
-    truth = torch.tensor(
-        [[30.0, 20.0], [68.0, 26.0], [70.0, 62.0], [28.0, 55.0]]
-    ).double()
-    off = torch.tensor([[0.2, -0.1], [0.0, 0.3], [-0.4, 0.1], [0.1, 0.1]]).double()
-    quad = map_points(truth[None], (cells.double() + off)[None], shape)
-    for turn in range(4):
-        seen = judge_training.in_cells(quad, truth.roll(turn, 0), shape)
-        assert (seen[0] + off).abs().max() < 0.05
+@pytest.mark.parametrize("training", [scout_training, judge_training])
+def test_crops_show_the_panel_where_they_say(training):
+    """A rendered panel is brighter inside its corners than the picture on the whole."""
+    sampler = training.Sampler(material.Material([example(True), example(False)], 1))
+    compared = 0
+    for seed in range(8):
+        batch = sampler.batch(np.random.default_rng(seed))
+        for picture, quad in zip(
+            batch.grey[3:5].reshape(2, *batch.grey.shape[-2:]),
+            batch.quads[3:5],
+            strict=True,
+        ):
+            mask = np.zeros(picture.shape, np.uint8)
+            cv2.fillPoly(mask, [quad.round().int().numpy()], 1)
+            if mask.sum() > 100:
+                compared += 1
+                inside = picture.numpy()[mask > 0].mean()
+                assert inside > picture.numpy()[mask == 0].mean() + 10
+    assert compared > 8
 
 
-def test_crops_show_the_panel_where_they_say(blocks):
-    """A panel that is brighter at its corners' middle than around, mirrored and transposed."""
-    grey = torch.zeros(1, 1, 320, 320, dtype=torch.uint8)
-    grey[..., 100:124, 60:92] = 200
-    corners = torch.tensor(
-        [[60.0, 100.0], [92.0, 100.0], [92.0, 124.0], [60.0, 124.0]]
-    ).double()
-    sampler = scout_training.Sampler(
-        [Example(grey, corners, PanelShape(8, 8), readable=True)]
+def test_candidates_off_by_known_parts_of_a_cell():
+    """Whichever corner comes first."""
+    truth = 4 * torch.tensor([[5.0, 5.0], [13, 5], [13, 13], [5, 13]]).double()
+    quad = truth + torch.tensor([[1.0, 0.0], [0, 0], [0, 2], [0, 0]])
+    off = judge_training.off_cells(
+        torch.stack([quad, quad.roll(1, 0)]), truth, PanelShape(8, 8)
     )
-    draw = np.random.default_rng(0)
-    for place in sampler.panels[:1] * 20:
-        crop = sampler.crop(place, draw)
-        (left, top), (right, bottom) = (
-            end(crop.quads, 0).tolist() for end in (torch.amin, torch.amax)
-        )
-        inside = crop.grey[0, round(top) : round(bottom), round(left) : round(right)]
-        first, second = crop.quads[0], crop.quads[2]
-        assert inside.numel() == 0 or inside.mean() > crop.grey.mean() + 20
-        assert (first < second).all()
+    assert off.tolist() == pytest.approx([0.5, 0.5])
 
 
 def test_the_whole_training_runs_and_goes_on(tmp_path, monkeypatch):
-    """With hardly any frames and steps; the second time nothing is rendered."""
-    for name, options in (
-        ("SMALL", FEW),
-        ("WIDE", replace(WIDE, width_px=192, height_px=128, frames=2)),
-    ):
-        monkeypatch.setattr(run, name, options)
-    few = {"batch": 4, "mined_frames": 2}
-    monkeypatch.setattr(
-        scout_training, "SETTINGS", replace(scout_training.SETTINGS, **few)
-    )
-    few = {"verdict_steps": 3, "most": 4, "candidates": 3, "shaken": 2}
-    monkeypatch.setattr(
-        judge_training, "SETTINGS", replace(judge_training.SETTINGS, **few)
-    )
-    own = TrainDetectorConfig(
-        small_blocks=2, wide_blocks=1, scout_steps=2, judge_steps=2
-    )
+    """The second time nothing is rendered."""
+    own = TrainDetectorConfig(rounds=1, scout_steps=2, judge_steps=2)
     examples = run.pool(tmp_path, 1, own, Console())
     networks = run.trained(tmp_path, 1, own, examples, Console())
     networks.save(tmp_path / SHIPPED)
-    monkeypatch.setattr(run, "world", None)
+    monkeypatch.setattr(pool, "render_block", None)
     again = run.trained(
         tmp_path, 1, own, run.pool(tmp_path, 1, own, Console()), Console()
     )
-    kept = load_networks(tmp_path / SHIPPED, torch.device("cpu"))
+    read = load_networks(tmp_path / SHIPPED, torch.device("cpu"))
     for name in ("scout", "judge"):
-        states = [getattr(one, name).state_dict() for one in (networks, again, kept)]
+        states = [getattr(one, name).state_dict() for one in (networks, again, read)]
         assert all(
             torch.equal(states[0][key], other[key])
             for other in states[1:]

@@ -1,148 +1,111 @@
-"""The judge: a network that sees a candidate's cells, scores its placings and moves its corners."""
+"""The judge: a network that sees a candidate by its corners, scores it and finds the panel's corners."""
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.receiver.resample import cell_size_px, corner_cells, map_points
+from vocc_torch.receiver.resample import cell_size_px, map_points
 from vocc_torch.types import PanelShape
+
+SQUARE = PanelShape(14, 14)
+"""A candidate's sides are cut in so many parts, whatever its rows and columns."""
 
 
 @dataclass(frozen=True)
 class JudgeSettings:
-    """What the judge sees."""
+    """What the judge sees of a candidate."""
 
-    samples: int = 4  # along a cell's side
-    context: int = 2  # cells around a placing
-    most: float = (
-        4.0  # standard deviations from the mean, beyond which grey values are cut
-    )
-    reach: int = 2  # cells by which corners are sought
+    samples: int = 2  # along a side of one of the parts of SQUARE
+    margin: int = 5  # parts around the candidate
+    most: float = 4.0  # standard deviations, beyond which grey values are cut
+    grain: float = 4.0  # variance of grey values, that counts as no contrast
+    heat_px: int = 2  # side of a place in the corners' maps
+    about: int = 2  # places about the best one that are averaged
+
+    @property
+    def side_px(self) -> int:
+        """Side of the picture of a candidate."""
+        return self.samples * (SQUARE.rows + 2 * self.margin)
+
+    @property
+    def edge_px(self) -> int:
+        """Margin around the candidate in its picture."""
+        return self.samples * self.margin
 
 
 SETTINGS = JudgeSettings()
 
 
 class Judge(nn.Module):
-    """Convolutions over cells, their means inside a placing and along its sides, and its corners.
-
-    The means of squares tell two levels from many. Means over all placings by whole cells are differences of
-    running sums. About each corner every cell says how likely the corner is near and where it is; the mean of
-    the places by likelihood counts. Any number of rows and columns has the same weights.
+    """Convolutions at strides 2, 4 and 8: a score, and a map for each corner of where it is.
 
     Example:
-        >>> logit, moves = Judge()(torch.rand(5, 64, 80), torch.full((5,), 3.0), PanelShape(8, 12))
-        >>> logit.shape, moves.shape
-        (torch.Size([5, 5, 5]), torch.Size([5, 4, 2]))
+        >>> logit, maps = Judge()(torch.rand(5, 48, 48))
+        >>> logit.shape, maps.shape
+        (torch.Size([5]), torch.Size([5, 4, 24, 24]))
     """
 
-    def __init__(self, width: int = 32, side: int = 8, hidden: int = 48) -> None:
+    def __init__(self, fine: int = 24, coarse: int = 32) -> None:
         super().__init__()
-        self.cell = nn.Conv2d(SETTINGS.samples**2, width, 1)
-        self.near = nn.Conv2d(width, width, 3)
-        self.far = nn.Conv2d(width, width, 3)
-        self.side = nn.Conv2d(width, 4 * side, 1)
-        self.corner = nn.Conv2d(width, 12, 1)
+        self.first = nn.Conv2d(SETTINGS.heat_px**2, fine, 3, 1, 1)
+        self.down = nn.Conv2d(fine, coarse, 3, 2, 1)
+        self.mid = nn.ModuleList([nn.Conv2d(coarse, coarse, 3, 1, 1) for _ in range(3)])
+        self.deep = nn.Conv2d(coarse, coarse, 3, 2, 1)
+        self.deep2 = nn.Conv2d(coarse, coarse, 3, 1, 1)
+        self.up = nn.Conv2d(coarse, fine, 1)
+        self.fine = nn.Conv2d(fine, fine, 3, 1, 1)
+        self.heat = nn.Conv2d(fine, 4, 1)
         self.score = nn.Sequential(
-            nn.Conv2d(2 * width + 4 * side + 4, hidden, 1),
-            nn.ReLU(),
-            nn.Conv2d(hidden, 1, 1),
+            nn.Linear(2 * coarse, fine), nn.ReLU(), nn.Linear(fine, 1)
         )
 
-    def forward(
-        self, patches: Tensor, pitch_px: Tensor, shape: PanelShape
-    ) -> tuple[Tensor, Tensor]:
-        """Judge placings.
-
-        Args:
-            patches: (n,(R+2m)K,(C+2m)K) grey values of R x C cells with m cells around.
-            pitch_px: (n,) in the frame.
-            shape: R and C.
-
-        Returns:
-            (n,P,P) logits, P = 2 (m - context) + 1, of placings down and right by up to m - context cells,
-            and (n,4,2) by how much the corners are off, cells.
-        """
-        high, wide, samples = shape.rows, shape.columns, SETTINGS.samples
-        reach = (patches.shape[1] // samples - high) // 2 - SETTINGS.context
-        placings = 2 * reach + 1
-        edge = (reach + SETTINGS.context - 1) * samples
-        middle = patches[
-            :, edge : patches.shape[1] - edge, edge : patches.shape[2] - edge
-        ]
-        spread, mean = torch.var_mean(middle.flatten(1), 1, correction=0)
-        contrast = (spread + 1).sqrt()
-        seen = ((patches - mean[:, None, None]) / contrast[:, None, None]).clamp(
+    def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+        """Score pictures (n,S,S) of candidates, (n,), and map their corners, (n,4,S/2,S/2) logits."""
+        spread, mean = torch.var_mean(pictures.flatten(1), 1, correction=0)
+        contrast = (spread + SETTINGS.grain).sqrt()[:, None, None]
+        light = ((pictures - mean[:, None, None]) / contrast).clamp(
             -SETTINGS.most, SETTINGS.most
         )
-        cells = nn.functional.pixel_unshuffle(seen[:, None], samples)
-        cells = self.cell(cells.contiguous(memory_format=torch.channels_last)).relu()
-        cells = self.far(self.near(cells).relu()).relu()
-        sizes = patches.new_tensor([math.log2(high) / 4, math.log2(wide) / 4]).expand(
-            len(patches), 2
-        )
-        facts = torch.cat(
-            [sizes, pitch_px.log2()[:, None] / 4, contrast.log2()[:, None] / 4], 1
-        )
-        facts = facts[..., None, None].expand(-1, -1, placings, placings)
-        inside = box_means(torch.cat([cells, cells.square()], 1), high, wide)
-        sides = self.side(cells).relu().chunk(4, 1)
-        rows = [box_means(one, 1, wide) for one in sides[:2]]
-        columns = [box_means(one, high, 1) for one in sides[2:]]
-        around = [rows[0][:, :, :placings], rows[1][:, :, high - 1 :]]
-        around += [columns[0][..., :placings], columns[1][..., wide - 1 :]]
-        logit = self.score(torch.cat([inside, *around, facts], 1))[:, 0]
-        return logit, corner_moves(self.corner(cells), reach)
+        blocks = functional.pixel_unshuffle(light[:, None], SETTINGS.heat_px)
+        fine = self.first(blocks.contiguous(memory_format=torch.channels_last)).relu()
+        coarse = self.mid[0](self.down(fine).relu()).relu()
+        coarse = coarse + self.mid[1](coarse).relu()
+        deep = self.deep2(self.deep(coarse).relu()).relu()
+        logit = self.score(torch.cat([deep.mean((2, 3)), deep.amax((2, 3))], 1))[:, 0]
+        coarse = coarse + functional.interpolate(deep, scale_factor=2.0)
+        coarse = self.up(self.mid[2](coarse).relu())
+        fine = fine + functional.interpolate(coarse, scale_factor=2.0)
+        return logit, self.heat(self.fine(fine).relu())
 
 
-def corner_moves(planes: Tensor, reach: int) -> Tensor:
-    """Find corners in what cells say of them.
-
-    Args:
-        planes: (n,12,R+2r,C+2r): for each corner a logit, and how far right and down of the cell it is.
-        reach: r, cells around the panel.
-
-    Returns:
-        (n,4,2) cells from where the corners are taken to be.
+def corners_of(maps: Tensor) -> Tensor:
+    """Find corners (n,4,2), px of the picture, in maps (n,4,h,w): the mean about the best place of each.
 
     Example:
-        >>> planes = torch.zeros(1, 12, 10, 10)
-        >>> planes[0, ::3, 2, 3] = 50.0
-        >>> corner_moves(planes, 1)[0, 0].tolist()
-        [2.5, 1.5]
+        >>> maps = torch.zeros(1, 4, 24, 24)
+        >>> maps[0, :, 5, 7] = 50.0
+        >>> corners_of(maps)[0, 0].tolist()
+        [15.0, 11.0]
     """
-    side = min(2 * reach + 2, *planes.shape[2:])
-    low = torch.arange(side, device=planes.device) + 0.5 - reach
-    high = low.flip(0).neg()
-    moves = []
-    for number, (right, bottom) in enumerate(
-        ((False, False), (True, False), (True, True), (False, True))
-    ):
-        window = planes[:, 3 * number : 3 * number + 3]
-        window = window[:, :, -side:] if bottom else window[:, :, :side]
-        window = window[..., -side:] if right else window[..., :side]
-        share = window[:, 0].flatten(1).softmax(1)
-        across = (window[:, 1] + (high if right else low)).flatten(1)
-        down = (window[:, 2] + (high if bottom else low)[:, None]).flatten(1)
-        moves.append(torch.stack([(share * across).sum(1), (share * down).sum(1)], 1))
-    return torch.stack(moves, 1)
-
-
-def box_means(planes: Tensor, high: int, wide: int) -> Tensor:
-    """Give the means over every box of (n,C,H,W).
-
-    Example:
-        >>> box_means(torch.arange(6.0).view(1, 1, 2, 3), 2, 2).tolist()
-        [[[[2.0, 3.0]]]]
-    """
-    for axis, size, before in ((3, wide, (1, 0)), (2, high, (0, 0, 1, 0))):
-        sums = nn.functional.pad(planes.cumsum(axis), before)
-        count = planes.shape[axis] - size + 1
-        planes = (sums.narrow(axis, size, count) - sums.narrow(axis, 0, count)) / size
-    return planes
+    high, wide = maps.shape[2:]
+    share = maps.flatten(2).softmax(2)
+    best = share.argmax(2)[..., None]
+    share = share.view_as(maps)
+    near_x = (torch.arange(wide, device=maps.device) - best % wide).abs()
+    near_y = (torch.arange(high, device=maps.device) - best // wide).abs()
+    near = (near_y <= SETTINGS.about)[..., None] & (near_x <= SETTINGS.about)[
+        ..., None, :
+    ]
+    share = share * near
+    total = share.sum((2, 3)).clamp(min=1e-9)
+    x, y = (
+        (share.sum(axis) * (torch.arange(side, device=maps.device) + 0.5)).sum(2)
+        for axis, side in ((2, wide), (3, high))
+    )
+    return SETTINGS.heat_px * torch.stack([x / total, y / total], 2)
 
 
 def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
@@ -151,33 +114,13 @@ def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
     return pitch.nan_to_num(1.0).clamp(0.3, 300)
 
 
-def judged(
-    net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Judge candidates, shift them to their likeliest placing, and find their corners.
+def pictures_of(pyramid: Pyramid, quads: Tensor) -> Tensor:
+    """Read the pictures (n,S,S) of candidates (n,4,2) px, in which each is a square."""
+    return pyramid.read_cells(quads, SQUARE, SETTINGS.samples, SETTINGS.margin)
 
-    Args:
-        net: the judge.
-        pyramid: of the frame.
-        quads: (n,4,2) float64 px.
-        shape: rows and columns.
 
-    Returns:
-        (n,) logits of the likeliest placings, (n,4,2) these placings, and (n,4,2) the corners as seen.
-    """
-    reach = SETTINGS.reach
-    patches = pyramid.read_cells(
-        quads, shape, SETTINGS.samples, reach + SETTINGS.context
-    )
-    logits, moves = net(patches, pitch_of(quads, shape), shape)
-    logit, place = logits.flatten(1).max(1)
-    placings = 2 * reach + 1
-    shift = torch.stack([place % placings - reach, place // placings - reach], 1)[
-        :, None
-    ].to(quads)
-    cells = corner_cells(shape).to(quads)
-    return (
-        logit,
-        map_points(quads, cells + shift, shape),
-        map_points(quads, cells + moves.to(quads), shape),
-    )
+def judged(net: Judge, pyramid: Pyramid, quads: Tensor) -> tuple[Tensor, Tensor]:
+    """Judge candidates (n,4,2) float64 px: logits (n,), and the corners (n,4,2) that the judge sees."""
+    logit, maps = net(pictures_of(pyramid, quads))
+    parts = corners_of(maps).double() / SETTINGS.samples - SETTINGS.margin
+    return logit, map_points(quads, parts, SQUARE)

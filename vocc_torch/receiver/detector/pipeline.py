@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from vocc_torch.receiver.detector import judge as judging
 from vocc_torch.receiver.detector.clues import clues_of
 from vocc_torch.receiver.detector.fit import fitted
 from vocc_torch.receiver.detector.judge import judged, pitch_of
@@ -22,11 +21,8 @@ class DetectorSettings:
     """How many candidates go how far."""
 
     # Candidates that are left when the judge has moved their corners.
-    judged: tuple[int, ...] = (
-        12,
-        8,
-        3,
-    )
+    judged: tuple[int, ...] = (8, 4, 3)
+    samples: int = 4  # along a cell's side, of what is weighed
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
 
@@ -72,15 +68,14 @@ def with_surround(frame: Frames) -> tuple[Tensor, Tensor]:
 def candidates(networks: Networks, pyramid: Pyramid, shape: PanelShape) -> Fitted:
     """Propose, judge and fit the candidates of one frame."""
     quads, proposal = propose(networks.scout, pyramid)
+    logit = proposal
     for count in SETTINGS.judged:
-        logit, _, quads = judged(networks.judge, pyramid, quads, shape)
+        logit, quads = judged(networks.judge, pyramid, quads)
         order = logit.argsort(descending=True, stable=True)[:count]
         quads, proposal, logit = quads[order], proposal[order], logit[order]
-    _, quads, _ = judged(networks.judge, pyramid, quads, shape)
     quads, share = fitted(pyramid, quads, shape)
-    return Fitted(
-        quads, weighed(networks, pyramid, quads, shape, proposal, logit, share)
-    )
+    facts = torch.stack([proposal.double(), logit.double(), share], 1)
+    return Fitted(quads, weighed(networks, pyramid, quads, shape, facts))
 
 
 def weighed(
@@ -88,9 +83,7 @@ def weighed(
     pyramid: Pyramid,
     quads: Tensor,
     shape: PanelShape,
-    proposal: Tensor,
-    logit: Tensor,
-    share: Tensor,
+    facts: Tensor,
 ) -> Tensor:
     """Measure the clues (n,CLUES) of candidates at their last corners.
 
@@ -99,25 +92,15 @@ def weighed(
         pyramid: of the frame.
         quads: (n,4,2) px.
         shape: rows and columns.
-        proposal: (n,) the scout's score.
-        logit: (n,) the judge's, before the fit.
-        share: (n,) of the picture, that the fit explains.
+        facts: (n,3) the scout's score, the judge's before the fit, and the share that the fit explains.
     """
-    options = judging.SETTINGS
-    patches = pyramid.read_cells(quads, shape, options.samples, options.context)
-    pitch = pitch_of(quads, shape)
-    last = networks.judge(patches, pitch, shape)[0][:, 0, 0]
-    edge = options.context * options.samples
-    inside = patches[:, edge:-edge, edge:-edge]
+    last, _ = judged(networks.judge, pyramid, quads)
+    pitch = pitch_of(quads, shape).log2()
     size = torch.full_like(pitch, math.log2(shape.leds))
-    facts = [proposal, logit, last, share, pitch.log2(), size]
-    return torch.cat(
-        [
-            torch.stack([one.float() for one in facts], 1),
-            clues_of(inside, shape, options.samples).float(),
-        ],
-        1,
-    )
+    patches = pyramid.read_cells(quads, shape, SETTINGS.samples, 0)
+    clues = clues_of(patches, shape, SETTINGS.samples)
+    seen = torch.stack([last, pitch, size], 1)
+    return torch.cat([facts.float(), seen, clues.float()], 1)
 
 
 def apart(quads: Tensor, odds: Tensor) -> list[int]:

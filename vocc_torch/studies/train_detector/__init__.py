@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from vocc_torch.errors import whole_number
 
 MOST = 1_000_000
-"""Most blocks and steps."""
+"""Most rounds and steps."""
 
 
 @dataclass
@@ -13,22 +13,19 @@ class TrainDetectorConfig:
     """How much the detector's networks see.
 
     Args:
-        small_blocks: blocks of 16 frames of 320 x 320 px, three in four with a panel; at least 1.
-        wide_blocks: blocks of 4 whole frames without a panel; at least 0.
+        rounds: rounds of 128 rendered frames of streets, a quarter of them without a panel; at least 1.
         scout_steps: steps of the scout's training, at least 1.
-        judge_steps: steps of each of the judge's two trainings, at least 1.
+        judge_steps: steps of the judge's training, at least 1.
 
     Raises:
         VoccError: a number out of its range.
     """
 
-    small_blocks: int = 400
-    wide_blocks: int = 160
-    scout_steps: int = 4000
-    judge_steps: int = 4000
+    rounds: int = 12
+    scout_steps: int = 12000
+    judge_steps: int = 12000
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name in ("small_blocks", "scout_steps", "judge_steps"):
+        for name in ("rounds", "scout_steps", "judge_steps"):
             whole_number(f"train_detector.{name}", getattr(self, name), 1, MOST)
-        whole_number("train_detector.wide_blocks", self.wide_blocks, 0, MOST)

@@ -2,17 +2,12 @@
 
 import functools
 import math
-from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
-from torch import Tensor
 
-from vocc_torch.simulation.effects import Backdrop
-from vocc_torch.simulation.effects.base import Context
 from vocc_torch.simulation.sketch import words_of
 
 Plane = NDArray[np.float32]
@@ -43,13 +38,6 @@ PHOTOGRAPHS = (
 )
 """Training photographs. ``coffee``, ``china`` and ``horse`` are left to the validation."""
 
-VALIDATION_PHOTOGRAPHS = (
-    "skimage.data/coffee.png",
-    "skimage.data/horse.png",
-    "skimage.data/moon.png",
-    "sklearn.datasets.images/china.jpg",
-)
-
 
 @functools.cache
 def photograph(name: str) -> Plane:
@@ -60,24 +48,6 @@ def photograph(name: str) -> Plane:
         Image.open(path) as picture,
     ):
         return np.asarray(picture.convert("L"), np.float32) / np.float32(255)
-
-
-def crop_of(picture: Plane, size: tuple[int, int], draw: Generator) -> Plane:
-    """Cut a random part of a photograph at a random scale, mirrored and turned at random, (H,W)."""
-    least = min(picture.shape[0] / size[0], picture.shape[1] / size[1])
-    scale = math.exp(draw.uniform(math.log(0.25), math.log(max(least, 0.3))))
-    high, wide = (
-        max(8, min(side, round(out * scale)))
-        for side, out in zip(picture.shape, size, strict=True)
-    )
-    top = int(draw.integers(picture.shape[0] - high + 1))
-    left = int(draw.integers(picture.shape[1] - wide + 1))
-    part = picture[top : top + high, left : left + wide]
-    part = part[:: int(draw.choice((-1, 1))), :: int(draw.choice((-1, 1)))]
-    resized = Image.fromarray(np.ascontiguousarray(part)).resize(
-        size[::-1], Image.Resampling.BICUBIC
-    )
-    return np.clip(np.asarray(resized, np.float32), np.float32(0), np.float32(1))
 
 
 def drawing(draw: Generator, size: tuple[int, int]) -> Plane:
@@ -129,33 +99,3 @@ def _lattice(
             box = [left, top, right, top + step * fill]
             grey = int(np.clip(shade + spread * draw.standard_normal(), 0, 255))
             (pen.ellipse if kind == 2 else pen.rectangle)(box, fill=grey)
-
-
-@dataclass(frozen=True)
-class Behind(Backdrop):
-    """A drawing or a photograph behind each panel, as luminance over that of the plain background.
-
-    Args:
-        photographs: names for :func:`photograph`, or none for drawings.
-    """
-
-    photographs: tuple[str, ...] = ()
-
-    def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
-        """Draw each frame's."""
-        planes = [
-            self.picture(draw, context.camera.sensor_px)
-            for draw in context.generators(self.name, of_scene=True)
-        ]
-        rows = torch.arange(len(planes)).view(-1, 1, 1, 1)
-        return torch.from_numpy(np.stack(planes))[:, None][rows, 0, y, x]
-
-    def picture(self, draw: Generator, size: tuple[int, int]) -> Plane:
-        """Give one frame's luminance (H,W)."""
-        level = math.exp(draw.uniform(-1, 1))
-        if not self.photographs:
-            return (level * (0.05 + 2 * drawing(draw, size))).astype(np.float32)
-        name = self.photographs[int(draw.integers(len(self.photographs)))]
-        return (level * 4 * crop_of(photograph(name), size, draw) ** 2.2).astype(
-            np.float32
-        )

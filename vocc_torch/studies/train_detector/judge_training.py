@@ -1,25 +1,36 @@
-"""Training of the judge and of the verdict: candidates of the scout, and places about true panels."""
+"""Training of the judge, on pictures of candidates near and far from panels, and of the verdict."""
 
-import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from vocc_torch.receiver.detector import judge as judging
-from vocc_torch.receiver.detector.judge import Judge, judged, pitch_of
+from vocc_torch.receiver.detector.judge import (
+    SQUARE,
+    Judge,
+    corners_of,
+    judged,
+    pictures_of,
+    pitch_of,
+)
 from vocc_torch.receiver.detector.pipeline import candidates
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.scout import propose
 from vocc_torch.receiver.detector.weights import Networks
-from vocc_torch.receiver.resample import cell_homography, corner_cells, map_points
-from vocc_torch.studies.train_detector.pool import Example
-from vocc_torch.studies.train_detector.worlds import SHAPES
+from vocc_torch.studies.train_detector.composition import (
+    Draws,
+    cells_of,
+    finished,
+    mirrored,
+    with_panels,
+)
+from vocc_torch.studies.train_detector.material import Material
+from vocc_torch.studies.train_detector.pool import SHAPES, Example
 from vocc_torch.types import PanelShape
 
 
@@ -27,258 +38,210 @@ from vocc_torch.types import PanelShape
 class JudgeTraining:
     """Settings of the training."""
 
-    candidates: int = 12  # of a frame
-    again: int = 4  # of a frame, after the judge has moved them
-    shaken: int = 6  # places about each true panel
-    rough: tuple[float, ...] = (
-        0.1,
-        0.5,
-        1.0,
-        2.0,
-        4.0,
-    )  # by how much these are bent and stretched
-    right_cells: float = 0.35  # corners are off at most so much in a right placing
+    composed: int = 40  # pictures of a batch with a panel that is laid into a picture
+    rendered: int = 24  # with a rendered panel
+    empty: int = 24  # without a panel
+    mined: int = 24  # candidates of the scout, without a panel
+    # How far candidates are off, and how often.
+    rough: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 1.3)
+    rough_shares: tuple[float, ...] = (0.15, 0.2, 0.25, 0.25, 0.15)
+    # Standard deviations at a roughness of 1; lengths in shares of a side.
+    size: float = 0.16
+    aspect: float = 0.08
+    turn: float = 0.12
+    wild_turn: float = 0.35
+    wild: float = 0.15  # share of candidates that are turned more
+    shift: float = 0.093
+    bend: float = 0.04
+    around: float = 1.5  # of a rendered panel, sides that are read about it
+    soft_px: float = 0.6  # of LEDs' edges
+    blur_px: tuple[float, float] = (0.35, 1.6)
+    map_weight: float = 0.5
+    corner_weight: float = 0.3
+    corner_beta_px: float = 0.5
+    mined_frames: int = 40
+    mined_of_frame: int = 14
+    mined_again: int = 5  # of a frame, after the judge has moved them
+    right_cells: float = 0.35  # corners are off at most so much in a right candidate
     wrong_cells: float = 0.75  # and at least so much in a wrong one
-    near_cells: float = 2.4  # corners are found from so far away
-    corner_weight: float = 4.0
-    patches: int = 1 << 18  # samples in a batch of one shape
-    most: int = 64  # patches in a batch
-    rate: float = 3e-3
-    decay: float = 1e-3
-    easy: float = 0.15  # share of a loss by which easy patches are drawn
-    far: float = 99.0  # cells, of corners where there is no panel
-    found_weight: float = 3.0  # of right placings: most placings are wrong
     verdict_steps: int = 3000
     verdict_rate: float = 5e-3
     verdict_decay: float = 3e-3
+    verdict_batch: int = 512
 
 
 SETTINGS = JudgeTraining()
 
 
-class Seen(NamedTuple):
-    """Candidates of a shape: patches (n,H,W) uint8, their corners' errors, cells (n,4,2), pitches (n,)."""
+class Pictures(NamedTuple):
+    """Pictures (B,S,S) of candidates, panels' corners (B,4,2) px in them, and whether they show one (B,)."""
 
-    patches: Tensor
-    off_cells: Tensor
-    pitch_px: Tensor
-
-
-def in_cells(quads: Tensor, truth: Tensor, shape: PanelShape) -> Tensor:
-    """Give a panel's corners (4,2) less those of quadrilaterals (n,4,2), in cells, turned to fit best."""
-    if not truth.any():
-        return torch.full_like(quads, SETTINGS.far)
-    inverse = torch.linalg.inv_ex(cell_homography(quads, shape).double()).inverse
-    seen = torch.cat([truth, torch.ones_like(truth[:, :1])], 1).double() @ inverse.mT
-    places = seen[..., :2] / seen[..., 2:]
-    turns = range(4) if shape.rows == shape.columns else (0, 2)
-    off = torch.stack([places.roll(turn, 1) for turn in turns]) - corner_cells(shape)
-    off = off.nan_to_num(SETTINGS.far, SETTINGS.far, SETTINGS.far).clamp(
-        -SETTINGS.far, SETTINGS.far
-    )
-    best = off.norm(dim=3).amax(2).argmin(0)
-    return off[best, torch.arange(len(best))]
+    grey: Tensor
+    quads: Tensor
+    panel: Tensor
 
 
-def shaken(truth: Tensor, shape: PanelShape, draw: np.random.Generator) -> Tensor:
-    """Lay quadrilaterals about a true panel (4,2): shifted by cells, stretched, turned and bent."""
-    count = SETTINGS.shaken
-
-    def noise(*size: int) -> Tensor:
-        return torch.from_numpy(draw.standard_normal((count, *size)))
-
-    rough = torch.from_numpy(draw.choice(SETTINGS.rough, (count, 1, 1)))
-    cells = corner_cells(shape).expand(count, 4, 2)
-    middle = cells.mean(1, keepdim=True)
-    stretch = 8 / max(shape.rows, shape.columns) * rough
-    off = (cells - middle) * (1 + stretch * (0.05 * noise(1, 1) + 0.03 * noise(1, 2)))
-    angle = 0.04 * rough * noise(1, 1)
-    across = off[..., :1] * angle.cos() - off[..., 1:] * angle.sin()
-    down = off[..., :1] * angle.sin() + off[..., 1:] * angle.cos()
-    reach = judging.SETTINGS.reach
-    shift = torch.from_numpy(draw.integers(-reach, reach + 1, (count, 1, 2)))
-    bent = rough * (0.12 * noise(4, 2) + 0.15 * noise(1, 2))
-    places = middle + torch.cat([across, down], 2) + bent + shift
-    return map_points(truth.expand(count, 4, 2), places, shape)
+def off_candidates(draws: Draws) -> Tensor:
+    """Draw where panels' corners (B,4,2), px, lie in pictures of candidates that are off."""
+    options = SETTINGS
+    edge, side = judging.SETTINGS.edge_px, judging.SETTINGS.side_px
+    square = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) - 0.5
+    rough = draws.generator.choice(options.rough, draws.count, p=options.rough_shares)
+    scale = torch.from_numpy(rough).float()[:, None, None]
+    size = options.size * draws.normal(1, 1) + options.aspect * draws.normal(1, 2)
+    quads = square * (scale * size).exp()
+    wild = options.wild_turn * draws.coin(options.wild) * draws.normal(1)
+    turn = scale[:, 0] * (options.turn * draws.normal(1) + wild)
+    (x, y), sine, cosine = quads.unbind(2), turn.sin(), turn.cos()
+    quads = torch.stack([x * cosine - y * sine, x * sine + y * cosine], 2)
+    moved = options.shift * draws.normal(1, 2) + options.bend * draws.normal(4, 2)
+    return (quads + scale * moved) * (side - 2 * edge) + side / 2
 
 
-def shape_of(example: Example, draw: np.random.Generator) -> PanelShape:
-    """Give the shape to look for: the panel's, or any where there is none."""
-    return (
-        PanelShape(*SHAPES[draw.integers(len(SHAPES))])
-        if example.empty
-        else example.shape
-    )
+class Sampler:
+    """Draws pictures of candidates.
 
+    Args:
+        material: what they are cut from.
+    """
 
-def collected(
-    networks: Networks, examples: Sequence[Example], seed: int, again: bool
-) -> dict[PanelShape, Seen]:
-    """Look at the candidates of each frame, and ``again`` at the likeliest where the judge moves them."""
-    parts = defaultdict(list)
-    margin = judging.SETTINGS.reach + judging.SETTINGS.context
-    with torch.inference_mode():
-        for number, one in enumerate(examples):
-            if not (one.empty or one.readable):
-                continue
-            draw = np.random.default_rng((seed, number))
-            shape, pyramid = shape_of(one, draw), Pyramid.of(one.grey)
-            proposed, _ = propose(networks.scout, pyramid)
-            quads = [proposed[: SETTINGS.candidates]]
-            if again:
-                logit, _, moved = judged(networks.judge, pyramid, proposed, shape)
-                quads.append(moved[logit.topk(min(SETTINGS.again, len(logit))).indices])
-            if not one.empty:
-                quads.append(shaken(one.corners_px, shape, draw))
-            every = torch.cat(quads)
-            off = in_cells(every, one.corners_px, shape)
-            patches = pyramid.read_cells(every, shape, judging.SETTINGS.samples, margin)
-            seen = Seen(
-                patches.round().to(torch.uint8), off.float(), pitch_of(every, shape)
+    def __init__(self, material: Material) -> None:
+        self.material = material
+        margin = round(SETTINGS.around * SQUARE.rows)
+        samples = judging.SETTINGS.samples
+        read = [
+            Pyramid.of(one.grey).read_cells(
+                one.corners_px[None], SQUARE, samples, margin
             )
-            parts[shape].append(seen)
-    return {
-        shape: Seen(*(torch.cat(one).clone() for one in zip(*part, strict=True)))
-        for shape, part in parts.items()
-    }
+            for one in material.found
+        ]
+        self.panels = torch.cat(read) if read else torch.zeros(0, 1, 1)
+        self.mined = torch.zeros(0, 1, 1)
+
+    def batch(self, draw: np.random.Generator) -> Pictures:
+        """Draw a batch of pictures."""
+        options, side = SETTINGS, judging.SETTINGS.side_px
+        draws = Draws(draw, options.composed)
+        quads = off_candidates(draws)
+        pictures = self.material.patches(side, options.composed, draw)
+        laid = with_panels(pictures, quads, draws.shapes(), draws, options.soft_px)
+        parts, corners = [finished(laid, draws, options.blur_px)], [quads]
+        if len(self.panels):
+            draws = Draws(draw, options.rendered)
+            quads = off_candidates(draws)
+            parts.append(finished(self.warped(quads, draw), draws))
+            corners.append(quads)
+        found = sum(map(len, corners))
+        pictures = self.material.patches(side, options.empty, draw)
+        if len(self.mined):
+            rows = draw.integers(len(self.mined), size=options.mined)
+            pictures = torch.cat([pictures, self.mined[rows]])
+        parts.append(finished(pictures, Draws(draw, len(pictures))))
+        corners.append(torch.zeros(len(pictures), 4, 2))
+        grey, quads = mirrored(torch.cat(parts), torch.cat(corners), draw)
+        return Pictures(grey, quads, torch.arange(len(grey)) < found)
+
+    def warped(self, quads: Tensor, draw: np.random.Generator) -> Tensor:
+        """Read rendered panels so that their corners lie at places (B,4,2) of a picture."""
+        panels = self.panels[draw.integers(len(self.panels), size=len(quads))]
+        side = judging.SETTINGS.side_px
+        places = cells_of(quads, torch.ones(len(quads), 2), side)
+        grid = (places.mT - 0.5) * (2 / (1 + 2 * SETTINGS.around))
+        grid = grid.view(-1, side, side, 2)
+        return functional.grid_sample(
+            panels[:, None], grid, padding_mode="border", align_corners=False
+        )[:, 0]
+
+    def mine(self, networks: Networks, draw: np.random.Generator) -> None:
+        """Take the candidates of frames without a panel, the likeliest also after a move."""
+        pictures = []
+        chosen = draw.permutation(len(self.material.empty))[: SETTINGS.mined_frames]
+        for number in chosen:
+            planes = self.material.empty[number]
+            pyramid = Pyramid(tuple(torch.from_numpy(one).float() for one in planes))
+            quads, _ = propose(networks.scout, pyramid)
+            quads = quads[: SETTINGS.mined_of_frame]
+            logit, moved = judged(networks.judge, pyramid, quads)
+            again = logit.topk(min(SETTINGS.mined_again, len(logit))).indices
+            every = torch.cat([quads, moved[again]])
+            pictures.append(pictures_of(pyramid, every))
+        self.mined = torch.cat(pictures).clone() if pictures else self.mined
 
 
-def mirrored(seen: Seen, square: bool, draw: np.random.Generator) -> Seen:
-    """Mirror and transpose patches with their corners, pale them and add noise, each at random."""
-    patches, off = seen.patches.float(), seen.off_cells
-    if draw.random() < 0.5:
-        patches, off = (
-            patches.flip(2),
-            (off * torch.tensor([-1.0, 1.0]))[:, [1, 0, 3, 2]],
-        )
-    if draw.random() < 0.5:
-        patches, off = (
-            patches.flip(1),
-            (off * torch.tensor([1.0, -1.0]))[:, [3, 2, 1, 0]],
-        )
-    if square and draw.random() < 0.5:
-        patches, off = patches.mT, off.flip(2)[:, [0, 3, 2, 1]]
-    patches = (
-        patches * torch.from_numpy(draw.uniform(0.3, 1.0, (len(patches), 1, 1))).float()
+def judge_loss(logit: Tensor, maps: Tensor, pictures: Pictures) -> Tensor:
+    """Give the losses of scores, of maps and of the corners in them."""
+    side, wide = judging.SETTINGS.side_px, maps.shape[3]
+    inside = ((pictures.quads > 1) & (pictures.quads < side - 1)).all(2)
+    inside &= pictures.panel[:, None]
+    # Each corner is shared among the four places around it.
+    place = pictures.quads / judging.SETTINGS.heat_px - 0.5
+    place = place.clamp(0, wide - 1.001)
+    first = place.floor().long()
+    part = place - first
+    likely = maps.flatten(2).log_softmax(2)
+    cost = torch.zeros_like(likely[..., 0])
+    for right in (0, 1):
+        for below in (0, 1):
+            share = (1 - right + (2 * right - 1) * part[..., 0]) * (
+                1 - below + (2 * below - 1) * part[..., 1]
+            )
+            row = (first[..., 1] + below) * wide + first[..., 0] + right
+            cost = cost - share * likely.gather(2, row[..., None])[..., 0]
+    off = functional.smooth_l1_loss(
+        corners_of(maps),
+        pictures.quads,
+        beta=SETTINGS.corner_beta_px,
+        reduction="none",
     )
-    if draw.random() < 0.4:
-        patches = patches + torch.from_numpy(
-            draw.standard_normal(patches.shape)
-        ).float() * draw.uniform(0.2, 5)
-    return Seen(patches.contiguous(), off, seen.pitch_px)
-
-
-def judge_loss(logit: Tensor, moves: Tensor, off_cells: Tensor) -> Tensor:
-    """Say how wrong logits (n,P,P) and moves (n,4,2) are for each candidate, (n,)."""
-    steps = torch.arange(logit.shape[-1]) - logit.shape[-1] // 2
-    down, right = torch.meshgrid(steps, steps, indexing="ij")
-    rest = off_cells[:, None, None] - torch.stack([right, down], 2)[None, :, :, None]
-    apart = rest.norm(dim=4).amax(3)
-    panel = (apart < SETTINGS.right_cells).float()
-    cost = functional.binary_cross_entropy_with_logits(logit, panel, reduction="none")
-    clear = (apart < SETTINGS.right_cells) | (apart > SETTINGS.wrong_cells)
-    focus = 0.2 + (logit.sigmoid() - panel).abs()
-    cost = cost * clear * focus * (1 + SETTINGS.found_weight * panel)
-    near = (off_cells.abs().amax(2) < SETTINGS.near_cells).float()
-    off = functional.smooth_l1_loss(moves, off_cells, beta=0.1, reduction="none").sum(2)
-    loss: Tensor = cost.flatten(1).sum(1) + SETTINGS.corner_weight * (off * near).mean(
-        1
-    )
+    cost = SETTINGS.map_weight * cost + SETTINGS.corner_weight * off.sum(2)
+    score = functional.binary_cross_entropy_with_logits(logit, pictures.panel.float())
+    loss: Tensor = score + (cost * inside).sum() / inside.sum().clamp(min=1)
     return loss
 
 
-class JudgeTrainer:
-    """Draws batches of candidates, the harder ones more often.
-
-    Args:
-        data: candidates by shape.
-    """
-
-    def __init__(self, data: dict[PanelShape, Seen]) -> None:
-        self.data = data
-        self.shapes = list(data)
-        counts = np.array([len(data[shape].pitch_px) for shape in self.shapes]) ** 0.7
-        self.share = counts / counts.sum()
-        self.hardness = {
-            shape: np.ones(len(seen.pitch_px)) for shape, seen in data.items()
-        }
-
-    def step(
-        self, net: Judge, optimiser: torch.optim.Optimizer, draw: np.random.Generator
-    ) -> float:
-        """Take one step, and give its loss."""
-        shape = self.shapes[draw.choice(len(self.shapes), p=self.share)]
-        seen, hardness = self.data[shape], self.hardness[shape]
-        many = max(8, min(SETTINGS.most, SETTINGS.patches // seen.patches[0].numel()))
-        odds = hardness + SETTINGS.easy * hardness.mean()
-        rows = draw.choice(len(odds), many, p=odds / odds.sum())
-        batch = mirrored(
-            Seen(*(part[rows] for part in seen)), shape.rows == shape.columns, draw
-        )
-        logit, moves = net(batch.patches, batch.pitch_px, shape)
-        loss = judge_loss(logit, moves, batch.off_cells)
-        hardness[rows] = loss.detach().numpy()
-        optimiser.zero_grad()
-        # Hard ones are drawn more often and count the less.
-        weight = torch.from_numpy((1 / odds[rows]) ** 0.5).float()
-        ((loss * weight).sum() / weight.sum()).backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(net.parameters(), 5.0)
-        optimiser.step()
-        return float(loss.detach().mean())
-
-
-def train_steps(
-    net: Judge,
-    optimiser: torch.optim.Optimizer,
-    trainer: JudgeTrainer,
-    seed: int,
-    steps: range,
-    whole: int,
-) -> float:
-    """Take some steps of a training of ``whole`` steps, and give their mean loss."""
-    total = 0.0
-    for step in steps:
-        for group in optimiser.param_groups:
-            group["lr"] = (
-                SETTINGS.rate
-                * min(1.0, (step + 1) / 100)
-                * (1 + math.cos(math.pi * step / whole))
-                / 2
-            )
-        total += trainer.step(net, optimiser, np.random.default_rng((seed, step)))
-    return total / max(len(steps), 1)
+def judge_step(net: Judge, sampler: Sampler, draw: np.random.Generator) -> Tensor:
+    """Give the loss of a batch."""
+    pictures = sampler.batch(draw)
+    logit, maps = net(pictures.grey)
+    return judge_loss(logit, maps, pictures)
 
 
 class Judged(NamedTuple):
-    """Clues (n,CLUES) of candidates, 1, 0 or -1 (n,) for right, wrong or neither, and their frames (n,)."""
+    """Clues (n,CLUES) of candidates, and 1, 0 or -1 (n,) for right, wrong or neither."""
 
     clues: Tensor
     right: Tensor
-    frame: Tensor
+
+
+def off_cells(quads: Tensor, truth: Tensor, shape: PanelShape) -> Tensor:
+    """Say how far the worst corner of candidates (n,4,2) is from the panel's (4,2), cells, turned to fit best."""
+    turns = range(4) if shape.rows == shape.columns else (0, 2)
+    turned = torch.stack([truth.roll(turn, 0) for turn in turns])
+    off: Tensor = (quads - turned[:, None]).norm(dim=3).amax(2).amin(0)
+    return off / pitch_of(truth[None], shape)
 
 
 def judged_candidates(
     networks: Networks, examples: Sequence[Example], seed: int
 ) -> Judged:
     """Take the clues of the fitted candidates of each frame."""
-    clues, right, frame = [], [], []
+    clues, right = [], []
     with torch.inference_mode():
         for number, one in enumerate(examples):
             if not (one.empty or one.readable):
                 continue
-            shape = shape_of(one, np.random.default_rng((seed, number)))
+            draw = np.random.default_rng((seed, number))
+            some = PanelShape(*SHAPES[draw.integers(len(SHAPES))])
+            shape = some if one.empty else one.shape
             found = candidates(networks, Pyramid.of(one.grey), shape)
-            off = in_cells(found.quads, one.corners_px, shape).norm(dim=2).amax(1)
             clues.append(found.clues.clone())
-            right.append(
-                torch.where(
-                    off < SETTINGS.right_cells,
-                    1,
-                    torch.where(off > SETTINGS.wrong_cells, 0, -1),
-                )
-            )
-            frame.append(torch.full((len(off),), number))
-    return Judged(torch.cat(clues), torch.cat(right), torch.cat(frame))
+            label = torch.zeros(len(found.quads), dtype=torch.int64)
+            if not one.empty:
+                off = off_cells(found.quads, one.corners_px, shape)
+                label -= (off < SETTINGS.wrong_cells).long()
+                label += 2 * (off < SETTINGS.right_cells)
+            right.append(label)
+    return Judged(torch.cat(clues), torch.cat(right))
 
 
 def train_verdict(networks: Networks, seen: Judged, seed: int) -> float:
@@ -296,7 +259,7 @@ def train_verdict(networks: Networks, seen: Judged, seed: int) -> float:
     for step in range(SETTINGS.verdict_steps):
         for group in optimiser.param_groups:
             group["lr"] = SETTINGS.verdict_rate * (1 - step / SETTINGS.verdict_steps)
-        rows = torch.randint(len(right), (512,), generator=draw)
+        rows = torch.randint(len(right), (SETTINGS.verdict_batch,), generator=draw)
         loss = functional.binary_cross_entropy_with_logits(
             verdict(clues[rows]), right[rows]
         )

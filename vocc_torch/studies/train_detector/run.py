@@ -1,13 +1,14 @@
 """``task=train_detector``: render a pool of frames, train the detector's networks, write their weights."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.detector.weights import SHIPPED, Networks
@@ -18,8 +19,8 @@ from vocc_torch.studies.train_detector import (
     judge_training,
     scout_training,
 )
-from vocc_torch.studies.train_detector.pool import Example, read_pool, save_block
-from vocc_torch.studies.train_detector.worlds import SMALL, WIDE, world
+from vocc_torch.studies.train_detector.material import Material
+from vocc_torch.studies.train_detector.pool import Example, read_pool, render_round
 
 POOL, CHECKPOINTS = "pool", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
@@ -27,11 +28,14 @@ POOL, CHECKPOINTS = "pool", "checkpoints"
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How a run is cut into pieces."""
+    """How a run is cut into pieces, and how networks learn."""
 
-    scout_round: int = 500  # steps between minings, each of which is kept
-    judge_round: int = 250
+    round_steps: int = 500  # between minings, each of which is kept
+    rate: float = 3e-3
+    least_rate: float = 0.02  # of the rate, at the end
+    warm_steps: int = 100  # in which the rate rises
     decay: float = 1e-3  # of weights
+    most_gradient: float = 5.0
 
 
 SETTINGS = RunSettings()
@@ -60,16 +64,9 @@ def pool(
     """Render the frames that are missing, and read all."""
     (folder / POOL).mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, count, options in (
-        ("small", own.small_blocks, SMALL),
-        ("wide", own.wide_blocks, WIDE),
-    ):
-        for block in range(count):
-            path = folder / POOL / f"{name}_{block:04d}.npz"
-            paths.append(path)
-            if not path.exists():
-                save_block(path, *world(seed, block, options))
-        console.print(f"{count} {name} blocks of frames", highlight=False)
+    for number in range(own.rounds):
+        paths += render_round(folder / POOL, seed, number)
+        console.print(f"frames: round {number + 1} of {own.rounds}", highlight=False)
     return read_pool(paths)
 
 
@@ -77,68 +74,59 @@ def trained(
     folder: Path,
     seed: int,
     own: TrainDetectorConfig,
-    examples: Sequence[Example],
+    examples: list[Example],
     console: terminal.Console,
 ) -> Networks:
-    """Train the scout, the judge twice, the second time on places that it moved, and the verdict."""
+    """Train the scout, the judge and the verdict."""
     torch.manual_seed(seed)
     networks = Networks.fresh()
-    rounds = folder / CHECKPOINTS
-    sampler = scout_training.Sampler(examples)
-    part = Checkpoint(rounds / "scout.pt", networks.scout, scout_training.SETTINGS.rate)
-    for steps in part.rounds(own.scout_steps, SETTINGS.scout_round):
+    material = Material(examples, seed)
+    crops = scout_training.Sampler(material)
+
+    def scout_loss(draw: np.random.Generator) -> Tensor:
+        batch = crops.batch(draw)
+        return scout_training.scout_loss(networks.scout(batch.grey), batch)
+
+    training = Training(folder / CHECKPOINTS / "scout.pt", networks.scout, seed)
+    for steps in training.rounds(own.scout_steps):
         if steps.start:
             with torch.inference_mode():
-                sampler.mine(
+                crops.mine(
                     networks.scout, np.random.default_rng((seed, steps.start, 1))
                 )
-        loss = scout_training.train_steps(
-            networks.scout, part.optimiser, sampler, seed, steps, own.scout_steps
-        )
-        console.print(
-            f"scout: step {steps.stop} of {own.scout_steps}, loss {loss:.4f}",
-            highlight=False,
-        )
-    for again in (False, True):
-        name = f"judge_{1 + again}"
-        part = Checkpoint(
-            rounds / f"{name}.pt", networks.judge, judge_training.SETTINGS.rate
-        )
-        trainer: judge_training.JudgeTrainer | None = None
-        for steps in part.rounds(own.judge_steps, SETTINGS.judge_round):
-            if trainer is None:
-                data = judge_training.collected(networks, examples, seed + again, again)
-                trainer = judge_training.JudgeTrainer(data)
-            loss = judge_training.train_steps(
-                networks.judge,
-                part.optimiser,
-                trainer,
-                seed + again,
-                steps,
-                own.judge_steps,
-            )
-            console.print(
-                f"{name}: step {steps.stop} of {own.judge_steps}, loss {loss:.4f}",
-                highlight=False,
-            )
+        loss = training.take(steps, own.scout_steps, scout_loss)
+        console.print(f"scout: step {steps.stop}, loss {loss:.4f}", highlight=False)
+    pictures: judge_training.Sampler | None = None
+
+    def judge_loss(draw: np.random.Generator) -> Tensor:
+        assert pictures is not None
+        return judge_training.judge_step(networks.judge, pictures, draw)
+
+    training = Training(folder / CHECKPOINTS / "judge.pt", networks.judge, seed)
+    for steps in training.rounds(own.judge_steps):
+        pictures = pictures or judge_training.Sampler(material)
+        with torch.inference_mode():
+            pictures.mine(networks, np.random.default_rng((seed, steps.start, 2)))
+        loss = training.take(steps, own.judge_steps, judge_loss)
+        console.print(f"judge: step {steps.stop}, loss {loss:.4f}", highlight=False)
     seen = judge_training.judged_candidates(networks, examples, seed)
     judge_training.train_verdict(networks, seen, seed)
     return networks
 
 
-class Checkpoint:
+class Training:
     """A network's training in rounds, each of which is kept in a file.
 
     Args:
         path: of the file.
         net: what is trained, in place; it takes up what the file has.
-        rate: of learning.
+        seed: of the batches.
     """
 
-    def __init__(self, path: Path, net: nn.Module, rate: float) -> None:
-        self.path, self.net, self.done = path, net, 0
+    def __init__(self, path: Path, net: nn.Module, seed: int) -> None:
+        self.path, self.net, self.seed, self.done = path, net, seed, 0
         self.optimiser = torch.optim.AdamW(
-            net.parameters(), rate, weight_decay=SETTINGS.decay
+            net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay
         )
         if path.exists():
             state: dict[str, Any] = torch.load(path, weights_only=True)
@@ -146,11 +134,11 @@ class Checkpoint:
             self.optimiser.load_state_dict(state["optimiser"])
             self.done = int(state["done"])
 
-    def rounds(self, steps: int, piece: int) -> Iterator[range]:
+    def rounds(self, steps: int) -> Iterator[range]:
         """Yield the ranges of steps that are to be taken, and keep each when the next is asked for."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        for start in range(self.done, steps, piece):
-            end = min(start + piece, steps)
+        for start in range(self.done, steps, SETTINGS.round_steps):
+            end = min(start + SETTINGS.round_steps, steps)
             yield range(start, end)
             state = {
                 "net": self.net.state_dict(),
@@ -160,3 +148,24 @@ class Checkpoint:
             part = self.path.with_suffix(".part")
             torch.save(state, part)
             part.rename(self.path)
+
+    def take(
+        self,
+        steps: range,
+        whole: int,
+        loss_of: Callable[[np.random.Generator], Tensor],
+    ) -> float:
+        """Take some steps of a training of ``whole`` steps, and give their mean loss."""
+        total = 0.0
+        for step in steps:
+            fall = (1 + math.cos(math.pi * step / whole)) / 2
+            warm = min(1.0, (step + 1) / SETTINGS.warm_steps)
+            for group in self.optimiser.param_groups:
+                group["lr"] = SETTINGS.rate * warm * max(fall, SETTINGS.least_rate)
+            loss = loss_of(np.random.default_rng((self.seed, step)))
+            self.optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(self.net.parameters(), SETTINGS.most_gradient)
+            self.optimiser.step()
+            total += float(loss.detach())
+        return total / max(len(steps), 1)

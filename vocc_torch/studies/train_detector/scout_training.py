@@ -1,197 +1,145 @@
-"""Training of the scout: crops of every level, half of them without a panel, mined where the scout errs."""
+"""Training of the scout, on crops with and without panels."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from vocc_torch.receiver.detector import scout
-from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.studies.train_detector.pool import Example
+from vocc_torch.studies.train_detector.composition import (
+    Draws,
+    finished,
+    mirrored,
+    poses,
+    with_panels,
+)
+from vocc_torch.studies.train_detector.material import Material, Spot, cut_at, levels_of
 
 
 @dataclass(frozen=True)
 class ScoutTraining:
     """Settings of the training."""
 
-    crop_px: int = 96
-    batch: int = 64
-    rate: float = 3e-3  # of learning, at the beginning; it falls to nothing
-    least_pitch_px: float = 1.75  # of LEDs in the level where a panel is to be found
-    most_pitch_px: float = 4.4
-    spare: float = 1.5  # pitches so many times beyond count as neither
-    near_px: float = 6.0  # outputs so near a panel's centre are to find it
-    spare_share: float = 0.45  # of a panel's side: outputs within count as neither
-    mined_score: float = -2.5  # false candidates of higher scores are mined
-    mined: int = 3  # of a level of a frame, at most
-    mined_frames: int = 1200  # that are looked at each time
-    least_mined_px: int = 32  # sides of a level
-    mined_share: float = 0.35  # of a batch
-    found_share: float = 0.5  # of a batch, crops with a panel
-    gain: tuple[float, float] = (0.4, 1.7)
-    offset: float = 40.0  # grey values, at most
-    noise: float = 6.0  # grey values, at most
-    noisy: float = 0.4  # share of crops with noise
+    crop_px: int = 128
+    composed: int = 22  # crops of a batch with a panel that is laid into a picture
+    rendered: int = 14  # with a rendered panel
+    empty: int = 16  # without a panel
+    mined: int = 12  # that the scout took for panels
+    least_pitch_px: float = 1.8  # of LEDs that the scout is to find
+    most_pitch_px: float = 4.6  # the next level shows larger ones
+    most_side_px: float = 110.0  # of a panel in a crop
+    blur_px: tuple[float, float] = (0.3, 1.1)
+    soft_px: float = 0.45  # of LEDs' edges
+    off_px: float = 45.0  # of a panel from a crop's middle, at most
+    near_px: float = 6.0  # outputs so near the centre are to find the panel
+    spare_share: float = 0.45  # of a side, within which others may
     corner_weight: float = 1.5
+    small_px: float = 30.0  # diagonal of panels whose corners' errors count fully
+    mined_frames: int = 40
+    mined_of_level: int = 24
+    mined_score: float = -3.0
 
 
 SETTINGS = ScoutTraining()
 
 
-class Place(NamedTuple):
-    """A crop's frame and level, and the middle of what it is to show, px of the level."""
-
-    example: int
-    level: int
-    x: float
-    y: float
-
-
 class Crops(NamedTuple):
-    """Crops (B,1,S,S), corners (B,4,2) px in the crop, and the kind (B,): 1 a panel, 0 none, -1 neither."""
+    """Crops (B,1,S,S), corners (B,4,2) px in the crop, and whether they show a panel (B,)."""
 
     grey: Tensor
     quads: Tensor
-    kind: Tensor
+    panel: Tensor
 
 
 class Sampler:
-    """Draws crops from a pool of frames.
+    """Draws crops.
 
     Args:
-        examples: the pool.
+        material: what they are cut from.
     """
 
-    def __init__(self, examples: Sequence[Example]) -> None:
-        self.examples = examples
-        self.levels = [
-            [
-                level.round().to(torch.uint8).numpy()
-                for level in Pyramid.of(one.grey).levels
-            ]
-            for one in examples
-        ]
-        self.panels: list[Place] = []
-        for number, one in enumerate(examples):
-            if not one.readable:
-                continue
-            for level in range(len(self.levels[number])):
-                pitch = one.pitch_px / 2**level
+    def __init__(self, material: Material) -> None:
+        self.material = material
+        self.panels: list[tuple[Spot, Tensor]] = []
+        for one in material.found:
+            for number, plane in enumerate(levels_of(one.grey)):
+                pitch = one.pitch_px / 2**number
                 if SETTINGS.least_pitch_px <= pitch <= SETTINGS.most_pitch_px:
-                    centre = one.corners_px.mean(0) / 2**level
-                    self.panels.append(
-                        Place(number, level, float(centre[0]), float(centre[1]))
-                    )
-        self.mined: list[Place] = []
+                    quad = (one.corners_px / 2**number).float()
+                    x, y = quad.mean(0).tolist()
+                    self.panels.append((Spot(plane, x, y), quad))
+        self.mined: list[Spot] = []
 
     def batch(self, draw: np.random.Generator) -> Crops:
-        """Draw a batch of augmented crops."""
-        crops = []
-        for _ in range(SETTINGS.batch):
-            luck = draw.random()
-            if luck < SETTINGS.found_share:
-                place = self.panels[draw.integers(len(self.panels))]
-            elif luck < SETTINGS.found_share + SETTINGS.mined_share and self.mined:
-                place = self.mined[draw.integers(len(self.mined))]
-            else:
-                number = int(draw.integers(len(self.examples)))
-                level = min(int(draw.geometric(0.5)) - 1, len(self.levels[number]) - 1)
-                high, wide = self.levels[number][level].shape
-                place = Place(
-                    number, level, draw.uniform(0, wide), draw.uniform(0, high)
-                )
-            crops.append(self.crop(place, draw))
-        return Crops(*(torch.stack(part) for part in zip(*crops, strict=True)))
+        """Draw a batch of crops."""
+        composed, quads = self.composed(draw)
+        parts, corners = [composed], [quads]
+        if self.panels:
+            crops, quads = self.rendered(draw)
+            parts.append(finished(crops, Draws(draw, len(crops))))
+            corners.append(quads)
+        found = sum(map(len, corners))
+        crops = self.material.patches(SETTINGS.crop_px, SETTINGS.empty, draw)
+        if self.mined:
+            crops = torch.cat([crops, self.mined_crops(draw)])
+        parts.append(finished(crops, Draws(draw, len(crops))))
+        corners.append(torch.zeros(len(crops), 4, 2))
+        grey, quads = mirrored(torch.cat(parts), torch.cat(corners), draw)
+        return Crops(grey[:, None], quads, torch.arange(len(grey)) < found)
 
-    def crop(self, place: Place, draw: np.random.Generator) -> Crops:
-        """Cut one crop and augment it."""
-        side, plane = SETTINGS.crop_px, self.levels[place.example][place.level]
-        corner = []
-        for middle, length in ((place.x, plane.shape[1]), (place.y, plane.shape[0])):
-            start = round(middle - side / 2 + draw.uniform(-0.4, 0.4) * side)
-            corner.append(
-                min(max(start, 0), length - side)
-                if length >= side
-                else (length - side) // 2
-            )
-        left, top = corner
-        cut = plane[
-            max(top, 0) : max(top + side, 0), max(left, 0) : max(left + side, 0)
-        ]
-        grey = np.full((side, side), cut.mean(), np.float32)
-        row, column = max(-top, 0), max(-left, 0)
-        grey[row : row + cut.shape[0], column : column + cut.shape[1]] = cut
-        low, high = SETTINGS.gain
-        gain = math.exp(draw.uniform(math.log(low), math.log(high)))
-        noise = draw.uniform(0, SETTINGS.noise) * (draw.random() < SETTINGS.noisy)
-        light = (
-            grey * gain
-            + draw.uniform(-1, 1) * SETTINGS.offset
-            + noise * draw.standard_normal(grey.shape)
-        )
-        one = self.examples[place.example]
-        quad = one.corners_px.float() / 2**place.level - torch.tensor(
-            [float(left), float(top)]
-        )
-        kind = kind_of(one, place.level)
-        plane_out = torch.from_numpy(light.clip(0, 255).astype(np.float32))
-        if draw.random() < 0.5:
-            plane_out, quad = (
-                plane_out.flip(1),
-                (quad * torch.tensor([-1.0, 1.0]) + torch.tensor([side, 0.0]))[
-                    [1, 0, 3, 2]
-                ],
-            )
-        if draw.random() < 0.5:
-            plane_out, quad = (
-                plane_out.flip(0),
-                (quad * torch.tensor([1.0, -1.0]) + torch.tensor([0.0, side]))[
-                    [3, 2, 1, 0]
-                ],
-            )
-        if draw.random() < 0.5:
-            plane_out, quad = plane_out.mT, quad.flip(1)[[0, 3, 2, 1]]
-        return Crops(plane_out[None].contiguous(), quad, torch.tensor(kind))
+    def composed(self, draw: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """Lay panels into pictures."""
+        options, draws = SETTINGS, Draws(draw, SETTINGS.composed)
+        side, shapes = options.crop_px, draws.shapes()
+        pitch = draws.geometric(options.least_pitch_px, options.most_pitch_px)
+        pitch = torch.minimum(pitch, options.most_side_px / shapes.amax(1))
+        middle = draws.uniform(-1, 1, 2) * options.off_px * 0.75 + side / 2
+        quads = poses(draws, shapes, pitch, middle)
+        pictures = self.material.patches(side, options.composed, draw)
+        pictures = with_panels(pictures, quads, shapes, draws, options.soft_px)
+        return finished(pictures, draws, options.blur_px), quads
+
+    def rendered(self, draw: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """Cut crops with rendered panels."""
+        crops, quads = [], []
+        for number in draw.integers(len(self.panels), size=SETTINGS.rendered):
+            spot, quad = self.panels[number]
+            right, down = draw.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
+            moved = Spot(spot.plane, spot.x + right, spot.y + down)
+            crop, origin = cut_at(moved, SETTINGS.crop_px)
+            crops.append(crop)
+            quads.append(quad - torch.tensor(origin))
+        return torch.from_numpy(np.stack(crops)), torch.stack(quads)
+
+    def mined_crops(self, draw: np.random.Generator) -> Tensor:
+        """Cut crops that the scout took for panels."""
+        crops = []
+        for number in draw.integers(len(self.mined), size=SETTINGS.mined):
+            spot = self.mined[number]
+            right, down = draw.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
+            moved = Spot(spot.plane, spot.x + right, spot.y + down)
+            crops.append(cut_at(moved, SETTINGS.crop_px)[0])
+        return torch.from_numpy(np.stack(crops))
 
     def mine(self, net: scout.Scout, draw: np.random.Generator) -> None:
         """Find places without a panel that the scout takes for one."""
         self.mined = []
-        for number in draw.permutation(len(self.examples))[
+        for number in draw.permutation(len(self.material.empty))[
             : SETTINGS.mined_frames
-        ].tolist():
-            one = self.examples[number]
-            for level, plane in enumerate(self.levels[number]):
-                if min(plane.shape) < SETTINGS.least_mined_px:
-                    continue
+        ]:
+            for plane in self.material.empty[number]:
                 high, wide = (side // 16 * 16 for side in plane.shape)
-                out = net(torch.from_numpy(plane[:high, :wide]).float()[None, None])
-                _, quads, score = scout.peaks(out, SETTINGS.mined)
-                centre = quads.mean(1)
-                good = score > SETTINGS.mined_score
-                if not one.empty:
-                    truth = one.corners_px.float() / 2**level
-                    size = float((truth[0] - truth[2]).norm())
-                    good &= (centre - truth.mean(0)).norm(dim=1) > 0.7 * size
-                self.mined += [
-                    Place(number, level, *map(float, at))
-                    for at in centre[good].tolist()
-                ]
-
-
-def kind_of(example: Example, level: int) -> int:
-    """Say whether a panel is to be found in a level: 1, 0 or -1 for neither."""
-    if example.empty:
-        return 0
-    pitch = example.pitch_px / 2**level
-    least, most = SETTINGS.least_pitch_px, SETTINGS.most_pitch_px
-    if least <= pitch <= most:
-        return 1 if example.readable else -1
-    return 0 if pitch < least / SETTINGS.spare or pitch > most * SETTINGS.spare else -1
+                if not min(high, wide):
+                    continue
+                crop = torch.from_numpy(plane[:high, :wide]).float()
+                _, quads, score = scout.peaks(
+                    net(crop[None, None]), SETTINGS.mined_of_level
+                )
+                places = quads.mean(1)[score > SETTINGS.mined_score]
+                self.mined += [Spot(plane, x, y) for x, y in places.tolist()]
 
 
 def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
@@ -203,58 +151,22 @@ def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     centre = crops.quads.mean(1)[:, None, None]
     apart = ((places + 0.5) * stride - centre).norm(dim=3)
     size = (crops.quads[:, 0] - crops.quads[:, 2]).norm(dim=1)[:, None, None]
-    kind = crops.kind[:, None, None]
-    spare = (apart < SETTINGS.spare_share * size) & (kind != 0)
+    panel = crops.panel[:, None, None]
+    spare = (apart < SETTINGS.spare_share * size) & panel
     nearest = apart <= apart.flatten(1).amin(1)[:, None, None].clamp(min=1e-3)
     inside = ((centre > 0) & (centre < high * stride)).all(3)
-    there = (
-        (kind == 1)
-        & inside
-        & ((apart < SETTINGS.near_px) | (nearest & (apart < stride)))
-    )
+    near = (apart < SETTINGS.near_px) | (nearest & (apart < stride))
+    there = panel & inside & near
     logit = outputs[:, 0]
     found = logit.sigmoid()
     missed = (1 - found).square() * functional.logsigmoid(logit)
     false = found.square() * functional.logsigmoid(-logit)
-    cost = -torch.where(
-        there, missed, torch.where(spare, 0.0, false)
-    ).sum() / there.sum().clamp(min=1)
+    cost = torch.where(there, missed, torch.where(spare, 0.0, false))
     picture, y, x = there.nonzero(as_tuple=True)
     quads = scout.quads_of(outputs[picture, :, y, x], torch.stack([x, y], 1))
     # Of small panels a pixel is more of a cell.
-    unit = scout.SETTINGS.unit_px * (size[picture, 0, 0] / 30)[:, None, None]
-    off = functional.smooth_l1_loss(
-        quads / unit, crops.quads[picture] / unit, beta=0.05
-    )
-    loss: Tensor = cost + SETTINGS.corner_weight * off * 8
+    unit = scout.SETTINGS.unit_px * (size[picture, 0, 0] / SETTINGS.small_px)
+    off = (quads - crops.quads[picture]) / unit[:, None, None]
+    far = functional.smooth_l1_loss(off, torch.zeros_like(off), beta=0.05)
+    loss: Tensor = 8 * SETTINGS.corner_weight * far - cost.sum() / there.sum().clamp(1)
     return loss
-
-
-def train_steps(
-    net: scout.Scout,
-    optimiser: torch.optim.Optimizer,
-    sampler: Sampler,
-    seed: int,
-    steps: range,
-    whole: int,
-) -> float:
-    """Take some steps of a training of ``whole`` steps, and give their mean loss."""
-    total = 0.0
-    net.train()
-    for step in steps:
-        draw = np.random.default_rng((seed, step))
-        crops = sampler.batch(draw)
-        for group in optimiser.param_groups:
-            group["lr"] = (
-                SETTINGS.rate
-                * min(1.0, (step + 1) / 100)
-                * (1 + math.cos(math.pi * step / whole))
-                / 2
-            )
-        loss = scout_loss(net(crops.grey), crops)
-        optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(net.parameters(), 5.0)
-        optimiser.step()
-        total += float(loss.detach())
-    return total / max(len(steps), 1)

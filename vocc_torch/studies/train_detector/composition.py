@@ -1,0 +1,269 @@
+"""Panels laid into pictures, in batches: what both networks are trained on besides rendered frames."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from vocc_torch.types import PanelShape
+
+SHAPES = (
+    ((8, 8),) * 7
+    + ((4, 4),) * 3
+    + ((4, 8), (8, 4), (16, 16), (16, 16), (8, 16), (16, 8))
+    + ((8, 32), (32, 32), (5, 7), (6, 6), (12, 12))
+)
+"""Rows and columns of the panels, the commoner ones more often."""
+
+MOST_LEDS = 32
+"""Rows and columns of the table of bits."""
+
+UNIT = PanelShape(1, 1)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Ranges of what panels look like, grey values where nothing else is said."""
+
+    wild: float = 0.5  # share of panels turned by any angle below
+    turns_deg: tuple[float, float, float] = (25.0, 6.0, 6.0)  # yaw, pitch, roll
+    wild_turns_deg: tuple[float, float, float] = (50.0, 45.0, 45.0)
+    distance_sides: tuple[float, float] = (4.0, 60.0)  # of the camera, panel's sides
+    fill: tuple[float, float] = (0.15, 0.95)  # width of an LED, cells
+    square: float = 0.3  # share of panels with square LEDs
+    lit: tuple[float, float] = (0.2, 0.8)  # share of LEDs that are On
+    unequal: float = 0.3  # share of panels whose LEDs differ
+    scatter: tuple[float, float] = (0.05, 0.5)  # of the logarithm of their light
+    driven: float = 0.12  # share of panels with groups of rows that are dimmer
+    groups: tuple[int, int] = (2, 17)
+    unseen: float = 0.22  # share of panels without a board
+    bright_board: float = 0.3  # share of boards up to the brighter limit
+    board: tuple[float, float] = (70.0, 200.0)
+    margin_cells: tuple[float, float] = (1.3, 2.0)  # of a board, most and added most
+    lip: float = 0.25  # share of boards with a frame of another brightness
+    dark_off: float = 0.6  # share of panels whose Off LEDs differ from the board
+    off: tuple[float, float] = (-30.0, 60.0)
+    contrast: tuple[float, float] = (25.0, 500.0)  # of On LEDs
+    least_soft_cells: float = 0.06  # of an LED's edge
+
+
+LOOKS = Looks()
+
+
+@dataclass(frozen=True)
+class Finish:
+    """Ranges of what a camera does, grey values where nothing else is said."""
+
+    gain: tuple[float, float] = (-0.7, 0.4)  # logarithm
+    offset: tuple[float, float] = (-12.0, 25.0)
+    grain: tuple[float, float, float] = (0.3, 1.5, 9.0)  # least, usual and most
+    gamma: tuple[float, float] = (0.45, 0.9)
+    curved: float = 0.35  # share of pictures with a gamma
+    reach_px: int = 4  # of a blur
+
+
+FINISH = Finish()
+
+
+class Draws:
+    """Random numbers for a batch of pictures.
+
+    Args:
+        generator: what draws.
+        count: B, of pictures.
+    """
+
+    def __init__(self, generator: np.random.Generator, count: int) -> None:
+        self.generator, self.count = generator, count
+
+    def uniform(self, low: float, high: float, *size: int) -> Tensor:
+        """Draw (B,*size) from low to high."""
+        drawn = self.generator.uniform(low, high, (self.count, *size))
+        return torch.from_numpy(drawn).float()
+
+    def geometric(self, low: float, high: float, *size: int) -> Tensor:
+        """Draw (B,*size) whose logarithms are uniform."""
+        return self.uniform(math.log(low), math.log(high), *size).exp()
+
+    def normal(self, *size: int) -> Tensor:
+        """Draw standard normal numbers (B,*size)."""
+        drawn = self.generator.standard_normal((self.count, *size), np.float32)
+        return torch.from_numpy(drawn)
+
+    def coin(self, share: float) -> Tensor:
+        """Draw (B,1) bool, true with a probability."""
+        return torch.from_numpy(self.generator.random((self.count, 1)) < share)
+
+    def shapes(self) -> Tensor:
+        """Draw rows and columns (B,2)."""
+        rows = self.generator.integers(len(SHAPES), size=self.count)
+        return torch.tensor(SHAPES)[torch.from_numpy(rows)].float()
+
+
+def poses(draws: Draws, shapes: Tensor, pitch_px: Tensor, centre_px: Tensor) -> Tensor:
+    """Turn panels (B,2) in space: corners (B,4,2) of a mean pitch (B,) about centres (B,2)."""
+    wild = draws.coin(LOOKS.wild)[:, 0]
+    angles = [
+        torch.deg2rad(
+            torch.where(wild, draws.uniform(-far, far), draws.uniform(-near, near))
+        )
+        for near, far in zip(LOOKS.turns_deg, LOOKS.wild_turns_deg, strict=True)
+    ]
+    high, wide = (shapes[:, None] / 2).unbind(2)
+    x = torch.tensor([-1.0, 1.0, 1.0, -1.0]) * wide
+    y = torch.tensor([-1.0, -1.0, 1.0, 1.0]) * high
+    z = torch.zeros_like(x)
+    (yaw, pitch, roll) = ((one.cos()[:, None], one.sin()[:, None]) for one in angles)
+    x, z = x * yaw[0], -x * yaw[1]
+    y, z = y * pitch[0] - z * pitch[1], y * pitch[1] + z * pitch[0]
+    x, y = x * roll[0] - y * roll[1], x * roll[1] + y * roll[0]
+    away = draws.uniform(*LOOKS.distance_sides, 1) * shapes.amax(1, keepdim=True)
+    quads = torch.stack([x, y], 2) / (1 + z / away)[..., None]
+    after = quads.roll(-1, 1)
+    area = (quads[..., 0] * after[..., 1] - quads[..., 1] * after[..., 0]).sum(1) / 2
+    scale = pitch_px * (shapes.prod(1) / area.abs()).sqrt()
+    return quads * scale[:, None, None] + centre_px[:, None]
+
+
+def cells_of(quads: Tensor, shapes: Tensor, side_px: int) -> Tensor:
+    """Give the place in cells (B,2,S*S), across and down, of each pixel of pictures with panels (B,4,2)."""
+    corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    matrix = torch.linalg.inv(homography(corners.expand_as(quads), quads))
+    at = torch.arange(side_px) + 0.5
+    y, x = torch.meshgrid(at, at, indexing="ij")
+    seen = matrix @ torch.stack([x.flatten(), y.flatten(), torch.ones(side_px**2)])
+    parts: Tensor = seen[:, :2] / seen[:, 2:].clamp(min=1e-3)
+    return parts * shapes.flip(1)[..., None]
+
+
+def homography(first: Tensor, second: Tensor) -> Tensor:
+    """Give matrices (B,3,3) that take four points (B,4,2) to four others."""
+    one, none = torch.ones_like(first[..., :1]), torch.zeros_like(first)
+    point = torch.cat([first, one], 2)
+    across = torch.cat([point, none, 0 * one, -second[..., :1] * first], 2)
+    down = torch.cat([none, 0 * one, point, -second[..., 1:] * first], 2)
+    known = torch.cat([second[..., 0], second[..., 1]], 1)
+    found = torch.linalg.solve(torch.cat([across, down], 1).double(), known.double())
+    return functional.pad(found.float(), (0, 1), value=1.0).view(-1, 3, 3)
+
+
+def bits_of(draws: Draws) -> Tensor:
+    """Draw how bright LEDs are, (B,N,N): 0 for Off ones, about 1 for On ones."""
+    size = MOST_LEDS
+    lit = draws.uniform(*LOOKS.lit, 1, 1)
+    light = (draws.uniform(0, 1, size, size) < lit).float()
+    spread = draws.coin(LOOKS.unequal) * draws.uniform(*LOOKS.scatter, 1)
+    light = light * (spread[..., None] * draws.normal(size, size)).exp()
+    groups = draws.generator.integers(*LOOKS.groups, (draws.count, 1))
+    group = torch.arange(size) % torch.from_numpy(groups)
+    dim = draws.uniform(0.1, 1, size).gather(1, group) < 0.5
+    return light * torch.where(dim & draws.coin(LOOKS.driven), 0.3, 1.0)[..., None]
+
+
+def with_panels(
+    pictures: Tensor, quads: Tensor, shapes: Tensor, draws: Draws, soft_px: float
+) -> Tensor:
+    """Lay panels (B,4,2) px of rows and columns (B,2) into pictures (B,S,S).
+
+    Args:
+        pictures: grey values.
+        quads: corners.
+        shapes: rows and columns.
+        draws: the looks.
+        soft_px: width of an LED's edge.
+    """
+    behind = pictures.flatten(1)
+    rows, columns = shapes[:, :1], shapes[:, 1:]
+    across, down = cells_of(quads, shapes, pictures.shape[2]).unbind(1)
+    column, row = across.floor(), down.floor()
+
+    def within(margin: Tensor | float) -> Tensor:
+        return (
+            (across >= -margin)
+            & (across < columns + margin)
+            & (down >= -margin)
+            & (down < rows + margin)
+        )
+
+    inside = within(0.0)
+    off_x, off_y = (across - column - 0.5).abs(), (down - row - 0.5).abs()
+    radius = torch.where(
+        draws.coin(LOOKS.square),
+        torch.maximum(off_x, off_y),
+        (off_x.square() + off_y.square()).sqrt(),
+    )
+    cell_px = (quads - quads.roll(1, 1)).norm(dim=2).mean(1) / shapes.mean(1)
+    soft = (soft_px / cell_px[:, None]).clamp(min=LOOKS.least_soft_cells)
+    fill = draws.uniform(*LOOKS.fill, 1) / 2
+    spot = ((fill + soft / 2 - radius) / soft).clamp(0, 1) * inside
+    place = row.clamp(0, MOST_LEDS - 1) * MOST_LEDS + column.clamp(0, MOST_LEDS - 1)
+    light = bits_of(draws).flatten(1).gather(1, place.long())
+    unseen = draws.coin(LOOKS.unseen)
+    mean = (behind * inside).sum(1, keepdim=True) / inside.sum(1, keepdim=True).clamp(1)
+    dark, bright = (draws.uniform(0, most, 1) for most in LOOKS.board)
+    board = torch.where(draws.coin(LOOKS.bright_board), bright, dark)
+    margin = draws.uniform(0, LOOKS.margin_cells[0], 1)
+    margin = margin + draws.coin(0.2) * draws.uniform(0, LOOKS.margin_cells[1], 1)
+    lip = draws.coin(LOOKS.lip) & ~unseen & within(margin + draws.uniform(0.1, 0.5, 1))
+    flat = torch.where(lip, draws.uniform(0, 230, 1), behind)
+    flat = torch.where(within(margin) & ~unseen, board, flat)
+    under = torch.where(unseen, mean, board)
+    off = under + draws.coin(LOOKS.dark_off) * draws.uniform(*LOOKS.off, 1)
+    on = torch.maximum(off, under) + draws.geometric(*LOOKS.contrast, 1)
+    # Small LEDs are as bright in all as large ones in half of the panels.
+    bright = (1 + soft / fill / 2).clamp(max=3).where(draws.coin(0.5), torch.ones(1))
+    shown = off + (on - off) * light
+    shown = torch.where(light > 0, shown * bright, shown)
+    hidden = draws.coin(0.25) & (light == 0)
+    return torch.where(hidden, flat, flat + (shown - flat) * spot).view_as(pictures)
+
+
+def blurred(pictures: Tensor, sigma_px: Tensor) -> Tensor:
+    """Blur pictures (B,S,S), each by a Gaussian of its deviation (B,)."""
+    reach = FINISH.reach_px
+    at = torch.arange(-reach, reach + 1) / sigma_px[:, None]
+    kernel = (-at.square() / 2).exp()
+    kernel = (kernel / kernel.sum(1, keepdim=True))[:, None]
+    planes = functional.pad(pictures[None], (reach,) * 4, mode="replicate")
+    planes = functional.conv2d(planes, kernel[:, :, None], groups=len(pictures))
+    return functional.conv2d(planes, kernel[..., None], groups=len(pictures))[0]
+
+
+def finished(
+    pictures: Tensor, draws: Draws, blur_px: tuple[float, float] | None = None
+) -> Tensor:
+    """Do to pictures (B,S,S) what cameras do: blur, gain, noise, white, gamma."""
+    if blur_px is not None:
+        pictures = blurred(pictures, draws.uniform(*blur_px))
+    gain = draws.uniform(*FINISH.gain, 1, 1).exp()
+    least, usual, most = FINISH.grain
+    grain = torch.where(
+        draws.coin(0.5), draws.uniform(least, usual, 1), draws.uniform(usual, most, 1)
+    )
+    noise = grain[..., None] * draws.normal(*pictures.shape[1:])
+    light = pictures * gain + draws.uniform(*FINISH.offset, 1, 1) + noise
+    light = light.clamp(0, 255)
+    power = torch.where(
+        draws.coin(FINISH.curved), draws.uniform(*FINISH.gamma, 1), torch.ones(1)
+    )
+    return 255 * (light / 255) ** power[..., None]
+
+
+def mirrored(
+    pictures: Tensor, quads: Tensor, draw: np.random.Generator
+) -> tuple[Tensor, Tensor]:
+    """Mirror and transpose pictures (B,S,S) with their corners (B,4,2), all alike."""
+    side = float(pictures.shape[2])
+    across, down, over = (draw.random(3) < 0.5).tolist()
+    if across:
+        quads = quads * torch.tensor([-1.0, 1.0]) + torch.tensor([side, 0.0])
+        pictures, quads = pictures.flip(2), quads[:, [1, 0, 3, 2]]
+    if down:
+        quads = quads * torch.tensor([1.0, -1.0]) + torch.tensor([0.0, side])
+        pictures, quads = pictures.flip(1), quads[:, [3, 2, 1, 0]]
+    if over:
+        pictures, quads = pictures.mT, quads.flip(2)[:, [0, 3, 2, 1]]
+    return pictures.contiguous(), quads
