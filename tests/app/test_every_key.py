@@ -187,8 +187,7 @@ SECTIONS = {
         **{"quantum_efficiency": 0.5, "fps": 50.0},
     },
     "train_detector": {
-        "small_blocks": 2,
-        "wide_blocks": 1,
+        "rounds": 2,
         "scout_steps": 2,
         "judge_steps": 2,
     },

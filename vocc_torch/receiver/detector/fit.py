@@ -17,11 +17,19 @@ class FitSettings:
 
     cell_px: int = 6  # a cell's side in the level that is fitted, nearly
     steps: int = 5
+    # Cells right and down by which a candidate is shifted to begin with.
+    starts: tuple[tuple[float, float], ...] = (
+        (0.0, 0.0),
+        (0.4, 0.0),
+        (-0.4, 0.0),
+        (0.0, 0.4),
+        (0.0, -0.4),
+    )
     blurs: tuple[float, ...] = (0.2, 0.35)  # of spots, cells, to begin with
     least_share: float = (
         0.3  # of the picture that a lattice explains, for its corners to be taken
     )
-    most_move_cells: float = 0.8  # farther, and the fit has slipped
+    most_move_cells: float = 1.0  # farther, and the fit has slipped
 
 
 SETTINGS = FitSettings()
@@ -39,9 +47,18 @@ def fitted(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> tuple[Tensor, 
     for row, number in enumerate(level.tolist()):
         start = quads[row].numpy() / 2.0**number
         grey, origin = pyramid.window(number, start, shape)
+        right = (start[1] + start[2] - start[0] - start[3]) / (2 * shape.columns)
+        down = (start[3] + start[2] - start[0] - start[1]) / (2 * shape.rows)
         fits = [
-            frame_fit.fit(grey, start - origin, shape, blur, SETTINGS.steps)
+            frame_fit.fit(
+                grey,
+                start - origin + across * right + below * down,
+                shape,
+                blur,
+                SETTINGS.steps,
+            )
             for blur in SETTINGS.blurs
+            for across, below in SETTINGS.starts
         ]
         corners, _, share = max(fits, key=lambda one: one[2])
         shares[row] = share
