@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.detector.judge import Judge
+from vocc_torch.receiver.detector.placer import Placer
 from vocc_torch.receiver.detector.scout import Scout
 from vocc_torch.receiver.model_file import read_model, write_model
 
@@ -55,22 +56,21 @@ class Networks:
 
     scout: Scout
     judge: Judge
+    placer: Placer
     verdict: Verdict
 
     @classmethod
     def fresh(cls) -> "Networks":
         """Give untrained networks, laid out in memory for speed."""
-        scout, judge = (
-            Scout().to(memory_format=torch.channels_last),
-            Judge().to(memory_format=torch.channels_last),
+        nets = (Scout(), Judge(), Placer())
+        return cls(
+            *(net.to(memory_format=torch.channels_last) for net in nets), Verdict()
         )
-        return cls(scout, judge, Verdict())
 
     def parts(self) -> nn.ModuleDict:
         """Give them as one module, for its state."""
-        return nn.ModuleDict(
-            {"scout": self.scout, "judge": self.judge, "verdict": self.verdict}
-        )
+        names = ("scout", "judge", "placer", "verdict")
+        return nn.ModuleDict({name: getattr(self, name) for name in names})
 
     def save(self, path: Path) -> None:
         """Write the weights.

@@ -39,6 +39,35 @@ PHOTOGRAPHS = (
 """Training photographs. ``coffee``, ``china`` and ``horse`` are left to the validation."""
 
 
+def mosaics(seed: int, count: int, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Put frames (N,H,W) together from photographs, at several sizes, and drawings."""
+    out = np.empty((count, *size), np.uint8)
+    side = 272
+    for number in range(count):
+        draw = np.random.default_rng((seed, number))
+        for top in range(0, size[0], side):
+            for left in range(0, size[1], side):
+                high, wide = (
+                    min(side, end - at) for end, at in zip(size, (top, left), strict=True)
+                )
+                tile = 255 * _tile(draw, side)[:high, :wide]
+                out[number, top : top + high, left : left + wide] = tile.round()
+    return out
+
+
+def _tile(draw: Generator, side: int) -> Plane:
+    """Cut a square from a photograph at a random size, or draw one."""
+    if draw.random() < 0.3:
+        return drawing(draw, (side, side))
+    whole = photograph(PHOTOGRAPHS[draw.integers(len(PHOTOGRAPHS))])
+    least = side / min(whole.shape)
+    scale = max(least, math.exp(draw.uniform(math.log(0.3), math.log(1.5))))
+    high, wide = (max(side, round(length * scale)) for length in whole.shape)
+    picture = Image.fromarray(whole).resize((wide, high), Image.Resampling.BOX)
+    top, left = (int(draw.integers(length - side + 1)) for length in (high, wide))
+    return np.asarray(picture)[top : top + side, left : left + side].clip(0, 1)
+
+
 @functools.cache
 def photograph(name: str) -> Plane:
     """Read a photograph's grey values, 0 to 1, from ``package/file``."""

@@ -3,12 +3,9 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
-
-from vocc_torch.types import PanelShape
 
 SHAPES = (
     ((8, 8),) * 7
@@ -20,8 +17,6 @@ SHAPES = (
 
 MOST_LEDS = 32
 """Rows and columns of the table of bits."""
-
-UNIT = PanelShape(1, 1)
 
 
 @dataclass(frozen=True)
@@ -46,7 +41,8 @@ class Looks:
     lip: float = 0.25  # share of boards with a frame of another brightness
     dark_off: float = 0.6  # share of panels whose Off LEDs differ from the board
     off: tuple[float, float] = (-30.0, 60.0)
-    contrast: tuple[float, float] = (25.0, 500.0)  # of On LEDs
+    contrast: tuple[float, float] = (20.0, 500.0)  # of On LEDs
+    as_bright: float = 0.75  # share of panels whose small LEDs are brighter
     least_soft_cells: float = 0.06  # of an LED's edge
 
 
@@ -61,6 +57,7 @@ class Finish:
     offset: tuple[float, float] = (-12.0, 25.0)
     grain: tuple[float, float, float] = (0.3, 1.5, 9.0)  # least, usual and most
     gamma: tuple[float, float] = (0.45, 0.9)
+    grainy: float = 0.35  # share of pictures with more grain than is usual
     curved: float = 0.35  # share of pictures with a gamma
     reach_px: int = 4  # of a blur
 
@@ -69,20 +66,21 @@ FINISH = Finish()
 
 
 class Draws:
-    """Random numbers for a batch of pictures.
+    """Random numbers for a batch of pictures, on the device of their generator.
 
     Args:
         generator: what draws.
         count: B, of pictures.
     """
 
-    def __init__(self, generator: np.random.Generator, count: int) -> None:
-        self.generator, self.count = generator, count
+    def __init__(self, generator: torch.Generator, count: int) -> None:
+        self.generator, self.count, self.device = generator, count, generator.device
 
     def uniform(self, low: float, high: float, *size: int) -> Tensor:
         """Draw (B,*size) from low to high."""
-        drawn = self.generator.uniform(low, high, (self.count, *size))
-        return torch.from_numpy(drawn).float()
+        places = (self.count, *size)
+        drawn = torch.rand(places, generator=self.generator, device=self.device)
+        return low + (high - low) * drawn
 
     def geometric(self, low: float, high: float, *size: int) -> Tensor:
         """Draw (B,*size) whose logarithms are uniform."""
@@ -90,17 +88,30 @@ class Draws:
 
     def normal(self, *size: int) -> Tensor:
         """Draw standard normal numbers (B,*size)."""
-        drawn = self.generator.standard_normal((self.count, *size), np.float32)
-        return torch.from_numpy(drawn)
+        places = (self.count, *size)
+        return torch.randn(places, generator=self.generator, device=self.device)
 
     def coin(self, share: float) -> Tensor:
         """Draw (B,1) bool, true with a probability."""
-        return torch.from_numpy(self.generator.random((self.count, 1)) < share)
+        return self.uniform(0, 1, 1) < share
+
+    def below(self, count: int, *size: int) -> Tensor:
+        """Draw whole numbers (B,*size) from 0 to below a count."""
+        places = (self.count, *size)
+        return torch.randint(
+            count, places, generator=self.generator, device=self.device
+        )
+
+    def chosen(self, shares: Tensor) -> Tensor:
+        """Draw numbers (B,) of shares (N,)."""
+        return torch.multinomial(
+            shares, self.count, replacement=True, generator=self.generator
+        )
 
     def shapes(self) -> Tensor:
         """Draw rows and columns (B,2)."""
-        rows = self.generator.integers(len(SHAPES), size=self.count)
-        return torch.tensor(SHAPES)[torch.from_numpy(rows)].float()
+        shapes = torch.tensor(SHAPES, dtype=torch.float32, device=self.device)
+        return shapes[self.below(len(SHAPES))]
 
 
 def poses(draws: Draws, shapes: Tensor, pitch_px: Tensor, centre_px: Tensor) -> Tensor:
@@ -113,8 +124,8 @@ def poses(draws: Draws, shapes: Tensor, pitch_px: Tensor, centre_px: Tensor) -> 
         for near, far in zip(LOOKS.turns_deg, LOOKS.wild_turns_deg, strict=True)
     ]
     high, wide = (shapes[:, None] / 2).unbind(2)
-    x = torch.tensor([-1.0, 1.0, 1.0, -1.0]) * wide
-    y = torch.tensor([-1.0, -1.0, 1.0, 1.0]) * high
+    x = shapes.new_tensor([-1.0, 1.0, 1.0, -1.0]) * wide
+    y = shapes.new_tensor([-1.0, -1.0, 1.0, 1.0]) * high
     z = torch.zeros_like(x)
     (yaw, pitch, roll) = ((one.cos()[:, None], one.sin()[:, None]) for one in angles)
     x, z = x * yaw[0], -x * yaw[1]
@@ -128,25 +139,42 @@ def poses(draws: Draws, shapes: Tensor, pitch_px: Tensor, centre_px: Tensor) -> 
     return quads * scale[:, None, None] + centre_px[:, None]
 
 
-def cells_of(quads: Tensor, shapes: Tensor, side_px: int) -> Tensor:
-    """Give the place in cells (B,2,S*S), across and down, of each pixel of pictures with panels (B,4,2)."""
-    corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    matrix = torch.linalg.inv(homography(corners.expand_as(quads), quads))
-    at = torch.arange(side_px) + 0.5
-    y, x = torch.meshgrid(at, at, indexing="ij")
-    seen = matrix @ torch.stack([x.flatten(), y.flatten(), torch.ones(side_px**2)])
-    parts: Tensor = seen[:, :2] / seen[:, 2:].clamp(min=1e-3)
-    return parts * shapes.flip(1)[..., None]
+def cells_of(quads: Tensor, shapes: Tensor, high: int, wide: int) -> Tensor:
+    """Give the place in cells (B,2,H*W), across and down, of each pixel of pictures with panels (B,4,2)."""
+    matrix = homography(quads, unit_corners(quads) * shapes.flip(1)[:, None])
+    return mapped(matrix, pixels(high, wide, quads.device))
+
+
+def unit_corners(like: Tensor) -> Tensor:
+    """Give the corners (1,4,2) of a square of side 1."""
+    return like.new_tensor([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]])
+
+
+def pixels(high: int, wide: int, device: torch.device) -> Tensor:
+    """Give the centres (1,2,H*W) of a picture's pixels."""
+    down, across = (torch.arange(side, device=device) + 0.5 for side in (high, wide))
+    y, x = torch.meshgrid(down, across, indexing="ij")
+    return torch.stack([x.flatten(), y.flatten()])[None]
+
+
+def mapped(matrix: Tensor, points: Tensor) -> Tensor:
+    """Map points (B,2,P) by homographies (B,3,3); those beyond the horizon far away."""
+    seen = matrix[:, :, :2] @ points + matrix[:, :, 2:]
+    return seen[:, :2] / seen[:, 2:].clamp(min=1e-3)
 
 
 def homography(first: Tensor, second: Tensor) -> Tensor:
     """Give matrices (B,3,3) that take four points (B,4,2) to four others."""
+    first, second = torch.broadcast_tensors(first, second)
     one, none = torch.ones_like(first[..., :1]), torch.zeros_like(first)
     point = torch.cat([first, one], 2)
     across = torch.cat([point, none, 0 * one, -second[..., :1] * first], 2)
     down = torch.cat([none, 0 * one, point, -second[..., 1:] * first], 2)
     known = torch.cat([second[..., 0], second[..., 1]], 1)
-    found = torch.linalg.solve(torch.cat([across, down], 1).double(), known.double())
+    system = torch.cat([across, down], 1).double()
+    # Corners of no area have no homography: numbers without a meaning stand for it.
+    found, _ = torch.linalg.solve_ex(system, known.double())
+    found = found.nan_to_num()
     return functional.pad(found.float(), (0, 1), value=1.0).view(-1, 3, 3)
 
 
@@ -157,8 +185,9 @@ def bits_of(draws: Draws) -> Tensor:
     light = (draws.uniform(0, 1, size, size) < lit).float()
     spread = draws.coin(LOOKS.unequal) * draws.uniform(*LOOKS.scatter, 1)
     light = light * (spread[..., None] * draws.normal(size, size)).exp()
-    groups = draws.generator.integers(*LOOKS.groups, (draws.count, 1))
-    group = torch.arange(size) % torch.from_numpy(groups)
+    least, most = LOOKS.groups
+    groups = least + draws.below(most - least, 1)
+    group = torch.arange(size, device=draws.device) % groups
     dim = draws.uniform(0.1, 1, size).gather(1, group) < 0.5
     return light * torch.where(dim & draws.coin(LOOKS.driven), 0.3, 1.0)[..., None]
 
@@ -166,7 +195,7 @@ def bits_of(draws: Draws) -> Tensor:
 def with_panels(
     pictures: Tensor, quads: Tensor, shapes: Tensor, draws: Draws, soft_px: float
 ) -> Tensor:
-    """Lay panels (B,4,2) px of rows and columns (B,2) into pictures (B,S,S).
+    """Lay panels (B,4,2) px of rows and columns (B,2) into pictures (B,H,W).
 
     Args:
         pictures: grey values.
@@ -177,7 +206,7 @@ def with_panels(
     """
     behind = pictures.flatten(1)
     rows, columns = shapes[:, :1], shapes[:, 1:]
-    across, down = cells_of(quads, shapes, pictures.shape[2]).unbind(1)
+    across, down = cells_of(quads, shapes, *pictures.shape[1:]).unbind(1)
     column, row = across.floor(), down.floor()
 
     def within(margin: Tensor | float) -> Tensor:
@@ -213,8 +242,8 @@ def with_panels(
     under = torch.where(unseen, mean, board)
     off = under + draws.coin(LOOKS.dark_off) * draws.uniform(*LOOKS.off, 1)
     on = torch.maximum(off, under) + draws.geometric(*LOOKS.contrast, 1)
-    # Small LEDs are as bright in all as large ones in half of the panels.
-    bright = (1 + soft / fill / 2).clamp(max=3).where(draws.coin(0.5), torch.ones(1))
+    # Small LEDs are as bright in all as large ones in most panels.
+    bright = torch.where(draws.coin(LOOKS.as_bright), (1 + soft / fill / 2).clamp(max=3), 1.0)
     shown = off + (on - off) * light
     shown = torch.where(light > 0, shown * bright, shown)
     hidden = draws.coin(0.25) & (light == 0)
@@ -222,9 +251,9 @@ def with_panels(
 
 
 def blurred(pictures: Tensor, sigma_px: Tensor) -> Tensor:
-    """Blur pictures (B,S,S), each by a Gaussian of its deviation (B,)."""
+    """Blur pictures (B,H,W), each by a Gaussian of its deviation (B,)."""
     reach = FINISH.reach_px
-    at = torch.arange(-reach, reach + 1) / sigma_px[:, None]
+    at = torch.arange(-reach, reach + 1, device=sigma_px.device) / sigma_px[:, None]
     kernel = (-at.square() / 2).exp()
     kernel = (kernel / kernel.sum(1, keepdim=True))[:, None]
     planes = functional.pad(pictures[None], (reach,) * 4, mode="replicate")
@@ -235,35 +264,16 @@ def blurred(pictures: Tensor, sigma_px: Tensor) -> Tensor:
 def finished(
     pictures: Tensor, draws: Draws, blur_px: tuple[float, float] | None = None
 ) -> Tensor:
-    """Do to pictures (B,S,S) what cameras do: blur, gain, noise, white, gamma."""
+    """Do to pictures (B,H,W) what cameras do: blur, gain, noise, white, gamma."""
     if blur_px is not None:
         pictures = blurred(pictures, draws.uniform(*blur_px))
     gain = draws.uniform(*FINISH.gain, 1, 1).exp()
     least, usual, most = FINISH.grain
-    grain = torch.where(
-        draws.coin(0.5), draws.uniform(least, usual, 1), draws.uniform(usual, most, 1)
-    )
+    low, high = draws.uniform(least, usual, 1), draws.uniform(usual, most, 1)
+    grain = torch.where(draws.coin(FINISH.grainy), high, low)
     noise = grain[..., None] * draws.normal(*pictures.shape[1:])
     light = pictures * gain + draws.uniform(*FINISH.offset, 1, 1) + noise
     light = light.clamp(0, 255)
-    power = torch.where(
-        draws.coin(FINISH.curved), draws.uniform(*FINISH.gamma, 1), torch.ones(1)
-    )
+    curved, power = draws.coin(FINISH.curved), draws.uniform(*FINISH.gamma, 1)
+    power = torch.where(curved, power, 1.0)
     return 255 * (light / 255) ** power[..., None]
-
-
-def mirrored(
-    pictures: Tensor, quads: Tensor, draw: np.random.Generator
-) -> tuple[Tensor, Tensor]:
-    """Mirror and transpose pictures (B,S,S) with their corners (B,4,2), all alike."""
-    side = float(pictures.shape[2])
-    across, down, over = (draw.random(3) < 0.5).tolist()
-    if across:
-        quads = quads * torch.tensor([-1.0, 1.0]) + torch.tensor([side, 0.0])
-        pictures, quads = pictures.flip(2), quads[:, [1, 0, 3, 2]]
-    if down:
-        quads = quads * torch.tensor([1.0, -1.0]) + torch.tensor([0.0, side])
-        pictures, quads = pictures.flip(1), quads[:, [3, 2, 1, 0]]
-    if over:
-        pictures, quads = pictures.mT, quads.flip(2)[:, [0, 3, 2, 1]]
-    return pictures.contiguous(), quads

@@ -1,98 +1,97 @@
-"""The pool of training frames on disk: rendered once, read by all trainings."""
+"""The pool of training frames: rendered once, kept on disk, read from one buffer on any device."""
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from vocc_torch.api import load_scene, simulate
+from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.resample import cell_size_px
-from vocc_torch.types import PanelShape
+from vocc_torch.studies.train_detector.clutter import mosaics
+from vocc_torch.types import Frames, PanelShape
 
 
 @dataclass(frozen=True)
 class PoolSettings:
     """What is rendered."""
 
-    scenes: tuple[str, ...] = ("street", "street_night")
     frames: int = 16  # of a block
     width_px: int = 960  # half of the camera's, of pixels as large
     height_px: int = 544
     offset_m: tuple[float, float] = (1.0, 0.4)  # of panels, to the right and down
     samples: int = 4  # along a cell's side, whose middle ones tell the LED
     least_contrast: float = 1.2  # of On and Off cells of a readable panel, deviations
+    mosaics: int = 32  # frames put together from photographs and drawings
 
 
 SETTINGS = PoolSettings()
 
 ABSENT = "+scene.effects.panel_absent={}"
 
+STREETS = ("street", "street_night")
+PLAIN = ("paper", "fog", "tunnel", "night", "low_sun", "dashcam")
+"""Scenes of which in each round one has a block."""
+
 SHAPES = ((8, 8), (8, 8), (4, 4), (16, 16), (4, 8), (8, 16))
 """Rows and columns of the panels: in each round the first two and one of the others."""
 
 
-@dataclass(frozen=True)
-class Example:
-    """One frame of the pool.
+class Block(NamedTuple):
+    """Frames of one scene and shape, 0 rows for those without a panel, and where they are kept."""
 
-    Args:
-        grey: (1,1,H,W) uint8.
-        corners_px: (4,2) float64 true corners; zeros where there is no panel.
-        shape: of the panel.
-        readable: whether the panel is whole in the frame and its bits can be told at the true corners.
-    """
-
-    grey: Tensor
-    corners_px: Tensor
-    shape: PanelShape
-    readable: bool
+    path: Path
+    scene: str
+    rows: int
+    columns: int
+    seed: int
 
     @property
-    def empty(self) -> bool:
-        """Whether no panel is in the frame."""
-        return not bool(self.corners_px.any())
-
-    @property
-    def pitch_px(self) -> float:
-        """Mean distance of LEDs."""
-        return float(
-            torch.stack(cell_size_px(self.corners_px[None], self.shape)).prod().sqrt()
-        )
+    def name(self) -> str:
+        """Name for draws of its own."""
+        return self.path.stem
 
 
-def render_round(folder: Path, seed: int, number: int) -> list[Path]:
-    """Render the blocks of a round that are missing: for each scene one without panels and three with."""
-    others = SHAPES[2:]
-    shapes = (None, *SHAPES[:2], others[number % len(others)])
-    paths = []
-    for scene in SETTINGS.scenes:
-        for block, shape in enumerate(shapes):
-            name = f"{scene}_{number:03d}_{block}"
-            paths.append(folder / f"{name}.npz")
-            if not paths[-1].exists():
-                render_block(paths[-1], scene, shape, seed, name)
-    return paths
+def blocks_of(folder: Path, seed: int, rounds: int) -> list[Block]:
+    """List the blocks: in each round three streets without a panel, three with, and one plain scene, twice."""
+    blocks = []
+    for number in range(rounds):
+        other = SHAPES[2:][number % len(SHAPES[2:])]
+        plain = PLAIN[number % len(PLAIN)]
+        shapes = (*((0, 0),) * 3, *SHAPES[:2], other)
+        for part, (rows, columns) in enumerate(shapes):
+            for scene in STREETS:
+                path = folder / f"{number:03d}_{scene}_{part}.npz"
+                blocks.append(Block(path, scene, rows, columns, seed))
+        path = folder / f"{number:03d}_{plain}.npz"
+        blocks.append(Block(path, plain, *SHAPES[0], seed))
+    return blocks
 
 
-def render_block(
-    path: Path, scene: str, shape: tuple[int, int] | None, seed: int, name: str
-) -> None:
-    """Write the frames of a block, whole or not at all.
+def render(blocks: Sequence[Block], workers: int) -> None:
+    """Render the blocks that are missing, in processes."""
+    missing = [block for block in blocks if not block.path.exists()]
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
+        for done in as_completed([pool.submit(render_block, one) for one in missing]):
+            done.result()
 
-    Args:
-        path: of the file.
-        scene: that ships.
-        shape: rows and columns of panels; None for frames without a panel.
-        seed: of the pool.
-        name: of the block, for draws of its own.
-    """
-    options, (rows, columns) = SETTINGS, shape or SHAPES[0]
+
+def render_block(block: Block) -> None:
+    """Write the frames of a block, whole or not at all."""
+    options = SETTINGS
+    rows, columns = (block.rows, block.columns) if block.rows else SHAPES[0]
     right, down = options.offset_m
-    camera = load_scene(scene).camera
+    camera = load_scene(block.scene).camera
     width_mm = camera.sensor_width_mm * options.width_px / camera.width_px
     overrides = (
         f"panel.rows={rows}",
@@ -102,41 +101,147 @@ def render_block(
         f"camera.sensor_width_mm={width_mm}",
         f"scene.offset_x_m=[uniform,{-right},{right}]",
         f"scene.offset_y_m=[uniform,{-down},{down}]",
-        *([] if shape else [ABSENT]),
+        *([] if block.rows else [ABSENT]),
     )
-    world = load_scene(scene, *overrides)
-    parts = list(simulate(world, options.frames, seed, point=f"train_detector {name}"))
-    part = path.with_suffix(".part.npz")
+    world = load_scene(block.scene, *overrides)
+    point = f"train_detector {block.name}"
+    parts = list(simulate(world, options.frames, block.seed, point=point))
+    grey = torch.cat([whole_frames(one.frames) for one in parts])
+    corners = torch.cat([one.corners_px for one in parts]).double()
+    bits = torch.cat([one.bits for one in parts])
+    contrasts = [
+        contrast(one[None, None], quad, sent, PanelShape(rows, columns))
+        for one, quad, sent in zip(grey, corners, bits, strict=True)
+    ]
+    part = block.path.with_suffix(f".{os.getpid()}.part.npz")
     np.savez(
         part,
-        grey=torch.cat([one.frames.grey[:, 0] for one in parts]),
-        corners=torch.cat([one.corners_px for one in parts]),
-        shape=[rows, columns],
-        bits=torch.cat([one.bits for one in parts]),
+        grey=grey.numpy(),
+        corners=corners.numpy() * bool(block.rows),
+        shape=[block.rows, block.columns],
+        readable=np.array(contrasts) * bool(block.rows) > options.least_contrast,
     )
-    part.rename(path)
+    part.rename(block.path)
 
 
-def read_block(path: Path) -> Iterator[Example]:
-    """Read what :func:`render_block` wrote."""
-    with np.load(path, allow_pickle=False) as block:
-        shape = PanelShape(*block["shape"].tolist())
-        grey, corners, bits = (
-            torch.from_numpy(block[name]) for name in ("grey", "corners", "bits")
+def whole_frames(frames: Frames) -> Tensor:
+    """Put crops back into their frames (B,H,W) uint8."""
+    if frames.surround is None:
+        return frames.grey[:, 0]
+    high, wide = frames.grey.shape[2:]
+    surround = frames.surround.round().byte()[:, None, None]
+    out = surround.repeat(1, *frames.sensor_px)
+    for row, (left, top) in enumerate(frames.origin_px.tolist()):
+        out[row, top : top + high, left : left + wide] = frames.grey[row, 0]
+    return out
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Frames and their halvings in one buffer.
+
+    Args:
+        buffer: uint8, the levels one after another, each of all frames.
+        starts: (L,) int64 first pixel of a level.
+        sizes: (L,2) int64 rows and columns of a level.
+        corners_px: (N,4,2) float64 true corners; zeros where there is no panel.
+        shapes: (N,2) int64 rows and columns; zeros where there is no panel.
+        readable: (N,) bool, whether a panel is whole in the frame and its bits can be told at the corners.
+    """
+
+    buffer: Tensor
+    starts: Tensor
+    sizes: Tensor
+    corners_px: Tensor
+    shapes: Tensor
+    readable: Tensor
+
+    @classmethod
+    def of(cls, paths: Sequence[Path], seed: int, device: torch.device) -> Self:
+        """Read blocks in the order of their names, and put photographs and drawings beside them."""
+        options = SETTINGS
+        greys, corners, shapes, readable = [], [], [], []
+        for path in sorted(paths):
+            with np.load(path, allow_pickle=False) as block:
+                greys.append(torch.from_numpy(block["grey"]))
+                corners.append(torch.from_numpy(block["corners"]))
+                shapes.append(torch.from_numpy(block["shape"]).expand(len(greys[-1]), 2))
+                readable.append(torch.from_numpy(block["readable"]))
+        size = (options.height_px, options.width_px)
+        extra = torch.from_numpy(mosaics(seed, options.mosaics, size))
+        greys.append(extra)
+        corners.append(torch.zeros(len(extra), 4, 2, dtype=torch.float64))
+        shapes.append(torch.zeros(len(extra), 2, dtype=torch.int64))
+        readable.append(torch.zeros(len(extra), dtype=torch.bool))
+        return cls(
+            *_levels(torch.cat(greys), device),
+            torch.cat(corners).to(device),
+            torch.cat(shapes).to(device),
+            torch.cat(readable).to(device),
         )
-    for frame, quad, sent in zip(
-        grey[:, None, None], corners.double(), bits, strict=True
-    ):
-        readable = (
-            bool(quad.any())
-            and contrast(frame, quad, sent, shape) > SETTINGS.least_contrast
+
+    @property
+    def empty(self) -> Tensor:
+        """Numbers of the frames without a panel."""
+        return (self.shapes[:, 0] == 0).nonzero()[:, 0]
+
+    @property
+    def pitch_px(self) -> Tensor:
+        """Mean distance of LEDs (N,), NaN without a panel."""
+        sides = torch.stack(cell_size_px(self.corners_px, PanelShape(1, 1)))
+        return (sides.prod(0) / self.shapes.prod(1)).sqrt().float()
+
+    def level(self, number: int, frame: int) -> Tensor:
+        """Give a level (H,W) of a frame, float32."""
+        high, wide = self.sizes[number].tolist()
+        start = int(self.starts[number]) + frame * high * wide
+        return self.buffer[start : start + high * wide].view(high, wide).float()
+
+    def pyramid(self, frame: int) -> Pyramid:
+        """Give the halvings of a frame."""
+        return Pyramid(tuple(self.level(k, frame) for k in range(len(self.sizes))))
+
+    def read(self, frame: Tensor, level: Tensor, at: Tensor) -> Tensor:
+        """Read (B,P) of frames (B,) bilinearly in levels (B,) at places (B,2,P) px of the frame.
+
+        Beyond a frame its edges go on.
+        """
+        high, wide = self.sizes[level].unbind(1)
+        base = self.starts[level] + frame * high * wide
+        scale = 2.0 ** -level.double()
+        x, y = (
+            (at[:, axis].double().nan_to_num() * scale[:, None] - 0.5)
+            .clamp(min=0)
+            .minimum(side[:, None] - 1.001)
+            for axis, side in ((0, wide), (1, high))
         )
-        yield Example(frame, quad, shape, readable)
+        left, top = x.long(), y.long()
+        x, y = (x - left).float(), (y - top).float()
+        first = base[:, None] + top * wide[:, None] + left
+        below = first + wide[:, None]
+        upper, lower = (
+            torch.lerp(self.buffer[row].float(), self.buffer[row + 1].float(), x)
+            for row in (first, below)
+        )
+        return torch.lerp(upper, lower, y)
 
 
-def read_pool(paths: Sequence[Path]) -> list[Example]:
-    """Read blocks in the order of their names."""
-    return [example for path in sorted(paths) for example in read_block(path)]
+def _levels(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Lay the halvings of frames (N,H,W) uint8 into one buffer, and say where each begins."""
+    parts, starts, sizes, start = [], [], [], 0
+    level = grey[:, None]
+    while min(level.shape[2:]) >= pyramids.SETTINGS.least_side_px:
+        parts.append(level.flatten().to(device))
+        starts.append(start)
+        sizes.append(level.shape[2:])
+        start += level.numel()
+        halves = [
+            functional.avg_pool2d(one.to(device).float(), 2).round().byte()
+            for one in level.split(SETTINGS.frames)
+        ]
+        level = torch.cat(halves)
+    numbers = torch.tensor(starts, device=device), torch.tensor(sizes, device=device)
+    return torch.cat(parts), *numbers
 
 
 def contrast(

@@ -1,12 +1,12 @@
 """``task=train_detector``: render a pool of frames, train the detector's networks, write their weights."""
 
 import math
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -17,13 +17,17 @@ from vocc_torch.report import terminal
 from vocc_torch.studies.train_detector import (
     TrainDetectorConfig,
     judge_training,
+    placer_training,
     scout_training,
+    verdict_training,
 )
-from vocc_torch.studies.train_detector.material import Material
-from vocc_torch.studies.train_detector.pool import Example, read_pool, render_round
+from vocc_torch.studies.train_detector.pool import Pool, blocks_of, render
 
 POOL, CHECKPOINTS = "pool", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
+
+PARTS = ("scout", "judge", "placer")
+"""What is trained, in this order: each sees what those before find."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +35,10 @@ class RunSettings:
     """How a run is cut into pieces, and how networks learn."""
 
     round_steps: int = 500  # between minings, each of which is kept
+    mined_frames: int = 100  # of a mining, at the usual size of a batch
     rate: float = 3e-3
-    least_rate: float = 0.02  # of the rate, at the end
-    warm_steps: int = 100  # in which the rate rises
+    least_rate: float = 0.01  # of the rate, at the end
+    warm_steps: int = 200  # in which the rate rises
     decay: float = 1e-3  # of weights
     most_gradient: float = 5.0
 
@@ -52,66 +57,128 @@ def run_train_detector(
     run_folder.refuse_results(folder, POOL)
     console = terminal.Console()
     run_folder.write_config(settings, folder)
-    examples = pool(folder, settings.seed, own, console)
-    networks = trained(folder, settings.seed, own, examples, console)
+    (folder / POOL).mkdir(parents=True, exist_ok=True)
+    blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
+    render(blocks, os.cpu_count() or 1)
+    device = torch.device(settings.device)
+    pool = Pool.of([block.path for block in blocks], settings.seed, device)
+    console.print(f"frames: {len(pool.shapes)}", highlight=False)
+    for part in PARTS:
+        steps = getattr(own, f"{part}_steps")
+        train_part(part, pool, folder / CHECKPOINTS, settings.seed, steps, own.batch)
+        console.print(f"{part}: {steps} steps", highlight=False)
+    networks = current(folder / CHECKPOINTS, torch.device("cpu"))
+    verdict_training.train_verdict(networks, pool, settings.seed)
     networks.save(folder / SHIPPED)
     run_folder.print_places(console, folder, [("weights", SHIPPED)])
 
 
-def pool(
-    folder: Path, seed: int, own: TrainDetectorConfig, console: terminal.Console
-) -> list[Example]:
-    """Render the frames that are missing, and read all."""
-    (folder / POOL).mkdir(parents=True, exist_ok=True)
-    paths = []
-    for number in range(own.rounds):
-        paths += render_round(folder / POOL, seed, number)
-        console.print(f"frames: round {number + 1} of {own.rounds}", highlight=False)
-    return read_pool(paths)
-
-
-def trained(
-    folder: Path,
-    seed: int,
-    own: TrainDetectorConfig,
-    examples: list[Example],
-    console: terminal.Console,
-) -> Networks:
-    """Train the scout, the judge and the verdict."""
-    torch.manual_seed(seed)
+def current(folder: Path, device: torch.device) -> Networks:
+    """Give the networks as far as they are trained."""
     networks = Networks.fresh()
-    material = Material(examples, seed)
-    crops = scout_training.Sampler(material)
-
-    def scout_loss(draw: np.random.Generator) -> Tensor:
-        batch = crops.batch(draw)
-        return scout_training.scout_loss(networks.scout(batch.grey), batch)
-
-    training = Training(folder / CHECKPOINTS / "scout.pt", networks.scout, seed)
-    for steps in training.rounds(own.scout_steps):
-        if steps.start:
-            with torch.inference_mode():
-                crops.mine(
-                    networks.scout, np.random.default_rng((seed, steps.start, 1))
-                )
-        loss = training.take(steps, own.scout_steps, scout_loss)
-        console.print(f"scout: step {steps.stop}, loss {loss:.4f}", highlight=False)
-    pictures: judge_training.Sampler | None = None
-
-    def judge_loss(draw: np.random.Generator) -> Tensor:
-        assert pictures is not None
-        return judge_training.judge_step(networks.judge, pictures, draw)
-
-    training = Training(folder / CHECKPOINTS / "judge.pt", networks.judge, seed)
-    for steps in training.rounds(own.judge_steps):
-        pictures = pictures or judge_training.Sampler(material)
-        with torch.inference_mode():
-            pictures.mine(networks, np.random.default_rng((seed, steps.start, 2)))
-        loss = training.take(steps, own.judge_steps, judge_loss)
-        console.print(f"judge: step {steps.stop}, loss {loss:.4f}", highlight=False)
-    seen = judge_training.judged_candidates(networks, examples, seed)
-    judge_training.train_verdict(networks, seen, seed)
+    for part in PARTS:
+        if (folder / f"{part}.pt").exists():
+            state = torch.load(
+                folder / f"{part}.pt", weights_only=True, map_location=device
+            )
+            getattr(networks, part).load_state_dict(state["net"])
+    networks.parts().to(device)
     return networks
+
+
+def train_part(
+    part: str, pool: Pool, folder: Path, seed: int, steps: int, scale: int
+) -> None:
+    """Train one network, in rounds; others may be trained beside it.
+
+    Args:
+        part: one of :data:`PARTS`.
+        pool: of frames.
+        folder: of what is kept.
+        seed: of the training.
+        steps: of the whole training.
+        scale: of a batch; more frames are mined then, too.
+    """
+    torch.manual_seed(seed)
+    device = pool.buffer.device
+    net = getattr(Networks.fresh(), part).to(device)
+    trainer = _TRAINERS[part](net, pool, scale)
+    training = Training(folder / f"{part}.pt", net, seed, device)
+    usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
+    for rounds in training.rounds(steps):
+        generator = torch.Generator(device).manual_seed(seed + rounds.start)
+        order = torch.randperm(len(usable), generator=generator, device=device)
+        with torch.no_grad():
+            trainer.mine(
+                current(folder, device), usable[order[: SETTINGS.mined_frames * scale]]
+            )
+        loss = training.take(rounds, steps, trainer.loss, generator)
+        print(f"{part}: step {rounds.stop}, loss {loss:.4f}", flush=True)
+
+
+class ScoutTrainer:
+    """Trains the scout."""
+
+    def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
+        self.net, self.pool = net, pool
+        self.sampler = scout_training.Sampler(pool, scale)
+
+    def mine(self, networks: Networks, frames: Tensor) -> None:
+        """Find clutter that looks like panels."""
+        empty = frames[self.pool.shapes[frames, 0] == 0]
+        self.sampler.mine(networks.scout, empty)
+
+    def loss(self, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
+        crops = self.sampler.batch(generator)
+        return scout_training.scout_loss(self.net(crops.grey), crops)
+
+
+class JudgeTrainer:
+    """Trains the judge on the scout's candidates."""
+
+    def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
+        self.net, self.pool = net, pool
+        self.sampler = judge_training.Sampler(pool, scale)
+
+    def mine(self, networks: Networks, frames: Tensor) -> None:
+        """Take candidates of frames."""
+        options = scout_training.SETTINGS
+        found = scout_training.proposals(
+            networks.scout, self.pool, frames, options.mined_of_level
+        )
+        self.sampler.mine(networks.judge, found)
+
+    def loss(self, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
+        pictures = self.sampler.batch(generator)
+        return judge_training.judge_loss(*self.net(pictures.grey), pictures)
+
+
+class PlacerTrainer:
+    """Trains the placer on the judge's candidates."""
+
+    def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
+        self.net, self.pool = net, pool
+        self.judged = judge_training.Sampler(pool)
+        self.sampler = placer_training.Sampler(pool, scale)
+
+    def mine(self, networks: Networks, frames: Tensor) -> None:
+        """Take candidates of frames."""
+        options = scout_training.SETTINGS
+        found = scout_training.proposals(
+            networks.scout, self.pool, frames, options.mined_of_level
+        )
+        self.sampler.mine(networks.placer, self.judged.mine(networks.judge, found))
+
+    def loss(self, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
+        shape, patches = self.sampler.batch(generator)
+        logit, moves = self.net(patches.grey, shape)
+        return placer_training.placer_loss(logit, moves, shape, patches)
+
+
+_TRAINERS = {"scout": ScoutTrainer, "judge": JudgeTrainer, "placer": PlacerTrainer}
 
 
 class Training:
@@ -123,13 +190,17 @@ class Training:
         seed: of the batches.
     """
 
-    def __init__(self, path: Path, net: nn.Module, seed: int) -> None:
+    def __init__(
+        self, path: Path, net: nn.Module, seed: int, device: torch.device
+    ) -> None:
         self.path, self.net, self.seed, self.done = path, net, seed, 0
         self.optimiser = torch.optim.AdamW(
             net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay
         )
         if path.exists():
-            state: dict[str, Any] = torch.load(path, weights_only=True)
+            state: dict[str, Any] = torch.load(
+                path, weights_only=True, map_location=device
+            )
             net.load_state_dict(state["net"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.done = int(state["done"])
@@ -153,19 +224,20 @@ class Training:
         self,
         steps: range,
         whole: int,
-        loss_of: Callable[[np.random.Generator], Tensor],
+        loss_of: Callable[[torch.Generator], Tensor],
+        generator: torch.Generator,
     ) -> float:
         """Take some steps of a training of ``whole`` steps, and give their mean loss."""
-        total = 0.0
+        total = torch.zeros((), device=generator.device)
         for step in steps:
             fall = (1 + math.cos(math.pi * step / whole)) / 2
             warm = min(1.0, (step + 1) / SETTINGS.warm_steps)
             for group in self.optimiser.param_groups:
                 group["lr"] = SETTINGS.rate * warm * max(fall, SETTINGS.least_rate)
-            loss = loss_of(np.random.default_rng((self.seed, step)))
+            loss = loss_of(generator.manual_seed(self.seed * 1_000_003 + step))
             self.optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(self.net.parameters(), SETTINGS.most_gradient)
             self.optimiser.step()
-            total += float(loss.detach())
-        return total / max(len(steps), 1)
+            total += loss.detach()
+        return float(total) / max(len(steps), 1)

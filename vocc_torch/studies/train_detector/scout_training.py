@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -12,11 +11,12 @@ from vocc_torch.receiver.detector import scout
 from vocc_torch.studies.train_detector.composition import (
     Draws,
     finished,
-    mirrored,
+    pixels,
     poses,
     with_panels,
 )
-from vocc_torch.studies.train_detector.material import Material, Spot, cut_at, levels_of
+from vocc_torch.studies.train_detector.crops import empty_crops, ordered, views
+from vocc_torch.studies.train_detector.pool import Pool
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,11 @@ class ScoutTraining:
     """Settings of the training."""
 
     crop_px: int = 128
-    composed: int = 22  # crops of a batch with a panel that is laid into a picture
-    rendered: int = 14  # with a rendered panel
-    empty: int = 16  # without a panel
-    mined: int = 12  # that the scout took for panels
+    # Crops of a batch of 64.
+    composed: int = 20  # with a panel that is laid into a picture
+    rendered: int = 16  # with a rendered panel
+    empty: int = 14  # without a panel
+    mined: int = 14  # that the scout took for panels
     least_pitch_px: float = 1.8  # of LEDs that the scout is to find
     most_pitch_px: float = 4.6  # the next level shows larger ones
     most_side_px: float = 110.0  # of a panel in a crop
@@ -36,11 +37,12 @@ class ScoutTraining:
     off_px: float = 45.0  # of a panel from a crop's middle, at most
     near_px: float = 6.0  # outputs so near the centre are to find the panel
     spare_share: float = 0.45  # of a side, within which others may
-    corner_weight: float = 1.5
+    corner_weight: float = 12.0
     small_px: float = 30.0  # diagonal of panels whose corners' errors count fully
-    mined_frames: int = 40
+    corner_beta: float = 0.05
     mined_of_level: int = 24
-    mined_score: float = -3.0
+    mined_score: float = -4.0
+    mined_batch: int = 32  # frames
 
 
 SETTINGS = ScoutTraining()
@@ -54,102 +56,130 @@ class Crops(NamedTuple):
     panel: Tensor
 
 
+class Proposals(NamedTuple):
+    """Candidates of frames: numbers (n,) of frames and levels, corners (n,4,2) px of the frame, scores (n,)."""
+
+    frame: Tensor
+    level: Tensor
+    quads: Tensor
+    score: Tensor
+
+    def rows(self, chosen: Tensor) -> "Proposals":
+        """Give some of them."""
+        return Proposals(*(part[chosen] for part in self))
+
+
+def proposals(
+    net: scout.Scout, pool: Pool, frames: Tensor, of_level: int
+) -> Proposals:
+    """Take the best places of each level of frames."""
+    parts = []
+    for number, (high, wide) in enumerate(pool.sizes.tolist()):
+        high, wide = high // 16 * 16, wide // 16 * 16
+        if not min(high, wide):
+            break
+        for some in frames.split(SETTINGS.mined_batch):
+            grey = torch.stack([pool.level(number, one) for one in some.tolist()])
+            outputs = net(grey[:, None, :high, :wide])
+            score = outputs[:, 0]
+            near = functional.max_pool2d(score, scout.SETTINGS.peak_cells, 1, 1)
+            score = score.masked_fill(score < near, -torch.inf).flatten(1)
+            values, places = score.topk(min(of_level, score.shape[1]), 1)
+            picture = torch.arange(len(some), device=frames.device)
+            picture = picture[:, None].expand_as(places).flatten()
+            row, column = places.flatten() // (wide // 8), places.flatten() % (wide // 8)
+            quads = scout.quads_of(
+                outputs[picture, :, row, column], torch.stack([column, row], 1)
+            )
+            level = torch.full_like(picture, number)
+            values = values.flatten()
+            found = Proposals(some[picture], level, quads * 2.0**number, values)
+            parts.append(found.rows(values.isfinite()))
+    return Proposals(*map(torch.cat, zip(*parts, strict=True)))
+
+
 class Sampler:
     """Draws crops.
 
     Args:
-        material: what they are cut from.
+        pool: what they are cut from.
+        scale: of the batch, whose usual size is 64.
     """
 
-    def __init__(self, material: Material) -> None:
-        self.material = material
-        self.panels: list[tuple[Spot, Tensor]] = []
-        for one in material.found:
-            for number, plane in enumerate(levels_of(one.grey)):
-                pitch = one.pitch_px / 2**number
-                if SETTINGS.least_pitch_px <= pitch <= SETTINGS.most_pitch_px:
-                    quad = (one.corners_px / 2**number).float()
-                    x, y = quad.mean(0).tolist()
-                    self.panels.append((Spot(plane, x, y), quad))
-        self.mined: list[Spot] = []
+    def __init__(self, pool: Pool, scale: int = 1) -> None:
+        self.pool, self.scale = pool, scale
+        levels = torch.arange(len(pool.sizes), device=pool.buffer.device)
+        pitch = pool.pitch_px[:, None] / 2.0**levels
+        seen = (pitch >= SETTINGS.least_pitch_px) & (pitch <= SETTINGS.most_pitch_px)
+        self.panels = (seen & pool.readable[:, None]).nonzero()
+        self.mined: Proposals | None = None
 
-    def batch(self, draw: np.random.Generator) -> Crops:
+    def batch(self, generator: torch.Generator) -> Crops:
         """Draw a batch of crops."""
-        composed, quads = self.composed(draw)
-        parts, corners = [composed], [quads]
-        if self.panels:
-            crops, quads = self.rendered(draw)
-            parts.append(finished(crops, Draws(draw, len(crops))))
-            corners.append(quads)
-        found = sum(map(len, corners))
-        crops = self.material.patches(SETTINGS.crop_px, SETTINGS.empty, draw)
-        if self.mined:
-            crops = torch.cat([crops, self.mined_crops(draw)])
-        parts.append(finished(crops, Draws(draw, len(crops))))
-        corners.append(torch.zeros(len(crops), 4, 2))
-        grey, quads = mirrored(torch.cat(parts), torch.cat(corners), draw)
-        return Crops(grey[:, None], quads, torch.arange(len(grey)) < found)
+        greys, quads = [], []
+        for part in (self.composed, self.rendered):
+            grey, corners = part(generator)
+            greys.append(grey)
+            quads.append(ordered(corners))
+        found = sum(map(len, greys))
+        empty = Draws(generator, self.scale * SETTINGS.empty)
+        greys.append(finished(empty_crops(self.pool, empty, SETTINGS.crop_px), empty))
+        if self.mined is not None and len(self.mined.frame):
+            greys.append(self.mined_crops(generator))
+        grey = torch.cat(greys)
+        none = torch.zeros(len(grey) - found, 4, 2, device=grey.device)
+        panel = torch.arange(len(grey), device=grey.device) < found
+        return Crops(grey[:, None], torch.cat([*quads, none]), panel)
 
-    def composed(self, draw: np.random.Generator) -> tuple[Tensor, Tensor]:
+    def composed(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Lay panels into pictures."""
-        options, draws = SETTINGS, Draws(draw, SETTINGS.composed)
+        options, draws = SETTINGS, Draws(generator, self.scale * SETTINGS.composed)
         side, shapes = options.crop_px, draws.shapes()
         pitch = draws.geometric(options.least_pitch_px, options.most_pitch_px)
         pitch = torch.minimum(pitch, options.most_side_px / shapes.amax(1))
         middle = draws.uniform(-1, 1, 2) * options.off_px * 0.75 + side / 2
         quads = poses(draws, shapes, pitch, middle)
-        pictures = self.material.patches(side, options.composed, draw)
-        pictures = with_panels(pictures, quads, shapes, draws, options.soft_px)
-        return finished(pictures, draws, options.blur_px), quads
+        behind = empty_crops(self.pool, draws, side)
+        shown = with_panels(behind, quads, shapes, draws, options.soft_px)
+        return finished(shown, draws, options.blur_px), quads
 
-    def rendered(self, draw: np.random.Generator) -> tuple[Tensor, Tensor]:
+    def rendered(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Cut crops with rendered panels."""
-        crops, quads = [], []
-        for number in draw.integers(len(self.panels), size=SETTINGS.rendered):
-            spot, quad = self.panels[number]
-            right, down = draw.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
-            moved = Spot(spot.plane, spot.x + right, spot.y + down)
-            crop, origin = cut_at(moved, SETTINGS.crop_px)
-            crops.append(crop)
-            quads.append(quad - torch.tensor(origin))
-        return torch.from_numpy(np.stack(crops)), torch.stack(quads)
+        draws = Draws(generator, self.scale * SETTINGS.rendered)
+        frame, level = self.panels[draws.below(len(self.panels))].unbind(1)
+        corners = self.pool.corners_px[frame].float()
+        at = self.about(draws, corners.mean(1), level)
+        cut = views(draws, frame, level, at, SETTINGS.crop_px)
+        return finished(cut.read(self.pool), draws), cut.seen(corners)
 
-    def mined_crops(self, draw: np.random.Generator) -> Tensor:
+    def mined_crops(self, generator: torch.Generator) -> Tensor:
         """Cut crops that the scout took for panels."""
-        crops = []
-        for number in draw.integers(len(self.mined), size=SETTINGS.mined):
-            spot = self.mined[number]
-            right, down = draw.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
-            moved = Spot(spot.plane, spot.x + right, spot.y + down)
-            crops.append(cut_at(moved, SETTINGS.crop_px)[0])
-        return torch.from_numpy(np.stack(crops))
+        assert self.mined is not None
+        draws = Draws(generator, self.scale * SETTINGS.mined)
+        chosen = self.mined.rows(draws.below(len(self.mined.frame)))
+        at = self.about(draws, chosen.quads.mean(1), chosen.level)
+        cut = views(draws, chosen.frame, chosen.level, at, SETTINGS.crop_px)
+        return finished(cut.read(self.pool), draws)
 
-    def mine(self, net: scout.Scout, draw: np.random.Generator) -> None:
-        """Find places without a panel that the scout takes for one."""
-        self.mined = []
-        for number in draw.permutation(len(self.material.empty))[
-            : SETTINGS.mined_frames
-        ]:
-            for plane in self.material.empty[number]:
-                high, wide = (side // 16 * 16 for side in plane.shape)
-                if not min(high, wide):
-                    continue
-                crop = torch.from_numpy(plane[:high, :wide]).float()
-                _, quads, score = scout.peaks(
-                    net(crop[None, None]), SETTINGS.mined_of_level
-                )
-                places = quads.mean(1)[score > SETTINGS.mined_score]
-                self.mined += [Spot(plane, x, y) for x, y in places.tolist()]
+    def about(self, draws: Draws, middle: Tensor, level: Tensor) -> Tensor:
+        """Move places (B,2) px of frames by whole pixels of their level."""
+        unit = 2.0 ** level[:, None]
+        off = draws.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
+        return ((middle / unit + off).round() * unit).float()
+
+    def mine(self, net: scout.Scout, frames: Tensor) -> None:
+        """Find places in frames without a panel that the scout takes for one."""
+        found = proposals(net, self.pool, frames, SETTINGS.mined_of_level)
+        self.mined = found.rows(found.score > SETTINGS.mined_score)
 
 
 def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     """Give the focal loss of scores and the distance of corners where a panel is."""
     high, wide = outputs.shape[2:]
-    stride = scout.SETTINGS.stride_px
-    row, column = torch.meshgrid(torch.arange(high), torch.arange(wide), indexing="ij")
-    places = torch.stack([column, row], -1)
+    stride, device = scout.SETTINGS.stride_px, outputs.device
+    places = pixels(high, wide, device)[0].mT.view(high, wide, 2)
     centre = crops.quads.mean(1)[:, None, None]
-    apart = ((places + 0.5) * stride - centre).norm(dim=3)
+    apart = (places * stride - centre).norm(dim=3)
     size = (crops.quads[:, 0] - crops.quads[:, 2]).norm(dim=1)[:, None, None]
     panel = crops.panel[:, None, None]
     spare = (apart < SETTINGS.spare_share * size) & panel
@@ -158,15 +188,18 @@ def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     near = (apart < SETTINGS.near_px) | (nearest & (apart < stride))
     there = panel & inside & near
     logit = outputs[:, 0]
-    found = logit.sigmoid()
-    missed = (1 - found).square() * functional.logsigmoid(logit)
-    false = found.square() * functional.logsigmoid(-logit)
+    chance = logit.sigmoid()
+    missed = (1 - chance).square() * functional.logsigmoid(logit)
+    false = chance.square() * functional.logsigmoid(-logit)
     cost = torch.where(there, missed, torch.where(spare, 0.0, false))
-    picture, y, x = there.nonzero(as_tuple=True)
-    quads = scout.quads_of(outputs[picture, :, y, x], torch.stack([x, y], 1))
-    # Of small panels a pixel is more of a cell.
-    unit = scout.SETTINGS.unit_px * (size[picture, 0, 0] / SETTINGS.small_px)
-    off = (quads - crops.quads[picture]) / unit[:, None, None]
-    far = functional.smooth_l1_loss(off, torch.zeros_like(off), beta=0.05)
-    loss: Tensor = 8 * SETTINGS.corner_weight * far - cost.sum() / there.sum().clamp(1)
-    return loss
+    # Corners (B,4,2,h,w). Of small panels a pixel is more of a cell.
+    moves = outputs[:, 1:].unflatten(1, (4, 2)) * scout.SETTINGS.unit_px
+    quads = moves + places.permute(2, 0, 1) * stride
+    unit = scout.SETTINGS.unit_px * (size / SETTINGS.small_px).clamp(min=0.1)
+    off = (quads - crops.quads[..., None, None]) / unit[:, None, None]
+    far = functional.smooth_l1_loss(
+        off, torch.zeros_like(off), beta=SETTINGS.corner_beta, reduction="none"
+    )
+    many = there.sum().clamp(1)
+    corners = (far.mean((1, 2)) * there).sum() / many
+    return SETTINGS.corner_weight * corners - cost.sum() / many

@@ -1,0 +1,121 @@
+"""The placer: a network that sees each cell of a candidate, moves its corners and says how well they lie."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from vocc_torch.receiver.detector.pyramid import Pyramid
+from vocc_torch.receiver.resample import corner_cells, map_points
+from vocc_torch.types import PanelShape
+
+
+@dataclass(frozen=True)
+class PlacerSettings:
+    """What the placer sees of a candidate."""
+
+    samples: int = 4  # along a cell's side
+    margin: int = 1  # cells around the panel
+    channels: int = 32
+    layers: int = 4
+    grain: float = 1.0  # variance of grey values, that counts as no contrast
+    most: float = 4.0  # standard deviations, beyond which grey values are cut
+    # Weights of no move, of the fields 1, u, v and uv, in cells that are sure.
+    ridge: tuple[float, ...] = (0.02, 0.05, 0.05, 0.5)
+    most_weight: float = 6.0  # logarithm of how sure a cell is
+
+
+SETTINGS = PlacerSettings()
+
+
+class Placer(nn.Module):
+    """Convolutions over cells: each says how far the lattice is off, and how sure it is.
+
+    The moves of all cells are joined by least squares to moves of the four corners: a shift, stretches and a
+    shear along the panel's axes.
+
+    Example:
+        >>> logit, moves = Placer()(torch.rand(5, 40, 24), PanelShape(8, 4))
+        >>> logit.shape, moves.shape
+        (torch.Size([5]), torch.Size([5, 4, 2]))
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        wide = SETTINGS.channels
+        self.first = nn.Conv2d(SETTINGS.samples**2, wide, 3, 1, 1)
+        self.layers = nn.ModuleList(
+            [nn.Conv2d(wide, wide, 3, 1, 1) for _ in range(SETTINGS.layers)]
+        )
+        self.around = nn.Linear(2 * wide, wide)
+        self.off = nn.Conv2d(wide, 3, 1)
+        self.score = nn.Sequential(
+            nn.Linear(2 * wide, wide), nn.ReLU(), nn.Linear(wide, 1)
+        )
+
+    def forward(self, patches: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+        """Score patches (n,(R+2M)K,(C+2M)K) of candidates, (n,) logits, and move corners (n,4,2), cells."""
+        spread, mean = torch.var_mean(patches.flatten(1), 1, correction=0)
+        contrast = (spread + SETTINGS.grain).sqrt()[:, None, None]
+        light = (patches - mean[:, None, None]) / contrast
+        light = light.clamp(-SETTINGS.most, SETTINGS.most)
+        cells = functional.pixel_unshuffle(light[:, None], SETTINGS.samples)
+        state = self.first(cells.contiguous(memory_format=torch.channels_last)).relu()
+        for number, layer in enumerate(self.layers):
+            if number == len(self.layers) // 2:
+                state = state + self.around(_pooled(state))[..., None, None]
+            state = state + layer(state).relu()
+        logit = self.score(_pooled(state))[:, 0]
+        off = self.off(state).flatten(2)
+        return logit, corner_moves(off[:, :2].mT, off[:, 2], shape)
+
+
+def _pooled(state: Tensor) -> Tensor:
+    return torch.cat([state.mean((2, 3)), state.amax((2, 3))], 1)
+
+
+def corner_moves(off: Tensor, sure: Tensor, shape: PanelShape) -> Tensor:
+    """Join moves of cells (n,N,2), with logarithms of weights (n,N), to moves of corners (n,4,2).
+
+    Example:
+        >>> moves = corner_moves(torch.ones(1, 24, 2), torch.full((1, 24), 5.0), PanelShape(4, 2))
+        >>> bool((moves - 1).abs().max() < 1e-3)
+        True
+    """
+    fields, corners = _fields(shape, off.device)
+    weight = sure.clamp(max=SETTINGS.most_weight).exp()[..., None] * fields
+    gram = weight.mT @ fields + torch.diag(fields.new_tensor(SETTINGS.ridge))
+    moves: Tensor = corners @ torch.linalg.solve(gram, weight.mT @ off)
+    return moves
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Fields 1, u, v and uv at the cells (N,4) and at the corners (4,4); u and v are -1 to 1 in the panel."""
+    v, u = (
+        (torch.arange(leds + 2 * SETTINGS.margin) - SETTINGS.margin + 0.5) * 2 / leds
+        - 1
+        for leds in (shape.rows, shape.columns)
+    )
+    v, u = torch.meshgrid(v, u, indexing="ij")
+    cells = torch.stack([torch.ones_like(u), u, v, u * v], -1).view(-1, 4)
+    u, v = (2 * corner_cells(PanelShape(1, 1)).float() - 1).unbind(1)
+    return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v], 1).to(
+        device
+    )
+
+
+def patches_of(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
+    """Read the patches (n,(R+2M)K,(C+2M)K) of candidates (n,4,2) px."""
+    return pyramid.read_cells(quads, shape, SETTINGS.samples, SETTINGS.margin)
+
+
+def placed(
+    net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
+    """Score candidates (n,4,2) float64 px, (n,), and move their corners, (n,4,2)."""
+    logit, moves = net(patches_of(pyramid, quads, shape), shape)
+    return logit, map_points(quads, corner_cells(shape) + moves.double(), shape)

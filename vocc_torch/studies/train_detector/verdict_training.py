@@ -1,0 +1,2 @@
+"""stub"""
+def train_verdict(networks, pool, seed): raise SystemExit
