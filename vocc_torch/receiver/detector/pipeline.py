@@ -1,15 +1,13 @@
-"""The stages of the detector in one frame: propose, judge, fit, and weigh what was seen."""
+"""The stages of the detector in one frame: propose, judge, place, and look again at what slipped."""
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from vocc_torch.receiver.detector.clues import clues_of
-from vocc_torch.receiver.detector.fit import fitted
-from vocc_torch.receiver.detector.judge import judged, pitch_of
+from vocc_torch.receiver.detector.judge import judged
+from vocc_torch.receiver.detector.placer import placed, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.scout import propose
 from vocc_torch.receiver.detector.weights import Networks
@@ -20,22 +18,18 @@ from vocc_torch.types import Frames, PanelShape
 class DetectorSettings:
     """How many candidates go how far."""
 
-    # Candidates that are left when the judge has moved their corners.
-    judged: tuple[int, ...] = (8, 4, 3)
-    samples: int = 4  # along a cell's side, of what is weighed
+    judged: tuple[int, ...] = (8, 5)  # left after each look of the judge
+    rounds: int = 3  # of the placer
+    sure_logit: float = 6.0  # a candidate placed so well has not slipped
+    least_logit: float = -2.0  # of the judge, of a candidate that may have slipped
+    slipped: int = 2  # candidates that are looked at again
+    tried: int = 4  # slips that are placed again
+    rounds_again: int = 2
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
 
 
 SETTINGS = DetectorSettings()
-
-
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """Fitted candidates of one frame: corners (n,4,2) float64 px, and clues (n,CLUES)."""
-
-    quads: Tensor
-    clues: Tensor
 
 
 def detected(
@@ -48,10 +42,9 @@ def detected(
         place.
     """
     grey, origin = with_surround(frame)
-    found = candidates(networks, Pyramid.of(grey), shape)
-    odds = networks.verdict(found.clues).double()
-    rows = apart(found.quads, odds)
-    return found.quads[rows] + origin, odds[rows]
+    quads, odds = candidates(networks, Pyramid.of(grey), shape)
+    rows = apart(quads, odds)
+    return quads[rows] + origin, odds[rows].double()
 
 
 def with_surround(frame: Frames) -> tuple[Tensor, Tensor]:
@@ -65,42 +58,38 @@ def with_surround(frame: Frames) -> tuple[Tensor, Tensor]:
     return grey, frame.origin_px[0] - beyond
 
 
-def candidates(networks: Networks, pyramid: Pyramid, shape: PanelShape) -> Fitted:
-    """Propose, judge and fit the candidates of one frame."""
-    quads, proposal = propose(networks.scout, pyramid)
-    logit = proposal
-    for count in SETTINGS.judged:
+def candidates(
+    networks: Networks, pyramid: Pyramid, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
+    """Propose, judge and place the candidates of one frame: corners (n,4,2) px and log odds (n,)."""
+    options = SETTINGS
+    quads, logit = propose(networks.scout, pyramid)
+    for count in options.judged:
         logit, quads = judged(networks.judge, pyramid, quads)
         order = logit.argsort(descending=True, stable=True)[:count]
-        quads, proposal, logit = quads[order], proposal[order], logit[order]
-    quads, share = fitted(pyramid, quads, shape)
-    facts = torch.stack([proposal.double(), logit.double(), share], 1)
-    return Fitted(quads, weighed(networks, pyramid, quads, shape, facts))
+        quads, logit = quads[order], logit[order]
+    quads, odds = placed_well(networks, pyramid, quads, shape, options.rounds)
+    panel, _ = judged(networks.judge, pyramid, quads)
+    doubtful = (panel > options.least_logit) & (odds < options.sure_logit)
+    rows = panel.masked_fill(~doubtful, -torch.inf).argsort(descending=True)
+    rows = rows[: min(options.slipped, int(doubtful.sum()))]
+    if not len(rows) or bool((odds >= options.sure_logit).any()):
+        return quads, odds
+    again = slips(quads[rows], shape)
+    score, _ = placed(networks.placer, pyramid, again, shape)
+    again = again[score.argsort(descending=True, stable=True)[: options.tried]]
+    more = placed_well(networks, pyramid, again, shape, options.rounds_again)
+    return torch.cat([quads, more[0]]), torch.cat([odds, more[1]])
 
 
-def weighed(
-    networks: Networks,
-    pyramid: Pyramid,
-    quads: Tensor,
-    shape: PanelShape,
-    facts: Tensor,
-) -> Tensor:
-    """Measure the clues (n,CLUES) of candidates at their last corners.
-
-    Args:
-        networks: of which the judge looks once more.
-        pyramid: of the frame.
-        quads: (n,4,2) px.
-        shape: rows and columns.
-        facts: (n,3) the scout's score, the judge's before the fit, and the share that the fit explains.
-    """
-    last, _ = judged(networks.judge, pyramid, quads)
-    pitch = pitch_of(quads, shape).log2()
-    size = torch.full_like(pitch, math.log2(shape.leds))
-    patches = pyramid.read_cells(quads, shape, SETTINGS.samples, 0)
-    clues = clues_of(patches, shape, SETTINGS.samples)
-    seen = torch.stack([last, pitch, size], 1)
-    return torch.cat([facts.float(), seen, clues.float()], 1)
+def placed_well(
+    networks: Networks, pyramid: Pyramid, quads: Tensor, shape: PanelShape, rounds: int
+) -> tuple[Tensor, Tensor]:
+    """Place candidates (n,4,2) px several times, and score them where they lie at last."""
+    for _ in range(rounds):
+        _, quads = placed(networks.placer, pyramid, quads, shape)
+    odds, _ = placed(networks.placer, pyramid, quads, shape)
+    return quads, odds
 
 
 def apart(quads: Tensor, odds: Tensor) -> list[int]:

@@ -50,6 +50,22 @@ LOOKS = Looks()
 
 
 @dataclass(frozen=True)
+class Likenesses:
+    """What lattices look like that are no panels."""
+
+    ruled: float = 0.5  # share of which a rule lights the LEDs
+    periods: tuple[int, ...] = (1, 2, 2, 3, 4)
+    defect: float = 0.03  # share of LEDs that break the rule
+    scattered: float = 0.45  # share whose LEDs lie off the lattice
+    scatter_cells: tuple[float, float] = (0.18, 0.45)  # standard deviation
+    bricks: float = 0.3  # share whose rows are shifted by halves
+    round: float = 0.3  # share without LEDs beyond a disc
+
+
+LIKENESSES = Likenesses()
+
+
+@dataclass(frozen=True)
 class Finish:
     """Ranges of what a camera does, grey values where nothing else is said."""
 
@@ -192,8 +208,53 @@ def bits_of(draws: Draws) -> Tensor:
     return light * torch.where(dim & draws.coin(LOOKS.driven), 0.3, 1.0)[..., None]
 
 
+@dataclass(frozen=True)
+class Likeness:
+    """Lattices that are no panels.
+
+    Args:
+        light: (B,N,N) of LEDs.
+        off_cells: (B,2,N,N) by which LEDs lie off the lattice, across and down.
+    """
+
+    light: Tensor
+    off_cells: Tensor
+
+
+def likenesses(draws: Draws, shapes: Tensor) -> Likeness:
+    """Draw lattices with a rule, off a lattice, in bricks or in a disc; each at least one of these."""
+    options, size = LIKENESSES, MOST_LEDS
+    ruled, scattered, bricks, disc = (
+        draws.coin(share)[..., None]
+        for share in (options.ruled, options.scattered, options.bricks, options.round)
+    )
+    ruled = ruled | ~(scattered | bricks)
+    row = torch.arange(size, device=draws.device)[:, None]
+    column = row.mT
+    steps = draws.below(3, 2, 1)
+    periods = torch.tensor(options.periods, device=draws.device)
+    period = periods[draws.below(len(periods), 1)][..., None]
+    lit = (steps[:, :1] * row + steps[:, 1:] * column) % period == 0
+    lit = lit ^ (draws.uniform(0, 1, size, size) < options.defect)
+    light = torch.where(ruled, lit.float(), bits_of(draws))
+    middle = (shapes[..., None, None] - 1) / 2
+    far = ((row - middle[:, 0]) / middle[:, 0]).square()
+    far = far + ((column - middle[:, 1]) / middle[:, 1]).square()
+    light = light * torch.where(disc, far < draws.uniform(0.8, 1.4, 1, 1), True)
+    spread = draws.uniform(*options.scatter_cells, 1, 1, 1) * scattered[..., None]
+    off = (spread * draws.normal(2, size, size)).clamp(-0.45, 0.45)
+    shift = torch.stack([(row % 2).expand(size, size), torch.zeros_like(row + column)])
+    off = off + (0.5 * bricks[..., None]) * (shift - 0.5 * shift.amax((1, 2), True))
+    return Likeness(light, off)
+
+
 def with_panels(
-    pictures: Tensor, quads: Tensor, shapes: Tensor, draws: Draws, soft_px: float
+    pictures: Tensor,
+    quads: Tensor,
+    shapes: Tensor,
+    draws: Draws,
+    soft_px: float,
+    likeness: Likeness | None = None,
 ) -> Tensor:
     """Lay panels (B,4,2) px of rows and columns (B,2) into pictures (B,H,W).
 
@@ -203,6 +264,7 @@ def with_panels(
         shapes: rows and columns.
         draws: the looks.
         soft_px: width of an LED's edge.
+        likeness: lattices that are no panels, in place of panels.
     """
     behind = pictures.flatten(1)
     rows, columns = shapes[:, :1], shapes[:, 1:]
@@ -218,7 +280,13 @@ def with_panels(
         )
 
     inside = within(0.0)
-    off_x, off_y = (across - column - 0.5).abs(), (down - row - 0.5).abs()
+    place = row.clamp(0, MOST_LEDS - 1) * MOST_LEDS + column.clamp(0, MOST_LEDS - 1)
+    place = place.long()
+    off_x, off_y = across - column - 0.5, down - row - 0.5
+    if likeness is not None:
+        moved = likeness.off_cells.flatten(2).gather(2, place[:, None].expand(-1, 2, -1))
+        off_x, off_y = off_x - moved[:, 0], off_y - moved[:, 1]
+    off_x, off_y = off_x.abs(), off_y.abs()
     radius = torch.where(
         draws.coin(LOOKS.square),
         torch.maximum(off_x, off_y),
@@ -228,8 +296,8 @@ def with_panels(
     soft = (soft_px / cell_px[:, None]).clamp(min=LOOKS.least_soft_cells)
     fill = draws.uniform(*LOOKS.fill, 1) / 2
     spot = ((fill + soft / 2 - radius) / soft).clamp(0, 1) * inside
-    place = row.clamp(0, MOST_LEDS - 1) * MOST_LEDS + column.clamp(0, MOST_LEDS - 1)
-    light = bits_of(draws).flatten(1).gather(1, place.long())
+    lights = bits_of(draws) if likeness is None else likeness.light
+    light = lights.flatten(1).gather(1, place)
     unseen = draws.coin(LOOKS.unseen)
     mean = (behind * inside).sum(1, keepdim=True) / inside.sum(1, keepdim=True).clamp(1)
     dark, bright = (draws.uniform(0, most, 1) for most in LOOKS.board)

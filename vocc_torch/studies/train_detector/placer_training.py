@@ -19,8 +19,10 @@ from vocc_torch.studies.train_detector.candidates import (
 )
 from vocc_torch.studies.train_detector.composition import (
     Draws,
+    Likeness,
     finished,
     homography,
+    likenesses,
     mapped,
     with_panels,
 )
@@ -34,18 +36,21 @@ from vocc_torch.types import PanelShape
 class PlacerTraining:
     """Settings of the training."""
 
-    # Patches of a batch of 128.
+    # Patches of a batch of 156.
     composed: int = 36  # with a panel that is laid into a picture
+    alike: int = 28  # with a lattice that is no panel
     rendered: int = 24  # with a rendered panel
     proposed: int = 20  # candidates of the judge, with a panel
     mined: int = 48  # candidates of the judge, without a panel
     # How far candidates are off, and how often.
     rough: tuple[float, ...] = (0.03, 0.15, 0.4, 1.0)
-    rough_shares: tuple[float, ...] = (0.3, 0.3, 0.25, 0.15)
+    rough_shares: tuple[float, ...] = (0.25, 0.3, 0.25, 0.2)
     # Standard deviations at a roughness of 1; lengths in cells, the last of a cell and of a side.
     shift: float = 0.8
     bend: float = 0.3
     size: float = 0.04
+    slipped: float = 0.35  # share of candidates with a corner or a side some cells off
+    slips: tuple[float, float] = (0.6, 1.6)  # cells
     small: float = 0.1  # shift of candidates that are taken again, cells
     soft_px: float = 0.7  # of LEDs' edges
     blur_px: tuple[float, float] = (0.4, 1.7)
@@ -82,7 +87,18 @@ def off_cells(draws: Draws, shape: PanelShape) -> Tensor:
     middle = nominal.mean(1, keepdim=True)
     stretch = (scale * options.size * draws.normal(1, 2)).exp()
     moved = options.shift * draws.normal(1, 2) + options.bend * draws.normal(4, 2)
-    return middle + (nominal - middle) * stretch + scale * moved
+    quads = middle + (nominal - middle) * stretch + scale * moved
+    return quads + draws.coin(options.slipped)[..., None] * slips(draws)
+
+
+def slips(draws: Draws) -> Tensor:
+    """Draw moves (B,4,2) of a corner or a side, across or down, cells."""
+    first, both, down = (draws.below(count, 1) for count in (4, 2, 2))
+    corners = torch.arange(4, device=draws.device)
+    chosen = (corners == first) | (corners == (first + both) % 4)
+    axes = torch.cat([1 - down, down], 1)[:, None]
+    size = draws.uniform(*SETTINGS.slips, 1) * (2 * draws.below(2, 1) - 1)
+    return (chosen * size)[..., None] * axes
 
 
 class Sampler:
@@ -112,6 +128,7 @@ class Sampler:
         if near is not None and len(near.frame):
             parts.append(self.taken(generator, shape, near, SETTINGS.proposed))
         found = sum(len(cells) for _, cells in parts)
+        parts.append(self.alike(generator, shape))
         clutter = self.clutter.get(shape)
         if clutter is not None and len(clutter.frame):
             parts.append(self.taken(generator, shape, clutter, SETTINGS.mined))
@@ -124,16 +141,40 @@ class Sampler:
     ) -> tuple[Tensor, Tensor]:
         """Lay panels into pictures."""
         draws = Draws(generator, self.scale * SETTINGS.composed)
-        cells, options = off_cells(draws, shape), placing.SETTINGS
+        cells = off_cells(draws, shape)
+        return self.laid(draws, shape, cells, None), cells
+
+    def alike(
+        self, generator: torch.Generator, shape: PanelShape
+    ) -> tuple[Tensor, Tensor]:
+        """Lay lattices that are no panels into pictures; their corners are zeros."""
+        draws = Draws(generator, self.scale * SETTINGS.alike)
+        cells = off_cells(draws, shape)
+        shapes = cells.new_tensor([shape.rows, shape.columns]).expand(len(cells), 2)
+        likeness = likenesses(draws, shapes)
+        return self.laid(draws, shape, cells, likeness), torch.zeros_like(cells)
+
+    def laid(
+        self,
+        draws: Draws,
+        shape: PanelShape,
+        cells: Tensor,
+        likeness: Likeness | None,
+    ) -> Tensor:
+        """Draw patches with lattices whose corners lie at places (B,4,2) in cells."""
+        options = placing.SETTINGS
         side = (max(shape.rows, shape.columns) + 2 * options.margin) * options.samples
-        high = (shape.rows + 2 * options.margin) * options.samples
-        wide = (shape.columns + 2 * options.margin) * options.samples
-        behind = empty_crops(self.pool, draws, side)[:, :high, :wide]
+        high, wide = (
+            (leds + 2 * options.margin) * options.samples
+            for leds in (shape.rows, shape.columns)
+        )
+        behind = empty_crops(self.pool, draws, side)[:, :high, :wide].contiguous()
         shapes = cells.new_tensor([shape.rows, shape.columns]).expand(len(cells), 2)
         quads = (cells + options.margin) * options.samples
-        behind = behind.contiguous()
-        laid = with_panels(behind, quads, shapes, draws, SETTINGS.soft_px)
-        return finished(laid, draws, SETTINGS.blur_px), cells
+        shown = with_panels(
+            behind, quads, shapes, draws, SETTINGS.soft_px, likeness
+        )
+        return finished(shown, draws, SETTINGS.blur_px)
 
     def rendered(
         self, generator: torch.Generator, shape: PanelShape, panels: Tensor
