@@ -345,11 +345,10 @@ def training(settings: Settings) -> Iterator[Row]:
     rate = 2 * settings.leds / SHAPE.leds / (time.perf_counter() - begin)
     yield {"what": "mlp", "value": f"{rate:.5g}", "unit": "panels/s"}
     grey = torch.rand(settings.crops, 1, 128, 128, device=device)
-    pitch = torch.full((settings.crops,), 3.0, device=device)
     scout, judge = Scout().to(device), Judge().to(device)
     forwards: dict[str, tuple[nn.Module, Callable[[], torch.Tensor]]] = {
         "scout": (scout, lambda: scout(grey).square().mean()),
-        "judge": (judge, lambda: judge(grey[:, 0, :64, :64], pitch, SHAPE)[0].mean()),
+        "judge": (judge, lambda: judge(grey[:, 0, :48, :48])[0].mean()),
     }
     for name, (network, loss) in forwards.items():
         optimiser = torch.optim.AdamW(network.parameters())

@@ -190,6 +190,8 @@ SECTIONS = {
         "rounds": 2,
         "scout_steps": 2,
         "judge_steps": 2,
+        "placer_steps": 2,
+        "batch": 2,
     },
     "receive": {
         **{

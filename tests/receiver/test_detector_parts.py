@@ -5,12 +5,10 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import maximum_filter
-from skimage.filters import threshold_otsu
 
 from vocc_torch.receiver.detector import pyramid as pyramid_file
-from vocc_torch.receiver.detector.clues import alignment, randomness, two_levels
-from vocc_torch.receiver.detector.fit import fitted
 from vocc_torch.receiver.detector.judge import judged
+from vocc_torch.receiver.detector.placer import Placer, corner_moves, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
 from vocc_torch.types import PanelShape
@@ -19,9 +17,6 @@ from vocc_torch.types import PanelShape
 def noise(*size: int, seed: int = 0) -> torch.Tensor:
     """Draw numbers, 0 to 255."""
     return 255 * torch.rand(*size, generator=torch.Generator().manual_seed(seed))
-
-
-BITS = noise(8, 8, seed=2) < 127
 
 
 def test_readings_between_pixels_are_opencvs():
@@ -142,77 +137,46 @@ def test_candidates_are_pictured_through_the_homography_of_opencv():
     assert np.abs(moved[0].numpy() - back[0]).max() < 1e-3
 
 
-def test_two_levels_are_parted_as_otsu_does():
-    """Against scikit-image's threshold, on values that two levels explain well and on such as they do not."""
-    values = torch.randn(20, 64, generator=torch.Generator().manual_seed(5)).double()
-    values += torch.linspace(0, 12, 20)[:, None] * BITS.flatten()
-    for one, parted in zip(values.numpy(), two_levels(values)[0].tolist(), strict=True):
-        # To the end of the bin.
-        high = one > threshold_otsu(one, 4096) + np.ptp(one) / 8192
-        within = high.mean() * one[high].var() + (~high).mean() * one[~high].var()
-        assert parted == pytest.approx(
-            np.log((one.var() - within + 1) / (within + 1)), abs=1e-3
-        )
-
-
-def test_alignment_is_what_a_least_squares_fit_leaves():
-    """Against NumPy's, for spots that are off a lattice by chance, whatever its shift, stretch and shear."""
-    draw = torch.Generator().manual_seed(7)
-    v, u = torch.meshgrid(
-        torch.linspace(-1, 1, 8), torch.linspace(-1, 1, 8), indexing="ij"
+def test_moves_of_cells_are_joined_as_least_squares_join_them():
+    """Against NumPy's, where every cell is as sure and the ridge is small beside them."""
+    draw, shape = torch.Generator().manual_seed(7), PanelShape(8, 6)
+    v, u = np.meshgrid(
+        (np.arange(10) - 0.5) / 4 - 1, (np.arange(8) - 0.5) / 3 - 1, indexing="ij"
     )
-    fields = torch.stack([torch.ones_like(u), u, v, u * v], -1)
-    off = 0.05 * torch.randn(6, 8, 8, 2, generator=draw)
-    off += fields @ (0.05 * torch.randn(6, 4, 2, generator=draw))[:, None]
-    at = (torch.arange(16) + 0.5) / 16 - 0.5
-    across, down = ((at - off[..., axis, None]).square() for axis in (0, 1))
-    spots = torch.exp(-(down[..., :, None] + across[..., None, :]) / 0.02) * 200
-    cells = (spots * BITS[..., None, None]).permute(0, 1, 3, 2, 4)
-    free = 2 * int(BITS.sum()) - 8
-    rest = [
-        np.linalg.lstsq(fields[BITS].double().numpy(), one[BITS].double().numpy())[
-            1
-        ].sum()
-        for one in off
-    ]
-    spread = (np.array(rest) + 0.03**2 * int(BITS.sum())) / free
-    wanted = np.log(0.15**2 / spread) / 2
-    seen = alignment(cells, BITS.expand(6, 8, 8), torch.zeros(6))
-    assert seen.tolist() == pytest.approx(wanted.tolist(), abs=0.05)
+    fields = np.stack([np.ones_like(u), u, v, u * v], -1).reshape(-1, 4)
+    off = torch.randn(1, 80, 2, generator=draw)
+    wanted = np.linalg.lstsq(fields, off[0].numpy())[0]
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    by_corner = np.stack([np.ones(4), corners[:, 0], corners[:, 1], corners.prod(1)], 1)
+    moves = corner_moves(off, torch.full((1, 80), 6.0), shape)
+    assert np.abs(moves[0].numpy() - by_corner @ wanted).max() < 1e-3
 
 
-def test_bits_by_a_rule_look_less_random():
-    odd = torch.arange(8) % 2 == 1
-    rule = torch.stack([BITS, odd[:, None] & odd, odd.expand(8, 8), odd[:, None] ^ odd])
-    pairs, lines = randomness(rule)
-    assert (pairs[1:] < pairs[0] - 10).all()
-    assert (lines[1:] < lines[0] - 1).all()
+def test_an_unsure_cell_says_nothing():
+    off = torch.zeros(1, 100, 2)
+    off[0, 5] = 50.0
+    sure = torch.full((1, 100), 3.0)
+    sure[0, 5] = -20.0
+    assert corner_moves(off, sure, PanelShape(8, 8)).abs().max() < 1e-3
 
 
-@pytest.mark.parametrize("pitch_px", [3.0, 4.4, 9.0, 23.0])
-def test_a_lattice_is_fitted_in_a_level_that_suits_it(pitch_px):
-    """The lattice of drawn spots is found from corners that are off."""
-    size = int(17 * pitch_px + 60)
-    y, x = np.mgrid[:size, :size] + 0.5
-    light = np.full(y.shape, 0.05)
-    for (down, right), lit in np.ndenumerate(BITS.numpy()):
-        apart = np.hypot(
-            y - 30 - (down + 0.5) * pitch_px, x - 30 - (right + 0.5) * pitch_px
-        )
-        light += (0.57 * lit + 0.03) * np.exp(-((apart / (0.25 * pitch_px)) ** 2) / 2)
-    grey = torch.from_numpy(255 * light.clip(0, 1) ** (1 / 2.2)) + 2 * torch.randn(
-        size, size
+def test_slips_are_cells_of_the_homography():
+    """Against OpenCV: a corner, a side or the whole candidate lies a cell away."""
+    quad = np.array([[30, 20], [68, 26], [70, 62], [28, 55]], np.float32)
+    cells = np.array([[0, 0], [9, 0], [9, 8], [0, 8]], np.float32)
+    matrix = cv2.getPerspectiveTransform(cells, quad)
+    moved = slips(torch.from_numpy(quad)[None].double(), PanelShape(8, 9))
+    back = cv2.perspectiveTransform(
+        moved.view(1, -1, 2).numpy().astype(np.float32), np.linalg.inv(matrix)
     )
-    truth = (
-        30 + 8 * pitch_px * torch.tensor([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]).double()
-    )
-    off = (
-        0.2 * pitch_px * torch.tensor([[1.0, 1.0], [-1, 1], [0.5, -1], [1, 0]]).double()
-    )
-    found, share = fitted(
-        Pyramid.of(grey.round().clamp(0, 255)[None, None]),
-        (truth + off)[None],
-        PanelShape(8, 8),
-    )
-    assert (found[0] - truth).abs().max() < 0.06 * pitch_px
-    assert share[0] > 0.7
+    steps = (back.reshape(-1, 4, 2) - cells).round(2) + 0.0
+    assert len(np.unique(steps, axis=0)) == len(steps)
+    assert {np.abs(step).sum() for step in steps} == {1.0, 2.0, 4.0}
+
+
+def test_the_placer_takes_any_shape():
+    with torch.inference_mode():
+        for shape in (PanelShape(4, 4), PanelShape(16, 5), PanelShape(32, 32)):
+            size = (4 * shape.rows + 8, 4 * shape.columns + 8)
+            logit, moves = Placer()(noise(3, *size), shape)
+            assert (logit.shape, moves.shape) == ((3,), (3, 4, 2))

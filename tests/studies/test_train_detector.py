@@ -8,127 +8,155 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from vocc_torch.receiver.detector.judge import Judge
+from vocc_torch.receiver.detector.placer import Placer
 from vocc_torch.receiver.detector.scout import Scout
-from vocc_torch.receiver.detector.weights import SHIPPED, load_networks
+from vocc_torch.receiver.detector.weights import SHIPPED, Networks, load_networks
 from vocc_torch.report.terminal import Console
 from vocc_torch.studies.train_detector import (
-    TrainDetectorConfig,
+    candidates,
     composition,
+    crops,
     judge_training,
-    material,
+    placer_training,
     pool,
     run,
     scout_training,
 )
 from vocc_torch.types import PanelShape
 
+CPU = torch.device("cpu")
+
+
+def draws_of(seed: int, count: int) -> composition.Draws:
+    """Give draws from a seed."""
+    return composition.Draws(torch.Generator().manual_seed(seed), count)
+
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     """Hardly any frames and crops."""
     for module, settings in (
-        (pool, {"frames": 2, "width_px": 240, "height_px": 160}),
-        (material, {"drawings": 2, "drawing_px": 150}),
+        (pool, {"frames": 2, "width_px": 320, "height_px": 240, "mosaics": 1}),
         (scout_training, {"composed": 3, "rendered": 2, "empty": 2, "mined": 1}),
-        (
-            judge_training,
-            {"composed": 3, "rendered": 2, "empty": 2, "verdict_steps": 3},
-        ),
+        (judge_training, {"composed": 3, "rendered": 2, "empty": 2, "mined": 1}),
+        (placer_training, {"composed": 3, "rendered": 2, "alike": 2, "mined": 1}),
+        (run, {"round_steps": 1, "mined_frames": 4}),
     ):
         monkeypatch.setattr(module, "SETTINGS", replace(module.SETTINGS, **settings))
 
 
-def example(panel: bool) -> pool.Example:
-    """Make a frame with a bright rectangle for a panel, or with none."""
-    grey = torch.full((1, 1, 200, 240), 40, dtype=torch.uint8)
-    grey[..., 100:124, 60:92] += 160 * panel
+@pytest.fixture(scope="module")
+def small_pool():
+    """Give three frames, each with a bright rectangle for a panel or with none."""
+    grey = torch.full((3, 240, 320), 40, dtype=torch.uint8)
+    grey[:2, 100:124, 60:92] += 160
     corners = torch.tensor([[60.0, 100.0], [92, 100], [92, 124], [60, 124]]).double()
-    return pool.Example(grey, corners * panel, PanelShape(8, 8), readable=panel)
+    quads = torch.stack([corners, corners, 0 * corners])
+    shapes = torch.tensor([[8, 8], [8, 8], [0, 0]])
+    return pool.Pool(
+        *pool.levels_of(grey, CPU), quads, shapes, torch.tensor([True, True, False])
+    )
 
 
 def test_a_block_is_the_same_again(tmp_path):
     for name in ("first", "again"):
-        pool.render_block(tmp_path / f"{name}.npz", "street", (4, 8), 3, "name")
-    first, again = (
-        pool.read_pool([tmp_path / f"{name}.npz"]) for name in ("first", "again")
-    )
-    assert first[0].grey.shape == (1, 1, 160, 240)
-    assert all(
-        torch.equal(one.grey, two.grey)
-        and torch.equal(one.corners_px, two.corners_px)
-        and one.shape == PanelShape(4, 8)
-        for one, two in zip(first, again, strict=True)
-    )
+        (tmp_path / name).mkdir()
+        block = pool.Block(tmp_path / name / "b.npz", "street", 4, 8, 3)
+        pool.render_block(block)
+    first, again = (np.load(tmp_path / name / "b.npz") for name in ("first", "again"))
+    assert first["grey"].shape == (2, 240, 320)
+    assert all(np.array_equal(first[name], again[name]) for name in first.files)
+
+
+def test_crops_are_put_back_into_their_frames(tmp_path):
+    """A plain scene's frame is grey all over but for the crop that is rendered."""
+    pool.render_block(pool.Block(tmp_path / "b.npz", "paper", 8, 8, 3))
+    grey = np.load(tmp_path / "b.npz")["grey"]
+    assert grey.shape == (2, 240, 320)
+    assert (grey == np.median(grey, axis=(1, 2), keepdims=True)).mean() > 0.8
 
 
 def test_places_in_cells_are_those_of_opencvs_homography():
     quad = np.array([[12, 9], [50, 14], [47, 40], [10, 35]], np.float32)
     cells = np.array([[0, 0], [16, 0], [16, 8], [0, 8]], np.float32)
-    at = np.stack(np.meshgrid(np.arange(64), np.arange(64)), -1) + 0.5
+    at = np.stack(np.meshgrid(np.arange(64), np.arange(48)), -1) + 0.5
     matrix = cv2.getPerspectiveTransform(quad, cells)
     wanted = cv2.perspectiveTransform(at.reshape(1, -1, 2), matrix)[0]
-    seen = composition.cells_of(
-        torch.from_numpy(quad)[None], torch.tensor([[8.0, 16.0]]), 64
-    )
-    assert np.abs(seen[0].T.numpy() - wanted).max() < 1e-3
+    shapes = torch.tensor([[8.0, 16.0]])
+    found = composition.cells_of(torch.from_numpy(quad)[None], shapes, 48, 64)
+    assert np.abs(found[0].T.numpy() - wanted).max() < 1e-3
 
 
 def test_poses_have_their_pitch():
-    draws = composition.Draws(np.random.default_rng(1), 50)
+    draws = draws_of(1, 50)
     shapes, pitch = draws.shapes(), draws.geometric(2, 5)
     quads = composition.poses(draws, shapes, pitch, draws.uniform(40, 80, 2))
     areas = [cv2.contourArea(quad.numpy()) for quad in quads]
     wanted = (shapes.prod(1) * pitch.square()).tolist()
     assert areas == pytest.approx(wanted, rel=1e-3)
+    assert crops.area(quads).tolist() == pytest.approx(wanted, rel=1e-3)
 
 
 def test_blurs_are_scipys():
     pictures = 255 * torch.rand(3, 40, 40, generator=torch.Generator().manual_seed(0))
     sigma = torch.tensor([0.4, 0.8, 1.2])
-    for picture, seen, width in zip(
-        pictures, composition.blurred(pictures, sigma), sigma.tolist(), strict=True
-    ):
+    blurred = composition.blurred(pictures, sigma)
+    for picture, found, width in zip(pictures, blurred, sigma.tolist(), strict=True):
         wanted = gaussian_filter(picture.numpy(), width, mode="nearest", radius=4)
-        assert np.abs(seen.numpy() - wanted).max() < 0.01
+        assert np.abs(found.numpy() - wanted).max() < 0.01
 
 
-def test_training_is_the_same_where_it_was_interrupted(tmp_path, monkeypatch):
-    """Four steps at once, and two with two more from a checkpoint, to the last bit."""
-    torch.manual_seed(3)
-    start, found = Scout().state_dict(), []
-    sampler = scout_training.Sampler(
-        material.Material([example(True), example(False)], 1)
+def test_readings_of_the_pool_are_opencvs(small_pool):
+    """At the frame's own level, and at its half."""
+    at = draws_of(2, 1).uniform(0, 1, 2, 200) * torch.tensor([320.0, 240.0])[:, None]
+    for level in (0, 1):
+        plane = small_pool.level(level, 0).numpy()
+        places = (at[0].mT / 2**level - 0.5).numpy()
+        wanted = cv2.remap(
+            plane, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        found = small_pool.read(torch.tensor([0]), torch.tensor([level]), at)
+        # OpenCV's steps of 1/32 px.
+        assert np.abs(found[0].numpy() - wanted[:, 0]).max() < 160 / 32 + 0.1
+
+
+def test_turned_corners_keep_their_sides():
+    """Corners go round either way; without quarter turns the first side stays as long."""
+    corners = torch.tensor([[0.0, 0.0], [8, 0], [8, 4], [0, 4]]).expand(40, 4, 2)
+    quads = crops.turned(draws_of(4, 40), corners, quarters=False)
+    assert ((quads[:, 0] - quads[:, 1]).norm(dim=1) == 8).all()
+    assert len({str(quad.tolist()) for quad in quads}) == 4
+    assert torch.equal(crops.ordered(quads), corners)
+
+
+def test_lookalikes_are_no_panels():
+    """Each lies off the lattice, or lights its LEDs by a rule with few defects."""
+    draws = draws_of(5, 200)
+    likeness = composition.likenesses(draws, torch.tensor([[8.0, 8.0]]).expand(200, 2))
+    off = likeness.off_cells.flatten(1).abs().amax(1) > 0.2
+    light = likeness.light[:, :8, :8] > 0
+    steps = [(a, b) for a in range(3) for b in range(3)]
+    rows, columns = torch.meshgrid(torch.arange(8), torch.arange(8), indexing="ij")
+    rules = torch.stack(
+        [
+            (a * rows + b * columns) % period == 0
+            for a, b in steps
+            for period in (1, 2, 3, 4)
+        ]
     )
-    for piece in (4, 2):
-        monkeypatch.setattr(run, "SETTINGS", replace(run.SETTINGS, round_steps=piece))
-        for stop in range(piece, 5, piece):
-            net = Scout()
-            net.load_state_dict(start)
-            training = run.Training(tmp_path / f"{piece}.pt", net, 5)
-
-            def loss(draw, net=net):
-                crops = sampler.batch(draw)
-                return scout_training.scout_loss(net(crops.grey), crops)
-
-            for steps in training.rounds(stop):
-                training.take(steps, 4, loss)
-        found.append(net.state_dict())
-    assert all(torch.equal(found[0][name], found[1][name]) for name in start)
-    assert not any(torch.equal(found[0][name], start[name]) for name in start)
+    unlike = (light[:, None] & ~rules).flatten(2).float().mean(2).amin(1)
+    assert (off | (unlike < 0.15)).all()
 
 
 @pytest.mark.parametrize("training", [scout_training, judge_training])
-def test_crops_show_the_panel_where_they_say(training):
+def test_crops_show_the_panel_where_they_say(training, small_pool):
     """A rendered panel is brighter inside its corners than the picture on the whole."""
-    sampler = training.Sampler(material.Material([example(True), example(False)], 1))
-    compared = 0
+    sampler, compared = training.Sampler(small_pool), 0
     for seed in range(8):
-        batch = sampler.batch(np.random.default_rng(seed))
-        for picture, quad in zip(
-            batch.grey[3:5].reshape(2, *batch.grey.shape[-2:]),
-            batch.quads[3:5],
-            strict=True,
-        ):
+        batch = sampler.batch(torch.Generator().manual_seed(seed))
+        greys = batch.grey.reshape(len(batch.grey), *batch.grey.shape[-2:])
+        for picture, quad in zip(greys[3:5], batch.quads[3:5], strict=True):
             mask = np.zeros(picture.shape, np.uint8)
             cv2.fillPoly(mask, [quad.round().int().numpy()], 1)
             if mask.sum() > 100:
@@ -138,32 +166,67 @@ def test_crops_show_the_panel_where_they_say(training):
     assert compared > 8
 
 
-def test_candidates_off_by_known_parts_of_a_cell():
-    """Whichever corner comes first."""
-    truth = 4 * torch.tensor([[5.0, 5.0], [13, 5], [13, 13], [5, 13]]).double()
-    quad = truth + torch.tensor([[1.0, 0.0], [0, 0], [0, 2], [0, 0]])
-    off = judge_training.off_cells(
-        torch.stack([quad, quad.roll(1, 0)]), truth, PanelShape(8, 8)
-    )
-    assert off.tolist() == pytest.approx([0.5, 0.5])
+def test_candidates_near_a_panel_and_of_clutter_are_told_apart(small_pool):
+    truth = small_pool.corners_px[:1].float()
+    quads = torch.cat([truth + 2, truth + 100, truth + 12, truth])
+    frame = torch.tensor([0, 0, 0, 2])
+    found = scout_training.Proposals(frame, frame, quads, torch.zeros(4))
+    near, clutter = candidates.with_truth(small_pool, found)
+    assert torch.equal(near.quads, quads[:1])
+    assert torch.equal(clutter.quads, quads[[1, 3]])
+    assert torch.equal(near.truth, truth)
+    assert not clutter.truth.any()
 
 
-def test_the_whole_training_runs_and_goes_on(tmp_path, monkeypatch):
-    """The second time nothing is rendered."""
-    own = TrainDetectorConfig(rounds=1, scout_steps=2, judge_steps=2)
-    examples = run.pool(tmp_path, 1, own, Console())
-    networks = run.trained(tmp_path, 1, own, examples, Console())
+def test_taken_candidates_keep_the_panels_place(small_pool):
+    """The panel's corners in a patch, from the candidate's, are those that it was moved by."""
+    truth = small_pool.corners_px[:1].float()
+    cell = torch.tensor([4.0, 3.0])
+    near = candidates.Found(torch.tensor([0]), truth + cell, truth)
+    sampler = placer_training.Sampler(small_pool)
+    generator = torch.Generator().manual_seed(0)
+    _, cells = sampler.taken(generator, PanelShape(8, 8), near, 40)
+    middle = cells.mean(1) - 4
+    assert middle.abs().mean(0).tolist() == pytest.approx([1, 1], abs=0.1)
+    assert middle.sign().unique(dim=0).shape[0] == 4
+
+
+@pytest.mark.parametrize("part", ["scout", "judge", "placer"])
+def test_training_is_the_same_where_it_was_interrupted(part, tmp_path, small_pool):
+    """Two steps at once, and one with one more from a checkpoint, to the last bit."""
+    for stops in ((2,), (1, 2)):
+        folder = tmp_path / str(len(stops))
+        for stop in stops:
+            run.train_part(part, small_pool, folder, 5, stop, 1, Console(), whole=2)
+    states = [torch.load(tmp_path / name / f"{part}.pt")["net"] for name in ("1", "2")]
+    fresh = getattr(Networks.fresh(), part).state_dict()
+    assert all(torch.equal(states[0][name], states[1][name]) for name in fresh)
+
+
+def test_networks_learn_one_batch(small_pool):
+    """The losses fall by half in a few steps on the same batch."""
+    torch.manual_seed(0)
+    nets = (Scout(), Judge(), Placer())
+    for net, part in zip(nets, ("scout", "judge", "placer"), strict=True):
+        trainer = run.TRAINERS[part](net, small_pool, 1)
+        optimiser = torch.optim.Adam(net.parameters(), 3e-3)
+        losses = []
+        for _ in range(40):
+            loss = trainer.loss(torch.Generator().manual_seed(3))
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            losses.append(float(loss.detach()))
+        assert losses[-1] < losses[0] / 2
+
+
+def test_weights_are_written_and_read(tmp_path):
+    networks = Networks.fresh()
     networks.save(tmp_path / SHIPPED)
-    monkeypatch.setattr(pool, "render_block", None)
-    again = run.trained(
-        tmp_path, 1, own, run.pool(tmp_path, 1, own, Console()), Console()
+    read = load_networks(tmp_path / SHIPPED, CPU)
+    states = [one.parts().state_dict() for one in (networks, read)]
+    assert all(
+        torch.equal(weights.half().float(), states[1][name])
+        for name, weights in states[0].items()
     )
-    read = load_networks(tmp_path / SHIPPED, torch.device("cpu"))
-    for name in ("scout", "judge"):
-        states = [getattr(one, name).state_dict() for one in (networks, again, read)]
-        assert all(
-            torch.equal(states[0][key], other[key])
-            for other in states[1:]
-            for key in other
-        )
     assert (tmp_path / SHIPPED).stat().st_size < 500_000

@@ -19,7 +19,7 @@ MOST_BYTES = 1 << 26
 """Most bytes of a model's file; the networks that ship take less than one in a hundred."""
 _READABLE = (1, 2, FORMAT_VERSION)
 """Versions 1 and 2 wrote arrays as lists of numbers."""
-_DTYPES = ("float64", "float32", "int64", "uint8", "bool")
+_DTYPES = ("float64", "float32", "float16", "int64", "uint8", "bool")
 
 Settings = dict[str, Any]
 
@@ -42,7 +42,7 @@ def write_model(
         state: tensors by name.
 
     Raises:
-        VoccError: a tensor of another type than float64, float32, int64, uint8 and bool, more than 64 MiB, or
+        VoccError: a tensor of another type than float64, float32, float16, int64, uint8 and bool, more than 64 MiB, or
             the file cannot be written.
     """
     content: Settings = {"format": FORMAT, "version": FORMAT_VERSION}
@@ -60,7 +60,7 @@ def arrays_as_json(state: Mapping[str, torch.Tensor]) -> Settings:
     """Write tensors as what JSON can hold; :func:`array_of` reads one back.
 
     Raises:
-        VoccError: a tensor of another type than float64, float32, int64, uint8 and bool.
+        VoccError: a tensor of another type than float64, float32, float16, int64, uint8 and bool.
     """
     arrays: Settings = {}
     for name, value in state.items():

@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.detector.judge import Judge
@@ -17,37 +17,10 @@ from vocc_torch.receiver.model_file import read_model, write_model
 SHIPPED = "detector.json"
 """The weights that ship, beside this file; ``vocc-torch task=train_detector`` wrote them."""
 
-CLUES = 12
-"""Numbers of a candidate that the verdict weighs."""
+PARTS = ("scout", "judge", "placer")
+"""The networks, in the order in which they see a frame; each is trained on what those before it find."""
 
 _KIND = "detector"
-
-
-class Verdict(nn.Module):
-    """A candidate's score, from its clues: a layer of few units on standardised numbers.
-
-    Example:
-        >>> Verdict()(torch.zeros(3, CLUES)).shape
-        torch.Size([3])
-    """
-
-    mean: Tensor
-    spread: Tensor
-
-    def __init__(self, hidden: int = 16) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(CLUES))
-        self.register_buffer("spread", torch.ones(CLUES))
-        self.direct = nn.Linear(CLUES, 1)
-        self.layer = nn.Sequential(
-            nn.Linear(CLUES, hidden), nn.Tanh(), nn.Linear(hidden, 1)
-        )
-
-    def forward(self, clues: Tensor) -> Tensor:
-        """Give the log odds (n,) of clues (n,CLUES)."""
-        standard = ((clues.float() - self.mean) / self.spread).clamp(-4, 4)
-        odds: Tensor = (self.direct(standard) + self.layer(standard))[:, 0]
-        return odds
 
 
 @dataclass(frozen=True)
@@ -57,28 +30,27 @@ class Networks:
     scout: Scout
     judge: Judge
     placer: Placer
-    verdict: Verdict
 
     @classmethod
     def fresh(cls) -> "Networks":
         """Give untrained networks, laid out in memory for speed."""
-        nets = (Scout(), Judge(), Placer())
-        return cls(
-            *(net.to(memory_format=torch.channels_last) for net in nets), Verdict()
-        )
+        networks = cls(Scout(), Judge(), Placer())
+        networks.parts().to(memory_format=torch.channels_last)
+        return networks
 
     def parts(self) -> nn.ModuleDict:
         """Give them as one module, for its state."""
-        names = ("scout", "judge", "placer", "verdict")
-        return nn.ModuleDict({name: getattr(self, name) for name in names})
+        return nn.ModuleDict({name: getattr(self, name) for name in PARTS})
 
     def save(self, path: Path) -> None:
-        """Write the weights.
+        """Write the weights, rounded to 11 bits.
 
         Raises:
             VoccError: the file cannot be written.
         """
-        write_model(path, {"kind": _KIND}, self.parts().state_dict())
+        state = self.parts().state_dict()
+        rounded = {name: weights.half() for name, weights in state.items()}
+        write_model(path, {"kind": _KIND}, rounded)
 
 
 @lru_cache(maxsize=8)

@@ -13,19 +13,23 @@ class TrainDetectorConfig:
     """How much the detector's networks see.
 
     Args:
-        rounds: rounds of 128 rendered frames of streets, a quarter of them without a panel; at least 1.
+        rounds: rounds of 208 rendered frames, at least 1: of streets with and without a panel, and of a plain scene.
         scout_steps: steps of the scout's training, at least 1.
         judge_steps: steps of the judge's training, at least 1.
+        placer_steps: steps of the placer's training, at least 1.
+        batch: 1 for batches of 64, 128 and 156 pictures; larger ones by as much, and as many more mined frames.
 
     Raises:
         VoccError: a number out of its range.
     """
 
     rounds: int = 12
-    scout_steps: int = 12000
-    judge_steps: int = 12000
+    scout_steps: int = 10_000
+    judge_steps: int = 10_000
+    placer_steps: int = 10_000
+    batch: int = 1
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name in ("rounds", "scout_steps", "judge_steps"):
+        for name in ("rounds", "scout_steps", "judge_steps", "placer_steps", "batch"):
             whole_number(f"train_detector.{name}", getattr(self, name), 1, MOST)

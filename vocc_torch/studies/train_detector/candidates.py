@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from vocc_torch.receiver.detector import judge as judging
 from vocc_torch.receiver.detector import placer as placing
@@ -51,7 +50,7 @@ def best_of_frames(found: Proposals, most: int) -> Proposals:
     order = order[found.frame[order].argsort(stable=True)]
     found = found.rows(order)
     parts, start = [], 0
-    for count in found.frame.unique_consecutive(return_counts=True)[1].tolist():
+    for count in torch.unique_consecutive(found.frame, return_counts=True)[1].tolist():
         rows = slice(start, start + min(count, 4 * most))
         start += count
         quads = found.quads[rows]
@@ -77,7 +76,7 @@ def judge_all(net: Judge, pool: Pool, found: Proposals) -> Proposals:
     side, edge = judging.SETTINGS.side_px, judging.SETTINGS.edge_px
     square = corner_cells(SQUARE)[None] * judging.SETTINGS.samples + edge
     parts = []
-    for rows in torch.arange(len(found.frame)).split(SETTINGS.batch):
+    for rows in torch.split(torch.arange(len(found.frame)), SETTINGS.batch):
         some = found.rows(rows.to(found.frame.device))
         places = square.to(some.quads).expand_as(some.quads)
         seen = pictures(pool, some.frame, some.quads, places, (side, side))
@@ -93,7 +92,7 @@ def place_all(
 ) -> Proposals:
     """Place candidates of one shape, and move their corners."""
     parts = []
-    for rows in torch.arange(len(found.frame)).split(SETTINGS.batch):
+    for rows in torch.split(torch.arange(len(found.frame)), SETTINGS.batch):
         some = found.rows(rows.to(found.frame.device))
         seen = read_patches(pool, some.frame, some.quads, shape, None)
         logit, moves = net(seen, shape)
@@ -141,5 +140,3 @@ def with_truth(pool: Pool, found: Proposals) -> tuple[Found, Found]:
 def unit(like: Tensor) -> Tensor:
     """Give the corners (1,4,2) of a square of side 1, expanded."""
     return corner_cells(PanelShape(1, 1)).to(like)[None].expand_as(like)
-
-

@@ -48,7 +48,8 @@ def mosaics(seed: int, count: int, size: tuple[int, int]) -> NDArray[np.uint8]:
         for top in range(0, size[0], side):
             for left in range(0, size[1], side):
                 high, wide = (
-                    min(side, end - at) for end, at in zip(size, (top, left), strict=True)
+                    min(side, end - at)
+                    for end, at in zip(size, (top, left), strict=True)
                 )
                 tile = 255 * _tile(draw, side)[:high, :wide]
                 out[number, top : top + high, left : left + wide] = tile.round()

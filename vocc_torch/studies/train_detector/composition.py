@@ -181,7 +181,7 @@ def mapped(matrix: Tensor, points: Tensor) -> Tensor:
 
 def homography(first: Tensor, second: Tensor) -> Tensor:
     """Give matrices (B,3,3) that take four points (B,4,2) to four others."""
-    first, second = torch.broadcast_tensors(first, second)
+    first, second = first.expand_as(second), second.expand_as(first)
     one, none = torch.ones_like(first[..., :1]), torch.zeros_like(first)
     point = torch.cat([first, one], 2)
     across = torch.cat([point, none, 0 * one, -second[..., :1] * first], 2)
@@ -284,7 +284,9 @@ def with_panels(
     place = place.long()
     off_x, off_y = across - column - 0.5, down - row - 0.5
     if likeness is not None:
-        moved = likeness.off_cells.flatten(2).gather(2, place[:, None].expand(-1, 2, -1))
+        moved = likeness.off_cells.flatten(2).gather(
+            2, place[:, None].expand(-1, 2, -1)
+        )
         off_x, off_y = off_x - moved[:, 0], off_y - moved[:, 1]
     off_x, off_y = off_x.abs(), off_y.abs()
     radius = torch.where(
@@ -311,7 +313,9 @@ def with_panels(
     off = under + draws.coin(LOOKS.dark_off) * draws.uniform(*LOOKS.off, 1)
     on = torch.maximum(off, under) + draws.geometric(*LOOKS.contrast, 1)
     # Small LEDs are as bright in all as large ones in most panels.
-    bright = torch.where(draws.coin(LOOKS.as_bright), (1 + soft / fill / 2).clamp(max=3), 1.0)
+    bright = torch.where(
+        draws.coin(LOOKS.as_bright), (1 + soft / fill / 2).clamp(max=3), 1.0
+    )
     shown = off + (on - off) * light
     shown = torch.where(light > 0, shown * bright, shown)
     hidden = draws.coin(0.25) & (light == 0)

@@ -55,7 +55,8 @@ class Views:
     def seen(self, points_px: Tensor) -> Tensor:
         """Map points of the frames (B,P,2) into the crops."""
         off = (points_px - self.centre_px[:, None]).mT
-        return torch.linalg.solve(self.matrix, off).mT + self.side_px / 2
+        places: Tensor = torch.linalg.solve(self.matrix, off).mT + self.side_px / 2
+        return places
 
 
 def views(
@@ -88,7 +89,11 @@ def empty_crops(pool: Pool, draws: Draws, side_px: int) -> Tensor:
 
 
 def pictures(
-    pool: Pool, frame: Tensor, quads_px: Tensor, places_px: Tensor, size: tuple[int, int]
+    pool: Pool,
+    frame: Tensor,
+    quads_px: Tensor,
+    places_px: Tensor,
+    size: tuple[int, int],
 ) -> Tensor:
     """Read pictures (B,h,w) in which corners (B,4,2) px of frames lie at places (B,4,2) px."""
     matrix = homography(places_px.float(), quads_px.float())
@@ -123,7 +128,9 @@ def turned(draws: Draws, quads: Tensor, quarters: bool | Tensor = True) -> Tenso
         quarters: whether quarter turns are among them, not halves alone.
     """
     first = draws.below(4)
-    first = torch.where(torch.as_tensor(quarters, device=first.device), first, first // 2 * 2)
+    first = torch.where(
+        torch.as_tensor(quarters, device=first.device), first, first // 2 * 2
+    )
     back = draws.below(2) * 2 - 1
     steps = torch.arange(4, device=quads.device)
     # Going the other way, a side of the same length comes first.

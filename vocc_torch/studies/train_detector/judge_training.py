@@ -119,7 +119,9 @@ class Sampler:
         if self.clutter is not None and len(self.clutter.frame):
             parts.append(self.taken(generator, self.clutter, SETTINGS.mined))
         grey, quads = (torch.cat(part) for part in zip(*parts, strict=True))
-        return Pictures(grey, quads, torch.arange(len(grey), device=grey.device) < found)
+        return Pictures(
+            grey, quads, torch.arange(len(grey), device=grey.device) < found
+        )
 
     def composed(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Lay panels into pictures."""

@@ -171,9 +171,7 @@ class Sampler:
         behind = empty_crops(self.pool, draws, side)[:, :high, :wide].contiguous()
         shapes = cells.new_tensor([shape.rows, shape.columns]).expand(len(cells), 2)
         quads = (cells + options.margin) * options.samples
-        shown = with_panels(
-            behind, quads, shapes, draws, SETTINGS.soft_px, likeness
-        )
+        shown = with_panels(behind, quads, shapes, draws, SETTINGS.soft_px, likeness)
         return finished(shown, draws, SETTINGS.blur_px)
 
     def rendered(
@@ -197,8 +195,13 @@ class Sampler:
         nominal = corner_cells(shape).to(rows.quads)[None].expand_as(rows.quads)
         places = nominal + SETTINGS.small * draws.normal(1, 2)
         # The corners of the candidate and of the panel begin alike.
-        order = turned(draws, torch.arange(4.0, device=nominal.device)[None, :, None]
-            .expand(draws.count, 4, 2), shape.rows == shape.columns)
+        order = turned(
+            draws,
+            torch.arange(4.0, device=nominal.device)[None, :, None].expand(
+                draws.count, 4, 2
+            ),
+            shape.rows == shape.columns,
+        )
         order = order.long()
         corners, truth = rows.quads.gather(1, order), rows.truth.gather(1, order)
         seen = read_patches(self.pool, rows.frame, corners, shape, places)
@@ -243,5 +246,6 @@ def placer_loss(
         moves, truth, beta=options.move_beta, reduction="none"
     ).mean((1, 2))
     loss: Tensor = (score * clear).sum() / clear.sum().clamp(min=1)
-    many = reached.sum().clamp(min=1)
-    return loss + options.move_weight * (far * reached).sum() / many
+    moved = (far * reached).sum() / reached.sum().clamp(min=1)
+    loss = loss + options.move_weight * moved
+    return loss

@@ -39,7 +39,7 @@ SETTINGS = PoolSettings()
 ABSENT = "+scene.effects.panel_absent={}"
 
 STREETS = ("street", "street_night")
-PLAIN = ("paper", "fog", "tunnel", "night", "low_sun", "dashcam")
+PLAIN = ("paper", "fog", "tunnel", "night", "low_sun")
 """Scenes of which in each round one has a block."""
 
 SHAPES = ((8, 8), (8, 8), (4, 4), (16, 16), (4, 8), (8, 16))
@@ -165,7 +165,9 @@ class Pool:
             with np.load(path, allow_pickle=False) as block:
                 greys.append(torch.from_numpy(block["grey"]))
                 corners.append(torch.from_numpy(block["corners"]))
-                shapes.append(torch.from_numpy(block["shape"]).expand(len(greys[-1]), 2))
+                shapes.append(
+                    torch.from_numpy(block["shape"]).expand(len(greys[-1]), 2)
+                )
                 readable.append(torch.from_numpy(block["readable"]))
         size = (options.height_px, options.width_px)
         extra = torch.from_numpy(mosaics(seed, options.mosaics, size))
@@ -174,7 +176,7 @@ class Pool:
         shapes.append(torch.zeros(len(extra), 2, dtype=torch.int64))
         readable.append(torch.zeros(len(extra), dtype=torch.bool))
         return cls(
-            *_levels(torch.cat(greys), device),
+            *levels_of(torch.cat(greys), device),
             torch.cat(corners).to(device),
             torch.cat(shapes).to(device),
             torch.cat(readable).to(device),
@@ -226,7 +228,7 @@ class Pool:
         return torch.lerp(upper, lower, y)
 
 
-def _levels(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     """Lay the halvings of frames (N,H,W) uint8 into one buffer, and say where each begins."""
     parts, starts, sizes, start = [], [], [], 0
     level = grey[:, None]
@@ -237,7 +239,7 @@ def _levels(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]
         start += level.numel()
         halves = [
             functional.avg_pool2d(one.to(device).float(), 2).round().byte()
-            for one in level.split(SETTINGS.frames)
+            for one in torch.split(level, SETTINGS.frames)
         ]
         level = torch.cat(halves)
     numbers = torch.tensor(starts, device=device), torch.tensor(sizes, device=device)

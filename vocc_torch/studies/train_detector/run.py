@@ -5,13 +5,13 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor, nn
 
 from vocc_torch.measure.config import Settings
-from vocc_torch.receiver.detector.weights import SHIPPED, Networks
+from vocc_torch.receiver.detector.weights import PARTS, SHIPPED, Networks
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.train_detector import (
@@ -19,15 +19,11 @@ from vocc_torch.studies.train_detector import (
     judge_training,
     placer_training,
     scout_training,
-    verdict_training,
 )
 from vocc_torch.studies.train_detector.pool import Pool, blocks_of, render
 
 POOL, CHECKPOINTS = "pool", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
-
-PARTS = ("scout", "judge", "placer")
-"""What is trained, in this order: each sees what those before find."""
 
 
 @dataclass(frozen=True)
@@ -65,17 +61,18 @@ def run_train_detector(
     console.print(f"frames: {len(pool.shapes)}", highlight=False)
     for part in PARTS:
         steps = getattr(own, f"{part}_steps")
-        train_part(part, pool, folder / CHECKPOINTS, settings.seed, steps, own.batch)
-        console.print(f"{part}: {steps} steps", highlight=False)
+        place = folder / CHECKPOINTS
+        train_part(part, pool, place, settings.seed, steps, own.batch, console)
     networks = current(folder / CHECKPOINTS, torch.device("cpu"))
-    verdict_training.train_verdict(networks, pool, settings.seed)
     networks.save(folder / SHIPPED)
     run_folder.print_places(console, folder, [("weights", SHIPPED)])
 
 
 def current(folder: Path, device: torch.device) -> Networks:
     """Give the networks as far as they are trained."""
-    networks = Networks.fresh()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        networks = Networks.fresh()
     for part in PARTS:
         if (folder / f"{part}.pt").exists():
             state = torch.load(
@@ -87,22 +84,31 @@ def current(folder: Path, device: torch.device) -> Networks:
 
 
 def train_part(
-    part: str, pool: Pool, folder: Path, seed: int, steps: int, scale: int
+    part: str,
+    pool: Pool,
+    folder: Path,
+    seed: int,
+    steps: int,
+    scale: int,
+    console: terminal.Console,
+    whole: int | None = None,
 ) -> None:
     """Train one network, in rounds; others may be trained beside it.
 
     Args:
-        part: one of :data:`PARTS`.
+        part: one of the networks' names.
         pool: of frames.
         folder: of what is kept.
         seed: of the training.
-        steps: of the whole training.
+        steps: to be taken, with those that were taken before.
         scale: of a batch; more frames are mined then, too.
+        console: that says how far it is.
+        whole: steps of the whole training, by which the rate falls; None where these are all.
     """
     torch.manual_seed(seed)
     device = pool.buffer.device
     net = getattr(Networks.fresh(), part).to(device)
-    trainer = _TRAINERS[part](net, pool, scale)
+    trainer = TRAINERS[part](net, pool, scale)
     training = Training(folder / f"{part}.pt", net, seed, device)
     usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
     for rounds in training.rounds(steps):
@@ -112,8 +118,20 @@ def train_part(
             trainer.mine(
                 current(folder, device), usable[order[: SETTINGS.mined_frames * scale]]
             )
-        loss = training.take(rounds, steps, trainer.loss, generator)
-        print(f"{part}: step {rounds.stop}, loss {loss:.4f}", flush=True)
+        loss = training.take(rounds, whole or steps, trainer.loss, generator)
+        console.print(f"{part}: step {rounds.stop}, loss {loss:.4f}", highlight=False)
+
+
+class Trainer(Protocol):
+    """What trains one network on a pool."""
+
+    def __init__(self, net: Any, pool: Pool, scale: int) -> None: ...
+
+    def mine(self, networks: Networks, frames: Tensor) -> None:
+        """Take from frames what the networks before it find."""
+
+    def loss(self, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
 
 
 class ScoutTrainer:
@@ -152,7 +170,8 @@ class JudgeTrainer:
     def loss(self, generator: torch.Generator) -> Tensor:
         """Give the loss of a batch."""
         pictures = self.sampler.batch(generator)
-        return judge_training.judge_loss(*self.net(pictures.grey), pictures)
+        logit, maps = self.net(pictures.grey)
+        return judge_training.judge_loss(logit, maps, pictures)
 
 
 class PlacerTrainer:
@@ -178,7 +197,11 @@ class PlacerTrainer:
         return placer_training.placer_loss(logit, moves, shape, patches)
 
 
-_TRAINERS = {"scout": ScoutTrainer, "judge": JudgeTrainer, "placer": PlacerTrainer}
+TRAINERS: dict[str, type[Trainer]] = {
+    "scout": ScoutTrainer,
+    "judge": JudgeTrainer,
+    "placer": PlacerTrainer,
+}
 
 
 class Training:

@@ -69,16 +69,14 @@ class Proposals(NamedTuple):
         return Proposals(*(part[chosen] for part in self))
 
 
-def proposals(
-    net: scout.Scout, pool: Pool, frames: Tensor, of_level: int
-) -> Proposals:
+def proposals(net: scout.Scout, pool: Pool, frames: Tensor, of_level: int) -> Proposals:
     """Take the best places of each level of frames."""
     parts = []
     for number, (high, wide) in enumerate(pool.sizes.tolist()):
         high, wide = high // 16 * 16, wide // 16 * 16
         if not min(high, wide):
             break
-        for some in frames.split(SETTINGS.mined_batch):
+        for some in torch.split(frames, SETTINGS.mined_batch):
             grey = torch.stack([pool.level(number, one) for one in some.tolist()])
             outputs = net(grey[:, None, :high, :wide])
             score = outputs[:, 0]
@@ -87,7 +85,10 @@ def proposals(
             values, places = score.topk(min(of_level, score.shape[1]), 1)
             picture = torch.arange(len(some), device=frames.device)
             picture = picture[:, None].expand_as(places).flatten()
-            row, column = places.flatten() // (wide // 8), places.flatten() % (wide // 8)
+            row, column = (
+                places.flatten() // (wide // 8),
+                places.flatten() % (wide // 8),
+            )
             quads = scout.quads_of(
                 outputs[picture, :, row, column], torch.stack([column, row], 1)
             )
@@ -193,7 +194,7 @@ def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     false = chance.square() * functional.logsigmoid(-logit)
     cost = torch.where(there, missed, torch.where(spare, 0.0, false))
     # Corners (B,4,2,h,w). Of small panels a pixel is more of a cell.
-    moves = outputs[:, 1:].unflatten(1, (4, 2)) * scout.SETTINGS.unit_px
+    moves = outputs[:, 1:].reshape(-1, 4, 2, high, wide) * scout.SETTINGS.unit_px
     quads = moves + places.permute(2, 0, 1) * stride
     unit = scout.SETTINGS.unit_px * (size / SETTINGS.small_px).clamp(min=0.1)
     off = (quads - crops.quads[..., None, None]) / unit[:, None, None]
@@ -202,4 +203,5 @@ def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     )
     many = there.sum().clamp(1)
     corners = (far.mean((1, 2)) * there).sum() / many
-    return SETTINGS.corner_weight * corners - cost.sum() / many
+    loss: Tensor = SETTINGS.corner_weight * corners - cost.sum() / many
+    return loss
