@@ -33,7 +33,7 @@ def run_point(
     """Add blocks of one point in index order until the rule holds."""
     with Workers(1) as workers:
         (outcome,) = runner.count(
-            [runner.Point(job, rule, store, told)], workers, batch_frames
+            [runner.PointTask(job, rule, store, told)], workers, batch_frames
         )
     return outcome
 

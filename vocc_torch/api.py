@@ -395,7 +395,7 @@ def measure(
             for value in axes.values
         )
         points = (
-            runner.Point(job, plan.budget, opened, lambda more, _: progress(more))
+            runner.PointTask(job, plan.budget, opened, lambda more, _: progress(more))
             for job in jobs
         )
         outcomes = dict(zip(axes.values, runner.count(points, Workers(1)), strict=True))

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Counts, half_errors
+from vocc_torch.measure.frame_errors import FrameErrors
 
 
 def frames(seed, count, rows, columns, error_rate, miss_rate):
@@ -35,9 +36,12 @@ def by_hand(decided, sent, found):
 
 
 def count(decided, sent, found):
-    return Counts.of(
-        *(torch.from_numpy(np.asarray(array)) for array in (decided, sent, found))
-    )
+    arrays = (torch.from_numpy(np.asarray(array)) for array in (decided, sent, found))
+    halves = half_errors(*arrays).numpy()[None]
+    (counts,) = FrameErrors(
+        halves, np.asarray(found)[None], int(np.prod(sent.shape[1:]))
+    ).counts
+    return counts
 
 
 @given(

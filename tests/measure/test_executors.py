@@ -120,7 +120,7 @@ def story(sweeps, tmp_path_factory):
 
 
 def test_two_processes_measure_what_one_measures(sweeps, story):
-    """Counts, comparisons of receivers and of locations, and why each point stopped."""
+    """Counts, comparisons of receivers, and why each point stopped."""
     with Workers(1) as workers:
         told = []
         alone = results(
@@ -129,10 +129,8 @@ def test_two_processes_measure_what_one_measures(sweeps, story):
             lambda sweep, value, frames, _: told.append((value, frames)),
         )
     assert story.results == alone
-    assert set(alone["stopping"].curves["truth"].stopped_by.values()) == {
-        "frame_errors"
-    }
-    assert set(alone["spending"].curves["paper"].stopped_by.values()) == {"frames"}
+    assert set(alone["stopping"]["truth"].stopped_by.values()) == {"frame_errors"}
+    assert set(alone["spending"]["paper"].stopped_by.values()) == {"frames"}
     # Blocks come in their order within a point, whatever happens between the points.
     for name, value in (
         ("stopping", 60.0),

@@ -70,7 +70,7 @@ def test_half_precision_in_the_configuration():
     for name in ("bfloat16", "float16", "half"):
         with pytest.raises(VoccError) as refused:
             build_plan(SimpleNamespace(precision=name), Path())
-        wanted = f"precision is '{name}': it must be float32 or float64, half precision changes pixels and bits"
+        wanted = f"precision is '{name}': it must be float32 or float64: half precision changes pixels and bits"
         assert str(refused.value) == wanted
 
 

@@ -21,7 +21,7 @@ from vocc_torch.measure import runner
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.runner import Part, Point, parts_of
+from vocc_torch.measure.runner import Part, PointTask, parts_of
 from vocc_torch.measure.store import Store
 from vocc_torch.rng import BLOCK_FRAMES
 
@@ -146,7 +146,7 @@ def many_points(draw, target=True):
     for index in range(draw(st.integers(1, 5))):
         wrong = draw(st.lists(st.integers(0, BLOCK_FRAMES), min_size=1, max_size=5))
         rule = Budget(draw(st.integers(1, 700)), target_frame_errors=draw(targets))
-        points.append(Point(MadeUp(wrong, f"point {index}"), rule))
+        points.append(PointTask(MadeUp(wrong, f"point {index}"), rule))
     return points
 
 
@@ -273,7 +273,7 @@ def test_what_is_done_when_something_else_ends_the_run_is_recorded(store, error)
         raise error
 
     with pytest.raises(error):
-        hands.run([Point(MadeUp([1]), Budget(640), store, interrupted)])
+        hands.run([PointTask(MadeUp([1]), Budget(640), store, interrupted)])
     assert sorted(blocks_of(store, "p")) == [0, 3]
     assert all(future.cancelled() or future.running() for future, *_ in hands.pending)
 

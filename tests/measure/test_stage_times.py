@@ -89,9 +89,7 @@ def recorded(make_plan):
             )
         patch.setattr(stage_times.timing, "interleaved", numbered)
         named = {str(key): one for key, one in RECEIVERS.items()}
-        wholes = [str((locator, "flda_3")) for locator in LOCATORS]
-        options = {"frames_a_preamble": 5, "in_one_go": wholes}
-        return stage_times.time_stages(named, exposure, BATCH, 2, CPU, **options), made
+        return stage_times.time_stages(named, exposure, BATCH, 2, CPU), made
 
 
 def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
@@ -130,10 +128,10 @@ def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
         assert own.bank.names == one.bank.names
         assert torch.equal(decided[0].features, readings.features)
         assert (decided[1] is not None) == (key[1] in GREYSCALE)
-        # Two frames of known bits, each read and measured, for every five of data.
+        # Two frames of known bits are read and measured for each.
         one_more = rounds["read"][0] + rounds["rectify"][0] + rounds["features"][0]
         assert rounds["preambles"][0] == pytest.approx(
-            2 / 5 * one_more * (key[1] in GREYSCALE)
+            2 * one_more * (key[1] in GREYSCALE)
         )
     for a, b in itertools.combinations(corners.values(), 2):
         assert not torch.equal(a, b)

@@ -354,7 +354,7 @@ def live(folder):
         ThreadPoolExecutor(THREADS) as pool,
     ):
         (outcome,) = runner.count(
-            [runner.Point(job(), RULE, store)], Threads(pool, said)
+            [runner.PointTask(job(), RULE, store)], Threads(pool, said)
         )
     (folder / "result").write_text(repr(ends(outcome)))
 

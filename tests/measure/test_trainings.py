@@ -108,7 +108,7 @@ def test_the_algorithms_interval_covers(scatter, trainings):
     held, own = 0, 0
     for _ in range(studies):
         of = made_up(rng, scatter, trainings)
-        ends, one = of.interval(), ber_interval(of.each[0])
+        ends, one = of.interval(), ber_interval(of.counts[0])
         held += ends.low <= truth <= ends.high
         own += one.low <= truth <= one.high
     assert held / studies >= (0.93 if scatter < 0.5 else 0.91)

@@ -28,9 +28,6 @@ from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
-HALF_PRECISIONS = ("bfloat16", "float16", "half")
-"""Known to torch and not offered: they change pixels and decided bits."""
-
 RESERVED = (*bank.RECEIVER_NAMES, "flda", "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
@@ -45,14 +42,8 @@ def build_world(settings: WorldSettings) -> plans.World:
         VoccError: a value outside its range, named by its key.
     """
     if settings.precision not in PRECISIONS:
-        why = (
-            ", half precision changes pixels and bits"
-            if settings.precision in HALF_PRECISIONS
-            else ""
-        )
-        raise VoccError.of(
-            "precision", repr(settings.precision), " or ".join(PRECISIONS) + why
-        )
+        rule = f"{' or '.join(PRECISIONS)}: half precision changes pixels and bits"
+        raise VoccError.of("precision", repr(settings.precision), rule)
     resolve_device(settings.device)
     panel, scene = asdict(settings.panel), settings.scene
     with section("scene.camera", before="camera"):

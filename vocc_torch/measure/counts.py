@@ -127,30 +127,6 @@ class Counts(Tally):
                 "counts.half_errors_squared", self.half_errors_squared, rule
             )
 
-    @classmethod
-    def of(cls, decided: Tensor, sent: Tensor, found: Tensor) -> Self:
-        """Compare decided bits with sent ones.
-
-        Args:
-            decided: (B,R,C) bool, the receiver's bits; ignored where no panel was found.
-            sent: (B,R,C) bool, the bits sent.
-            found: (B,) bool, whether the panel was found.
-
-        Raises:
-            VoccError: a tensor of another shape or type.
-
-        Example:
-            >>> sent = torch.zeros(2, 3, 3, dtype=torch.bool)
-            >>> counts = Counts.of(sent, sent, torch.tensor([True, False]))
-            >>> counts.half_errors, counts.bit_errors, counts.panels_missed
-            (9, 4.5, 1)
-        """
-        half = half_errors(decided, sent, found)
-        sums = torch.stack(
-            [half.sum(), (half * half).sum(), (half > 0).sum(), (~found).sum()]
-        )
-        return cls(len(sent), sent.numel(), *sums.tolist())
-
     @property
     def columns(self) -> dict[str, Any]:
         """Columns of ``ber.csv`` that only counts of another kind have."""

@@ -187,7 +187,7 @@ class Point(PointKey):
         )
         row = replace(
             row,
-            trainings=len(of.each),
+            trainings=len(of.counts),
             ber_sd=of.deviation,
             ber_best=least,
             ber_worst=most,
@@ -381,17 +381,3 @@ class Curves:
         return mean_difference(
             self.trained[a, value], self.trained[b, value], pair, confidence
         )
-
-
-@dataclass(frozen=True)
-class Measured:
-    """One experiment with one or more locators, all on the same frames.
-
-    Args:
-        curves: by locator.
-        location: with ``truth`` and ``paper``, each receiver with the located panel (a) compared with itself
-            at the true corners (b), by (receiver, value); empty otherwise.
-    """
-
-    curves: Mapping[str, Curves]
-    location: Mapping[tuple[str, float], PairedCounts]

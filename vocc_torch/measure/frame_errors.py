@@ -54,8 +54,8 @@ class FrameErrors:
     Example:
         >>> half = np.array([[4, 0, 64], [0, 2, 64]])
         >>> errors = FrameErrors(half, np.array([[True, True, False]] * 2), leds=64)
-        >>> [one.half_errors for one in errors.counts], errors.first(2).counts[0].bit_errors
-        ([68, 66], 2.0)
+        >>> [counts.half_errors for counts in errors.counts]
+        [68, 66]
         >>> errors.pairs[0, 1].half_difference, errors.pairs[0, 1].discordant
         (2, 2)
     """
@@ -148,10 +148,6 @@ class FrameErrors:
         groups = numbers[-1].astype(np.int64)
         return cls(halves.astype(np.int64), found, leds, groups, off, tuple(keys))
 
-    def first(self, frames: int) -> Self:
-        """Give the same of the first frames alone, 1 to N of them."""
-        return self.of(frames=slice(frames))
-
     def of(
         self,
         receivers: slice | Sequence[int] = slice(None),
@@ -207,7 +203,7 @@ class FrameErrors:
 
     @cached_property
     def counts(self) -> list[Counts]:
-        """Errors of each receiver, as :meth:`Counts.of` counts them."""
+        """Errors of each receiver, in the order of the rows."""
         frames = self.half_errors.shape[1]
         missed = frames - self.found.sum(axis=1, keepdims=True)
         off = np.zeros_like(self.found) if self.misplaced is None else self.misplaced

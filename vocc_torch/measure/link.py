@@ -1,9 +1,9 @@
 """The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Self, TypeVar, cast
+from typing import Self, TypeVar
 
 import torch
 
@@ -47,7 +47,6 @@ class Observation:
     takes: tuple[Frames, ...]
     reader: Reader
     truth: Callable[[], Panels]
-    _kept: dict[Hashable, object] = field(default_factory=dict, repr=False)
 
     @property
     def frames(self) -> Frames:
@@ -73,12 +72,6 @@ class Observation:
     def preambles(self) -> Preambles | None:
         """Grey levels of the preambles, where they were rendered."""
         return Preambles(*self._read[1]) if len(self.takes) > 1 else None
-
-    def once(self, key: Hashable, measure: Callable[[], T]) -> T:
-        """Give what ``measure`` gives, called once for each key: receivers that begin alike share it."""
-        if key not in self._kept:
-            self._kept[key] = measure()
-        return cast("T", self._kept[key])
 
 
 class Link:

@@ -315,9 +315,6 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """
     settings, experiment = _plain(plan), plan.experiment
     del settings["world"]["device"], settings["receiver"]["save"]
-    # As ledgers were before there was a choice.
-    if plan.receiver.false_alarms == ReceiverPlan.false_alarms:
-        del settings["receiver"]["false_alarms"]
     for classifier in settings["receiver"]["classifiers"]:
         classifier["training"]["checkpoints"] = None  # where they are changes no weight
     built = build_effects(plan.world.effects)
@@ -352,9 +349,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "training": _plain(parsed_scene(experiment.training)),
         },
         "training_frames": plan.budget.training_frames,
-        # A ledger of one training is what it was before there were several.
-        **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
-        **({"sampling": plan.budget.sampling} if plan.budget.sampling else {}),
+        "trainings": plan.budget.trainings,
+        "sampling": plan.budget.sampling,
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

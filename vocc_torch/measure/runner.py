@@ -150,7 +150,7 @@ class Job:
         >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)), 0)])
         >>> job = Job(plan, plan.world.scene, "d", greyscale)
         >>> with Workers(1) as workers:
-        ...     (outcome,) = count([Point(job, Budget(2))], workers)
+        ...     (outcome,) = count([PointTask(job, Budget(2))], workers)
         >>> outcome.errors.counts[0].frames, outcome.errors.counts[0].bit_errors, outcome.stopped_by
         (2, 5.0, 'frames')
     """
@@ -267,19 +267,19 @@ class Outcome:
             yield group, Outcome(errors, counts, self.stopped_by)
 
 
-Told = Callable[[int, Tallies], object]
+Progress = Callable[[int, Tallies], object]
 """Called for each block as it is added, with its frames and the sums so far."""
 
 
 @dataclass(eq=False)
-class Point:
+class PointTask:
     """A point that is to be counted: blocks that wait for their turn, and the sums so far.
 
     Args:
         job: counts its blocks.
         rule: when it has enough.
         store: where blocks are recorded and known ones are taken from, or None.
-        told: called for each block as it is added.
+        progress: called for each block as it is added.
 
     Attributes:
         stopped_by: why it has enough; empty until then.
@@ -289,7 +289,7 @@ class Point:
     job: Job
     rule: Budget
     store: Store | None = None
-    told: Told = lambda frames, tallies: None
+    progress: Progress = lambda frames, tallies: None
     counts: dict[tuple[Key, int], Counts] = field(default_factory=dict, init=False)
     stopped_by: str = field(default="", init=False)
     exhausted: bool = field(default=False, init=False)
@@ -332,7 +332,7 @@ class Point:
                 self.counts[label] = counts + self.counts.get(label, 0)
             spent = "frames" if (blocks + 1) * BLOCK_FRAMES >= self.rule.frames else ""
             self.stopped_by = stop_reason(self.rule, self.counts, blocks + 1) or spent
-            self.told(part.frames, self.counts)
+            self.progress(part.frames, self.counts)
 
     @property
     def outcome(self) -> Outcome:
@@ -379,11 +379,11 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
 
 
 Future: TypeAlias = futures.Future[Sequence[bytes]]
-Calls: TypeAlias = dict[Future, tuple[Point, list[Part]]]
+Calls: TypeAlias = dict[Future, tuple[PointTask, list[Part]]]
 
 
 def count(
-    points: Iterable[Point], workers: Workers, batch_frames: int = BLOCK_FRAMES
+    points: Iterable[PointTask], workers: Workers, batch_frames: int = BLOCK_FRAMES
 ) -> Iterator[Outcome]:
     """Count points one after the other, with blocks of the next ones ahead where there is room.
 
@@ -400,7 +400,7 @@ def count(
     Raises:
         VoccError: a store that cannot be written, or a worker that was ended from outside.
     """
-    upcoming, begun, calls = iter(points), deque[Point](), Calls()
+    upcoming, begun, calls = iter(points), deque[PointTask](), Calls()
     blocks = max(1, batch_frames // BLOCK_FRAMES)
 
     def fill() -> None:

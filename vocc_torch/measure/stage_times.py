@@ -4,7 +4,6 @@ import itertools
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -30,9 +29,6 @@ _MEASURING = ("read", "rectify", "features")
 
 median_of = timing.median_of
 
-Graph: TypeAlias = Callable[[torch.Tensor, torch.Tensor], object]
-"""Reads frames at corners."""
-
 
 @dataclass(frozen=True)
 class StageTimes:
@@ -43,16 +39,11 @@ class StageTimes:
 
     Example:
         >>> times = StageTimes({stage: (1.0, 2.0, 3.0) for stage in STAGES})
-        >>> times.total.value, times.share.high
-        (12.0, 3.0)
+        >>> times.total.value
+        12.0
     """
 
     rounds_ms: Mapping[str, tuple[float, ...]]
-
-    @property
-    def rounds(self) -> int:
-        """How many rounds were timed."""
-        return len(self.rounds_ms[STAGES[0]])
 
     def stage(self, name: str) -> estimate.Estimate:
         """Median of a stage with its quartiles, ms."""
@@ -66,14 +57,6 @@ class StageTimes:
     def total(self) -> estimate.Estimate:
         """Median of the whole time with its quartiles, ms: the stages are added round by round."""
         return median_of(self.summed(STAGES))
-
-    @property
-    def share(self) -> estimate.Estimate | None:
-        """Bit detection's time over panel detection's (Fig. 25); None without the latter."""
-        panel = np.array(self.rounds_ms["locate"])
-        return (
-            median_of(self.summed(BIT_DETECTION) / panel) if (panel > 0).all() else None
-        )
 
 
 @dataclass(frozen=True)
@@ -122,17 +105,13 @@ class StageTimings:
 
     Args:
         by_receiver: the times by the receivers' names.
-        in_one_go: time of a receiver in one go over the sum of its stages, the median over the rounds.
         wall_s: how long it took, s.
         processor_s: how long it had the processor, s.
-        graphs: time a frame in each graph, ms, by its name.
     """
 
     by_receiver: Mapping[str, StageTimes]
-    in_one_go: float
     wall_s: float
     processor_s: float
-    graphs: Mapping[str, estimate.Estimate]
 
 
 def time_stages(
@@ -141,17 +120,13 @@ def time_stages(
     batch: int,
     repeats: int,
     device: torch.device,
-    *,
-    frames_a_preamble: int = 1,
-    in_one_go: Sequence[str] = (),
-    graphs: Mapping[str, Graph] | None = None,
 ) -> StageTimings:
     """Time every stage of every receiver on frames that lie one array each in the host's memory.
 
     Each stage starts from what the one before has made. It is timed by itself, right after an untimed call of
     the same stage on the batch before, with the device idle before and done after. A stage that receivers
     share is timed once. A receiver whose threshold comes from frames of known bits reads and measures two
-    frames more for every ``frames_a_preamble`` of data.
+    frames more for each.
 
     Args:
         receivers: by name.
@@ -159,13 +134,9 @@ def time_stages(
         batch: frames at a time.
         repeats: timed rounds.
         device: where receivers work; they are copied there.
-        frames_a_preamble: frames of data that a pair of frames of known bits serves.
-        in_one_go: names of receivers that are timed in one go too.
-        graphs: what reads (B,H,W) frames at (B,4,2) true corners in the same rounds, on the CPU, by name.
     """
-    graphs = graphs or {}
     chains = {
-        name: Chain(name, on_device(receiver, device), device)
+        name: Chain(name, replace(receiver, bank=receiver.bank.to(device)), device)
         for name, receiver in receivers.items()
     }
     starts = range(0, len(exposure.frames) - batch + 1, batch)
@@ -174,18 +145,10 @@ def time_stages(
         for start in starts
     ]
     # Each call takes the batch before, untimed, and then a batch.
-    turns = [
-        part
-        for pair in zip(batches[-1:] + batches[:-1], batches, strict=True)
-        for part in pair
-    ]
-    stages = {
-        key: stage for chain in chains.values() for key, stage in chain.stages.values()
-    }
-    stages |= {("whole", name): chains[name].whole for name in in_one_go}
-    stages |= {
-        ("graph", name): partial(_graphed, graph) for name, graph in graphs.items()
-    }
+    turns = list(
+        itertools.chain(*zip(batches[-1:] + batches[:-1], batches, strict=True))
+    )
+    stages = dict(stage for chain in chains.values() for stage in chain.stages.values())
     calls = {
         str(key): map(stage, itertools.cycle(turns)).__next__
         for key, stage in stages.items()
@@ -193,26 +156,17 @@ def time_stages(
     wall, processor = time.perf_counter(), time.thread_time()
     timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
     wall, processor = time.perf_counter() - wall, time.thread_time() - processor
-    seconds = {key: np.array(timed[str(key)].seconds) for key in stages}
-    times, ratios = {}, []
+    times = {}
     for name, chain in chains.items():
-        spent = {stage: seconds[key] for stage, (key, _) in chain.stages.items()}
-        if name in in_one_go:
-            ratios += list(seconds["whole", name] / sum(spent.values()))
-        preambles_a_frame = 2 / frames_a_preamble if chain.needs_preambles else 0.0
-        spent["preambles"] = preambles_a_frame * np.sum(
-            [spent[stage] for stage in _MEASURING if stage in spent], axis=0
-        )
-        rounds = {
-            stage: 1e3 / batch * spent.get(stage, np.zeros(repeats)) for stage in STAGES
-        }
+        spent = dict.fromkeys(STAGES, np.zeros(repeats))
+        for stage, (key, _) in chain.stages.items():
+            spent[stage] = 1e3 / batch * np.array(timed[str(key)].seconds)
+        if chain.needs_preambles:
+            spent["preambles"] = 2 * np.sum([spent[of] for of in _MEASURING], axis=0)
         times[name] = StageTimes(
-            {stage: tuple(seconds.tolist()) for stage, seconds in rounds.items()}
+            {stage: tuple(ms.tolist()) for stage, ms in spent.items()}
         )
-    drawn = {name: median_of(1e3 / batch * seconds["graph", name]) for name in graphs}
-    return StageTimings(
-        times, median_of(ratios).value if ratios else 1.0, wall, processor, drawn
-    )
+    return StageTimings(times, wall, processor)
 
 
 Intermediates: TypeAlias = dict[Hashable, Any]
@@ -227,42 +181,44 @@ class Chain:
 
     Args:
         name: the receiver's name.
-        one: the receiver.
-        device: where it works.
+        receiver: works on the device.
+        device: where frames are read to.
     """
 
-    def __init__(self, name: str, one: StagedReceiver, device: torch.device) -> None:
-        self.one, self.device, self.needs_preambles = (
-            one,
-            device,
-            needs_preambles(one.bank.names),
+    def __init__(
+        self, name: str, receiver: StagedReceiver, device: torch.device
+    ) -> None:
+        self.receiver = receiver
+        self.needs_preambles = needs_preambles(receiver.bank.names)
+        self.where, self.known = ("locate", receiver.locator), ("preambles", name)
+        patches = (
+            "rectify",
+            receiver.locator,
+            receiver.reader.samples_per_led,
+            receiver.dtype,
         )
-        self.where, self.known = ("locate", one.locator), ("preambles", name)
-        patches = ("rectify", one.locator, one.reader.samples_per_led, one.dtype)
         measured = ("features", name)
         self.stages: dict[str, tuple[tuple[Hashable, ...], Stage]] = {}
-        self.stages["read"] = ("read",), lambda made: read(made["host"], device)
-        if one.locator is not None:
-            self.stages["locate"] = self.where, lambda made: one.locate(made["read",])
-        if one.bank.needs_patches:
+        self.stages["read"] = ("read",), lambda batch: read(batch["host"], device)
+        if receiver.locator is not None:
+            self.stages["locate"] = (
+                self.where,
+                lambda batch: receiver.locate(batch["read",]),
+            )
+        if receiver.bank.needs_patches:
             self.stages["rectify"] = (
                 patches,
-                lambda made: one.rectify(made["read",], made[self.where]),
+                lambda batch: receiver.rectify(batch["read",], batch[self.where]),
             )
         self.stages["features"] = (
             measured,
-            lambda m: one.measure(m["read",], m[self.where], m.get(patches)),
+            lambda batch: receiver.measure(
+                batch["read",], batch[self.where], batch.get(patches)
+            ),
         )
         self.stages["classify"] = (
             ("classify", name),
-            lambda m: _bits(one.decide(m[measured], m[self.known])),
-        )
-
-    def whole(self, made: Intermediates) -> object:
-        """Do all stages in one go."""
-        panels = made[self.where] if self.one.locator is None else None
-        return _bits(
-            self.one(read(made["host"], self.device), panels, made[self.known])
+            lambda batch: _bits(receiver.decide(batch[measured], batch[self.known])),
         )
 
 
@@ -284,19 +240,13 @@ def prepared(
             if key[0] == "classify":  # whose threshold comes from frames of known bits
                 preambles, place = chain.needs_preambles, results[chain.where]
                 results[chain.known] = (
-                    chain.one.preambles(on_off[0], on_off[1], place)
+                    chain.receiver.preambles(on_off[0], on_off[1], place)
                     if preambles
                     else None
                 )
             if key not in results:
                 results[key] = stage(results)
     return results
-
-
-def _graphed(graph: Graph, made: Intermediates) -> object:
-    """Let a graph read a batch at its true corners, from the first pixel of each frame on."""
-    frames, panels = made["read",], made["locate", None]
-    return graph(frames.grey[:, 0], panels.corners_px - frames.origin_px[:, None])
 
 
 def _bits(scores: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:
@@ -319,8 +269,3 @@ def _on(frames: Frames, device: torch.device) -> Frames:
     return Frames(
         frames.grey.to(device), frames.origin_px.to(device), frames.sensor_px, surround
     )
-
-
-def on_device(receiver: StagedReceiver, device: torch.device) -> StagedReceiver:
-    """Copy a receiver to a device, with every tensor that its classifiers hold."""
-    return replace(receiver, bank=receiver.bank.to(device))

@@ -155,7 +155,7 @@ class Store(AbstractContextManager["Store"]):
         ((settings, package),) = self._run(
             "SELECT settings, package FROM identity"
         ).fetchall()
-        begun_with, _, source = package.partition(" ")
+        begun_with, _, source = str(package).partition(" ")
         if begun_with != __version__:
             raise self._refusal(
                 f"is of vocc-torch {begun_with} and this is {__version__}", release

@@ -54,6 +54,10 @@ class Study:
         return identity(self.plan, self.locators)
 
 
+Measured: TypeAlias = Mapping[Locator, curve.Curves]
+"""The curves of a study by locator, all on the same frames."""
+
+
 @dataclass(frozen=True)
 class Campaign:
     """What came of many studies, by the study's key.
@@ -63,7 +67,7 @@ class Campaign:
         trainings: the trained receivers, by the locator's name.
     """
 
-    measured: Mapping[str, curve.Measured]
+    measured: Mapping[str, Measured]
     trainings: Mapping[str, Mapping[Locator, train.Training]]
 
 
@@ -74,7 +78,7 @@ def run_campaign(
     *,
     trained: Callable[[], None] = lambda: None,
     advance: Callable[[Study, int], None] = lambda study, frames: None,
-    finished: Callable[[Study, curve.Measured], None] = lambda study, measured: None,
+    finished: Callable[[Study, Measured], None] = lambda study, measured: None,
 ) -> Campaign:
     """Train for every study and measure it, in order; studies that train on the same scenes share them.
 
@@ -182,12 +186,12 @@ def run_studies(
         (study, value) for study in studies for value in monte_carlo_values(study.plan)
     ]
 
-    def points() -> Iterator[runner.Point]:
+    def points() -> Iterator[runner.PointTask]:
         for study, value in places:
             # Those of all bins.
             rule = replace(study.plan.budget, frames=study.plan.frames_in_point)
             job = prepare(study, banks[study.key], value, workers)
-            yield runner.Point(
+            yield runner.PointTask(
                 job, rule, stores.get(study.key), partial(progress, study, value)
             )
 
@@ -271,7 +275,7 @@ def points_of(
     return found
 
 
-def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> curve.Measured:
+def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> Measured:
     """Put a study's outcomes together.
 
     Args:
@@ -284,19 +288,7 @@ def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> curve.Me
         values, (sorted_outcome,) = axis_values(experiment), outcomes.values()
         outcomes = {values[group]: part for group, part in sorted_outcome.by_group()}
     place = experiment.name, experiment.axis
-    curves = {
-        str(name): curves_of(*place, name, names, outcomes) for name in study.locators
-    }
-    location: dict[tuple[str, float], PairedCounts] = {}
-    if {"paper", "truth"} <= {*study.locators}:
-        for at, outcome in outcomes.items():
-            for name in names:
-                rows = [
-                    outcome.errors.place(Key(locator, name))
-                    for locator in ("paper", "truth")
-                ]
-                location[name, at] = outcome.errors.of(rows).pairs[0, 1]
-    return curve.Measured(curves, location)
+    return {name: curves_of(*place, name, names, outcomes) for name in study.locators}
 
 
 def curves_of(
@@ -368,13 +360,3 @@ def monte_carlo_values(plan: Plan) -> tuple[float, ...]:
         if plan.experiment.axis == "contrast"
         else plan.experiment.values
     )
-
-
-def at_focal_length(plan: Plan, focal_length_mm: float) -> Plan:
-    """Return a plan with another lens.
-
-    Raises:
-        VoccError: a focal length outside its range.
-    """
-    camera = replace(plan.world.camera, focal_length_mm=focal_length_mm)
-    return replace(plan, world=replace(plan.world, camera=camera))

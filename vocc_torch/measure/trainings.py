@@ -23,7 +23,7 @@ class Trained:
     """What one receiver got wrong after each of K trainings, on the same frames.
 
     Args:
-        each: errors of every training, that of the saved receiver first; at least two.
+        counts: errors of every training, that of the saved receiver first; at least two.
         pooled: errors of all together: a frame holds the bits of all trainings.
 
     Raises:
@@ -36,23 +36,23 @@ class Trained:
         ('3.9e-04, 1.1e-04', True)
     """
 
-    each: tuple[Counts, ...]
+    counts: tuple[Counts, ...]
     pooled: Counts
 
     def __post_init__(self) -> None:
         """Refuse what cannot be of the same frames."""
         sums = (
-            sum(one.bits for one in self.each),
-            sum(one.half_errors for one in self.each),
+            sum(counts.bits for counts in self.counts),
+            sum(counts.half_errors for counts in self.counts),
         )
-        if len(self.each) < 2 or sums != (self.pooled.bits, self.pooled.half_errors):
-            rule = f"the sum of {len(self.each)} trainings, of two at least"
+        if len(self.counts) < 2 or sums != (self.pooled.bits, self.pooled.half_errors):
+            rule = f"the sum of {len(self.counts)} trainings, of two at least"
             raise VoccError.of("trained.pooled", self.pooled, rule)
 
     @property
     def rates(self) -> list[float]:
         """The bit error rate of each training."""
-        return [one.ber for one in self.each]
+        return [counts.ber for counts in self.counts]
 
     @property
     def deviation(self) -> float:
@@ -74,17 +74,17 @@ class Trained:
             confidence: above 0, below 1.
             errors_per_frame_error: as in ``ber_interval``, for a single receiver.
         """
-        first = self.each[0]
-        alike = all(one == first for one in self.each)
+        first = self.counts[0]
+        alike = all(counts == first for counts in self.counts)
         if (
             alike
             and self.pooled.half_errors_squared
-            == len(self.each) ** 2 * first.half_errors_squared
+            == len(self.counts) ** 2 * first.half_errors_squared
         ):
             # Then all erred alike in every frame, as what learns nothing does.
             return ber_interval(first, confidence, errors_per_frame_error)
         size = min(
-            len(self.each) * errors_per_frame_error,
+            len(self.counts) * errors_per_frame_error,
             self.pooled.bits / max(1, self.pooled.frames),
         )
         frames = ber_interval(self.pooled, confidence, size)
@@ -147,13 +147,13 @@ def mean_difference(
         VoccError: trainings that cannot be paired.
     """
     if (
-        len(a.each) != len(b.each)
+        len(a.counts) != len(b.counts)
         or pooled.half_difference != a.pooled.half_errors - b.pooled.half_errors
     ):
         rule = "that of the same trainings of a and b"
         raise VoccError.of("pooled.half_difference", pooled.half_difference, rule)
     # Where no frame differs, all trainings are taken to differ alike in the frame that was not seen.
-    size = float(len(a.each)) if pooled.bits >= len(a.each) * pooled.frames else 1.0
+    size = float(len(a.counts)) if pooled.bits >= len(a.counts) * pooled.frames else 1.0
     frames = paired_interval(pooled, confidence, size)
     found = widened(frames, np.subtract(a.rates, b.rates).tolist(), confidence)
     return Estimate(found.value, max(-1.0, found.low), found.high)

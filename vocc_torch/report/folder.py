@@ -273,7 +273,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                     )
                     trained: Cells = (1, None, None, None, None)
                     if (of := curves.trained_pair(a, b, value)) is not None:
-                        count = len(curves.trained[a, value].each)
+                        count = len(curves.trained[a, value].counts)
                         trained = (count, of.value, of.low, of.high, int(of.real))
                     lines.append((*place, *numbers, *trained))
     write_rows(path, lines, short=True)

@@ -49,7 +49,7 @@ _NAMES = ("experiment.name", "scene.name")
 
 
 @dataclass(frozen=True)
-class Job:
+class SweepJob:
     """What one job left.
 
     Args:
@@ -103,7 +103,7 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
     run_folder.print_places(console, into, places)
 
 
-def find_jobs(folder: Path) -> list[Job]:
+def find_jobs(folder: Path) -> list[SweepJob]:
     """Read every job in a folder and below it, in the order of their numbers.
 
     A job is a folder that holds ``ber.csv``, ``failed.txt`` or a ledger, or nothing at all under a number, as
@@ -160,7 +160,7 @@ def find_jobs(folder: Path) -> list[Job]:
     ]
 
 
-def read_jobs(place: Path, name: str) -> list[Job]:
+def read_jobs(place: Path, name: str) -> list[SweepJob]:
     """Read one job's folder; more than one job is the rows of a grid.
 
     Args:
@@ -179,10 +179,10 @@ def read_jobs(place: Path, name: str) -> list[Job]:
         try:
             tables = run_folder.read_tables(place / TABLE)
         except VoccError as error:
-            return [Job(name, "unreadable", printable(str(error)), None, settings)]
+            return [SweepJob(name, "unreadable", printable(str(error)), None, settings)]
         if not tables:
             return [
-                Job(
+                SweepJob(
                     name,
                     "unreadable",
                     f"{place / TABLE} has no point in it",
@@ -199,7 +199,7 @@ def read_jobs(place: Path, name: str) -> list[Job]:
             lines = read_file(place / FAILED).decode("utf-8", "replace").splitlines()
             complaint = printable(lines[0]) if lines else f"{FAILED} is empty"
     return [
-        Job(
+        SweepJob(
             name,
             status,
             complaint,
@@ -210,7 +210,7 @@ def read_jobs(place: Path, name: str) -> list[Job]:
     ]
 
 
-def differing_keys(jobs: Sequence[Job]) -> list[str]:
+def differing_keys(jobs: Sequence[SweepJob]) -> list[str]:
     """Name the keys that tell the jobs apart, the experiment first, else in the order of the configuration.
 
     Left out are keys that change no result, and those of an experiment or a scene that follow from its name.
@@ -221,7 +221,7 @@ def differing_keys(jobs: Sequence[Job]) -> list[str]:
 
     Example:
         >>> settings = [{"seed": seed, "device": seed, "workers": 1} for seed in (0, 1)]
-        >>> differing_keys([Job("0", "done", settings=one) for one in settings])
+        >>> differing_keys([SweepJob("0", "done", settings=one) for one in settings])
         ['seed']
     """
     known = [job.settings for job in jobs if job.settings]
@@ -266,13 +266,13 @@ def setting_text(value: object) -> str:
     )
 
 
-def label(job: Job, keys: Sequence[str]) -> str:
+def label(job: SweepJob, keys: Sequence[str]) -> str:
     """Say what is particular of a job, with the keys' last words where these tell them apart.
 
     Example:
-        >>> label(Job("0", "done", settings={"camera.gamma": 2.2}), ["camera.gamma"])
+        >>> label(SweepJob("0", "done", settings={"camera.gamma": 2.2}), ["camera.gamma"])
         'gamma=2.2'
-        >>> label(Job("0", "failed"), ["camera.gamma"])
+        >>> label(SweepJob("0", "failed"), ["camera.gamma"])
         'settings not known'
     """
     if not job.settings:
@@ -289,7 +289,7 @@ def label(job: Job, keys: Sequence[str]) -> str:
 
 
 def collected_rows(
-    jobs: Sequence[Job], keys: Sequence[str]
+    jobs: Sequence[SweepJob], keys: Sequence[str]
 ) -> Iterator[run_folder.Cells]:
     """Return the lines of ``collected.csv`` with their head: a job's points, or one line for a job without.
 
@@ -298,7 +298,7 @@ def collected_rows(
         keys: what differs between them.
 
     Example:
-        >>> list(collected_rows([Job("0", "failed", "no panel")], ["seed"]))[1][:4]
+        >>> list(collected_rows([SweepJob("0", "failed", "no panel")], ["seed"]))[1][:4]
         ['0', 'failed', '', '']
     """
     yield ["job", "status", *keys, *curve.COLUMNS, "complaint"]
@@ -314,14 +314,14 @@ def collected_rows(
             yield [job.name, job.status, *values, *written, job.complaint]
 
 
-def duplicates(jobs: Sequence[Job]) -> list[str]:
+def duplicates(jobs: Sequence[SweepJob]) -> list[str]:
     """Say which jobs were asked the same, and whether they found the same.
 
     Example:
-        >>> duplicates([Job(name, "unfinished", settings={"seed": 1}) for name in ("0", "1")])
+        >>> duplicates([SweepJob(name, "unfinished", settings={"seed": 1}) for name in ("0", "1")])
         []
     """
-    groups: dict[str, list[Job]] = {}
+    groups: dict[str, list[SweepJob]] = {}
     for job in jobs:
         if job.table is not None and job.settings:
             asked = {
@@ -356,7 +356,7 @@ _LEAST_LABEL, _MOST_LABEL, _GAP = 18, 48, 2
 _RATE = len("< 0.0e-0")
 
 
-def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
+def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Figure:
     """Draw each job's bit error rates in axes of its own, all on the same scale of rates.
 
     A receiver looks the same in every facet and in every other figure. A job without points keeps its place,
@@ -368,7 +368,7 @@ def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
         title: what the figure shows.
 
     Example:
-        >>> len(jobs_figure([Job("0", "failed", "no panel")], [], "Jobs").axes)
+        >>> len(jobs_figure([SweepJob("0", "failed", "no panel")], [], "Jobs").axes)
         1
     """
     facets: dict[str, curve.BerTable | str] = {}
@@ -400,7 +400,7 @@ def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
     return facet_figure(rows, title, note, axes_alike=False)
 
 
-def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> None:
+def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) -> None:
     """Print a row for each job: what is particular of it, each receiver's range of rates, its status.
 
     Args:
@@ -409,7 +409,7 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
         console: where to print.
 
     Example:
-        >>> print_jobs([Job("0", "failed", "seed is -1", settings={"seed": -1})], ["seed"], Console(width=40))
+        >>> print_jobs([SweepJob("0", "failed", "seed is -1", settings={"seed": -1})], ["seed"], Console(width=40))
         job  what differs  status
         ─────────────────────────
         0    seed=-1       failed

@@ -123,7 +123,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
                 finished += points
                 interim.clear()
                 view.finish(points)
-        curves = sweep.measured(study, outcomes).curves[locator]
+        curves = sweep.measured(study, outcomes)[locator]
         if not curves.values:
             fault = "no frame fell into any contrast bin"
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
@@ -428,15 +428,13 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
             def advance(study: sweep.Study, more: int) -> None:
                 view.advance(study.plan.experiment.name, more)
 
-            def finished(study: sweep.Study, _: curve.Measured) -> None:
+            def finished(study: sweep.Study, _: sweep.Measured) -> None:
                 view.say(f"{study.plan.experiment.name} is measured")
 
             campaign = sweep.run_campaign(
                 studies, pool, ledgers, advance=advance, finished=finished
             )
-        curves = tuple(
-            campaign.measured[study.key].curves[locator] for study in studies
-        )
+        curves = tuple(campaign.measured[study.key][locator] for study in studies)
         cells = grid.Grid(axis, tuple(rows), curves)
         run_folder.write_training(
             settings, plan, campaign.trainings[studies[0].key][locator], folder

@@ -162,7 +162,7 @@ def rates(study, trained, workers=1, ledger=None, **changes):
         ((_, value, outcome),) = run_studies(
             [replace(study, plan=plan)], own, ledgers, pool, prepare=prepare
         )
-    return measured(study, {value: outcome}).curves["truth"]
+    return measured(study, {value: outcome})["truth"]
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
 from vocc_torch.report.folder import ber_rows, write_rows
 from vocc_torch.studies.collect import (
-    Job,
+    SweepJob,
     collected_rows,
     differing_keys,
     find_jobs,
@@ -187,7 +187,7 @@ def test_every_state_of_a_job_is_told(tmp_path):
 
 def settings_of(**values):
     """A job with these settings."""
-    return Job(
+    return SweepJob(
         "x",
         "done",
         settings={key.replace("__", "."): value for key, value in values.items()},
@@ -238,9 +238,9 @@ def jobs():
     three = ("flda_agr", "flda_2", "flda_3")
     more = made_up_table("ambient_lx", (1000.0, 4000.0, 32000.0), three, errors=400)
     return [
-        Job("0", "done", table=made_up_table(), settings={"seed": 1}),
-        Job("1", "failed", "seed is 2: it must be another", settings={"seed": 2}),
-        Job("2", "done", table=more, settings={"seed": 3}),
+        SweepJob("0", "done", table=made_up_table(), settings={"seed": 1}),
+        SweepJob("1", "failed", "seed is 2: it must be another", settings={"seed": 2}),
+        SweepJob("2", "done", table=more, settings={"seed": 3}),
     ]
 
 

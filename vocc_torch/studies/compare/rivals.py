@@ -210,7 +210,7 @@ def compare_classifiers(
             if name == experiment.key
         }
         measured = sweep.measured(experiment, at)
-        curves[experiment.key] = measured.curves[experiment.locators[0]]
+        curves[experiment.key] = measured[experiment.locators[0]]
     transfers, lost_scenes = across_scenes(study.scene_plans, run)
     comparison = ReceiverComparison(
         study.config.reference,

@@ -96,7 +96,9 @@ class Run:
         """
         with self.stage(name, sum(rule.frames for _, rule in jobs)) as advance:
             points = [
-                runner.Point(job, rule, self.store, lambda frames, _: advance(frames))
+                runner.PointTask(
+                    job, rule, self.store, lambda frames, _: advance(frames)
+                )
                 for job, rule in jobs
             ]
             batches = [job.plan.batch_frames for job, _ in jobs]

@@ -88,7 +88,7 @@ class FigurePlan:
         found = {}
         for reading in self.readings:
             curves = {
-                name: campaign.measured[self.studies[reading.name, name].key].curves[
+                name: campaign.measured[self.studies[reading.name, name].key][
                     reading.locator
                 ]
                 for name in self.experiments
@@ -108,7 +108,7 @@ class FigurePlan:
             return None
         curves: list[curve.Curves] = []
         for study in self.rows.values():
-            curves += campaign.measured[study.key].curves.values()
+            curves += campaign.measured[study.key].values()
         return grid.Grid("ambient_lx", tuple(self.rows), curves)
 
 

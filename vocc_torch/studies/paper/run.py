@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, executors, sweep
+from vocc_torch.measure import executors, sweep
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.paper import FiguresConfig
@@ -95,7 +95,7 @@ def measure(
         def advance(study: sweep.Study, frames: int) -> None:
             view.advance(study.key, frames)
 
-        def finished(study: sweep.Study, _: curve.Measured) -> None:
+        def finished(study: sweep.Study, _: sweep.Measured) -> None:
             view.say(f"{study.key} is measured")
 
         campaign = sweep.run_campaign(
