@@ -133,7 +133,7 @@ def again(points, **changes):
     ]
 
 
-FREE = settings(deadline=None, max_examples=12)
+FREE = settings(deadline=None, max_examples=8)
 HANDS = st.builds(Hands, st.integers(0, 2**32).map(random.Random), st.integers(1, 6))
 BATCH = st.integers(1, 5).map(lambda blocks: blocks * BLOCK_FRAMES)
 
@@ -156,7 +156,7 @@ def test_no_order_window_or_batch_changes_an_outcome(points, hands, batch):
     """Each stops at the first block that is enough, however many blocks ahead were in flight."""
     told = [[] for _ in points]
     for point, mine in zip(points, told, strict=True):
-        point.told = lambda frames, counts, mine=mine: mine.append(
+        point.progress = lambda frames, counts, mine=mine: mine.append(
             (frames, counts[A].frames)
         )
     assert ends(hands.run(points, batch)) == expected(points)
