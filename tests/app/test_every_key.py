@@ -213,8 +213,6 @@ SECTIONS = {
         },
         **{
             "codes": ["none"],
-            "soft": ["hard"],
-            "interleave": [False],
             "recordings": 2,
             "blocks": 2,
         },

@@ -16,7 +16,7 @@ from vocc_torch.extras.messages.receive_task import doubts, lost, write_messages
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
 
-CODES = ["rs", "none", "ldpc", "conv"]
+CODES = ["rs", "none", "ldpc"]
 
 
 def plan(rows=8, columns=8, **options):
@@ -160,7 +160,7 @@ def test_leds_that_are_too_near_each_other_are_the_reason_that_no_packet_arrived
 
 
 def coded(code):
-    if code in ("ldpc", "conv"):
+    if code == "ldpc":
         pytest.importorskip("sionna")
     own = layout(code=code)
     return own, code_of(own)
@@ -180,29 +180,6 @@ def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_kn
         given[at] *= -0.01 if unsure else -1
         decoded = code.decode(given.reshape(1, -1))[0]
         assert (decoded == info.tobytes()) == right
-
-
-@pytest.mark.parametrize("rate", [0.3, 0.5, 0.7])
-def test_convolutional_words_are_those_of_the_tabled_generators(rate):
-    """Octal 133 and 171; 171, 145 and 133 below rate 1/2 (S. Lin, D. J. Costello, "Error Control Coding")."""
-    pytest.importorskip("sionna")
-    code, draws = code_of(layout(code="conv", code_rate=rate)), np.random.default_rng(3)
-    info = draws.integers(256, size=(2, code.info_bytes), dtype=np.uint8)
-    tabled = (0o133, 0o171) if rate >= 0.5 else (0o171, 0o145, 0o133)
-    taps = [[int(bit) for bit in f"{one:07b}"] for one in tabled]
-    sent = [[np.convolve(np.unpackbits(one), tap) % 2 for tap in taps] for one in info]
-    whole = np.array(sent).transpose(0, 2, 1).reshape(2, -1)
-    words = code.encode(info)
-    assert (
-        words
-        == whole[
-            :, np.floor(np.arange(1728) * (whole.shape[1] / 1728) + 1e-9).astype(int)
-        ]
-    ).all()
-    llr = 8.0 * words.astype(np.float32) - 4
-    if rate == 0.5:  # at least 10 bits apart, so that any 4 wrong ones are corrected
-        llr[:, 200:204] *= -1
-    assert code.decode(llr) == [one.tobytes() for one in info]
 
 
 @pytest.mark.parametrize(

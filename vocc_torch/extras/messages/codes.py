@@ -15,9 +15,6 @@ Bytes = NDArray[np.uint8]
 ITERATIONS = 20
 """Of belief propagation."""
 
-MEMORY_BITS = 6
-"""Of the convolutional code."""
-
 ERASED = (0.0, 0.4, 0.8)
 """Shares of the check bytes that are spent on erasures, tried in turn where a word does not decode."""
 
@@ -129,7 +126,7 @@ class Ldpc:
 
     def __post_init__(self) -> None:
         """Make encoder and decoder."""
-        fec = sionna("ldpc")
+        fec = sionna()
         try:
             encoder = fec.LDPC5GEncoder(
                 8 * self.info_bytes, self.word_bits, device="cpu"
@@ -156,67 +153,18 @@ class Ldpc:
         return [word.tobytes() for word in np.packbits(bits, axis=1)]
 
 
-@dataclass(frozen=True)
-class Convolutional(Ldpc):
-    """A convolutional code of 64 states, brought back to the first, by Viterbi's algorithm; by Sionna.
-
-    A code of rate 1/2, below that of rate 1/3, is evenly punctured to the word's length; or some of its bits
-    are sent again.
-
-    Source: J. Hagenauer, "Rate-compatible punctured convolutional codes", IEEE Trans. Commun. 36(4), 1988.
-
-    Args:
-        word_bits: length of a word.
-        info_bytes: bytes of information.
-    """
-
-    sent_places: NDArray[np.int64] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        """Make encoder and decoder."""
-        fec, info = sionna("conv"), 8 * self.info_bytes + MEMORY_BITS
-        parts = 2 if 2 * info >= self.word_bits else 3
-        encoder = fec.ConvEncoder(
-            rate=1 / parts,
-            constraint_length=MEMORY_BITS + 1,
-            terminate=True,
-            device="cpu",
-        )
-        object.__setattr__(
-            self, "coders", (encoder, fec.ViterbiDecoder(encoder=encoder, device="cpu"))
-        )
-        object.__setattr__(
-            self,
-            "sent_places",
-            np.arange(self.word_bits) * parts * info // self.word_bits,
-        )
-
-    def encode(self, info: Bytes) -> Bytes:
-        """Encode bits, and leave some out."""
-        return super().encode(info)[:, self.sent_places]
-
-    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
-        """Decode words together; nothing is known of the bits that were left out."""
-        parts = len(self.coders[0].gen_poly)
-        depunctured = np.zeros(
-            (len(llr), parts * (8 * self.info_bytes + MEMORY_BITS)), dtype=np.float32
-        )
-        np.add.at(depunctured.T, self.sent_places, llr.T)
-        return super().decode(depunctured)
-
-
-def sionna(kind: str) -> Any:
-    """Import Sionna's codes of a kind, ldpc or conv.
+def sionna() -> Any:
+    """Import Sionna's LDPC codes.
 
     Raises:
         VoccError: it is not installed.
     """
     try:
-        return import_module(f"sionna.phy.fec.{kind}")
+        return import_module("sionna.phy.fec.ldpc")
     except ImportError:
         extra = "install the extra with pip install 'vocc-torch[ldpc]'"
         raise VoccError(
-            f"transmit.code is {kind}, which needs sionna-no-rt: {extra}, or give rs"
+            f"transmit.code is ldpc, which needs sionna-no-rt: {extra}, or give rs"
         ) from None
 
 
@@ -236,6 +184,4 @@ def code_of(layout: Layout) -> Code:
         )
     if options.code == "rs":
         return ReedSolomon(word_bytes, info_bytes)
-    return (Ldpc if options.code == "ldpc" else Convolutional)(
-        layout.word_bits, info_bytes
-    )
+    return Ldpc(layout.word_bits, info_bytes)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,6 @@ from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Training, calibrated_receiver
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
@@ -34,11 +33,9 @@ from vocc_torch.simulation.scene import narrowed
 
 
 class Variant(NamedTuple):
-    """What carries a message: a receiver, its soft values, whether packets are interleaved, and the code."""
+    """What carries a message: a receiver and a code."""
 
     receiver: str
-    soft: str
-    interleave: bool
     code: str
 
 
@@ -118,8 +115,7 @@ def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
         raise VoccError(
             f"receiver.names has {greyscale[0]}: it needs preambles, which messages do not send"
         )
-    names = product(plan.receiver.names, config.soft, config.interleave, config.codes)
-    return [Variant(*combination) for combination in names]
+    return [Variant(*pair) for pair in product(plan.receiver.names, config.codes)]
 
 
 def jobs_of(
@@ -170,10 +166,8 @@ def recorded(job: RecordingJob) -> RecordingResult:
     result = RecordingResult(len(film) / rate_hz)
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader, variants = next(iter(fronts.values())), variants_of(job.plan, config)
-    combiners = {
-        (variant.receiver, variant.soft): Combiner(base) for variant in variants
-    }
-    blocks: dict[tuple[str, str], list[Block]] = {of: [] for of in combiners}
+    combiners = {name: Combiner(base) for name in fronts}
+    blocks: dict[str, list[Block]] = {name: [] for name in fronts}
     wrong = dict.fromkeys(fronts, 0)
     for part in filmed(job, film, key):
         count = len(part.symbols)
@@ -189,16 +183,15 @@ def recorded(job: RecordingJob) -> RecordingResult:
                 wrong[name] += int(
                     ((front.values(*reading, "hard") >= 0) != truth).sum()
                 )
-                for soft in config.soft:
-                    values = front.values(*reading, soft)
-                    blocks[name, soft] += combiners[name, soft].push(values, stamps)
-    for of, combiner in combiners.items():
-        blocks[of] += combiner.finish()
+                values = front.values(*reading, "scores")
+                blocks[name] += combiners[name].push(values, stamps)
+    for name, combiner in combiners.items():
+        blocks[name] += combiner.finish()
     result.wrong = {
         name: (errors, result.frames * shape.leds) for name, errors in wrong.items()
     }
     for variant in variants:
-        decode(result, variant, blocks[variant.receiver, variant.soft], job, shown, key)
+        decode(result, variant, blocks[variant.receiver], job, shown, key)
     return result
 
 
@@ -243,7 +236,7 @@ def decode(
     key: BlockKey,
 ) -> None:
     """Note which packets of a code arrive where every block shows ``shown``."""
-    options = job.config.options(variant.code, variant.interleave)
+    options = job.config.options(variant.code)
     layout = Layout(MessagePlan(job.plan.world.panel.shape, options))
     code = code_of(layout)
     text = key.generator("text").bytes(layout.packets * payload_bytes(code.info_bytes))
@@ -305,8 +298,7 @@ class Carried:
     @property
     def name(self) -> str:
         """What carried it, in words."""
-        receiver, soft, interleave, code = self.variant
-        return f"{receiver} {soft} {code}" + " not interleaved" * (not interleave)
+        return " ".join(self.variant)
 
 
 def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
@@ -334,7 +326,7 @@ def carried(
     """Put the recordings of a point together."""
     first = results[0]
     for variant, sent in first.sent.items():
-        options = config.options(variant.code, variant.interleave)
+        options = config.options(variant.code)
         code = code_of(Layout(MessagePlan(plan.world.panel.shape, options)))
         kbit_s = 8e-3 * payload_bytes(code.info_bytes) * sent / first.seconds
         lost = tuple(result.lost[variant] for result in results)
@@ -347,21 +339,3 @@ def carried(
         yield Carried(
             place, variant, counted(lost, sent), raw, lost, kbit_s, frames, false
         )
-
-
-def pairs(
-    results: Sequence[Carried],
-) -> Iterator[tuple[Carried, Carried, PairedCounts]]:
-    """Compare what differs in one thing alone, on the same recordings: first less second."""
-    for a, b in combinations(results, 2):
-        unlike = [x != y for x, y in zip(a.variant, b.variant, strict=True)]
-        if a.place != b.place or sum(unlike) != 1:
-            continue
-        apart = [2 * (x - y) for x, y in zip(a.lost_each, b.lost_each, strict=True)]
-        counts = []
-        for side in (
-            [step for step in apart if step > 0],
-            [-step for step in apart if step < 0],
-        ):
-            counts += [sum(side), sum(step * step for step in side), len(side)]
-        yield a, b, PairedCounts(a.lost.frames, a.lost.bits, *counts)

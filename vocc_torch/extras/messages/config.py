@@ -156,9 +156,7 @@ class MessagesConfig:
         ratio: frames of the camera a symbol, 1.5 to 100, ascending; none leaves the axis out.
         at_distance_m: the distance where something else is varied, m.
         at_ratio: the ratio where something else is varied.
-        codes: those compared: ``none``, or rs, ldpc or conv with a rate, such as ldpc-0.5.
-        soft: soft values compared: some of ``scores``, ``calibrated`` and ``hard``.
-        interleave: whether packets are interleaved: [true], [false] or both, to compare.
+        codes: those compared: ``none``, or rs or ldpc with a rate, such as ldpc-0.5.
         recordings: recordings of a point, each of a scene of its own, at least 2.
         blocks: blocks in a recording, 1 to 1000.
         signalling: how symbols are written, but for the code.
@@ -174,8 +172,6 @@ class MessagesConfig:
     at_distance_m: float = 80.0
     at_ratio: float = 2.4
     codes: list[str] = field(default_factory=lambda: ["ldpc-0.7"])
-    soft: list[str] = field(default_factory=lambda: ["scores"])
-    interleave: list[bool] = field(default_factory=lambda: [True])
     recordings: int = 6
     blocks: int = 1
     signalling: Signalling = field(default_factory=Signalling)
@@ -199,42 +195,28 @@ class MessagesConfig:
             raise VoccError(
                 "messages varies nothing: give values of messages.distance_m, ambient_lx or ratio"
             )
-        for name, known in (
-            ("soft", SOFT),
-            ("interleave", (True, False)),
-            ("codes", None),
-        ):
-            setting = getattr(self, name)
-            if (
-                not setting
-                or len({*setting}) < len(setting)
-                or (known and not {*setting} <= {*known})
-            ):
-                rule = (
-                    f"some of {', '.join(map(str, known))}, each once"
-                    if known
-                    else "codes, each once"
-                )
-                raise VoccError.of(f"messages.{name}", setting, rule)
+        if not self.codes or len({*self.codes}) < len(self.codes):
+            raise VoccError.of("messages.codes", self.codes, "codes, each once")
         for code in self.codes:
             self.options(code)
         whole_number("messages.recordings", self.recordings, 2, 100_000)
         whole_number("messages.blocks", self.blocks, 1, 1000)
 
-    def options(self, code: str, interleave: bool = True) -> Signalling:
+    def options(self, code: str) -> Signalling:
         """Give how a code's packets are written.
 
         Raises:
             VoccError: another word than a code with its rate.
         """
-        if not (found := re.fullmatch(r"none|(rs|ldpc|conv)-(0?\.\d*[1-9]\d*)", code)):
-            rule = "none, or rs, ldpc or conv with a rate above 0 and below 1, such as ldpc-0.5"
+        if not (found := re.fullmatch(r"none|(rs|ldpc)-(0?\.\d*[1-9]\d*)", code)):
+            rule = (
+                "none, or rs or ldpc with a rate above 0 and below 1, such as ldpc-0.5"
+            )
             raise VoccError.of("messages.codes", repr(code), rule, "has")
         rate, name = float(found[2] or 0.5), found[1] or "none"
         return replace(
             self.signalling,
             code=name,
             code_rate=rate,
-            interleave=interleave,
             scramble=True,
         )

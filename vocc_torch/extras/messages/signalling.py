@@ -10,7 +10,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number, whole_numbe
 from vocc_torch.hardware import PanelShape
 from vocc_torch.yaml_text import read_yaml
 
-CODES = ("rs", "ldpc", "conv", "none")
+CODES = ("rs", "ldpc", "none")
 ORDERS = {32: 5, 64: 6, 128: 7, 256: 8}
 """Symbols of a block, and how many sync bits in a row tell where in the block they stand."""
 
@@ -23,8 +23,8 @@ class Signalling:
 
     Args:
         symbol_rate_hz: symbols a second, above 0 to 1e6.
-        code: ``rs`` (Reed-Solomon, by reedsolo), ``ldpc`` (5G LDPC) or ``conv`` (convolutional), both by
-            sionna-no-rt, which takes soft values, or ``none``.
+        code: ``rs`` (Reed-Solomon, by reedsolo), ``ldpc`` (5G LDPC on soft values, by sionna-no-rt) or
+            ``none``.
         code_rate: share of a packet's code word that is information, above 0 and below 1; with ``none`` it
             has no effect.
         block_symbols: symbols in a block, over which packets are interleaved: 32, 64, 128 or 256.
