@@ -1,11 +1,11 @@
 """Attack the command line: each attempt is answered or refused in one line, and the rest of the disk stays.
 
     python benchmarks/attack.py                           # every family, an hour or two
-    python benchmarks/attack.py pictures names --share 0.1  # a tenth of two of them
+    python benchmarks/attack.py pictures=0.1 names  # a tenth of one family, and another whole
 
 An attempt is wrong where it ends in a traceback, takes more than a minute or 6 GB, ends well with other
 numbers than an undisturbed run, leaves temporary files, or touches a file outside ``runs/``. The counts go
-to ``docs/results/attack.csv``, those of whole families.
+to ``docs/results/attack.csv``, each with the share of the family that was drawn.
 """
 
 import argparse
@@ -473,11 +473,15 @@ class Attacks:
             "${oc.env:HOME}",
             OPEN,
             [OPEN],
+            {"a": [{"b": ORDER}]},
+            {"_partial_": True, **OPEN},
+            {"_args_": ["x"]},
             None,
             -1,
             DIGITS,
             [],
             {},
+            10**6,
             2**70,
         ):
             for place, other in changed(settings, odd):
@@ -800,17 +804,18 @@ FAMILIES += " disk_full configuration yaml python"
 ENDS = ("answered", "refused", "wrong")
 
 
-def keep(counts: dict[str, Counter[str]]) -> None:
-    """Write the counts of whole families in their places among those of earlier runs."""
+def keep(counts: dict[str, Counter[str]], shares: dict[str, float]) -> None:
+    """Write the counts of families in their places among those of earlier runs."""
     path, rows = ROOT / "docs" / "results" / "attack.csv", {}
     if path.exists():
         with path.open(newline="") as file:
             rows = {row[0]: row for row in csv.reader(file)}
     for family, count in counts.items():
-        rows[family] = [family, str(count.total()), *(str(count[end]) for end in ENDS)]
+        numbers = (shares[family], count.total(), *(count[end] for end in ENDS))
+        rows[family] = [family, *map(str, numbers)]
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["family", "tried", *ENDS])
+        writer.writerow(["family", "share", "tried", *ENDS])
         writer.writerows(rows[name] for name in FAMILIES.split() if name in rows)
 
 
@@ -818,11 +823,14 @@ def main() -> int:
     """Attack, print what is wrong and write the counts; status 1 where anything is wrong."""
     kind = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=kind)
-    parser.add_argument("families", nargs="*", help=f"of {FAMILIES}; all by default")
-    parser.add_argument("--share", type=float, default=1.0, help="of each family")
+    parser.add_argument(
+        "families", nargs="*", help=f"FAMILY or FAMILY=SHARE, of {FAMILIES}"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    if stray := {*options.families} - {*FAMILIES.split()}:
+    drawn = [word.partition("=") for word in options.families or FAMILIES.split()]
+    shares = {family: float(share or 1) for family, _, share in drawn}
+    if stray := {*shares} - {*FAMILIES.split()}:
         parser.error(f"no such family: {', '.join(stray)}")
     torch.set_num_threads(1)
     counts: dict[str, Counter[str]] = {}
@@ -831,18 +839,18 @@ def main() -> int:
         place.mkdir()
         attacks = Attacks(options.seed, Path(folder) / "undisturbed")
         draw = random.Random(options.seed)
-        for family in options.families or FAMILIES.split():
-            counts[family] = Counter()
+        for family, share in shares.items():
+            count = Counter[str]()
             for attempt in getattr(attacks, family)():
-                if draw.random() >= options.share:
+                if draw.random() >= share:
                     continue
                 end, why = judged(attempt, place)
-                counts[family][end] += 1
+                count[end] += 1
                 if end == "wrong":
                     print(f"wrong: {family}, {attempt.name}: {why}", flush=True)
-            print(family, dict(counts[family]), flush=True)
-    if options.share == 1:
-        keep(counts)
+            print(family, dict(count), flush=True)
+            counts[family] = count
+            keep({family: count}, shares)
     return int(any(count["wrong"] for count in counts.values()))
 
 

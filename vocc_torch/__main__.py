@@ -6,6 +6,7 @@ import sys
 from importlib.metadata import version
 
 from vocc_torch import __version__
+from vocc_torch.errors import stdout_refusal
 
 
 def stop(*_: object) -> None:
@@ -29,13 +30,35 @@ def open_streams() -> None:
 def main() -> None:
     """Run the command line; Ctrl-C ends it in one line, also while it loads and while it ends."""
     open_streams()
+    try:
+        if (status := answer()) == 0:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        status = 1
+    except OSError as error:
+        if not (refused := stdout_refusal(error)):
+            raise
+        os.write(2, f"vocc-torch: error: {refused}\n".encode())
+        status = 2
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            # A full disk, or a reader that has gone: Python would try once more and say so loudly.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            status = status or 2
+    sys.exit(status)
+
+
+def answer() -> int:
+    """Answer the process's arguments and give the exit status."""
     if "--version" in sys.argv[1:]:
         print(f"vocc-torch {__version__}, hydra-core {version('hydra-core')}")
-        return
+        return 0
     if sys.argv[1:] == ["doctor"]:
         from vocc_torch.app.doctor import run_doctor
 
-        sys.exit(run_doctor())
+        return run_doctor()
     # Threads that wait for each other sleep, where they would spin beside other work; torch reads it once.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("KMP_BLOCKTIME", "0")
@@ -50,14 +73,7 @@ def main() -> None:
     except KeyboardInterrupt:
         stop()
     signal.signal(signal.SIGINT, loading)
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except OSError:
-            # A full disk, or a reader that has gone: Python would try once more and say so loudly.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-            status = status or 2
-    sys.exit(status)
+    return status
 
 
 if __name__ == "__main__":

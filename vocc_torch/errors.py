@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
@@ -37,6 +38,20 @@ class VoccError(ValueError):
         error = cls(f"{key} {verb} {value}: it must be {rule}")
         error.value, error.rule = value, rule
         return error
+
+
+def stdout_refusal(error: OSError) -> str:
+    """Say that standard output cannot be written, where that is what ended the work; empty otherwise.
+
+    Args:
+        error: what the system said. It names no file, and an empty line fails as well.
+    """
+    try:
+        if error.filename is None:
+            print(flush=True)
+    except OSError as again:
+        return f"standard output cannot be written: {again.strerror or again}"
+    return ""
 
 
 @contextmanager

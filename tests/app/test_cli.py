@@ -208,6 +208,23 @@ def test_a_mistake_is_one_line_and_leaves_nothing(app, tmp_path, words, parts):
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full device here")
+@pytest.mark.parametrize("words", ["--version", "task=transmit input=a.txt name=x"])
+def test_a_full_disk_behind_standard_output_is_told_of(tmp_path, words):
+    """What is refused is not the run's folder."""
+    (tmp_path / "a.txt").write_text("a message")
+    done = subprocess.run(
+        f"{sys.executable} -m vocc_torch {words} > /dev/full",
+        shell=True,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    rule = "standard output cannot be written: No space left on device"
+    assert done.stderr == f"vocc-torch: error: {rule}\n"
+    assert done.returncode == 2
+
+
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_stream_that_is_closed_takes_no_file_s_place(tmp_path, closed):
     """What is written to a stream that was closed goes nowhere."""

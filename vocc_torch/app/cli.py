@@ -28,7 +28,7 @@ from vocc_torch.app.jobs import (
     write_down,
 )
 from vocc_torch.app.resolve import refusal, resolved
-from vocc_torch.errors import VoccError, printable, shown
+from vocc_torch.errors import VoccError, printable, shown, stdout_refusal
 from vocc_torch.files import UNFINISHED, locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
 
@@ -132,7 +132,8 @@ def discard_if_empty(folder: Path) -> None:
 def complaint_of(error: Exception, folder: Path) -> str | None:
     """Say what ended a job, if it is the user's or the machine's."""
     if isinstance(error, OSError):
-        return f"{error.filename or folder}: {error.strerror or error}"
+        place = error.filename or folder
+        return stdout_refusal(error) or f"{place}: {error.strerror or error}"
     if isinstance(error, UnicodeEncodeError):
         return f"{shown(error.object)} cannot be written as {error.encoding}: give the file another name"
     if isinstance(error, MemoryError) or (
@@ -154,11 +155,11 @@ def run_job(config: DictConfig, jobs: Jobs, heard: Sequence[int] = ()) -> None:
         Path(about.runtime.output_dir),
     )
     jobs.begun(number, folder)
-    if one_of_many:
-        heading = " ".join(words)
-        print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
-    trace, mine = "", False
+    trace, mine, heading = "", False, " ".join(words)
     try:
+        if one_of_many:
+            heading = heading if jobs.elsewhere else f"\njob {number}: {heading}"
+            print(heading, flush=True)
         with locked(folder):
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))

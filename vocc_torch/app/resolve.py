@@ -23,7 +23,7 @@ from vocc_torch.app.config import (
     passes_over,
     schema,
 )
-from vocc_torch.errors import VoccError, section, shown
+from vocc_torch.errors import VoccError, section, shown, stdout_refusal
 from vocc_torch.files import VIDEO_SUFFIXES
 from vocc_torch.measure.schema import refuse_shadowed, unknown_key
 
@@ -350,6 +350,8 @@ def refusal(error: Exception, arguments: Sequence[str]) -> str | None:
         longest = max((word.partition("=")[0] for word in arguments), key=len)
         return f"{shown(longest)} has {len(longest)} letters: it is no known key"
     if isinstance(error, OSError):
+        if refused := stdout_refusal(error):
+            return refused
         where = f" {error.filename}" if error.filename else ""
         return f"cannot make the run's folder{where} ({error.strerror}): choose another with name="
     return None

@@ -17,6 +17,8 @@ FORMAT = "vocc_torch.receiver"
 FORMAT_VERSION = 3
 MOST_BYTES = 1 << 26
 """Most bytes of a model's file; the networks that ship take less than one in a hundred."""
+MOST_VALUES = 1 << 20
+"""Most values of a JSON text, each of which takes up to 100 bytes of memory."""
 _READABLE = (1, 2, FORMAT_VERSION)
 """Versions 1 and 2 wrote arrays as lists of numbers."""
 _DTYPES = ("float64", "float32", "float16", "int64", "uint8", "bool")
@@ -93,7 +95,7 @@ def read_model(
     if not path.exists():
         raise VoccError(f"{what} {path} does not exist: give {wanted}")
     try:
-        content = json.loads(read_file(path, what, MOST_BYTES))
+        content = parse_json(read_file(path, what, MOST_BYTES))
         fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)
     except VoccError as error:
         raise VoccError(f"{error}: give {wanted}") from None
@@ -120,6 +122,17 @@ def read_model(
         raise VoccError(
             f"{what} {path} is damaged ({type(error).__name__}): train it again"
         ) from None
+
+
+def parse_json(text: bytes) -> Any:
+    """Read JSON text of at most 2^20 values.
+
+    Raises:
+        ValueError: more values, or no JSON.
+    """
+    if sum(map(text.count, (b",", b"[", b"{"))) > MOST_VALUES:
+        raise ValueError(f"more than {MOST_VALUES} values")
+    return json.loads(text)
 
 
 def array_of(array: Mapping[str, Any]) -> torch.Tensor:

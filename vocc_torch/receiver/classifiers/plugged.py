@@ -2,10 +2,8 @@
 
 import inspect
 import random
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from io import BytesIO
 from typing import Any, cast
 
 import numpy as np
@@ -15,16 +13,13 @@ from torch import nn
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers import adapters
+from vocc_torch.receiver.classifiers.estimator_file import TRUSTED, skops_io, unpacked
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.receiver.model_file import MOST_BYTES
 
 SKOPS = "skops"
 """The name under which an estimator's file, made by skops, stands among the arrays."""
-
-TRUSTED = ("sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",)
-"""Classes of estimators that ship, arrays alone, which skops does not trust by itself."""
 
 SHIPPED = tuple(
     f"vocc_torch.receiver.classifiers.{kind}"
@@ -133,7 +128,7 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
     """
     classifier: Any = guarded.classifier
     if isinstance(classifier, adapters.SklearnClassifier):
-        io, release = _skops(guarded.name)
+        io, release = skops_io(guarded.name)
         packed = io.dumps(classifier.estimator)
         return {"release": release}, {
             SKOPS: torch.frombuffer(bytearray(packed), dtype=torch.uint8)
@@ -207,26 +202,24 @@ def restored(
     """
     try:
         if SKOPS in arrays:
-            io, release = _skops(plug_in.name)
+            io, release = skops_io(plug_in.name)
             if values["release"] != release:
                 raise VoccError(
                     f"scikit-learn was {values['release']} and is {release}: train it again"
                 )
-            packed = arrays[SKOPS].numpy().tobytes()
-            parts = zipfile.ZipFile(BytesIO(packed)).infolist()
-            if (size := sum(part.file_size for part in parts)) > MOST_BYTES:
-                raise VoccError(f"it unpacks to {size} bytes, at most {MOST_BYTES}")
             # Of the classes that skops does not know, those of the file that the user named.
             kind_text = ""
             if plug_in.file is not None:
                 plug_in.file.module()
                 kind_text = f"{plug_in.file.module_name}."
-            trusted = [
-                name
-                for name in io.get_untrusted_types(data=packed)
-                if name in TRUSTED or (kind_text and name.startswith(kind_text))
-            ]
-            estimator = adapters.SklearnClassifier(io.loads(packed, trusted=trusted))
+
+            def trusts(name: str) -> bool:
+                return name in TRUSTED or (
+                    kind_text != "" and name.startswith(kind_text)
+                )
+
+            packed = arrays[SKOPS].numpy().tobytes()
+            estimator = adapters.SklearnClassifier(unpacked(packed, io, trusts))
             return Guarded(plug_in.name, estimator, inputs, plug_in)
         guarded = classifier_of(plug_in, inputs)
         classifier: Any = guarded.classifier
@@ -248,18 +241,6 @@ def restored(
         raise VoccError(
             f"classifier {plug_in.name} cannot take up what it learned ({reason})"
         ) from error
-
-
-def _skops(name: str) -> tuple[Any, str]:
-    """Import skops.io, which is an extra, and give scikit-learn's release."""
-    try:
-        import skops.io
-    except ImportError:
-        extra = "pip install 'vocc-torch[classifiers]' to keep it"
-        raise VoccError(f"classifier {name} is an estimator: {extra}") from None
-    import sklearn
-
-    return skops.io, str(sklearn.__version__)
 
 
 def loaded(
