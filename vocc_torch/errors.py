@@ -2,7 +2,6 @@
 
 import difflib
 import math
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real

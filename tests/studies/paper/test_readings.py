@@ -1,11 +1,12 @@
 """Readings as data: what ships, a user's own file, and what is refused."""
 
 import pytest
+from composing import composed
 from paper_runs import run_in
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import LedPanel
-from vocc_torch.studies.paper.readings import parsed, with_value
+from vocc_torch.studies.paper.readings import load_readings, parsed, with_value
 
 ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
 
@@ -31,6 +32,10 @@ ASK = ("task=figures", "figures.names=[fig22]", "name=refused")
             "[typo.yaml]",
             "figures.readings.mine.camera.focal_mm is unknown at focal_mm: it must be focal_length_mm",
         ),
+        (
+            "[laughs.yaml]",
+            "figures.readings: laughs.yaml cannot be read: it has an alias",
+        ),
         ("[far.yaml]", "figures.readings.mine.panel.board_reflectance is 7"),
     ],
 )
@@ -40,6 +45,7 @@ def test_a_reading_that_cannot_be_used_is_refused_in_one_line(
     (tmp_path / "odd.yaml").write_text("- 1\n")
     (tmp_path / "seed.yaml").write_text("mine: {why: w, set: {seed: 1}}\n")
     (tmp_path / "typo.yaml").write_text("mine: {why: w, set: {camera.focal_mm: 25}}\n")
+    (tmp_path / "laughs.yaml").write_text("a: &a [x]\nb: [*a, *a]\n")
     (tmp_path / "far.yaml").write_text(
         "mine: {why: w, set: {panel.board_reflectance: 7}}\n"
     )
@@ -67,3 +73,17 @@ def test_a_key_is_set_in_dataclasses_and_mappings_and_the_old_value_stays():
 def test_a_name_that_is_no_word_is_refused():
     with pytest.raises(VoccError, match="a word of letters"):
         parsed("'a/b': {why: w, set: {}}", "mine.yaml")
+
+
+def test_a_reading_of_an_effect_applies_where_the_scene_has_it(tmp_path):
+    settings = composed(*ASK[:2])
+    (pixels,) = load_readings(["pixels"], settings, tmp_path)
+    assert pixels.plan.world.effects["blooming"]["reach_sigmas"] == 2
+    without = with_value(settings, "scene.effects", {})
+    (pixels,) = load_readings(["pixels"], without, tmp_path)
+    assert "blooming" not in pixels.plan.world.effects
+    (tmp_path / "typo.yaml").write_text(
+        "mine: {why: w, set: {scene.effects.bloming.sigma_px: 1}}\n"
+    )
+    with pytest.raises(VoccError, match="unknown at bloming"):
+        load_readings([str(tmp_path / "typo.yaml")], without, tmp_path)

@@ -6,12 +6,12 @@ from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from vocc_torch.errors import VoccError, section
 from vocc_torch.files import read_file
 from vocc_torch.measure import build, config
 from vocc_torch.measure.plan import Plan
+from vocc_torch.simulation.effects import PHYSICAL_ORDER
+from vocc_torch.yaml_text import parse_yaml
 
 SECTIONS = ("scene", "camera", "panel", "receiver")
 """Parts of the configuration that a reading may set."""
@@ -78,13 +78,21 @@ def load_readings(
                         repr(key),
                         f"one that begins with {', '.join(SECTIONS)}",
                     )
-                changed = with_value(changed, key, value)
+                if not of_absent_effect(settings, key):
+                    changed = with_value(changed, key, value)
             readings.append(
                 Reading(
                     name, entry["set"], entry["why"], build.build_plan(changed, folder)
                 )
             )
     return tuple(readings)
+
+
+def of_absent_effect(settings: config.Settings, key: str) -> bool:
+    """Whether a key belongs to an effect that the scene does not name: there is nothing to read."""
+    effect = key.removeprefix("scene.effects.").partition(".")[0]
+    known = {kind.name for kind in PHYSICAL_ORDER}
+    return effect in known - {*settings.scene.effects}
 
 
 def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
@@ -97,10 +105,7 @@ def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
         >>> parsed("far: {why: no text, set: {camera.focal_length_mm: 50}}", "mine.yaml")
         {'far': {'why': 'no text', 'set': {'camera.focal_length_mm': 50}}}
     """
-    try:
-        entries = yaml.safe_load(text)
-    except yaml.YAMLError:
-        entries = None
+    entries = parse_yaml(text, f"figures.readings: {path}")
     for name, entry in (
         entries.items() if isinstance(entries, dict) and entries else [(path, None)]
     ):
