@@ -244,7 +244,7 @@ def link(settings: Settings) -> Iterator[Row]:
             {"link": whole} | stages, settings.rounds, torch.device(device)
         )
         for name, timing in times.items():
-            rate = batch / median_of(timing.seconds).value
+            rate = batch / median_of(timing).value
             about = {"what": name, "device": device, "batch": batch}
             yield about | {"value": f"{rate:.5g}", "unit": "frames/s"}
             if device == "cuda" and name != "link":
@@ -305,7 +305,7 @@ def receiver(settings: Settings) -> Iterator[Row]:
     except ImportError as error:
         yield {"what": "OpenCV", "value": NOT_MEASURED, "note": one_line(error)}
     times = interleaved(calls, settings.rounds, torch.device(settings.device))
-    spent = {name: median_of(one.seconds).value for name, one in times.items()}
+    spent = {name: median_of(one).value for name, one in times.items()}
     bandwidth = 2 * settings.copied_bytes / spent.pop("memory")
     yield {"what": "memory", "value": f"{bandwidth / 1e9:.4g}", "unit": "GB/s"}
     for name, seconds in spent.items():
@@ -362,7 +362,7 @@ def training(settings: Settings) -> Iterator[Row]:
             optimiser.step()
 
         times = interleaved({name: step}, settings.rounds, device)
-        rate = settings.crops / median_of(times[name].seconds).value
+        rate = settings.crops / median_of(times[name]).value
         about = {"what": name, "batch": settings.crops}
         yield about | {"value": f"{rate:.5g}", "unit": "crops/s"}
 
@@ -405,7 +405,7 @@ def compiled(settings: Settings) -> Iterator[Row]:
         torch.device(settings.device),
     )
     for name, timing in times.items():
-        spent = f"{1e3 * median_of(timing.seconds).value:.4g}"
+        spent = f"{1e3 * median_of(timing).value:.4g}"
         about = {"what": name, "batch": settings.middle_batch}
         yield about | {"value": spent, "unit": "ms"}
 

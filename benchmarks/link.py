@@ -150,7 +150,7 @@ def main() -> None:
     }
     timed = interleaved(calls, args.rounds, torch.device("cpu"))
     spent_s = {
-        name: [seconds / programs[name][0] for seconds in timing.seconds]
+        name: [seconds / programs[name][0] for seconds in timing]
         for name, timing in timed.items()
     }
     for batch in (64, 256):

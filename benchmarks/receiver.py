@@ -123,7 +123,7 @@ def main() -> None:
     named = {str(number): call for number, call in enumerate(calls.values())}
     timed = interleaved(named, args.rounds, torch.device("cpu"), clock=clock)
     medians = {
-        key: median_of([1e3 * seconds / len(grey) for seconds in timing.seconds])
+        key: median_of([1e3 * seconds / len(grey) for seconds in timing])
         for key, timing in zip(calls, timed.values(), strict=True)
     }
     opencv_ms = medians["OpenCV", 1, "all"].value

@@ -18,7 +18,7 @@ from one_point import banks
 from vocc_torch import plugins
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import executors
-from vocc_torch.measure.executors import Pool, Workers, about_run, called
+from vocc_torch.measure.executors import WorkerPool, Workers, about_run, called
 from vocc_torch.measure.plan import Experiment, resolve_device
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import Study, measured, run_studies
@@ -346,7 +346,7 @@ def pool_here(slots=2, lost=None, ended=None):
             future.set_exception(lost)
         return future
 
-    return Pool(submit, lambda: slots, lambda at_once: ended and ended(at_once))
+    return WorkerPool(submit, lambda: slots, lambda at_once: ended and ended(at_once))
 
 
 def test_unasked_it_begins_here_and_takes_processes(monkeypatch):

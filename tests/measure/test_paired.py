@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 
 BITS = 64
@@ -22,22 +21,6 @@ def of_differences(bits_apart, bits=BITS):
         for value in (side.sum(), (side**2).sum(), (side > 0).sum())
     ]
     return PairedCounts(len(halves), bits * len(halves), *sums)
-
-
-@pytest.mark.parametrize(
-    ("numbers", "named"),
-    [
-        ((-1,), r"frames is -1"),
-        ((2, 128.0), r"bits is 128.0"),
-        ((1, 64, 2, 0, 1), r"a worse: counts.half_errors_squared is 0"),
-        ((1, 64, 0, 0, 0, 0, 0, 1), r"b worse: counts.frame_errors is 1"),
-        ((1, 4, 0, 0, 0, 9, 81, 1), r"half_errors is 9"),
-        ((1, 64, 2, 4, 1, 2, 4, 1), r"a_worse \+ b_worse is 2"),
-    ],
-)
-def test_impossible_counts_are_refused_by_name(numbers, named):
-    with pytest.raises(VoccError, match=rf"^paired.*{named}"):
-        PairedCounts(*numbers)
 
 
 # Coverage. Each case draws (studies, frames) differences in bits and has the mean it was made for.

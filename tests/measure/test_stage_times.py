@@ -5,7 +5,7 @@ import itertools
 import pytest
 import torch
 
-from vocc_torch.measure import link, stage_times, timing
+from vocc_torch.measure import link, stage_times
 from vocc_torch.measure.stage_times import STAGES, Exposure
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
@@ -79,7 +79,7 @@ def recorded(make_plan):
             call()
             number = next(numbers)
             made[number] = tuple(log)
-            timed[name] = timing.Timing((float(number),) * repeats)
+            timed[name] = (float(number),) * repeats
         return timed
 
     with pytest.MonkeyPatch.context() as patch:

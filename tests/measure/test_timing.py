@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.measure import timing
-from vocc_torch.measure.timing import Timing, describe_machine, interleaved, median_of
+from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 
 CPU, CUDA = torch.device("cpu"), torch.device("cuda")
 
@@ -68,7 +68,7 @@ def test_the_device_is_waited_for_within_the_time_and_only_for_the_call(
     world.queued = 1000.0  # somebody else's work
     calls = {"a": world.queue("a", 2.0), "b": world.queue("b", 30.0)}
     timed = interleaved(calls, 2, CUDA, warm_up=0, clock=world.clock)
-    assert timed == {"a": Timing((2.0, 2.0)), "b": Timing((30.0, 30.0))}
+    assert timed == {"a": (2.0, 2.0), "b": (30.0, 30.0)}
     assert world.queued == 0
 
 

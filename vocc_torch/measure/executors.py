@@ -39,7 +39,7 @@ KINDS = ("auto", "here", "processes", *CLUSTERS)
 
 
 @dataclass(frozen=True)
-class Limits:
+class WorkerLimits:
     """Numbers of workers and waiting times."""
 
     most_workers: int = 256  # more processes than any machine's cores
@@ -51,10 +51,10 @@ class Limits:
     tries: int = 3  # how often a cluster makes a call whose node was lost
 
 
-LIMITS = Limits()
+LIMITS = WorkerLimits()
 
 
-class Pool(NamedTuple):
+class WorkerPool(NamedTuple):
     """What makes calls elsewhere.
 
     Args:
@@ -111,7 +111,7 @@ class Workers:
         waits = count is None and self.count > 1
         self._patience_s = LIMITS.patience_s if waits else math.inf
         self._here = kind == "here" or (kind == "auto" and (self.count == 1 or waits))
-        self._pool: Pool | None = None
+        self._pool: WorkerPool | None = None
         self._packed: tuple[object, bytes] = (None, b"")
 
     @classmethod
@@ -171,7 +171,7 @@ class Workers:
         except futures.BrokenExecutor as error:
             raise _lost(error) from error
 
-    def _opened(self) -> Pool:
+    def _opened(self) -> WorkerPool:
         if self._pool is None:
             if self._kind in CLUSTERS:
                 self._pool = _joined(self._kind, self._address)
@@ -227,7 +227,7 @@ def _lost(error: BaseException) -> BaseException:
     return error
 
 
-def process_pool(count: int) -> Pool:
+def process_pool(count: int) -> WorkerPool:
     """Give processes of this machine with one thread each, which end when this process does."""
     # Forking a process in which torch has started threads can hang the child.
     context = multiprocessing.get_context("spawn")
@@ -244,7 +244,7 @@ def process_pool(count: int) -> Pool:
             process.terminate()
         executor.shutdown(cancel_futures=True)
 
-    return Pool(submit, lambda: count, end)
+    return WorkerPool(submit, lambda: count, end)
 
 
 @contextmanager
@@ -275,7 +275,7 @@ def _begin(files: dict[str, str]) -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _joined(kind: str, address: str) -> Pool:
+def _joined(kind: str, address: str) -> WorkerPool:
     """Join a cluster, or say in one line why it cannot be joined."""
     try:
         package = importlib.import_module(CLUSTERS[kind])
@@ -288,7 +288,7 @@ def _joined(kind: str, address: str) -> Pool:
         raise VoccError(f"{refusal} ({plugins.one_line(error)[:160]})") from error
 
 
-def ray_pool(ray: Any, address: str) -> Pool:
+def ray_pool(ray: Any, address: str) -> WorkerPool:
     """Join a Ray cluster: a call is a task of one CPU, handed out again where its node is lost.
 
     Args:
@@ -306,12 +306,12 @@ def ray_pool(ray: Any, address: str) -> Pool:
     def slots() -> int:
         return int(ray.cluster_resources().get("CPU", 0)) or 1
 
-    return Pool(
+    return WorkerPool(
         lambda *packed: task.remote(*packed).future(), slots, lambda _: ray.shutdown()
     )
 
 
-def dask_pool(distributed: Any, address: str) -> Pool:
+def dask_pool(distributed: Any, address: str) -> WorkerPool:
     """Join a Dask scheduler, which hands a call out again where its worker is lost.
 
     Args:
@@ -325,7 +325,7 @@ def dask_pool(distributed: Any, address: str) -> Pool:
         executor.shutdown(wait=False)
         client.close()
 
-    return Pool(
+    return WorkerPool(
         functools.partial(executor.submit, called),
         lambda: sum(client.nthreads().values()) or 1,
         end,

@@ -14,8 +14,6 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import (
     CONFIDENCE,
     Estimate,
-    all_pairs,
-    joint_confidence,
 )
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 
@@ -248,13 +246,6 @@ class FrameErrors:
             confidence: of the interval, above 0, below 1.
         """
         return paired_interval(self.paired(a, b), confidence)
-
-    def surely_worse(self, a: int, b: int) -> bool:
-        """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
-        return (
-            self.compared(a, b, joint_confidence(all_pairs(len(self.half_errors)))).low
-            > 0
-        )
 
 
 def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -40,9 +40,6 @@ class PairedCounts(Tally):
         b_excess_squared: sum of their squares, a frame at a time.
         b_worse: frames where b had more.
 
-    Raises:
-        VoccError: a count is not an integer, is below 0, or contradicts another.
-
     Example:
         >>> paired = PairedCounts(frames=64, bits=4096, a_excess=6, a_excess_squared=20, a_worse=2)
         >>> total = sum([paired, paired.swapped()], PairedCounts())
@@ -57,32 +54,12 @@ class PairedCounts(Tally):
     b_excess_squared: int = 0
     b_worse: int = 0
 
-    def __post_init__(self) -> None:
-        """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
-        frames, bits, *sides = self.numbers
-        # In less than half the time of what tells of them: a block of frames may have a thousand of these.
-        whole_numbers = all(type(number) is int for number in self.numbers)
-        possible = (
-            whole_numbers
-            and _possible(frames, bits, *sides[:3])
-            and _possible(frames, bits, *sides[3:])
-        )
-        if possible and self.discordant <= frames:
-            return
-        for side in ("a", "b"):
-            try:
-                self.side(side)
-            except VoccError as error:
-                raise VoccError(f"paired, {side} worse: {error}") from None
-        if self.discordant > self.frames:
-            raise VoccError.of(
-                "paired.a_worse + b_worse",
-                self.discordant,
-                f"at most {self.frames} (frames)",
-            )
-
     def side(self, side: str) -> Counts:
-        """The excess of receiver ``a`` or ``b`` as the counts that they are: errors a frame at a time."""
+        """The excess of receiver ``a`` or ``b`` as the counts that they are: errors a frame at a time.
+
+        Raises:
+            VoccError: numbers that no set of frames can give.
+        """
         names = ("excess", "excess_squared", "worse")
         return Counts(
             self.frames, self.bits, *(getattr(self, f"{side}_{name}") for name in names)
@@ -125,17 +102,6 @@ class PairedCounts(Tally):
                 "paired.bits is 0: a difference of bit error rates needs at least one frame"
             )
         return self.half_difference / (2 * self.bits)
-
-
-def _possible(frames: int, bits: int, excess: int, squared: int, worse: int) -> bool:
-    """Whether one side's whole numbers are such as ``Counts`` lets through."""
-    square = excess * excess
-    return (
-        0 <= worse <= excess <= 2 * bits
-        and worse <= frames <= bits
-        and 0 <= squared <= square <= squared * worse
-        and (frames > 0 or bits == 0)
-    )
 
 
 def paired_interval(

@@ -160,7 +160,7 @@ def time_stages(
     for name, chain in chains.items():
         spent = dict.fromkeys(STAGES, np.zeros(repeats))
         for stage, (key, _) in chain.stages.items():
-            spent[stage] = 1e3 / batch * np.array(timed[str(key)].seconds)
+            spent[stage] = 1e3 / batch * np.array(timed[str(key)])
         if chain.needs_preambles:
             spent["preambles"] = 2 * np.sum([spent[of] for of in _MEASURING], axis=0)
         times[name] = StageTimes(

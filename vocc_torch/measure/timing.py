@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,21 +21,6 @@ from vocc_torch.measure.estimate import Estimate
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
 _CPU_FILE = Path("/proc/cpuinfo")
 """Where Linux names the processor; platform.processor() is empty there."""
-
-
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """How long one call took, round by round.
-
-    Args:
-        seconds: at least one duration, s.
-
-    Example:
-        >>> median_of(Timing((4.0, 1.0, 2.0, 3.0, 100.0)).seconds)
-        Estimate(value=3.0, low=2.0, high=4.0)
-    """
-
-    seconds: tuple[float, ...]
 
 
 def median_of(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
@@ -58,7 +42,7 @@ def interleaved(
     warm_up: int = 2,
     primed: bool = False,
     clock: Callable[[], float] = time.perf_counter,
-) -> dict[str, Timing]:
+) -> dict[str, tuple[float, ...]]:
     """Time calls in rounds, each once a round, so that a busy spell of the machine meets all of them.
 
     Every other round runs backwards: no call always finds the caches as the same other one left them, and a
@@ -73,9 +57,12 @@ def interleaved(
             itself, as in a receiver at work, and not whichever other call has left the caches to it.
         clock: gives seconds.
 
+    Returns:
+        How long each call took, round by round, s.
+
     Example:
         >>> spent = interleaved({"sum": lambda: sum(range(9)), "none": int}, 5, torch.device("cpu"))
-        >>> list(spent), len(spent["sum"].seconds), min(spent["sum"].seconds) > 0
+        >>> list(spent), len(spent["sum"]), min(spent["sum"]) > 0
         (['sum', 'none'], 5, True)
     """
     seconds: dict[str, list[float]] = {name: [] for name in calls}
@@ -92,7 +79,7 @@ def interleaved(
             spent = clock() - begin
             if turn >= warm_up:
                 seconds[name].append(spent)
-    return {name: Timing(tuple(durations)) for name, durations in seconds.items()}
+    return {name: tuple(durations) for name, durations in seconds.items()}
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import styles
 from vocc_torch.report.plots import Figure, facet_figure, interval_note, save_figure
-from vocc_torch.report.terminal import Console, Text, plain_table, receiver_heading
+from vocc_torch.report.terminal import Console, Text, plain_table
 
 INTO_INPUT = "collect"
 """The name under which results go into the input folder, as conf/task/collect.yaml has it."""
@@ -352,8 +352,8 @@ def changes_results(key: str) -> bool:
 
 MOST_FACETS = 30
 """Most facets in a figure; more are not legible side by side."""
-_LEAST_LABEL, _MOST_LABEL, _GAP = 18, 48, 2
-_RATE = len("< 0.0e-0")
+_MOST_LABEL = 48
+"""Widest column of what differs."""
 
 
 def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Figure:
@@ -409,63 +409,36 @@ def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) 
         console: where to print.
 
     Example:
-        >>> print_jobs([SweepJob("0", "failed", "seed is -1", settings={"seed": -1})], ["seed"], Console(width=40))
-        job  what differs  status
-        ─────────────────────────
-        0    seed=-1       failed
+        >>> print_jobs([SweepJob("0", "failed", "seed is -1", settings={"seed": -1})], ["seed"], Console(width=60))
+        job  what differs  receiver  lowest  highest  status
+        ────────────────────────────────────────────────────
+        0    seed=-1                                  failed
         job 0 failed: seed is -1
     """
-    # Receivers of all jobs, in the order of the job that has the most of them.
-    tables = sorted(
-        (job.table for job in jobs if job.table),
-        key=lambda table: -len(table.receivers),
-    )
-    receivers = list(
-        dict.fromkeys(name for table in tables for name in table.receivers)
-    )
-    named = (
-        ["job", *(job.name for job in jobs)],
-        ["status", *(job.status for job in jobs)],
-    )
-    taken = sum(max(map(len, column)) + _GAP for column in named)
-    taken += sum(
-        max(_RATE, *map(len, receiver_heading(name).split("\n"))) + _GAP
-        for name in receivers
-    )
-    # Terminals too narrow for a column a receiver get a line for each job and receiver.
-    wide = taken + _LEAST_LABEL <= console.width
     shown = plain_table()
     shown.add_column("job", overflow="fold")
     shown.add_column("what differs", overflow="fold", max_width=_MOST_LABEL)
-    for head in receivers if wide else ("receiver", "lowest", "highest"):
+    for head in ("receiver", "lowest", "highest"):
         side: Literal["left", "right"] = "left" if head == "receiver" else "right"
-        shown.add_column(Text(receiver_heading(head)), justify=side, no_wrap=True)
+        shown.add_column(head, justify=side, no_wrap=True)
     shown.add_column("status", no_wrap=True)
+    tables = [job.table for job in jobs if job.table]
     for job in jobs:
-        ranges = {}
+        cells: list[list[str]] = [[], [], []]
         for name in job.table.receivers if job.table else ():
-            rows = sorted(
-                job.table.of(name) if job.table else (),
-                key=lambda row: (row.ber, row.ber_high),
-            )
-            ranges[name] = styles.point_text(rows[0]), styles.point_text(rows[-1])
-        lowest, highest = (
-            [ends[place] for ends in ranges.values()] for place in (0, 1)
-        )
-        cells = (
-            [ranges.get(name, ()) for name in receivers]
-            if wide
-            else [ranges, lowest, highest]
-        )
-        shown.add_row(
-            Text(job.name), Text(label(job, keys)), *map("\n".join, cells), job.status
-        )
+            rows = job.table.of(name) if job.table else ()
+            rows = tuple(sorted(rows, key=lambda row: (row.ber, row.ber_high)))
+            ends = (styles.point_text(row) for row in (rows[0], rows[-1]))
+            for column, text in zip(cells, (name, *ends), strict=True):
+                column.append(text)
+        label_text = Text(label(job, keys))
+        shown.add_row(Text(job.name), label_text, *map("\n".join, cells), job.status)
     console.print(shown)
     for job in jobs:
         if job.complaint:
             text = f"job {job.name} {job.status}: {job.complaint}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-    if receivers:
+    if tables:
         key = "BER: each job's lowest and highest point"
         free = any(row.error_free for table in tables for row in table)
         console.print(

@@ -52,35 +52,6 @@ class WeightedCounts(Counts):
     # Few frames may have most of the weight.
     least_frames: ClassVar[int] = 128 * BLOCK_FRAMES
 
-    def __post_init__(self) -> None:
-        """Refuse numbers that no set of frames can give."""
-        Counts.__post_init__(self)
-        limits = (
-            ("nominal", BLOCK_FRAMES * self.frames, "64 times frames"),
-            (
-                "weighted",
-                self.weighted_squares if self.half_errors else 0,
-                "weighted_squares",
-            ),
-            # By Cauchy and Schwarz.
-            (
-                "weighted",
-                math.isqrt(self.squares * self.frame_errors),
-                "the root of squares by frame_errors",
-            ),
-            (
-                "squares",
-                math.isqrt(self.fourths * self.frame_errors),
-                "the root of fourths by frame_errors",
-            ),
-            ("fourths", self.squares**2, "squares squared"),
-        )
-        for name, limit, reason in limits:
-            if getattr(self, name) > limit:
-                raise VoccError.of(
-                    f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})"
-                )
-
     @classmethod
     def weigh(
         cls,

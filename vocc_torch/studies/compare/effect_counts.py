@@ -69,7 +69,7 @@ def measure_costs(study: EffectStudy) -> Costs:
         processor_s = time.thread_time() - processor_s
         machine = timing.describe_machine(device)
     times = {
-        place: 1000 * np.array(spent.seconds) / count
+        place: 1000 * np.array(spent) / count
         for (place, count), spent in zip(frames.items(), timed.values(), strict=True)
     }
     return Costs(times, machine, max(0.0, 1 - processor_s / wall_s))
