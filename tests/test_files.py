@@ -25,7 +25,8 @@ from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver.locators import LearnedLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.reading import read_recording
-from vocc_torch.report.folder import read_tables, refuse_results
+from vocc_torch.report.folder import refuse_results
+from vocc_torch.report.rate_tables import read_tables
 from vocc_torch.simulation.effects.backdrops import pictures_of
 
 

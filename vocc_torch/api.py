@@ -38,7 +38,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.report import folder, plots, styles, terminal
+from vocc_torch.report import folder, plots, rate_tables, styles, terminal
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import Frames, Scene
 from vocc_torch.yaml_text import read_yaml
@@ -315,7 +315,7 @@ class Table:
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, in the columns of ``ber.csv``."""
         _demand_path(path)
-        folder.write_rows(path, folder.ber_rows(self.curves.table()))
+        folder.write_rows(path, rate_tables.ber_rows(self.curves.table()))
 
     def __str__(self) -> str:
         """Write the table as text."""

@@ -12,7 +12,7 @@ from PIL import Image
 
 from vocc_torch import Scene, Simulator
 from vocc_torch.measure.train import train
-from vocc_torch.report import plots
+from vocc_torch.report import led_plots
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "classifiers"
@@ -103,9 +103,9 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(
         ).status
         == -9
     )
-    drawn, histograms = [], plots.feature_histograms
+    drawn, histograms = [], led_plots.feature_histograms
     monkeypatch.setattr(
-        plots,
+        led_plots,
         "feature_histograms",
         lambda *given: drawn.append(given[2]) or histograms(*given),
     )

@@ -8,13 +8,12 @@ from made_up_dimming import AMBIENT, BITS, LUMINANCE, paper_like_grid
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.grid import best_luminance
-from vocc_torch.report.folder import write_grid
 from vocc_torch.report.heatmap import (
-    best_luminance_figure,
     dimming_figure,
     grid_figures,
     rate_or_limit,
 )
+from vocc_torch.report.rate_tables import write_grid
 from vocc_torch.report.styles import receiver_styles
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
@@ -47,25 +46,6 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid):
     assert [text.get_text() for text in maps[0].get_yticklabels()] == [
         f"{one:g}" for one in LUMINANCE
     ]
-
-
-def test_the_best_luminance_stands_with_its_range_on_lines_of_one_contrast(grid):
-    (axes,) = best_luminance_figure(grid).axes
-    style = receiver_styles(["flda_3"])["flda_3"]
-    (line,) = (line for line in axes.lines if line.get_label() == style.label)
-    bests = best_luminance(grid, "flda_3")
-    np.testing.assert_allclose(line.get_ydata(), [one.middle_cd_m2 for one in bests])
-    dashed = [
-        line
-        for line in axes.lines
-        if len(line.get_xdata()) == 2 and line.get_color() == "#B8BDC4"
-    ]
-    ratios = {
-        round(line.get_ydata()[0] / line.get_xdata()[0] * np.pi / 0.4, 6)
-        for line in dashed
-    }
-    assert ratios == {2.0**power for power in range(-8, 9) if 2.0**power in ratios}
-    assert len(ratios) > 2
 
 
 def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tmp_path):
@@ -104,7 +84,7 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
 
 
 def test_a_receiver_that_is_not_in_the_grid_is_refused(grid):
-    for draw in (dimming_figure, best_luminance_figure):
+    for draw in (dimming_figure,):
         with pytest.raises(VoccError, match="receiver is mlp"):
             draw(grid, receivers=["mlp"])
 
@@ -113,7 +93,7 @@ def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_meas
     grid,
 ):
     figures = grid_figures({"paper": grid, "truth": grid}, "paper", ["flda_3", "cnn"])
-    assert set(figures) == {"dimming_paper", "dimming_truth", "dimming_best"}
+    assert set(figures) == {"dimming_paper", "dimming_truth"}
     assert (
         figures["dimming_truth"].axes[0].get_title(loc="left")
         == "FLDA: AGR + GRI + NGR"

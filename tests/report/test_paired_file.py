@@ -8,8 +8,8 @@ import pytest
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.report.folder import PAIRED_COLUMNS as COLUMNS
-from vocc_torch.report.folder import write_paired
+from vocc_torch.report.rate_tables import PAIRED_COLUMNS as COLUMNS
+from vocc_torch.report.rate_tables import write_paired
 
 NAMES = ("average_greyscale", "flda_2", "flda_3")
 EVEN = PairedCounts(2000, 128_000)

@@ -7,7 +7,7 @@ from made_up_points import table as table
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.report import plots
+from vocc_torch.report import led_plots, plots
 from vocc_torch.report.styles import receiver_styles
 
 
@@ -65,13 +65,13 @@ def test_nothing_to_draw_is_refused(draw):
 
 def test_histograms_are_shares_of_each_kind_of_led():
     values = torch.tensor([[0.0], [1.0], [1.0], [3.0]])
-    axes = plots.feature_histograms(
+    axes = led_plots.feature_histograms(
         values, torch.tensor([False, True, True, True]), ["AGR"]
     ).axes[0]
     shares = {patch.get_label(): patch.get_data().values for patch in axes.patches}
     assert shares["Off"].max() == 1.0
     assert shares["On"].max() == pytest.approx(2 / 3)
-    constant = plots.feature_histograms(
+    constant = led_plots.feature_histograms(
         torch.ones(10, 4), torch.arange(10) % 2 == 0, list("abcd")
     )
     assert [axes.get_xlabel() for axes in constant.axes] == list("abcd")

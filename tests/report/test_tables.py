@@ -9,7 +9,8 @@ from made_up_points import table as table
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import COLUMNS, BerTable, Row
-from vocc_torch.report.folder import ber_rows, read_tables, write_rows
+from vocc_torch.report.folder import write_rows
+from vocc_torch.report.rate_tables import ber_rows, read_tables
 
 
 def write_table(path, table):

@@ -1,6 +1,5 @@
 """Heat maps of bit error rates, and the best LED luminance for each ambient light."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -8,16 +7,14 @@ import numpy as np
 from matplotlib import cm, colormaps, colors
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
-from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
 from vocc_torch.report import plots, styles
-from vocc_torch.report.plots import LOOK, Axes, Curve, Figure, Panel
+from vocc_torch.report.plots import LOOK, Axes, Figure
 
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
 _MAP = colormaps["viridis"].with_extremes(bad=NO_ERRORS)
 HEADING = "Bit error rate over ambient light and LED luminance"
-REFLECTANCE = 0.4  # of Off LEDs, as in the paper
 
 
 @dataclass(frozen=True)
@@ -227,66 +224,6 @@ def _frames_text(grid: Grid) -> str:
     return f"{styles.range_text(cells)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
 
 
-def best_luminance_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
-    """Draw the best luminance of each receiver against the ambient light, on lines of constant contrast.
-
-    Along a dashed line the On LEDs get the same multiple of the Off LEDs' exposure, ``1 + pi L / (E R)`` with
-    the paper's reflectance R (Eqs 2 and 3); a camera that sets its ISO speed by the background then takes the
-    same picture.
-
-    Args:
-        grid: ambient light by LED luminance.
-        receivers: those to draw, in order; all of the grid's by default.
-
-    Raises:
-        VoccError: an unknown receiver.
-    """
-    curves = []
-    for name, style in styles.receiver_styles(receivers or grid.receivers).items():
-        bests = best_luminance(grid, name)
-        ends = [
-            (best.middle_cd_m2, best.candidates_cd_m2[0], best.candidates_cd_m2[-1])
-            for best in bests
-        ]
-        curves.append(Curve(style, grid.rows, [Estimate(*end) for end in ends]))
-    labels = styles.axis_label(grid.row_axis), styles.axis_label(grid.column_axis)
-    panel = Panel(curves, "", *labels, x_scale="log")
-    note = f"{_frames_text(grid)} \N{MIDDLE DOT} {styles.LOOKS['dimming_signs']}"
-    figure = plots.curve_figure(
-        [panel], "Best LED luminance for each ambient light", note
-    )
-    (axes,) = figure.axes
-    margin = 1.5
-    bottom, top = grid.columns[0] / margin, grid.columns[-1] * margin
-    axes.set_ylim(bottom, top)
-    light = np.array(axes.get_xlim())
-    two = REFLECTANCE / math.pi  # luminance over ambient light at which the ratio is 2
-    for power in range(
-        math.ceil(math.log2(bottom / light[1] / two)),
-        1 + int(math.log2(top / light[0] / two)),
-    ):
-        line = two * 2.0**power * light
-        axes.plot(
-            light,
-            line,
-            color="#B8BDC4",
-            linewidth=1.0,
-            linestyle=(0, (5, 4)),
-            zorder=0.5,
-        )
-        if bottom < line[1] < top:
-            ratio = f" \N{MULTIPLICATION SIGN}{1 + 2.0**power:.3g}"
-            axes.text(
-                light[1], line[1], ratio, va="center", fontsize=9, color=LOOK.quiet
-            )
-    axes.set_xlim(*light)
-    return figure
-
-
-CAPTIONS: dict[str, str] = styles.LOOKS["dimming_captions"]
-"""Captions by the end of the picture's name."""
-
-
 def grid_figures(
     grids: Mapping[str, Grid], main: str, receivers: Sequence[str]
 ) -> dict[str, Figure]:
@@ -294,17 +231,16 @@ def grid_figures(
 
     Args:
         grids: by locator.
-        main: the locator whose best luminances are drawn.
+        main: the locator whose receivers are drawn.
         receivers: those to draw, in order.
 
     Returns:
         By file name without suffix.
     """
     names = [name for name in receivers if name in grids[main].receivers]
-    drawn = {
+    return {
         f"dimming_{locator}": dimming_figure(
             grid, f"{HEADING} ({styles.LOCATED[locator]})", names
         )
         for locator, grid in grids.items()
     }
-    return {**drawn, "dimming_best": best_luminance_figure(grids[main], names)}

@@ -1,9 +1,9 @@
-"""Figures of curves, intervals in rows and histograms; Matplotlib lays them out."""
+"""Figures of curves, and what all figures share; Matplotlib lays them out."""
 
 import io
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,18 +15,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
 from PIL import Image
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.grid import Bools, Floats
+from vocc_torch.measure.grid import Floats
 from vocc_torch.report.annotation import Pixels as Pixels
 from vocc_torch.report.styles import (
     Style,
     axis_label,
-    count_text,
     range_text,
     receiver_styles,
     value_text,
@@ -54,9 +52,8 @@ class FigureLook:
 
 LOOK = FigureLook()
 
+
 OFF, ON = LOOK.off, LOOK.on
-STATUS = ((False, "Off", LOOK.off), (True, "On", LOOK.on))
-"""Both statuses of an LED, with their names and colours."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +141,7 @@ def curve_figure(
     }
     signs: list[Artist] = [style_sign(style) for style in styles.values()]
     if any(curve.stars for panel in panels for curve in panel.curves):
-        signs.append(Line2D([], [], **_star(LOOK.quiet), label="quoted"))
+        signs.append(Line2D([], [], **star(LOOK.quiet), label="quoted"))
     figure, axes = sheet(layout, size, title, footnote, signs)
     limits = rate_limits([curve for panel in panels for curve in panel.curves])
     for place, panel in enumerate(panels):
@@ -358,11 +355,11 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
             pale.lines[0].set(label="_mean", markersize=9)
     if curve.stars:
         axes.plot(
-            *zip(*curve.stars, strict=True), **_star(style.colour), label="_quoted"
+            *zip(*curve.stars, strict=True), **star(style.colour), label="_quoted"
         )
 
 
-def _star(colour: str) -> dict[str, Any]:
+def star(colour: str) -> dict[str, Any]:
     """Say how a quoted value is drawn."""
     edge = {"markeredgecolor": LOOK.ink, "markeredgewidth": 0.8, "markersize": 12}
     return {"marker": "*", "linestyle": "none", "color": colour, "zorder": 5, **edge}
@@ -540,229 +537,6 @@ def interval_note(rows: Iterable[Row]) -> str:
     if any(row.error_free for row in rows):
         note += " \N{MIDDLE DOT} arrows: no error, the rate is below this (95 %)"
     return note
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Axes with intervals in rows.
-
-    Args:
-        series: by name in the legend, a style and an interval for each row, or None.
-        x_label: with the unit.
-        title: above the axes.
-        scale: ``linear``, ``log`` or ``symlog``.
-        linear: half the width of the linear part of ``symlog``.
-        texts: words at the right of a row.
-        stars: quoted values by row.
-    """
-
-    series: Mapping[str, tuple[Style, Sequence[Estimate | None]]]
-    x_label: str
-    title: str = ""
-    scale: str = "linear"
-    linear: float = 1e-3
-    texts: Sequence[str] = ()
-    stars: Mapping[int, float] = field(default_factory=dict)
-
-
-def rows_figure(
-    names: Sequence[str],
-    panels: Sequence[Rows],
-    title: str,
-    footnote: str = "",
-    groups: Sequence[str] = (),
-    columns: int = 2,
-) -> Figure:
-    """Draw intervals in rows that all panels share, the first at the top.
-
-    Args:
-        names: of the rows.
-        panels: beside each other.
-        title: what the figure shows.
-        footnote: what it rests on.
-        groups: of the rows; every other group has a grey band.
-        columns: most panels in a row.
-
-    Example:
-        >>> style = Style("time", "#0072B2", "o", "-")
-        >>> panel = Rows({"time": (style, [Estimate(2.0, 1.0, 3.0)])}, "ms")
-        >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times").axes[0].get_yticklabels()]
-        ['paper']
-    """
-    layout = rows_of(list(range(len(panels))), columns)
-    size = (
-        5.4 * len(layout[0]) + 0.6,
-        len(layout) * (0.9 + LOOK.row_in * len(names)) + 1.1,
-    )
-    styles = {
-        name: style for panel in panels for name, (style, _) in panel.series.items()
-    }
-    signs: list[Artist] = [
-        Line2D(
-            [], [], color=style.colour, marker=style.marker, label=name, linewidth=1.5
-        )
-        for name, style in styles.items()
-    ]
-    if any(panel.stars for panel in panels):
-        signs.append(Line2D([], [], **_star(LOOK.quiet), label="quoted"))
-    figure, axes = sheet(layout, size, title, footnote, signs)
-    for place, panel in enumerate(panels):
-        draw_rows(axes[place], panel, len(names))
-        for row, group in enumerate(groups):
-            if list(dict.fromkeys(groups)).index(group) % 2 == 0:
-                axes[place].axhspan(
-                    row - 0.5, row + 0.5, color="#F6F7F9", zorder=0, linewidth=0
-                )
-        first = place % len(layout[0]) == 0
-        axes[place].set_yticks(range(len(names)), names if first else [""] * len(names))
-    return figure
-
-
-def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
-    """Draw one panel's intervals; a full marker says that the interval leaves out 0.
-
-    Args:
-        axes: empty axes.
-        panel: the intervals.
-        count: of rows.
-    """
-    quiet(axes, "x")
-    linear = {"linthresh": panel.linear} if panel.scale == "symlog" else {}
-    axes.set_xscale(panel.scale, **linear)
-    axes.set_title(
-        panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink
-    )
-    axes.set(xlabel=panel.x_label, ylim=(count - 0.5, -0.5))
-    axes.tick_params(axis="y", length=0)
-    if panel.scale == "symlog":
-        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
-    ends = [0.0] * count
-    for number, (style, estimates) in enumerate(panel.series.values()):
-        shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
-        for row, estimate in enumerate(estimates):
-            if estimate is None or (panel.scale == "log" and estimate.high <= 0):
-                continue
-            reach = [[estimate.value - estimate.low], [estimate.high - estimate.value]]
-            face = style.colour if estimate.real else "white"
-            look: dict[str, Any] = {
-                "color": style.colour,
-                "marker": style.marker,
-                "capsize": 2,
-            }
-            axes.errorbar(
-                [estimate.value],
-                [row + shift],
-                xerr=reach,
-                markerfacecolor=face,
-                markersize=5,
-                **look,
-            )
-            ends[row] = max(ends[row], estimate.high)
-    if panel.stars:
-        axes.plot(list(panel.stars.values()), list(panel.stars), **_star("white"))
-    for row, text in enumerate(panel.texts):
-        at = max(ends[row], panel.stars.get(row, 0.0))
-        axes.annotate(
-            text, (at, row), (9, 0), textcoords="offset points", va="center", fontsize=9
-        )
-
-
-def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> Figure:
-    """Draw how each feature is spread over On and over Off LEDs.
-
-    Args:
-        features: (N,F) finite, any unit.
-        bits: (N,) bool, True = On, with both kinds present.
-        names: the F features' names.
-
-    Example:
-        >>> import torch
-        >>> bits = torch.arange(100) % 2 == 0
-        >>> len(feature_histograms(torch.randn(100, 2), bits, ["AGR", "GRI"]).axes)
-        2
-    """
-    values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
-    layout = rows_of(list(range(len(names))), 3)
-    signs = [
-        Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS
-    ]
-    title = f"Features of {count_text(len(values))} LEDs"
-    figure, axes = sheet(layout, panel_size(layout), title, signs=signs)
-    for place, name in enumerate(names):
-        status_histogram(axes[place], values[:, place], on, name)
-        if place % len(layout[0]):
-            axes[place].set_ylabel("")
-    return figure
-
-
-def status_histogram(
-    axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False
-) -> None:
-    """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
-
-    Args:
-        axes: where to draw.
-        values: any shape.
-        bits: of the same shape.
-        label: of the horizontal axis, with its unit.
-        log: whether shares are on a logarithmic axis, so that few LEDs show too.
-    """
-    edges, least = (
-        np.histogram_bin_edges(values, bins=60),
-        0.5 / bits.size if log else 0.0,
-    )
-    for status, name, colour in STATUS:
-        chosen = values[bits == status]
-        shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
-        axes.stairs(
-            shares, edges, color=colour, linewidth=1.6, label=name, baseline=least
-        )
-    axes.margins(x=0.02)
-    axes.set_ylim(bottom=0)
-    if log:
-        axes.set(yscale="log", ylim=(least, 1.0))
-    quiet(axes, "y")
-    axes.set(xlabel=label, ylabel="Share of LEDs")
-
-
-def status_cloud(
-    axes: Axes,
-    points: Floats,
-    bits: Bools,
-    labels: tuple[str, str],
-    line: tuple[float, float, float],
-) -> None:
-    """Draw a point an LED in the colour of its status; On and Off are mixed, so that neither hides the other.
-
-    Args:
-        axes: where to draw.
-        points: (N,2).
-        bits: of N LEDs, any shape.
-        labels: of the two axes, with their units.
-        line: the decision ``a x + b y = c`` as (a, b, c).
-    """
-    mixed = np.random.default_rng(0).permutation(len(points))
-    colours = np.where(bits.ravel(), LOOK.on, LOOK.off)[mixed]
-    x, y = points[mixed].T
-    axes.scatter(x, y, s=5, c=colours, alpha=0.35, linewidths=0)
-    quiet(axes, "both")
-    limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
-    a, b, c = line
-    start = (c / a, 0.0) if abs(a) > abs(b) else (0.0, c / b)
-    axes.axline(start, (start[0] - b, start[1] + a), color=LOOK.ink, linestyle="--")
-    axes.set(xlabel=labels[0], ylabel=labels[1], **limits)
-
-
-def picture_figure(pictures: Mapping[str, Floats], title: str) -> Figure:
-    """Draw pictures (h,w) beside each other, black at 0 and white at 255, by their heading."""
-    layout = rows_of(range(len(pictures)), 3)
-    figure, axes = sheet(layout, panel_size(layout), title)
-    for place, (heading, grey) in enumerate(pictures.items()):
-        axes[place].imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-        axes[place].set(xticks=[], yticks=[])
-        axes[place].set_title(heading, loc="left", fontsize=10)
-    return figure
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:

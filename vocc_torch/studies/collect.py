@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import read_file
 from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import styles
+from vocc_torch.report import rate_tables, styles
 from vocc_torch.report.plots import Figure, facet_figure, interval_note, save_figure
 from vocc_torch.report.terminal import Console, Text, plain_table
 
@@ -177,7 +177,7 @@ def read_jobs(place: Path, name: str) -> list[SweepJob]:
         complaint = printable(str(error))
     if (place / TABLE).exists():
         try:
-            tables = run_folder.read_tables(place / TABLE)
+            tables = rate_tables.read_tables(place / TABLE)
         except VoccError as error:
             return [SweepJob(name, "unreadable", printable(str(error)), None, settings)]
         if not tables:
@@ -307,7 +307,7 @@ def collected_rows(
             setting_text(job.settings.get(key)) if job.settings else "" for key in keys
         ]
         for written in (
-            run_folder.ber_rows(job.table)[1:]
+            rate_tables.ber_rows(job.table)[1:]
             if job.table
             else [[""] * len(curve.COLUMNS)]
         ):

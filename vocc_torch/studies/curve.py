@@ -27,7 +27,16 @@ from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import heatmap, plots, samples, styles, tensorboard, terminal
+from vocc_torch.report import (
+    heatmap,
+    led_plots,
+    plots,
+    rate_tables,
+    samples,
+    styles,
+    tensorboard,
+    terminal,
+)
 from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import SCENE_FIELDS
@@ -170,7 +179,7 @@ def interrupted_keeps(
             point for point in (*finished, *interim) if point.counts.frames
         )
         if len(table):
-            run_folder.write_rows(folder / "ber.csv", run_folder.ber_rows(table))
+            run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
             terminal.print_table(table, console)
             run_folder.print_places(console, folder, [("so far", "ber.csv")])
         raise
@@ -187,7 +196,7 @@ def replaced(path: Path, table: curve.BerTable) -> list[str]:
     lost = []
     if path.exists():
         with suppress(VoccError):
-            for before in run_folder.read_tables(path).values():
+            for before in rate_tables.read_tables(path).values():
                 lost += [
                     row
                     for row in before
@@ -250,8 +259,8 @@ def write_results(
     """
     table = curves.table()
     run_folder.write_training(settings, plan, training, folder)
-    run_folder.write_rows(folder / "ber.csv", run_folder.ber_rows(table))
-    run_folder.write_paired(folder / "paired.csv", [curves])
+    run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
+    rate_tables.write_paired(folder / "paired.csv", [curves])
     camera, panel = plan.world.camera, plan.world.panel.shape
     setup = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {setup}"
@@ -259,7 +268,7 @@ def write_results(
     names = [
         feature.upper() if feature in FEATURE_NAMES else feature for feature in features
     ]
-    histograms = plots.feature_histograms(training.features, training.bits, names)
+    histograms = led_plots.feature_histograms(training.features, training.bits, names)
     figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
     figures |= {"features by status": histograms}
     for name, figure in zip(("ber.png", "features.png"), figures.values(), strict=True):
@@ -439,8 +448,8 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
         run_folder.write_training(
             settings, plan, campaign.trainings[studies[0].key][locator], folder
         )
-        run_folder.write_grid(folder / "ber.csv", {locator: cells})
-        run_folder.write_paired(folder / "paired.csv", curves)
+        rate_tables.write_grid(folder / "ber.csv", {locator: cells})
+        rate_tables.write_paired(folder / "paired.csv", curves)
         figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
         tables = {
             f"{axis}={at:g}": [row.table()]

@@ -13,7 +13,8 @@ from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
-from vocc_torch.report.folder import ber_rows, write_rows
+from vocc_torch.report.folder import write_rows
+from vocc_torch.report.rate_tables import ber_rows
 from vocc_torch.studies.collect import (
     SweepJob,
     collected_rows,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from vocc_torch.measure import config
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import styles, terminal
+from vocc_torch.report import rate_tables, styles, terminal
 from vocc_torch.studies.compare import RivalsConfig, rival_figures
 from vocc_torch.studies.compare.rival_results import ReceiverComparison, ratio_text
 from vocc_torch.studies.compare.rivals import (
@@ -56,10 +56,10 @@ def run_classifiers(
 
 def write_points(folder: Path, found: ReceiverComparison) -> None:
     """Write ``ber.csv`` and ``paired.csv`` of all experiments."""
-    tables = [run_folder.ber_rows(table) for table in found.tables.values()]
+    tables = [rate_tables.ber_rows(table) for table in found.tables.values()]
     rows = [row for table in tables for row in table[1:]]
     run_folder.write_rows(folder / "ber.csv", [tables[0][0], *rows], short=True)
-    run_folder.write_paired(folder / "paired.csv", found.curves.values())
+    rate_tables.write_paired(folder / "paired.csv", found.curves.values())
 
 
 def classifier_rows(found: ReceiverComparison) -> list[Row]:

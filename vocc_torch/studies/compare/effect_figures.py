@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from vocc_torch.measure import curve, stage_times
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report import plots, styles
-from vocc_torch.report.plots import LOOK, Figure, Rows
+from vocc_torch.report import plots, row_plots, styles
+from vocc_torch.report.plots import LOOK, Figure
+from vocc_torch.report.row_plots import Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.effect_results import EffectResults, EffectRow
 
@@ -67,7 +68,7 @@ def effects_figure(results: EffectResults) -> Figure:
     )
     title = titled(results, "What each effect costs and does")
     groups = [str(row) for row in range(len(rows))]
-    return plots.rows_figure(names, panels, title, note, groups, len(panels))
+    return row_plots.rows_figure(names, panels, title, note, groups, len(panels))
 
 
 def cost_series(

@@ -16,7 +16,7 @@ from vocc_torch.receiver.shipped import SHIPPED
 from vocc_torch.recordings.frames import RecordedFrame, turned
 from vocc_torch.recordings.reading import ALLOWED, read_recording, readable
 from vocc_torch.recordings.streams import LiveStream, is_stream
-from vocc_torch.report.run_files import (
+from vocc_torch.report.folder import (
     print_places,
     refuse_results,
     write_config,

@@ -12,7 +12,7 @@ from vocc_torch.measure import curve, grid, timing
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import heatmap, page, plots, tensorboard
+from vocc_torch.report import heatmap, page, plots, rate_tables, tensorboard
 from vocc_torch.studies.paper import scorecard
 from vocc_torch.studies.paper.evidence import PaperFigure
 from vocc_torch.studies.paper.numbers import dimming_numbers
@@ -67,14 +67,14 @@ class Report:
             self.drawn[name][f"{name}_readings"] = every
         lines: list[run_folder.Cells] = [("reading", *curve.COLUMNS)]
         for reading, table in tables.items():
-            lines += [(reading, *cells) for cells in run_folder.ber_rows(table)[1:]]
+            lines += [(reading, *cells) for cells in rate_tables.ber_rows(table)[1:]]
         self.write_rows(f"figures/{name}.csv", lines)
 
     def add_dimming(self, cells: grid.Grid) -> None:
         """Draw and write the grid of ambient light and LED luminance."""
         self.add_numbers(dimming_numbers(cells))
         grids = {cells.locator: cells}
-        run_folder.write_grid(self.folder / "figures" / f"{DIMMING}.csv", grids)
+        rate_tables.write_grid(self.folder / "figures" / f"{DIMMING}.csv", grids)
         self.drawn[DIMMING] = heatmap.grid_figures(
             grids, cells.locator, PAPER_RECEIVERS
         )
@@ -117,7 +117,7 @@ class Report:
         self.write_rows("readings.csv", list(card.fit_rows()))
         first = next(iter(self.evidence))
         curves = self.evidence[first].experiments.values()
-        run_folder.write_paired(self.folder / "paired.csv", curves)
+        rate_tables.write_paired(self.folder / "paired.csv", curves)
         pictures = {
             f"figures/{stem}": figure
             for drawn in self.drawn.values()

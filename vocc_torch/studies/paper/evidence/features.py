@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 
 from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.report import plots
+from vocc_torch.report import led_plots, plots
 from vocc_torch.studies.paper.evidence import PaperFigure
 from vocc_torch.studies.paper.evidence.sample import Source
 
@@ -107,9 +107,9 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
         if len(parts) == 2:
             line = (*pair.direction.tolist(), float(pair.threshold))
             labels = (LABELS[parts[0]], LABELS[parts[1]])
-            plots.status_cloud(axes[at], whole, bits, labels, line)
+            led_plots.status_cloud(axes[at], whole, bits, labels, line)
         else:
-            plots.status_histogram(axes[at], values, bits, label)
+            led_plots.status_histogram(axes[at], values, bits, label)
         found = Separation.of(values, bits)
         numbers[f"auc_{name}"] = found.auc
         numbers[f"wrong_share_{name}"] = found.wrong_share

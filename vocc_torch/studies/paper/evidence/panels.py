@@ -5,7 +5,7 @@ import torch
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.receiver.locators.paper import paper_stages
-from vocc_torch.report import plots
+from vocc_torch.report import led_plots
 from vocc_torch.studies.paper.evidence import PaperFigure
 from vocc_torch.studies.paper.evidence.sample import Source, paper_scene
 
@@ -34,7 +34,7 @@ def grey_overlap(source: Source, title: str) -> PaperFigure:
         f"On LEDs are at most {highest_on[dark]:.0f}": sample.panels[dark],
         f"Off LEDs are at least {lowest_off[bright]:.0f}": sample.panels[bright],
     }
-    return PaperFigure(numbers, plots.picture_figure(pictures, title))
+    return PaperFigure(numbers, led_plots.picture_figure(pictures, title))
 
 
 def frame_threshold(source: Source, title: str) -> PaperFigure:
@@ -53,7 +53,7 @@ def frame_threshold(source: Source, title: str) -> PaperFigure:
     }
     above = np.where(panel > threshold, 255.0, 0.0)
     pictures = {"the panel": panel, f"grey above {threshold:.0f}": above}
-    return PaperFigure(numbers, plots.picture_figure(pictures, title))
+    return PaperFigure(numbers, led_plots.picture_figure(pictures, title))
 
 
 def contrast_panels(source: Source, title: str) -> PaperFigure:
@@ -90,4 +90,4 @@ def contrast_panels(source: Source, title: str) -> PaperFigure:
         heading = f"{light[0]:.0f} lx, {light[1]:.0f} cd/m²\n"
         heading += f"{middle:.1%}; the paper has {stated} %"
         pictures[heading] = seen.patches[0, 0].double().numpy()
-    return PaperFigure(numbers, plots.picture_figure(pictures, title))
+    return PaperFigure(numbers, led_plots.picture_figure(pictures, title))

@@ -1,0 +1,122 @@
+"""Figures of LEDs: histograms and clouds of On and Off, and pictures of panels."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.lines import Line2D
+from torch import Tensor
+
+from vocc_torch.measure.grid import Bools, Floats
+from vocc_torch.report.plots import (
+    LOOK,
+    Axes,
+    Figure,
+    panel_size,
+    quiet,
+    rows_of,
+    sheet,
+)
+from vocc_torch.report.styles import (
+    count_text,
+)
+
+STATUS = ((False, "Off", LOOK.off), (True, "On", LOOK.on))
+"""Both statuses of an LED, with their names and colours."""
+
+
+def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> Figure:
+    """Draw how each feature is spread over On and over Off LEDs.
+
+    Args:
+        features: (N,F) finite, any unit.
+        bits: (N,) bool, True = On, with both kinds present.
+        names: the F features' names.
+
+    Example:
+        >>> import torch
+        >>> bits = torch.arange(100) % 2 == 0
+        >>> len(feature_histograms(torch.randn(100, 2), bits, ["AGR", "GRI"]).axes)
+        2
+    """
+    values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
+    layout = rows_of(list(range(len(names))), 3)
+    signs = [
+        Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS
+    ]
+    title = f"Features of {count_text(len(values))} LEDs"
+    figure, axes = sheet(layout, panel_size(layout), title, signs=signs)
+    for place, name in enumerate(names):
+        status_histogram(axes[place], values[:, place], on, name)
+        if place % len(layout[0]):
+            axes[place].set_ylabel("")
+    return figure
+
+
+def status_histogram(
+    axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False
+) -> None:
+    """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
+
+    Args:
+        axes: where to draw.
+        values: any shape.
+        bits: of the same shape.
+        label: of the horizontal axis, with its unit.
+        log: whether shares are on a logarithmic axis, so that few LEDs show too.
+    """
+    edges, least = (
+        np.histogram_bin_edges(values, bins=60),
+        0.5 / bits.size if log else 0.0,
+    )
+    for status, name, colour in STATUS:
+        chosen = values[bits == status]
+        shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
+        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
+        axes.stairs(
+            shares, edges, color=colour, linewidth=1.6, label=name, baseline=least
+        )
+    axes.margins(x=0.02)
+    axes.set_ylim(bottom=0)
+    if log:
+        axes.set(yscale="log", ylim=(least, 1.0))
+    quiet(axes, "y")
+    axes.set(xlabel=label, ylabel="Share of LEDs")
+
+
+def status_cloud(
+    axes: Axes,
+    points: Floats,
+    bits: Bools,
+    labels: tuple[str, str],
+    line: tuple[float, float, float],
+) -> None:
+    """Draw a point an LED in the colour of its status; On and Off are mixed, so that neither hides the other.
+
+    Args:
+        axes: where to draw.
+        points: (N,2).
+        bits: of N LEDs, any shape.
+        labels: of the two axes, with their units.
+        line: the decision ``a x + b y = c`` as (a, b, c).
+    """
+    mixed = np.random.default_rng(0).permutation(len(points))
+    colours = np.where(bits.ravel(), LOOK.on, LOOK.off)[mixed]
+    x, y = points[mixed].T
+    axes.scatter(x, y, s=5, c=colours, alpha=0.35, linewidths=0)
+    quiet(axes, "both")
+    limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
+    a, b, c = line
+    start = (c / a, 0.0) if abs(a) > abs(b) else (0.0, c / b)
+    axes.axline(start, (start[0] - b, start[1] + a), color=LOOK.ink, linestyle="--")
+    axes.set(xlabel=labels[0], ylabel=labels[1], **limits)
+
+
+def picture_figure(pictures: Mapping[str, Floats], title: str) -> Figure:
+    """Draw pictures (h,w) beside each other, black at 0 and white at 255, by their heading."""
+    layout = rows_of(range(len(pictures)), 3)
+    figure, axes = sheet(layout, panel_size(layout), title)
+    for place, (heading, grey) in enumerate(pictures.items()):
+        axes[place].imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+        axes[place].set(xticks=[], yticks=[])
+        axes[place].set_title(heading, loc="left", fontsize=10)
+    return figure
