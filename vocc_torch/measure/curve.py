@@ -59,7 +59,8 @@ class Row(PointKey):
         unseen_below: of ``rare``, the share of frames below which a kind of wrong frame that was not sought
             may have gone unseen (95 %).
         location_share: share of the wrong bits in frames whose panel was missed, or has a corner more than a
-            quarter of a cell off; None at the true corners, without errors, and for ``rare``.
+            quarter of a cell off; None at the true corners, without errors, and for ``rare``. It is near 1
+            whatever the cause where most frames are so far off, as with ``paper``.
 
     Raises:
         VoccError: a value that is not finite, or rates out of order.
