@@ -802,6 +802,7 @@ class Attacks:
 FAMILIES = "pictures devices models ledgers sealed checkpoints names kills two_at_once"
 FAMILIES += " disk_full configuration yaml python"
 ENDS = ("answered", "refused", "wrong")
+HEAD = ("family", "share", "tried", *ENDS)
 
 
 def keep(counts: dict[str, Counter[str]], shares: dict[str, float]) -> None:
@@ -809,13 +810,13 @@ def keep(counts: dict[str, Counter[str]], shares: dict[str, float]) -> None:
     path, rows = ROOT / "docs" / "results" / "attack.csv", {}
     if path.exists():
         with path.open(newline="") as file:
-            rows = {row[0]: row for row in csv.reader(file)}
+            rows = {row[0]: row for row in csv.reader(file) if len(row) == len(HEAD)}
     for family, count in counts.items():
         numbers = (shares[family], count.total(), *(count[end] for end in ENDS))
         rows[family] = [family, *map(str, numbers)]
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["family", "share", "tried", *ENDS])
+        writer.writerow(HEAD)
         writer.writerows(rows[name] for name in FAMILIES.split() if name in rows)
 
 
