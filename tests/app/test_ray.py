@@ -7,14 +7,17 @@ import subprocess
 import sys
 import time
 from contextlib import closing, contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 import vocc_torch
 
-pytestmark = pytest.mark.slow
-ray = pytest.importorskip("ray")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed"),
+]
 
 NODES = """
 import sys, ray
@@ -77,14 +80,14 @@ def cluster(nodes, **environment):
             process.kill()
 
 
-def begun(cwd, address, *words):
+def begun(cwd, address, *words, kind="ray"):
     """The command on a cluster, under way."""
     command = [
         sys.executable,
         "-m",
         "vocc_torch",
         *words,
-        "executor=ray",
+        f"executor={kind}",
         f"executor.address={address}",
     ]
     there = {**os.environ, "OMP_NUM_THREADS": "1"}

@@ -162,10 +162,6 @@ class Grid:
             self._known[receiver, tail] = ends[..., 0], ends[..., 1]
         return self._known[receiver, tail]
 
-    def one_sided(self, receiver: str, tail: float) -> tuple[Floats, Floats]:
-        """Give each cell's lower and upper limit, each missed with a probability of at most ``tail``."""
-        return self.intervals(receiver, tail)
-
 
 @dataclass(frozen=True, slots=True)
 class Best:
@@ -185,8 +181,8 @@ class Best:
 
     Example:
         >>> best = Best("flda_3", 8e3, (2e3, 4e3), (1e3, 2e3, 4e3), (250, 4e3), 0.0, 0.0, 1e-4)
-        >>> best.candidates_text, best.reaches_highest, round(best.middle_cd_m2)
-        ('1000 to 4000', True, 2828)
+        >>> best.reaches_highest, round(best.middle_cd_m2)
+        (True, 2828)
     """
 
     receiver: str
@@ -202,12 +198,6 @@ class Best:
     def middle_cd_m2(self) -> float:
         """The best luminance, or the middle of the plateau in octaves."""
         return math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])
-
-    @property
-    def candidates_text(self) -> str:
-        """The ends of the candidates, for people."""
-        ends = dict.fromkeys((self.candidates_cd_m2[0], self.candidates_cd_m2[-1]))
-        return " to ".join(f"{end:.10g}" for end in ends)
 
     @property
     def reaches_lowest(self) -> bool:
@@ -256,10 +246,10 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
     ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
     candidates = not_worse(
         ber,
-        *grid.one_sided(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)),
+        *grid.intervals(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)),
     )
-    low = grid.one_sided(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
-    high = grid.one_sided(
+    low = grid.intervals(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
+    high = grid.intervals(
         receiver, (1 - estimate.joint_confidence(len(luminances))) / 2
     )[1].min(1)
     ends, bests = (grid.columns[0], grid.columns[-1]), []
