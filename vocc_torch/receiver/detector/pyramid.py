@@ -22,7 +22,7 @@ class PyramidSettings:
     stride_px: int = 16  # sides of levels are multiples, for the scout's coarsest layer
     tile_px: int = 64  # side of a tile
     margin_px: int = 16  # around a tile, for the scout's field of view
-    tiles: int = 64  # of the finest level, always: the time is constant
+    tiles: int = 40  # of a level, always: the time is constant
     block_px: int = 32  # the gate averages ranges over this side
     cell_px: float = (
         4.0  # a cell is read in the level where its side is nearest to this

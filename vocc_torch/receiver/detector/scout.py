@@ -23,7 +23,7 @@ class ScoutSettings:
     candidates: int = 16  # of a frame
     same: float = 0.3  # centres nearer than this share of a side are of one candidate, if sizes are alike
     alike: float = 1.4  # ratio of sizes that are alike
-    gated_px: int = 400_000  # larger levels are looked at in tiles
+    gated_px: int = 200_000  # larger levels are looked at in tiles
     margin_px: int = 16  # around a level
     rare_logit: float = -4.0  # of the score before any training: panels are rare
 
@@ -126,12 +126,11 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
     Args:
         net: the scout.
         pyramid: of the frame.
-        gated: whether only the tiles that the gate chooses are looked at in the finest level, where it has
-            many.
+        gated: whether only the tiles that the gate chooses are looked at in large levels.
     """
     quads, scores = [], []
     for number, plane in enumerate(pyramid.levels):
-        tiles = gated and number == 0 and plane.numel() > SETTINGS.gated_px
+        tiles = gated and plane.numel() > SETTINGS.gated_px
         corners, score = _in_tiles(net, plane) if tiles else _in_level(net, plane)
         quads.append(corners.double() * 2.0**number)
         scores.append(score)
