@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from vocc_torch.receiver.detector.judge import judged
+from vocc_torch.receiver.detector.judge import judged, pitch_of
 from vocc_torch.receiver.detector.placer import placed, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.scout import propose
@@ -25,6 +25,7 @@ class DetectorSettings:
     slipped: int = 2  # candidates that are looked at again
     tried: int = 4  # slips that are placed again
     rounds_again: int = 2
+    least_pitch_px: float = 1.0  # of LEDs that can be told apart
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
 
@@ -43,6 +44,8 @@ def detected(
     """
     grey, origin = with_surround(frame)
     quads, odds = candidates(networks, Pyramid.of(grey), shape)
+    seen = pitch_of(quads, shape) >= SETTINGS.least_pitch_px
+    quads, odds = quads[seen], odds[seen]
     rows = apart(quads, odds)
     return quads[rows] + origin, odds[rows].double()
 
