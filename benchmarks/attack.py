@@ -41,8 +41,10 @@ from PIL import Image
 
 import vocc_torch as vt
 from vocc_torch.__main__ import main as main_of_command
-from vocc_torch.app.config import TASKS, AppConfig, keys_of
+from vocc_torch.app.config import AppConfig
+from vocc_torch.app.tasks import TASKS
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.schema import keys_of
 from vocc_torch.receiver.model_file import read_model, write_model
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -8,16 +8,17 @@ Run it after a change of a public docstring, a key, a column or an effect.
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from pathlib import Path
 
 import yaml
 from hydra import compose, initialize_config_module
-from omegaconf import DictConfig, OmegaConf
 
 import vocc_torch as vt
-from vocc_torch.app.config import TASKS, AppConfig, descriptions, register_schema
+from vocc_torch.app.config import AppConfig, descriptions, register
+from vocc_torch.app.resolve import task_plain
+from vocc_torch.app.tasks import TASKS
 from vocc_torch.measure.curve import Row
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 
@@ -151,17 +152,18 @@ def api_page() -> str:
     return "\n\n".join([NOTE, head, *functions, *classes])
 
 
-def leaves(node: DictConfig, prefix: str = "") -> Iterable[tuple[str, object]]:
+def leaves(
+    node: Mapping[str, object], prefix: str = ""
+) -> Iterable[tuple[str, object]]:
     """List dotted keys with their values; what has free names stays whole."""
-    for name in node:
-        value = OmegaConf.to_container(node, resolve=False)[name]  # type: ignore[index,call-overload]
+    for name, value in node.items():
         key = f"{prefix}{name}"
         if (
             isinstance(value, dict)
             and value
             and key not in ("scene.effects", "effects.parts", "effects.severity")
         ):
-            yield from leaves(node[name], f"{key}.")
+            yield from leaves(value, f"{key}.")
         else:
             yield key, value
 
@@ -170,13 +172,11 @@ def keys_page() -> str:
     """List every key with its default and meaning, by section."""
     said = descriptions(AppConfig)
     texts: dict[str, list[tuple[str, str, str]]] = {}
-    register_schema()
+    register()
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         for task in TASKS:
             root = compose("config", [f"task={task}"])
-            for key, value in leaves(
-                OmegaConf.masked_copy(root, [name for name in root if name != "hydra"])
-            ):
+            for key, value in leaves(task_plain(root)):
                 section = key.partition(".")[0] if "." in key else "general"
                 rows = texts.setdefault(section, [])
                 if key in said and all(f"`{key}=`" != row[0] for row in rows):

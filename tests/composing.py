@@ -7,9 +7,12 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.config import register_schema
-from vocc_torch.app.resolve import one_line, resolved
+from vocc_torch.app.config import register
+from vocc_torch.app.resolve import complaint, hydra_words, resolved
 from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.record_task import with_panel_of
+from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
+from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.compare.effect_plan import build_effect_study
 from vocc_torch.studies.compare.rivals import build_classifier_study
@@ -33,10 +36,10 @@ def composed(*words, raw=False):
     global ours
     if ours is None or GlobalHydra.instance().hydra is not ours:
         GlobalHydra.instance().clear()
-        register_schema()
+        register()
         initialize_config_module("vocc_torch.conf", version_base="1.3")
         ours = GlobalHydra.instance().hydra
-    config = compose("config", overrides=list(words))
+    config = compose("config", overrides=hydra_words(words))
     return config if raw else resolved(config, words)
 
 
@@ -46,7 +49,11 @@ def study_of(*words):
 
 
 def built(settings):
-    """All that a task builds before it does any work, from its settings."""
+    """All that a task builds before it does any work, from its settings; a few build nothing."""
+    if settings.task in ("collect", "transmit", "calibrate", "train_detector"):
+        return None
+    if settings.task in ("record", "receive"):
+        settings = with_panel_of(settings, MessagePlan(PanelShape(), Signalling()))
     plan = build_plan(settings, NOWHERE)
     plan.world.simulator()
     if settings.task == "classifiers":
@@ -67,7 +74,7 @@ def complaint_of(*words):
     except VoccError as error:
         said = str(error)
     except REFUSALS as error:
-        said = one_line(error, words)
+        said = complaint(error)
     else:
         raise AssertionError(f"{words} are accepted")
     assert "\n" not in said

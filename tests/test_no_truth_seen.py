@@ -12,7 +12,7 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from leak_watch import LITTLE, NETWORKS, SHIPPED
 
-from vocc_torch.app.config import register_schema
+from vocc_torch.app.config import register
 from vocc_torch.app.resolve import resolved
 from vocc_torch.measure import link as link_module
 from vocc_torch.measure.build import build_plan
@@ -27,7 +27,7 @@ from vocc_torch.simulation import Distribution, Simulator
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     """All shipped receivers, as the command line puts them together."""
-    register_schema()
+    register()
     GlobalHydra.instance().clear()
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         settings = resolved(

@@ -9,7 +9,7 @@ import yaml
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 
-from vocc_torch.app.config import register_schema
+from vocc_torch.app.config import register
 from vocc_torch.app.resolve import resolved
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
@@ -24,7 +24,7 @@ KEYS = [FrameKey(BlockKey(0, "scenes", 0), frame) for frame in range(3)]
 def plan_of(*overrides):
     """The study that a command describes."""
     GlobalHydra.instance().clear()
-    register_schema()
+    register()
     GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         settings = resolved(compose("config", overrides=["device=cpu", *overrides]))

@@ -78,10 +78,10 @@ def exported(tmp_path_factory, request):
         *BRIEF,
         *words,
         "scene.distance_m=30",
-        "budget.frames=96",
+        "export_receiver.frames=96",
     )
     with contextlib.redirect_stdout(said):
-        run_export_receiver(settings, folder)
+        run_export_receiver(settings, settings.export_receiver, folder)
     return folder, Receiver.load(folder / "receiver.pt", [str(mine)]), said.getvalue()
 
 

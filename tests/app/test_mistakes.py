@@ -31,7 +31,7 @@ DEEP = {
 @pytest.mark.parametrize("value", DEEP.values(), ids=DEEP.keys())
 def test_what_no_parser_bears_is_one_line_that_names_the_key(value):
     words = (f"+scene.effects.x={value}", "seed=1")
-    assert complaint_of(*words).startswith("scene.effects.x ")
+    assert complaint_of(*words).startswith("scene.effects.x")
 
 
 @pytest.mark.parametrize("name", ["red\x1b[31m", "two\nlines", "zero\0", "bytes\udcff"])

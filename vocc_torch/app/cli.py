@@ -10,16 +10,18 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra import compose, initialize_config_module
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
-from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
+from vocc_torch.app.config import AppConfig, inside_runs, register
 from vocc_torch.app.jobs import (
     Jobs,
     begin_again,
@@ -27,7 +29,8 @@ from vocc_torch.app.jobs import (
     watch_joblib,
     write_down,
 )
-from vocc_torch.app.resolve import refusal, resolved
+from vocc_torch.app.resolve import ended_by, hydra_words, resolved, typed_word
+from vocc_torch.app.tasks import TASKS
 from vocc_torch.errors import VoccError, printable, shown, stdout_refusal
 from vocc_torch.files import UNFINISHED, locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
@@ -101,13 +104,13 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     Raises:
         VoccError: whatever the task refuses.
     """
-    place, part = TASKS[settings.task]
-    if settings.task == "test" and settings.experiment.row_axis is not None:
-        place = GRID
-    module, name = place.split(":")
+    task = TASKS[settings.task]
+    grid = settings.task == "test" and settings.experiment.row_axis is not None
+    module, name = (GRID if grid else task.run).split(":")
+    section = [] if task.part is None else [getattr(settings, task.part)]
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     run_it = getattr(import_module(f"vocc_torch.{module}"), name)
-    run_it(settings, *([] if part is None else [getattr(settings, part)]), folder)
+    run_it(settings, *section, folder)
 
 
 def discard_if_empty(folder: Path) -> None:
@@ -143,17 +146,50 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
     return str(error) if isinstance(error, VoccError) else None
 
 
-def run_job(config: DictConfig, jobs: Jobs, heard: Sequence[int] = ()) -> None:
-    """Run one job; what ends it is a result too, because raising would end a multirun with it."""
+@dataclass(frozen=True)
+class Job:
+    """One job.
+
+    Args:
+        config: its configuration.
+        words: the overrides of the command line.
+        folder: of its results.
+        number: its place in a multirun, or None.
+    """
+
+    config: DictConfig
+    words: Sequence[str]
+    folder: Path
+    number: int | None = None
+
+
+def hydras_job(config: DictConfig) -> Job:
+    """Give the job that Hydra runs now."""
     about = HydraConfig.get()
     # As they were typed: what a word interpolates is not resolved here.
-    typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
-    words = list(map(str, typed))
-    one_of_many = about.mode == RunMode.MULTIRUN
-    number, folder = (
-        int(about.job.num) if one_of_many else 0,
-        Path(about.runtime.output_dir),
-    )
+    words: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
+    number = int(about.job.num) if about.mode == RunMode.MULTIRUN else None
+    typed = [typed_word(str(word)) for word in words]
+    return Job(config, typed, Path(about.runtime.output_dir), number)
+
+
+def composed_job(words: Sequence[str]) -> Job:
+    """Compose the one job of a command line without flags: Hydra itself would compose it twice."""
+    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+        config = compose(
+            "config", overrides=hydra_words(words), return_hydra_config=True
+        )
+    folder = Path(str(config.hydra.run.dir))
+    folder.mkdir(parents=True, exist_ok=True)
+    with open_dict(config):
+        del config["hydra"]
+    return Job(config, words, folder)
+
+
+def run_job(job: Job, jobs: Jobs, heard: Sequence[int] = ()) -> None:
+    """Run one job; what ends it is a result too, because raising would end a multirun with it."""
+    one_of_many, folder, words = job.number is not None, job.folder, job.words
+    number = job.number or 0
     jobs.begun(number, folder)
     trace, mine, heading = "", False, " ".join(words)
     try:
@@ -164,7 +200,7 @@ def run_job(config: DictConfig, jobs: Jobs, heard: Sequence[int] = ()) -> None:
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))
             mine = begin_again(folder) and one_of_many
-            settings = resolved(config, words)
+            settings = resolved(job.config, words)
             if jobs.elsewhere and settings.workers is None:
                 settings.workers = 1  # the jobs share the cores
             with unfinished(folder, " ".join(words)):
@@ -190,7 +226,7 @@ def run_job(config: DictConfig, jobs: Jobs, heard: Sequence[int] = ()) -> None:
     if mine:
         configuration = ""
         with contextlib.suppress(VoccError):  # it may be what failed
-            configuration = as_yaml(resolved(config))
+            configuration = as_yaml(resolved(job.config))
         write_down(folder, complaint, trace, configuration)
     jobs.failed(number, complaint, trace)
 
@@ -205,17 +241,23 @@ def run_jobs(jobs: Jobs) -> int:
     @hydra.main(
         version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config"
     )
-    def job(config: DictConfig) -> None:
+    def hydras(config: DictConfig) -> None:
+        job = hydras_job(config)
         with contextlib.ExitStack() as stack:
             if jobs.elsewhere:
                 stack.enter_context(terminal_lines())
-                stack.enter_context(beside_others(int(HydraConfig.get().job.num)))
-            run_job(config, jobs, heard)
+                stack.enter_context(beside_others(job.number or 0))
+            run_job(job, jobs, heard)
 
     heard: list[int] = []
+    words = sys.argv[1:]
     try:
         with terminal_lines(), ctrl_c_first(heard):
-            job()
+            if any(word.startswith(("-", "hydra")) for word in words):
+                sys.argv[1:] = for_hydra(words)
+                hydras()
+            else:
+                run_job(composed_job([*words, *own_scenes(words)]), jobs, heard)
             sys.stdout.flush()
     except BrokenPipeError:
         return 1  # whoever read the output has gone, which is no mistake
@@ -225,7 +267,7 @@ def run_jobs(jobs: Jobs) -> int:
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        complaint = refusal(error, sys.argv[1:])
+        complaint = ended_by(error, words)
         if complaint is None:
             raise
         complain(complaint)
@@ -250,6 +292,29 @@ def run_jobs(jobs: Jobs) -> int:
     if any(one["trace"] for one in failures):
         return 1
     return 2 if failures else 0
+
+
+FLAGS_OF_ONE_VALUE = (
+    *("--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name"),
+    *("-cn", "--config-dir", "-cd", "--info", "-i", "--experimental-rerun"),
+)
+
+
+def for_hydra(arguments: Sequence[str]) -> list[str]:
+    """Give a command line with flags as Hydra takes it."""
+    before = ["", *arguments]
+    flags = [
+        word
+        for last, word in zip(before, arguments, strict=False)
+        if word.startswith("-") or last in FLAGS_OF_ONE_VALUE
+    ]
+    words = [
+        word
+        for last, word in zip(before, arguments, strict=False)
+        if not word.startswith("-") and last not in FLAGS_OF_ONE_VALUE
+    ]
+    sweeps = bool({*MULTIRUN} & {*flags})
+    return [*flags, *hydra_words(words, sweeps), *own_scenes(words)]
 
 
 def quoted(text: str) -> str:
@@ -317,12 +382,11 @@ def run() -> int:
     sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
     sweeps = any(word in MULTIRUN for word in sys.argv[1:])
     sys.argv[1:] = [with_quoted_input(word, sweeps) for word in sys.argv[1:]]
-    sys.argv[1:] += own_scenes(sys.argv[1:])
     if set(MULTIRUN) & set(sys.argv):
         watch_joblib()
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    register_schema()
+    register()
     sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
     ours = f".vocc-torch.{os.getpid()}.tmp."
     with tempfile.TemporaryDirectory(

@@ -3,8 +3,8 @@
 import inspect
 import os
 import re
-from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cache
+from collections.abc import Mapping
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from hydra.conf import HydraConf, JobConf, RunDir, SweepDir
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
 from hydra.plugins.config_source import ConfigResult
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.extras.calibrate import CalibrateConfig
@@ -24,38 +24,14 @@ from vocc_torch.extras.messages.config import (
     RecordConfig,
     TransmitConfig,
 )
-from vocc_torch.hardware import LedPanel
-from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
-from vocc_torch.measure.schema import keys_of as keys_of
+from vocc_torch.measure.config import ARGUMENT, Settings
+from vocc_torch.measure.schema import keys_of
 from vocc_torch.studies.compare import EffectsConfig, RivalsConfig, TradeoffConfig
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.export import ExportConfig
+from vocc_torch.studies.export import ExportConfig, GraphConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.train_detector import TrainDetectorConfig
 from vocc_torch.yaml_text import read_yaml
-
-TASKS = {
-    "train": ("studies.curve:run_train", None),
-    "test": ("studies.curve:run_test", None),
-    "decode": ("studies.decode.run:run_decode", "decode"),
-    "figures": ("studies.paper.run:run_figures", "figures"),
-    "effects": ("studies.compare.effects:run_effects_task", "effects"),
-    "tradeoff": ("studies.compare.tradeoff:run_tradeoff", "tradeoff"),
-    "classifiers": ("studies.compare.classifiers:run_classifiers", "rivals"),
-    "collect": ("studies.collect:run_collect", None),
-    "export": ("studies.export.run:run_export", "export"),
-    "export_receiver": ("studies.export_receiver:run_export_receiver", None),
-    "transmit": ("extras.messages.transmit_task:run_transmit", "transmit"),
-    "record": ("extras.messages.record_task:run_record", "record"),
-    "receive": ("extras.messages.receive_task:run_receive", "receive"),
-    "messages": ("extras.messages.comparison_task:run_messages", "messages"),
-    "calibrate": ("extras.calibrate.task:run_calibrate", "calibrate"),
-    "train_detector": (
-        "studies.train_detector.run:run_train_detector",
-        "train_detector",
-    ),
-}
-"""What runs each task, below ``vocc_torch``, and the section that is its own."""
 
 
 @dataclass
@@ -69,6 +45,7 @@ class AppConfig(Settings):
         tradeoff: what task=tradeoff prices.
         rivals: what task=classifiers compares.
         export: what task=export writes.
+        export_receiver: how task=export_receiver checks a graph.
         transmit: how task=transmit writes a message.
         record: the camera's time in task=record.
         receive: how task=receive reads a recording.
@@ -83,6 +60,7 @@ class AppConfig(Settings):
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     export: ExportConfig = field(default_factory=ExportConfig)
+    export_receiver: GraphConfig = field(default_factory=GraphConfig)
     transmit: TransmitConfig = field(default_factory=TransmitConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     receive: ReceiveConfig = field(default_factory=ReceiveConfig)
@@ -94,8 +72,6 @@ class AppConfig(Settings):
         """Check what no section can check alone."""
         super().__post_init__()
         run_folder(self.name)
-        if self.task not in TASKS:
-            raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
         for side in ("rows", "columns"):
             value = getattr(self.panel, side)
             if isinstance(value, str) and (value, self.task) != ("auto", "decode"):
@@ -110,187 +86,6 @@ class AppConfig(Settings):
                 f"{finders} for task={self.task}: a recording does not tell its corners"
             )
             raise VoccError.of("receiver.locator", "'truth'", rule)
-
-
-PARTS = ("classifiers", "locators", "features")
-"""What plugs in."""
-
-RECORDED = ("input", "model", "plug_ins")
-"""What tells of a recording, and of a receiver that is at hand."""
-
-COUNTING = tuple(
-    f"budget.{one.name}" for one in fields(Budget) if one.name != "training_frames"
-)
-TESTING = tuple(
-    f"experiment.{one.name}" for one in fields(Experiment) if one.name != "training"
-)
-ALONE = (
-    "workers",
-    "executor",
-    "tensorboard",
-    "scene.name",
-    "receiver.names",
-    *COUNTING,
-)
-"""What has no part in making one receiver."""
-
-IGNORED = {
-    "train": (*RECORDED, *ALONE, *TESTING),
-    "test": RECORDED,
-    "decode": (*ALONE, "experiment"),
-    "figures": (
-        *(
-            *RECORDED,
-            "experiment",
-            "receiver.locator",
-            "receiver.false_alarms",
-            "scene.name",
-        ),
-        *("camera.focal_length_mm", "panel.board_reflectance"),  # readings set them
-    ),
-    "effects": (
-        *(
-            *RECORDED,
-            "experiment",
-            "receiver.locator",
-            "receiver.false_alarms",
-            "receiver.features",
-        ),
-        *("budget.trainings", *PARTS),
-    ),
-    "tradeoff": (*RECORDED, "experiment", "receiver.save"),
-    "classifiers": (*RECORDED, "experiment"),
-    "export_receiver": (
-        *(
-            "input",
-            "experiment",
-            "workers",
-            "executor",
-            "tensorboard",
-            "scene.name",
-            "receiver.names",
-        ),
-        *(one for one in COUNTING if one != "budget.frames"),
-    ),
-    "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
-    "transmit": (
-        *(
-            "model",
-            "plug_ins",
-            "seed",
-            "device",
-            "precision",
-            "framing",
-            "batch_frames",
-            "workers",
-        ),
-        *(
-            "executor",
-            "tensorboard",
-            "scene",
-            "camera",
-            "receiver",
-            "experiment",
-            "budget",
-            *PARTS,
-        ),
-        *(f"panel.{one.name}" for one in fields(LedPanel) if one.name != "shape"),
-    ),
-    "record": (
-        *(
-            "model",
-            "plug_ins",
-            "workers",
-            "executor",
-            "tensorboard",
-            "scene.name",
-            "receiver",
-            "experiment",
-        ),
-        *("budget", "panel.rows", "panel.columns", *PARTS),
-    ),
-    "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
-    "messages": (
-        *(*RECORDED, "tensorboard", "scene.name", "receiver.save", *COUNTING),
-        *(one for one in TESTING if one != "experiment.scene"),
-        *(
-            f"messages.signalling.{one}"
-            for one in ("code", "code_rate", "interleave", "scramble")
-        ),
-        *(f"messages.record.{one}" for one in ("fps", "start_s", "quality")),
-    ),
-    "calibrate": (
-        *(
-            "model",
-            "plug_ins",
-            "seed",
-            "device",
-            "precision",
-            "framing",
-            "batch_frames",
-            "workers",
-        ),
-        *(
-            "executor",
-            "tensorboard",
-            "camera.iso_limits",
-            "scene",
-            "experiment",
-            "budget",
-            *PARTS,
-        ),
-        *(
-            "receiver.names",
-            "receiver.features",
-            "receiver.samples_per_led",
-            "receiver.gradient",
-            "receiver.cells",
-        ),
-        "receiver.save",
-    ),
-    "train_detector": (
-        *(
-            "model",
-            "input",
-            "plug_ins",
-            "device",
-            "precision",
-            "framing",
-            "batch_frames",
-            "workers",
-        ),
-        *(
-            "executor",
-            "tensorboard",
-            "scene",
-            "camera",
-            "panel",
-            "receiver",
-            "experiment",
-            "budget",
-            *PARTS,
-        ),
-    ),
-    "collect": tuple(
-        one.name
-        for one in fields(AppConfig)
-        if one.name not in ("task", "name", "input")
-    ),
-}
-"""What each task passes over, besides the sections of others: keys, and sections for all that is in them."""
-
-
-def passes_over(task: str, key: str) -> bool:
-    """Whether a task makes no use of a key, or of any key of a section or group.
-
-    Example:
-        >>> passes_over("train", "budget.frames"), passes_over("train", "budget")
-        (True, False)
-    """
-    others = [part for _, part in TASKS.values() if part not in (None, TASKS[task][1])]
-    return any(
-        f"{key}.".startswith(f"{one}.") for one in (*IGNORED.get(task, ()), *others)
-    )
 
 
 def inside_runs(folder: str | Path) -> bool:
@@ -344,18 +139,17 @@ NAMES = {
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 
 
-def described(root: DictConfig, schema: type) -> str:
-    """Write a configuration as YAML, each key below its description; ``hydra`` is left out.
+def described(plain: Mapping[str, Any], schema: type) -> str:
+    """Write a configuration as YAML, each key below its description.
 
     Args:
-        root: the configuration.
+        plain: the configuration.
         schema: its class, whose docstring and those of its sections describe the keys.
     """
     said = descriptions(schema)
     lines: list[str] = []
     path: list[str] = []
-    shown = OmegaConf.masked_copy(root, [str(key) for key in root if key != "hydra"])
-    for line in OmegaConf.to_yaml(shown).splitlines():
+    for line in OmegaConf.to_yaml(OmegaConf.create(dict(plain))).splitlines():
         if found := re.match(r"( *)(\w+):", line):
             depth = len(found[1]) // 2
             path[depth:] = [found[2]]
@@ -391,28 +185,13 @@ def descriptions(schema: type) -> dict[str, str]:
     return said
 
 
-# Here, because worker processes of a multirun import this and do not register the schema.
-OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
-OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
+# Here, because worker processes of a multirun import this and register nothing.
 OmegaConf.register_new_resolver(
-    "described", lambda _root_: described(_root_, AppConfig), replace=True
+    "run_folder", lambda name: run_folder(str(name)), replace=True
 )
-
-
-@dataclass
-class Composed(AppConfig):
-    """The configuration while Hydra puts it together: a classifier may get its first key by a dotted name."""
-
-    classifiers: dict[str, Any] = field(default_factory=dict)
-
-
-@cache
-def schema(kind: type[AppConfig] = AppConfig) -> DictConfig:
-    """Make the schema once; its sections take values although some are built as frozen dataclasses."""
-    made: DictConfig = OmegaConf.structured(kind)
-    for frozen in (made.camera, made.receiver.location):
-        OmegaConf.set_readonly(frozen, None)
-    return made
+OmegaConf.register_new_resolver(
+    "job_folder", lambda name, job: job_folder(str(name), job), replace=True
+)
 
 
 def hydra_settings() -> HydraConf:
@@ -456,12 +235,11 @@ class FileConfigSource(file_config_source.FileConfigSource):
         return ConfigResult(self.provider, f"file://{self.path}", config, header)
 
 
-def register_schema() -> None:
-    """Make the schema, the run's folder and the reader of files known to Hydra; again changes nothing."""
+def register() -> None:
+    """Make the run's folder and the reader of files known to Hydra; again changes nothing."""
     Plugins.instance()  # which registers Hydra's own reader
     SourcesRegistry.instance().types["file"] = FileConfigSource
     store = ConfigStore.instance()
-    store.store(name="schema", node=schema(Composed))
     store.store(
         group="hydra", name="config", node=hydra_settings(), provider="vocc_torch"
     )

@@ -13,11 +13,11 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from vocc_torch.app.config import AppConfig, inside_runs
+from vocc_torch.app.config import inside_runs
 from vocc_torch.errors import VoccError
 from vocc_torch.files import UNFINISHED, read_file, write_atomically
 
@@ -129,9 +129,7 @@ def begin_again(folder: Path) -> bool:
             lines = read_file(folder / CONFIG).decode("utf-8", "replace").splitlines()
         except VoccError:
             lines = []
-        if not {line.partition(":")[0] for line in lines} >= {
-            key.name for key in fields(AppConfig)
-        }:
+        if not {line.partition(":")[0] for line in lines} >= {"task", "name"}:
             return not names
     attempted = FAILED in names and names <= {FAILED, CONFIG}
     resumable = bool({"ledger.sqlite", "ledgers"} & names)

@@ -4,20 +4,25 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
 from vocc_torch.errors import VoccError, section
-from vocc_torch.hardware import LedPanel, PanelShape
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import (
+    Budget,
     ClassifierSettings,
+    Experiment,
+    PanelSettings,
     ReceiverParts,
     Settings,
     WorldSettings,
     effect_settings,
 )
+from vocc_torch.measure.schema import whole
 from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import bank, reader
 from vocc_torch.receiver.classifiers import Inputs, training
@@ -45,18 +50,17 @@ def build_world(settings: WorldSettings) -> plans.World:
         rule = f"{' or '.join(PRECISIONS)}: half precision changes pixels and bits"
         raise VoccError.of("precision", repr(settings.precision), rule)
     resolve_device(settings.device)
-    panel, scene = asdict(settings.panel), settings.scene
+    scene = settings.scene
     with section("scene.camera", before="camera"):
         changes = {
             name: value
             for name, value in vars(scene.camera).items()
             if value is not None
         }
-        camera = replace(settings.camera, **changes)
-    shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
+        camera = whole(Camera, settings.camera, **changes)
     return plans.World(
         camera=camera,
-        panel=LedPanel(shape=shape, **panel),
+        panel=build_panel(settings.panel),
         scene=SceneModel(
             **parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})
         ),
@@ -65,6 +69,17 @@ def build_world(settings: WorldSettings) -> plans.World:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
+
+
+def build_panel(settings: PanelSettings) -> LedPanel:
+    """Build the panel.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    # The section has rows and columns beside what LedPanel has.
+    panel: Any = asdict(whole(PanelSettings, settings))
+    return LedPanel(shape=PanelShape(panel.pop("rows"), panel.pop("columns")), **panel)
 
 
 def build_plan(settings: Settings, folder: Path) -> plans.Plan:
@@ -77,7 +92,8 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    world, budget = build_world(settings), settings.budget
+    world, budget = build_world(settings), whole(Budget, settings.budget)
+    experiment = whole(Experiment, settings.experiment)
     if budget.sampling and settings.task != "test":
         rule = f"null for task={settings.task}: only task=test uses it"
         raise VoccError.of("budget.sampling", budget.sampling, rule)
@@ -88,7 +104,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         settings, world.panel, settings.task in ("train", "decode", "receive")
     )
     draws = (settings.seed, settings.batch_frames)
-    return plans.Plan(world, receivers, settings.experiment, budget, folder, *draws)
+    return plans.Plan(world, receivers, experiment, budget, folder, *draws)
 
 
 def receiver_plan(

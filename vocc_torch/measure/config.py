@@ -129,9 +129,9 @@ class Experiment:
         VoccError: an unknown axis, values that are not finite or not ascending, or rows without axis.
     """
 
-    name: str
-    axis: str
-    values: tuple[float, ...]
+    name: str = "own"
+    axis: str = "distance_m"
+    values: tuple[float, ...] = (50.0,)
     scene: dict[str, Any] = field(default_factory=dict)
     training: dict[str, Any] = field(default_factory=dict)
     row_axis: str | None = None
@@ -306,7 +306,7 @@ class ReceiverSettings:
             above 0; of ``learned``. Null takes 1e-3, or what a model has.
     """
 
-    names: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=lambda: ["flda_3"])
     locator: str = "paper"
     features: list[str] = field(default_factory=lambda: ["agr", "gri", "ngr"])
     samples_per_led: int = 8

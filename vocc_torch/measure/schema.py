@@ -3,10 +3,11 @@
 import difflib
 import types
 import typing
-from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import field, fields, is_dataclass, make_dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, get_args, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
@@ -15,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import (
     ConfigAttributeError,
     ConfigKeyError,
+    InterpolationResolutionError,
     MissingMandatoryValue,
     OmegaConfBaseException,
 )
@@ -23,6 +25,11 @@ from vocc_torch.errors import VoccError, shown
 
 if TYPE_CHECKING:
     from vocc_torch.measure.config import SceneSettings
+
+Section = TypeVar("Section")
+
+MOST_BRACKETS = 64
+"""Most brackets of a kind in a word: the parser calls itself for each."""
 
 KINDS: dict[object, str] = {
     bool: "true or false",
@@ -54,6 +61,89 @@ def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     return keys
 
 
+@cache
+def part_of(schema: type, keys: tuple[str, ...]) -> type:
+    """Derive a section that has some keys of a schema; in its objects the others are constants.
+
+    Args:
+        schema: a dataclass.
+        keys: names of fields, and with dots those of sections.
+
+    Example:
+        >>> from vocc_torch.measure.config import Budget
+        >>> part = part_of(Budget, ("training_frames",))(training_frames=9)
+        >>> part, part.frames
+        (Budget(training_frames=9), 1024)
+    """
+    hints, changes = typing.get_type_hints(schema), list[tuple[str, Any, Any]]()
+    for item in fields(schema):
+        below = [
+            key.partition(".")[2] for key in keys if key.split(".")[0] == item.name
+        ]
+        kind: Any = hints[item.name]
+        if below and "" not in below:
+            section = part_of(kind, tuple(below))
+            changes.append((item.name, section, field(default_factory=section)))
+        elif not below:
+            usual: Any = item.default
+            if isinstance(kind, type) and is_dataclass(kind):
+                usual = kind()
+            elif callable(item.default_factory):
+                usual = item.default_factory()
+            changes.append((item.name, ClassVar[Any], usual))
+    frozen = schema.__dataclass_params__.frozen  # type: ignore[attr-defined]  # a dataclass
+    return make_dataclass(schema.__name__, changes, bases=(schema,), frozen=frozen)
+
+
+def whole(schema: type[Section], section: Section, **changes: Any) -> Section:
+    """Give an object of a class that :func:`part_of` derived as one of the schema itself.
+
+    Example:
+        >>> from vocc_torch.measure.config import Budget
+        >>> whole(Budget, part_of(Budget, ("frames",))(frames=9), trainings=2).trainings
+        2
+    """
+    names = {item.name for item in fields(schema)} - set(changes)  # type: ignore[arg-type]  # a dataclass
+    return schema(**{name: getattr(section, name) for name in names}, **changes)
+
+
+def has_key(schema: type, key: str) -> bool:
+    """Whether a schema has a key or section; below a mapping every key is possible.
+
+    Example:
+        >>> from vocc_torch.measure.config import Settings
+        >>> has_key(Settings, "locators.mine._target_"), has_key(Settings, "panel.row")
+        (True, False)
+    """
+    keys = keys_of(schema)
+    parent = key
+    while parent not in keys and "." in parent:
+        parent = parent.rpartition(".")[0]
+    return key in keys or get_origin(keys.get(parent)) is dict
+
+
+def within(schema: type, plain: Any, known: type) -> Any:
+    """Leave out of plain values the keys of a larger schema that a schema does not have.
+
+    Args:
+        schema: whose keys stay.
+        plain: a mapping. What neither schema has stays too, to be refused.
+        known: the larger schema.
+    """
+    if not isinstance(plain, dict) or schema is known:
+        return plain
+    kinds, larger = typing.get_type_hints(schema), typing.get_type_hints(known)
+    names = {item.name for item in fields(schema)}
+    dropped = {item.name for item in fields(known)} - names
+    return {
+        name: within(kinds[name], value, larger[name])
+        if name in names and is_dataclass(kinds[name])
+        else value
+        for name, value in plain.items()
+        if name not in dropped
+    }
+
+
 def unknown_key(key: str, schema: type) -> str:
     """Say that a schema does not have a key, and which of its keys is meant.
 
@@ -80,8 +170,10 @@ def kind_text(kind: Any) -> str:
         ('a list, as in [a,b]', 'a whole number, or null')
     """
     if get_origin(kind) in (types.UnionType, typing.Union):
-        (inner,) = (part for part in get_args(kind) if part is not types.NoneType)
-        return f"{kind_text(inner)}, or null"
+        texts = [
+            kind_text(part) for part in get_args(kind) if part is not types.NoneType
+        ]
+        return texts[0] + ", or null" * (types.NoneType in get_args(kind))
     if is_dataclass(kind):
         return KINDS[dict]
     return KINDS.get(get_origin(kind) or kind, "of another type")
@@ -99,10 +191,11 @@ def refusal(error: OmegaConfBaseException, schema: type) -> str:
         return f"{key} is missing: it must have a value"
     if isinstance(error, ConfigKeyError | ConfigAttributeError):
         return unknown_key(key, schema)
-    kind = keys_of(schema).get(key)
-    if kind is None:
+    kind = keys_of(schema).get(key.partition("[")[0])
+    if kind is None or isinstance(error, InterpolationResolutionError):
         return f"{key}: {' '.join(str(error.msg or error).split())}"
-    return f"{key} is {shown(error.value)}: it must be {kind_text(kind)}"
+    value = "null" if error.value is None else shown(error.value)
+    return f"{key} is {value}: it must be {kind_text(kind)}"
 
 
 @cache
@@ -111,9 +204,10 @@ def empty(schema: type) -> DictConfig:
     config: DictConfig = OmegaConf.structured(schema)
     OmegaConf.set_readonly(config, None)
     for key, kind in keys_of(schema).items():
-        if isinstance(kind, type) and is_dataclass(kind):
-            # Frozen dataclasses take values too.
-            OmegaConf.set_readonly(OmegaConf.select(config, key), None)
+        section = OmegaConf.select(config, key) if is_dataclass(kind) else None
+        # Frozen dataclasses take values too; a missing section has none.
+        if section is not None:
+            OmegaConf.set_readonly(section, None)
     return config
 
 
@@ -136,31 +230,71 @@ def typed(schema: type, *plain: Any, words: Sequence[str] = ()) -> Any:
         >>> typed(Camera, {"gamma": 2}, words=["f_number=1.8"]).f_number
         1.8
     """
-    try:
-        config = OmegaConf.merge(empty(schema), *plain)
-        OmegaConf.set_struct(config, True)
-        for word, override in zip(words, _parsed(words), strict=True):
+    with refusals(schema):
+        config = merge(schema, *plain)
+        for word, override in zip(words, parsed(words), strict=True):
             try:
                 _apply(config, override, word)
             except (ConfigKeyError, ConfigAttributeError):
                 raise VoccError(unknown_key(override.key_or_group, schema)) from None
         return OmegaConf.to_object(config)
+
+
+@contextmanager
+def refusals(schema: type) -> Iterator[None]:
+    """Say in one line what OmegaConf refuses in a block."""
+    try:
+        yield
     except OmegaConfBaseException as error:
         raise VoccError(refusal(error, schema)) from None
 
 
-def _parsed(words: Sequence[str]) -> list[Override]:
-    """Parse words as Hydra does."""
-    parsed = []
+def merge(schema: type, *plain: Any) -> DictConfig:
+    """Merge plain values into a schema.
+
+    Raises:
+        VoccError: an unknown key, or a value of another type.
+    """
+    for section, kind in keys_of(schema).items():
+        if get_origin(kind) is dict or is_dataclass(kind):
+            for values in plain:
+                demand_mapping(section, values)
+    with refusals(schema):
+        config: Any = OmegaConf.merge(empty(schema), *plain)
+        OmegaConf.set_struct(config, True)
+        return cast(DictConfig, config)
+
+
+def demand_mapping(key: str, plain: Any) -> None:
+    """Refuse another value than a mapping for a section of plain values, if they have it."""
+    names = key.split(".")
+    for depth, name in enumerate(names, 1):
+        if not isinstance(plain, Mapping) or name not in plain:
+            return
+        plain = plain[name]
+        if not isinstance(plain, Mapping | DictConfig):
+            section = ".".join(names[:depth])
+            raise VoccError.of(section, shown(plain), KINDS[dict])
+
+
+def parsed(words: Sequence[str]) -> list[Override]:
+    """Parse words as Hydra does.
+
+    Raises:
+        VoccError: a word that is none of its grammar.
+    """
+    found = []
     for word in words:
         try:
-            parsed += OverridesParser.create().parse_overrides([word])
-        except HydraException:
+            if max(map(word.count, "[{")) > MOST_BRACKETS:
+                raise RecursionError
+            found += OverridesParser.create().parse_overrides([word])
+        except (HydraException, RecursionError, ValueError):
+            key, is_set, value = " ".join(str(word).split()).partition("=")
+            text = key.lstrip("+") + is_set + shown(value)[1:-1]
             rule = "write key=value, a list as [a,b], and quote what is special"
-            raise VoccError(
-                f"{' '.join(str(word).split())} cannot be read: {rule}"
-            ) from None
-    return parsed
+            raise VoccError(f"{text} cannot be read: {rule}") from None
+    return found
 
 
 def _apply(config: Any, override: Override, word: str) -> None:

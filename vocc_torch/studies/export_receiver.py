@@ -13,6 +13,7 @@ from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
+from vocc_torch.studies.export import GraphConfig
 
 GRAPHS = ("receiver.onnx", "receiver_whole.onnx")
 """The graph that is told the corners, and the one that looks for them."""
@@ -39,7 +40,9 @@ class GraphDifference(NamedTuple):
         return f"{self.bits_apart} of {self.bits} bits differ from torch's; {scores}"
 
 
-def run_export_receiver(settings: config.Settings, folder: Path) -> None:
+def run_export_receiver(
+    settings: config.Settings, graph: GraphConfig, folder: Path
+) -> None:
     """Write ``receiver.onnx``, and ``receiver_whole.onnx`` where the locator can be in a graph.
 
     Raises:
@@ -60,7 +63,7 @@ def run_export_receiver(settings: config.Settings, folder: Path) -> None:
     for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):
         drawn = next(crops(study, 2))[:inputs]
         onnx_graph.write_graph(receiver, folder / name, *drawn)
-        inputs_of_crops = (crop[:inputs] for crop in crops(study, study.budget.frames))
+        inputs_of_crops = (crop[:inputs] for crop in crops(study, graph.frames))
         apart = compared(
             onnx_graph.TensorReceiver(receiver),
             onnx_graph.read_graph(folder / name),

@@ -17,9 +17,10 @@ from vocc_torch.extras.calibrate.report import write_page
 from vocc_torch.extras.calibrate.scene import of_size
 from vocc_torch.extras.calibrate.study import calibrate
 from vocc_torch.files import write_atomically
-from vocc_torch.hardware import LedPanel, PanelShape
-from vocc_torch.measure.build import build_plan
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.measure.build import build_panel, receiver_plan
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console
 
@@ -39,8 +40,8 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         raise VoccError(
             "input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture"
         )
-    plan, console = build_plan(settings, folder), Console()
-    receiver, panel, source = plan.receiver, plan.world.panel, Path(settings.input)
+    panel, source = build_panel(settings.panel), Path(settings.input)
+    receiver, console = receiver_plan(settings, panel), Console()
     locator = receiver.finders([receiver.locator])[receiver.locator]
     if locator is None:
         raise VoccError.of(
@@ -50,7 +51,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         )
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
     footage = read_footage(source, config, locator, panel.shape)
-    camera, taken = of_size(plan.world.camera, *footage.greys.shape[1:])
+    camera, taken = of_size(whole(Camera, settings.camera), *footage.greys.shape[1:])
     if taken:
         warnings.warn(taken, stacklevel=2)
     for doubt in footage.doubts():

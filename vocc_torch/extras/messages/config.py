@@ -1,11 +1,12 @@
 """``task=transmit``, ``task=record``, ``task=receive``, ``task=messages``: their sections, without torch."""
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.extras.messages.signalling import Signalling
+from vocc_torch.measure.schema import whole
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
 SOFT = ("scores", "calibrated", "hard")
@@ -214,9 +215,6 @@ class MessagesConfig:
             )
             raise VoccError.of("messages.codes", repr(code), rule, "has")
         rate, name = float(found[2] or 0.5), found[1] or "none"
-        return replace(
-            self.signalling,
-            code=name,
-            code_rate=rate,
-            scramble=True,
+        return whole(
+            Signalling, self.signalling, code=name, code_rate=rate, scramble=True
         )

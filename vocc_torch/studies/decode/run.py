@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
+from vocc_torch.files import VIDEO_SUFFIXES
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED
@@ -47,6 +48,9 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         with closing(stream):
             run_live(settings, config, folder, stream)
         return
+    if config.scale > 1 and settings.input.lower().endswith(VIDEO_SUFFIXES):
+        rule = f"1 where input is a video, as {settings.input}: pictures are annotated"
+        raise VoccError.of("decode.scale", config.scale, rule)
     failures: list[str] = []
     files = read_recording(
         Path(settings.input), config.first_channel, grey_only=config.grey_only

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, whole_number
 
 POINTS = ("train", "test")
 BLOCK, MOST_SHARD, MOST_FRAMES = 64, 8192, 10_000_000
@@ -36,3 +36,18 @@ class ExportConfig:
         if self.shard_frames % BLOCK or not BLOCK <= self.shard_frames <= MOST_SHARD:
             rule = f"a multiple of {BLOCK} from {BLOCK} to {MOST_SHARD}"
             raise VoccError.of("export.shard_frames", self.shard_frames, rule)
+
+
+@dataclass
+class GraphConfig:
+    """How ``task=export_receiver`` checks a graph.
+
+    Args:
+        frames: simulated frames on which the graph is compared with torch, at least 1.
+    """
+
+    frames: int = 1024
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        whole_number("export_receiver.frames", self.frames, 1, MOST_FRAMES)

@@ -8,8 +8,11 @@ from typing import Any
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.files import read_file
+from vocc_torch.hardware import Camera
 from vocc_torch.measure import build, config
+from vocc_torch.measure.config import PanelSettings, ReceiverSettings
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.schema import whole
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 from vocc_torch.yaml_text import parse_yaml
 
@@ -70,7 +73,12 @@ def load_readings(
     readings = []
     for name, entry in chosen:
         with section(f"figures.readings.{name}"):
-            changed = settings
+            changed = replace(
+                settings,
+                camera=whole(Camera, settings.camera),
+                panel=whole(PanelSettings, settings.panel),
+                receiver=whole(ReceiverSettings, settings.receiver),
+            )
             for key, value in entry["set"].items():
                 if key.partition(".")[0] not in SECTIONS:
                     raise VoccError.of(
