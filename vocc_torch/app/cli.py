@@ -179,7 +179,7 @@ def composed_job(words: Sequence[str]) -> Job:
         config = compose(
             "config", overrides=hydra_words(words), return_hydra_config=True
         )
-    folder = Path(str(config.hydra.run.dir))
+    folder = Path(str(config.hydra.run.dir)).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     with open_dict(config):
         del config["hydra"]
