@@ -14,18 +14,20 @@ from vocc_torch.simulation.effects import (
     Context,
 )
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.effects.optics import (
-    Blooming,
-    Defocus,
-    Diffraction,
-    MotionBlur,
-    Vignetting,
+from vocc_torch.simulation.effects.kernels import (
     airy_quarter,
     convolve_symmetric,
     convolve_taps,
     disc_quarters,
     disc_radius_px,
     streak_taps,
+)
+from vocc_torch.simulation.effects.optics import (
+    Blooming,
+    Defocus,
+    Diffraction,
+    MotionBlur,
+    Vignetting,
 )
 from vocc_torch.types import Scene
 

@@ -18,6 +18,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.coding import Demosaicing, Jpeg
+from vocc_torch.simulation.effects.poisson import poisson_quantile
 from vocc_torch.simulation.effects.sensor import (
     Bayer,
     DarkCurrent,
@@ -29,7 +30,6 @@ from vocc_torch.simulation.effects.sensor import (
     ReadNoise,
     RowNoise,
     ShotNoise,
-    poisson_quantile,
 )
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene

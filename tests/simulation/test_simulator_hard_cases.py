@@ -12,7 +12,7 @@ from scipy import stats
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import CAMERA_RANGES
 from vocc_torch.simulation import Camera, LedPanel, Simulator
-from vocc_torch.simulation.effects.sensor import poisson_quantile
+from vocc_torch.simulation.effects.poisson import poisson_quantile
 from vocc_torch.simulation.framing import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

@@ -13,13 +13,13 @@ from typing import NamedTuple, Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import special
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.rng import sensor_generator
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.colour import CHANNELS
+from vocc_torch.simulation.effects.poisson import poisson_quantile
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -621,146 +621,3 @@ ELECTRONS = (
 )
 EFFECTS = (Bayer, *ELECTRONS, Gain)
 """In physical order."""
-
-
-FEW = 3.0
-"""Below this mean the counts are summed up one by one; from it on they are expanded in the normal number."""
-
-SECOND_ORDER = 0.045
-"""Bound on the expansion's error to second order over its size squared: 0.035 where that stays below 1/2."""
-
-THIRD_ORDER = 0.0125
-"""Bound on the error to third order over its size cubed: 0.0081 at every size."""
-
-MOST_STEPS = 64
-"""Counts by which an expansion may be off: at a mean of 3 and 7 standard deviations it is off by 20."""
-
-MOST_OF_FEW = 32
-"""A Poisson number with a mean below ``FEW`` exceeds this with a probability of 4e-23."""
-
-Array = NDArray[np.float64]
-
-
-def poisson_quantile(mean: Array, normal: Array) -> Array:
-    """Poisson quantile at the probability of a standard normal number.
-
-    The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly
-    Poisson distributed counts. From a mean of 3 on the quantile comes from its expansion in powers of
-    ``mean^(-1/2)``, where that lies too near to a whole number for its error bound from the next order, and
-    where that still does from the distribution function itself.
-
-    Args:
-        mean: any shape, at least 0 and finite; a mean of 0 counts 0, and from 2^53 on the counts are exact
-            to rounding.
-        normal: shape of ``mean``, standard normal numbers.
-
-    Returns:
-        Whole numbers, shape of ``mean``.
-
-    Source:
-        M. B. Giles, "Algorithm 955: approximation of the inverse Poisson cumulative distribution function",
-        ACM Transactions on Mathematical Software 42(1), 2016; its expansions, with bounds of our own, which
-        hold with a margin against SciPy's incomplete gamma function.
-
-    Example:
-        >>> poisson_quantile(np.array([0.0, 0.5, 100.0, 1e6]), np.array([3.0, 1.0, 0.0, -1.0])).tolist()
-        [0.0, 1.0, 100.0, 999000.0]
-    """
-    shape, mean, normal = mean.shape, mean.ravel(), normal.ravel()
-    few = mean < FEW
-    count = np.count_nonzero(few)
-    if count in (0, few.size):  # no copies
-        return (_summed if count else _expanded)(mean, normal).reshape(shape)
-    if 2 * count < few.size:  # quicker for all than for a choice of them
-        counts = _expanded(np.maximum(mean, FEW), normal)
-    else:
-        counts = np.empty_like(mean)
-        counts[~few] = _expanded(mean[~few], normal[~few])
-    counts[few] = _summed(mean[few], normal[few])
-    return counts.reshape(shape)
-
-
-def _expanded(mean: Array, normal: Array) -> Array:
-    """Quantiles of means from ``FEW`` on, (N,).
-
-    With the expansion's size ``t = (1 + z^2/2) / sqrt(mean)`` the quantile is the whole part of
-    ``mean + z (sqrt(mean) - t/36) + z^2/6 + 1/3``, to an error of ``SECOND_ORDER t^2``.
-    """
-    root = np.sqrt(mean)
-    square = normal * normal
-    size = square * 0.5
-    size += 1.0
-    size /= root
-    exact = size * (-1.0 / 36.0)
-    exact += root
-    exact *= normal
-    exact += mean
-    square *= 1.0 / 6.0
-    square += 1.0 / 3.0
-    exact += square
-    counts: Array = np.floor(exact, out=root)
-    # How far from the middle between two whole numbers, and how far that is safe.
-    exact -= counts
-    exact -= 0.5
-    np.abs(exact, out=exact)
-    size *= size
-    size *= SECOND_ORDER
-    exact += size
-    doubtful = np.flatnonzero(exact > 0.5)
-    if doubtful.size:
-        counts[doubtful] = refined_quantile(mean[doubtful], normal[doubtful])
-    return counts
-
-
-def refined_quantile(mean: Array, normal: Array) -> Array:
-    """Quantiles of means from ``FEW`` on to third order, and exactly where that leaves a doubt, (N,)."""
-    root = np.sqrt(mean)
-    square = normal * normal
-    size = (1.0 + 0.5 * square) / root
-    exact = mean + normal * (root - size / 36.0) + square / 6.0 + 1.0 / 3.0
-    exact += 2.0 / 135.0 * size * size - size / (81.0 * root) - 1.0 / (45.0 * mean)
-    counts, nearest = np.floor(exact), np.rint(exact)
-    doubtful = np.flatnonzero(np.abs(exact - nearest) < THIRD_ORDER * size**3)
-    mean, count, target = (
-        mean[doubtful],
-        np.maximum(nearest[doubtful], 0.0),
-        special.ndtr(normal[doubtful]),
-    )
-    for _ in range(MOST_STEPS if doubtful.size else 0):
-        # Walk to the least count whose distribution function reaches the target.
-        short = special.pdtr(count, mean) < target
-        beyond = (count > 0) & (
-            special.pdtr(np.maximum(count - 1.0, 0.0), mean) >= target
-        )
-        if not (short | beyond).any():
-            break
-        count = count + short - beyond
-    counts[doubtful] = count
-    return counts
-
-
-def _summed(mean: Array, normal: Array) -> Array:
-    """Quantiles of means below ``FEW``, (N,): add up the probabilities of 0, 1, 2, ..."""
-    # Two to three times as fast as NumPy's and SciPy's; less exact far below 0.05, the least chance of a 0.
-    target: Array = torch.special.ndtr(torch.tensor(normal)).numpy()
-    term: Array = torch.from_numpy(-mean).exp_().numpy()
-    return _counted(0, mean, target, term, term.copy()).astype(np.float64)
-
-
-def _counted(
-    first: int, mean: Array, target: Array, term: Array, total: Array
-) -> NDArray[np.uint8]:
-    """Count the terms after ``first`` until their sum reaches the target; the few that lag go on alone."""
-    counts = np.zeros(mean.shape, dtype=np.uint8)
-    last = 2 * first + 2
-    for count in range(first + 1, last + 1):
-        counts += (total < target).view(np.uint8)
-        term *= mean
-        term *= 1.0 / count
-        total += term
-    left = np.flatnonzero(total < target)
-    if left.size and last < MOST_OF_FEW:
-        counts[left] += _counted(
-            last, mean[left], target[left], term[left], total[left]
-        )
-    return counts
