@@ -62,7 +62,7 @@ def small_pool():
 def test_a_block_is_the_same_again(tmp_path):
     for name in ("first", "again"):
         (tmp_path / name).mkdir()
-        block = pool.Block(tmp_path / name / "b.npz", "street", 4, 8, 3)
+        block = pool.PoolBlock(tmp_path / name / "b.npz", "street", 4, 8, 3)
         pool.render_block(block)
     first, again = (np.load(tmp_path / name / "b.npz") for name in ("first", "again"))
     assert first["grey"].shape == (2, 240, 320)
@@ -71,7 +71,7 @@ def test_a_block_is_the_same_again(tmp_path):
 
 def test_crops_are_put_back_into_their_frames(tmp_path):
     """A plain scene's frame is grey all over but for the crop that is rendered."""
-    pool.render_block(pool.Block(tmp_path / "b.npz", "paper", 8, 8, 3))
+    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 3))
     grey = np.load(tmp_path / "b.npz")["grey"]
     assert grey.shape == (2, 240, 320)
     assert (grey == np.median(grey, axis=(1, 2), keepdims=True)).mean() > 0.8
@@ -149,10 +149,12 @@ def test_lookalikes_are_no_panels():
     assert (off | (unlike < 0.15)).all()
 
 
-@pytest.mark.parametrize("training", [scout_training, judge_training])
-def test_crops_show_the_panel_where_they_say(training, small_pool):
+@pytest.mark.parametrize(
+    "sampler_class", [scout_training.CropSampler, judge_training.PictureSampler]
+)
+def test_crops_show_the_panel_where_they_say(sampler_class, small_pool):
     """A rendered panel is brighter inside its corners than the picture on the whole."""
-    sampler, compared = training.Sampler(small_pool), 0
+    sampler, compared = sampler_class(small_pool), 0
     for seed in range(8):
         batch = sampler.batch(torch.Generator().manual_seed(seed))
         greys = batch.grey.reshape(len(batch.grey), *batch.grey.shape[-2:])
@@ -183,7 +185,7 @@ def test_taken_candidates_keep_the_panels_place(small_pool):
     truth = small_pool.corners_px[:1].float()
     cell = torch.tensor([4.0, 3.0])
     near = candidates.Found(torch.tensor([0]), truth + cell, truth)
-    sampler = placer_training.Sampler(small_pool)
+    sampler = placer_training.PatchSampler(small_pool)
     generator = torch.Generator().manual_seed(0)
     _, cells = sampler.taken(generator, PanelShape(8, 8), near, 40)
     middle = cells.mean(1) - 4

@@ -37,7 +37,7 @@ from vocc_torch.studies.train_detector.scout_training import Proposals
 class JudgeTraining:
     """Settings of the training."""
 
-    # Pictures of a batch of 128.
+    # JudgePictures of a batch of 128.
     composed: int = 36  # with a panel that is laid into a picture
     rendered: int = 14  # with a rendered panel
     proposed: int = 20  # candidates of the scout, with a panel
@@ -67,8 +67,8 @@ class JudgeTraining:
 SETTINGS = JudgeTraining()
 
 
-class Pictures(NamedTuple):
-    """Pictures (B,S,S) of candidates, panels' corners (B,4,2) px in them, and whether they show one (B,)."""
+class JudgePictures(NamedTuple):
+    """JudgePictures (B,S,S) of candidates, panels' corners (B,4,2) px in them, and whether they show one (B,)."""
 
     grey: Tensor
     quads: Tensor
@@ -93,7 +93,7 @@ def off_candidates(draws: Draws) -> Tensor:
     return (quads + scale * moved) * (side - 2 * edge) + side / 2
 
 
-class Sampler:
+class PictureSampler:
     """Draws pictures of candidates.
 
     Args:
@@ -107,7 +107,7 @@ class Sampler:
         self.near: Found | None = None
         self.clutter: Found | None = None
 
-    def batch(self, generator: torch.Generator) -> Pictures:
+    def batch(self, generator: torch.Generator) -> JudgePictures:
         """Draw a batch of pictures."""
         parts = [self.composed(generator), self.rendered(generator)]
         if self.near is not None and len(self.near.frame):
@@ -119,7 +119,7 @@ class Sampler:
         if self.clutter is not None and len(self.clutter.frame):
             parts.append(self.taken(generator, self.clutter, SETTINGS.mined))
         grey, quads = (torch.cat(part) for part in zip(*parts, strict=True))
-        return Pictures(
+        return JudgePictures(
             grey, quads, torch.arange(len(grey), device=grey.device) < found
         )
 
@@ -169,7 +169,7 @@ class Sampler:
         return third
 
 
-def judge_loss(logit: Tensor, maps: Tensor, pictures: Pictures) -> Tensor:
+def judge_loss(logit: Tensor, maps: Tensor, pictures: JudgePictures) -> Tensor:
     """Give the losses of scores, of maps and of the corners in them."""
     side, wide = judging.SETTINGS.side_px, maps.shape[3]
     inside = ((pictures.quads > 1) & (pictures.quads < side - 1)).all(2)

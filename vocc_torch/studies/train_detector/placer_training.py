@@ -101,7 +101,7 @@ def slips(draws: Draws) -> Tensor:
     return (chosen * size)[..., None] * axes
 
 
-class Sampler:
+class PatchSampler:
     """Draws patches of candidates.
 
     Args:

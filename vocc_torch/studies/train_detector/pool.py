@@ -46,7 +46,7 @@ SHAPES = ((8, 8), (8, 8), (4, 4), (16, 16), (4, 8), (8, 16))
 """Rows and columns of the panels: in each round the first two and one of the others."""
 
 
-class Block(NamedTuple):
+class PoolBlock(NamedTuple):
     """Frames of one scene and shape, 0 rows for those without a panel, and where they are kept."""
 
     path: Path
@@ -61,7 +61,7 @@ class Block(NamedTuple):
         return self.path.stem
 
 
-def blocks_of(folder: Path, seed: int, rounds: int) -> list[Block]:
+def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
     """List the blocks: in each round three streets without a panel, three with, and one plain scene, twice."""
     blocks = []
     for number in range(rounds):
@@ -71,13 +71,13 @@ def blocks_of(folder: Path, seed: int, rounds: int) -> list[Block]:
         for part, (rows, columns) in enumerate(shapes):
             for scene in STREETS:
                 path = folder / f"{number:03d}_{scene}_{part}.npz"
-                blocks.append(Block(path, scene, rows, columns, seed))
+                blocks.append(PoolBlock(path, scene, rows, columns, seed))
         path = folder / f"{number:03d}_{plain}.npz"
-        blocks.append(Block(path, plain, *SHAPES[0], seed))
+        blocks.append(PoolBlock(path, plain, *SHAPES[0], seed))
     return blocks
 
 
-def render(blocks: Sequence[Block], workers: int) -> None:
+def render(blocks: Sequence[PoolBlock], workers: int) -> None:
     """Render the blocks that are missing, in processes."""
     missing = [block for block in blocks if not block.path.exists()]
     context = get_context("spawn")
@@ -86,7 +86,7 @@ def render(blocks: Sequence[Block], workers: int) -> None:
             done.result()
 
 
-def render_block(block: Block) -> None:
+def render_block(block: PoolBlock) -> None:
     """Write the frames of a block, whole or not at all."""
     options = SETTINGS
     rows, columns = (block.rows, block.columns) if block.rows else SHAPES[0]

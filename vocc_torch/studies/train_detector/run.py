@@ -27,7 +27,7 @@ POOL, CHECKPOINTS = "pool", "checkpoints"
 
 
 @dataclass(frozen=True)
-class RunSettings:
+class LearningSettings:
     """How a run is cut into pieces, and how networks learn."""
 
     round_steps: int = 500  # between minings, each of which is kept
@@ -39,7 +39,7 @@ class RunSettings:
     most_gradient: float = 5.0
 
 
-SETTINGS = RunSettings()
+SETTINGS = LearningSettings()
 
 
 def run_train_detector(
@@ -109,7 +109,7 @@ def train_part(
     device = pool.buffer.device
     net = getattr(Networks.fresh(), part).to(device)
     trainer = TRAINERS[part](net, pool, scale)
-    training = Training(folder / f"{part}.pt", net, seed, device)
+    training = NetworkTraining(folder / f"{part}.pt", net, seed, device)
     usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
     for rounds in training.rounds(steps):
         generator = torch.Generator(device).manual_seed(seed + rounds.start)
@@ -139,7 +139,7 @@ class ScoutTrainer:
 
     def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
         self.net, self.pool = net, pool
-        self.sampler = scout_training.Sampler(pool, scale)
+        self.sampler = scout_training.CropSampler(pool, scale)
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Find clutter that looks like panels."""
@@ -157,7 +157,7 @@ class JudgeTrainer:
 
     def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
         self.net, self.pool = net, pool
-        self.sampler = judge_training.Sampler(pool, scale)
+        self.sampler = judge_training.PictureSampler(pool, scale)
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Take candidates of frames."""
@@ -179,8 +179,8 @@ class PlacerTrainer:
 
     def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
         self.net, self.pool = net, pool
-        self.judged = judge_training.Sampler(pool)
-        self.sampler = placer_training.Sampler(pool, scale)
+        self.judged = judge_training.PictureSampler(pool)
+        self.sampler = placer_training.PatchSampler(pool, scale)
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Take candidates of frames."""
@@ -204,7 +204,7 @@ TRAINERS: dict[str, type[Trainer]] = {
 }
 
 
-class Training:
+class NetworkTraining:
     """A network's training in rounds, each of which is kept in a file.
 
     Args:

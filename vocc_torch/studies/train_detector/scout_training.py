@@ -99,7 +99,7 @@ def proposals(net: scout.Scout, pool: Pool, frames: Tensor, of_level: int) -> Pr
     return Proposals(*map(torch.cat, zip(*parts, strict=True)))
 
 
-class Sampler:
+class CropSampler:
     """Draws crops.
 
     Args:
