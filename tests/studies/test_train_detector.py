@@ -107,6 +107,25 @@ def test_blurs_are_scipys():
         assert np.abs(found.numpy() - wanted).max() < 0.01
 
 
+def test_margins_are_a_frames_edges_going_on(monkeypatch):
+    """Against OpenCV's border of a part of each picture."""
+    cut = replace(composition.FINISH, cut=1.0)
+    monkeypatch.setattr(composition, "FINISH", cut)
+    pictures = draws_of(0, 6).uniform(0, 255, 30, 40)
+    for whole, found in zip(
+        pictures.numpy(),
+        composition.with_edges(pictures, draws_of(3, 6)).numpy(),
+        strict=True,
+    ):
+        rows = np.flatnonzero((found == whole).any(1))
+        columns = np.flatnonzero((found == whole).any(0))
+        (top, low), (left, right) = ((n[0], n[-1]) for n in (rows, columns))
+        inside = whole[top : low + 1, left : right + 1]
+        sides = (top, 29 - low, left, 39 - right)
+        wanted = cv2.copyMakeBorder(inside, *map(int, sides), cv2.BORDER_REPLICATE)
+        assert np.array_equal(found, wanted)
+
+
 def test_readings_of_the_pool_are_opencvs(small_pool):
     """At the frame's own level, and at its half."""
     at = draws_of(2, 1).uniform(0, 1, 2, 200) * torch.tensor([320.0, 240.0])[:, None]

@@ -26,12 +26,16 @@ class Looks:
     wild: float = 0.5  # share of panels turned by any angle below
     turns_deg: tuple[float, float, float] = (25.0, 6.0, 6.0)  # yaw, pitch, roll
     wild_turns_deg: tuple[float, float, float] = (50.0, 45.0, 45.0)
+    flat: float = 0.35  # share of panels whose cells are no squares
+    aspect: tuple[float, float] = (0.6, 1.7)  # of such cells, width to height
     distance_sides: tuple[float, float] = (4.0, 60.0)  # of the camera, panel's sides
     fill: tuple[float, float] = (0.15, 0.95)  # width of an LED, cells
     square: float = 0.3  # share of panels with square LEDs
     lit: tuple[float, float] = (0.2, 0.8)  # share of LEDs that are On
     unequal: float = 0.3  # share of panels whose LEDs differ
     scatter: tuple[float, float] = (0.05, 0.5)  # of the logarithm of their light
+    uneven: float = 0.35  # share of panels that are brighter on one side
+    fall: float = 0.8  # of their light from one side to the other, at most
     driven: float = 0.12  # share of panels with groups of rows that are dimmer
     groups: tuple[int, int] = (2, 17)
     unseen: float = 0.22  # share of panels without a board
@@ -75,6 +79,8 @@ class Finish:
     gamma: tuple[float, float] = (0.45, 0.9)
     grainy: float = 0.35  # share of pictures with more grain than is usual
     curved: float = 0.35  # share of pictures with a gamma
+    cut: float = 0.12  # share of pictures beyond whose margins a frame's edges go on
+    margin: float = 0.2  # of a side, at most, that lies beyond a frame
     reach_px: int = 4  # of a blur
 
 
@@ -140,6 +146,8 @@ def poses(draws: Draws, shapes: Tensor, pitch_px: Tensor, centre_px: Tensor) -> 
         for near, far in zip(LOOKS.turns_deg, LOOKS.wild_turns_deg, strict=True)
     ]
     high, wide = (shapes[:, None] / 2).unbind(2)
+    flat, aspect = draws.coin(LOOKS.flat), draws.geometric(*LOOKS.aspect, 1)
+    wide = wide * torch.where(flat, aspect, 1.0)
     x = shapes.new_tensor([-1.0, 1.0, 1.0, -1.0]) * wide
     y = shapes.new_tensor([-1.0, -1.0, 1.0, 1.0]) * high
     z = torch.zeros_like(x)
@@ -317,6 +325,9 @@ def with_panels(
         draws.coin(LOOKS.as_bright), (1 + soft / fill / 2).clamp(max=3), 1.0
     )
     shown = off + (on - off) * light
+    slope = draws.uniform(-1, 1, 2) * draws.coin(LOOKS.uneven) * LOOKS.fall / 2
+    fall = slope[:, :1] * (across / columns - 0.5) + slope[:, 1:] * (down / rows - 0.5)
+    shown = under + (shown - under) * (1 + 2 * fall).clamp(min=0.1)
     shown = torch.where(light > 0, shown * bright, shown)
     hidden = draws.coin(0.25) & (light == 0)
     return torch.where(hidden, flat, flat + (shown - flat) * spot).view_as(pictures)
@@ -334,9 +345,12 @@ def blurred(pictures: Tensor, sigma_px: Tensor) -> Tensor:
 
 
 def finished(
-    pictures: Tensor, draws: Draws, blur_px: tuple[float, float] | None = None
+    pictures: Tensor,
+    draws: Draws,
+    blur_px: tuple[float, float] | None = None,
+    edges: bool = True,
 ) -> Tensor:
-    """Do to pictures (B,H,W) what cameras do: blur, gain, noise, white, gamma."""
+    """Do to pictures (B,H,W) what cameras do: blur, gain, noise, white, gamma, and the frame's edges."""
     if blur_px is not None:
         pictures = blurred(pictures, draws.uniform(*blur_px))
     gain = draws.uniform(*FINISH.gain, 1, 1).exp()
@@ -346,6 +360,22 @@ def finished(
     noise = grain[..., None] * draws.normal(*pictures.shape[1:])
     light = pictures * gain + draws.uniform(*FINISH.offset, 1, 1) + noise
     light = light.clamp(0, 255)
+    if edges:
+        light = with_edges(light, draws)
     curved, power = draws.coin(FINISH.curved), draws.uniform(*FINISH.gamma, 1)
     power = torch.where(curved, power, 1.0)
     return 255 * (light / 255) ** power[..., None]
+
+
+def with_edges(pictures: Tensor, draws: Draws) -> Tensor:
+    """Let a frame's edges go on in the margins of some pictures (B,H,W)."""
+    cut = draws.coin(FINISH.cut)
+    for axis in (1, 2):
+        side = pictures.shape[axis]
+        ends = (draws.uniform(0, FINISH.margin, 2) * cut * side).long()
+        place = torch.arange(side, device=draws.device).expand(draws.count, side)
+        place = torch.maximum(place, ends[:, :1])
+        place = torch.minimum(place, side - 1 - ends[:, 1:])
+        place = place.unsqueeze(3 - axis).expand_as(pictures)
+        pictures = pictures.gather(axis, place)
+    return pictures

@@ -124,7 +124,8 @@ class CropSampler:
             quads.append(ordered(corners))
         found = sum(map(len, greys))
         empty = Draws(generator, self.scale * SETTINGS.empty)
-        greys.append(finished(empty_crops(self.pool, empty, SETTINGS.crop_px), empty))
+        crops = empty_crops(self.pool, empty, SETTINGS.crop_px)
+        greys.append(finished(crops, empty, edges=False))
         if self.mined is not None and len(self.mined.frame):
             greys.append(self.mined_crops(generator))
         grey = torch.cat(greys)
@@ -142,7 +143,7 @@ class CropSampler:
         quads = poses(draws, shapes, pitch, middle)
         behind = empty_crops(self.pool, draws, side)
         shown = with_panels(behind, quads, shapes, draws, options.soft_px)
-        return finished(shown, draws, options.blur_px), quads
+        return finished(shown, draws, options.blur_px, edges=False), quads
 
     def rendered(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Cut crops with rendered panels."""
@@ -151,7 +152,7 @@ class CropSampler:
         corners = self.pool.corners_px[frame].float()
         at = self.about(draws, corners.mean(1), level)
         cut = views(draws, frame, level, at, SETTINGS.crop_px)
-        return finished(cut.read(self.pool), draws), cut.seen(corners)
+        return finished(cut.read(self.pool), draws, edges=False), cut.seen(corners)
 
     def mined_crops(self, generator: torch.Generator) -> Tensor:
         """Cut crops that the scout took for panels."""
@@ -160,7 +161,7 @@ class CropSampler:
         chosen = self.mined.rows(draws.below(len(self.mined.frame)))
         at = self.about(draws, chosen.quads.mean(1), chosen.level)
         cut = views(draws, chosen.frame, chosen.level, at, SETTINGS.crop_px)
-        return finished(cut.read(self.pool), draws)
+        return finished(cut.read(self.pool), draws, edges=False)
 
     def about(self, draws: Draws, middle: Tensor, level: Tensor) -> Tensor:
         """Move places (B,2) px of frames by whole pixels of their level."""
