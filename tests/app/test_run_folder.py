@@ -10,7 +10,7 @@ from vocc_torch.app.config import AppConfig, run_folder
 from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
 from vocc_torch.files import locked
-from vocc_torch.report import folder, terminal
+from vocc_torch.report import folder, rate_tables, terminal
 
 SMALL = ("budget.training_frames=16",)
 
@@ -167,7 +167,7 @@ def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypa
         ran = app(*SHORT)
     assert ran.status == 130
     assert "the same command with name=again goes on" in " ".join(ran.out.split())
-    (table,) = folder.read_tables("runs/again/ber.csv").values()
+    (table,) = rate_tables.read_tables("runs/again/ber.csv").values()
     assert [(row.value, row.frames, row.stopped_by) for row in table] == [
         *((4000.0, 128, "frames"), (8000.0, 64, "interrupted"))
     ]

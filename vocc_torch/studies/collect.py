@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import read_file
 from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import rate_tables, styles
+from vocc_torch.report import rate_tables, run_ledgers, styles
 from vocc_torch.report.plots import Figure, facet_figure, interval_note, save_figure
 from vocc_torch.report.terminal import Console, Text, plain_table
 
@@ -24,7 +24,7 @@ INTO_INPUT = "collect"
 Status = Literal["done", "failed", "unfinished", "unreadable"]
 
 TABLE, FAILED = "ber.csv", "failed.txt"
-LEFT = {TABLE, FAILED, run_folder.LEDGER, run_folder.LEDGERS}
+LEFT = {TABLE, FAILED, run_folder.LEDGER, run_ledgers.LEDGERS}
 """What a job leaves in its folder; a ledger alone is a job that was interrupted."""
 _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""

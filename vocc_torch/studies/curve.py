@@ -32,6 +32,7 @@ from vocc_torch.report import (
     led_plots,
     plots,
     rate_tables,
+    run_ledgers,
     samples,
     styles,
     tensorboard,
@@ -53,9 +54,9 @@ def begun(
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     plan, console = begun(settings, folder)
-    with run_folder.resumable(settings, folder, console):
+    with run_ledgers.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
-        run_folder.write_training(
+        run_ledgers.write_training(
             settings, plan, terminal.train_shown(plan, console), folder
         )
     console.print(kept(plan), highlight=False, soft_wrap=True)
@@ -90,9 +91,9 @@ def run_test(settings: config.Settings, folder: Path) -> None:
             raise VoccError(f"experiment.values: {error}; {hint}") from None
     study = sweep.Study(experiment.name, plan, (locator,))
     with (
-        run_folder.resumable(settings, folder, console),
+        run_ledgers.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        run_folder.open_ledger(
+        run_ledgers.open_ledger(
             folder / run_folder.LEDGER, study.identity, console
         ) as opened,
         pool,
@@ -258,7 +259,7 @@ def write_results(
         folder: where they go.
     """
     table = curves.table()
-    run_folder.write_training(settings, plan, training, folder)
+    run_ledgers.write_training(settings, plan, training, folder)
     run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
     rate_tables.write_paired(folder / "paired.csv", [curves])
     camera, panel = plan.world.camera, plan.world.panel.shape
@@ -420,13 +421,13 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: rows that form no grid, or whatever a stage refuses.
     """
-    plan, console = begun(settings, folder, run_folder.LEDGERS)
+    plan, console = begun(settings, folder, run_ledgers.LEDGERS)
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
     rows = plan.rows()
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
-    with run_folder.resumable(settings, folder, console), ExitStack() as held_value:
-        ledgers = run_folder.open_ledgers(held_value, folder, studies, console)
+    with run_ledgers.resumable(settings, folder, console), ExitStack() as held_value:
+        ledgers = run_ledgers.open_ledgers(held_value, folder, studies, console)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
         with (
@@ -445,7 +446,7 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
             )
         curves = tuple(campaign.measured[study.key][locator] for study in studies)
         cells = grid.Grid(axis, tuple(rows), curves)
-        run_folder.write_training(
+        run_ledgers.write_training(
             settings, plan, campaign.trainings[studies[0].key][locator], folder
         )
         rate_tables.write_grid(folder / "ber.csv", {locator: cells})

@@ -20,7 +20,7 @@ HEAVY = (
     "vocc_torch.simulation",
     "vocc_torch.measure.plan",
     "vocc_torch.measure.train",
-    "vocc_torch.report.folder",
+    "vocc_torch.report.run_ledgers",
     "matplotlib",
     "tensorboard",
     "scipy",

@@ -103,7 +103,7 @@ def bytes_built(schema: Any, sizes: Mapping[str, int]) -> int:
             named[node.get("__id__")].append(node)
         if isinstance(node, dict | list):
             left += node.values() if isinstance(node, dict) else node
-    del named[None]
+    named.pop(None, None)
     known: dict[object, int] = {}
 
     def inside(node: Any) -> int:

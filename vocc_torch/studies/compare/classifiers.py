@@ -4,7 +4,7 @@ from pathlib import Path
 
 from vocc_torch.measure import config
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import rate_tables, styles, terminal
+from vocc_torch.report import rate_tables, run_ledgers, styles, terminal
 from vocc_torch.studies.compare import RivalsConfig, rival_figures
 from vocc_torch.studies.compare.rival_results import ReceiverComparison, ratio_text
 from vocc_torch.studies.compare.rivals import (
@@ -33,7 +33,7 @@ def run_classifiers(
     stages = 2 + 2 * bool(study.scene_plans)
     with comparison(settings, folder, study.identity, stages) as run, run.pool:
         found, training = compare_classifiers(study, run)
-    run_folder.write_training(settings, study.base, training, folder)
+    run_ledgers.write_training(settings, study.base, training, folder)
     write_points(folder, found)
     print_table(found, terminal.Console())
     rows = classifier_rows(found)

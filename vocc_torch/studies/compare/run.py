@@ -17,7 +17,7 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import Training, train_plans
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import tensorboard
+from vocc_torch.report import run_ledgers, tensorboard
 from vocc_torch.report.plots import Figure
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.rng import BLOCK_FRAMES
@@ -124,8 +124,8 @@ def comparison(
     run_folder.refuse_results(folder, run_folder.LEDGER)
     console, ledger = Console(), folder / run_folder.LEDGER
     with (
-        run_folder.resumable(settings, folder, console),
-        run_folder.open_ledger(ledger, identity, console) as store,
+        run_ledgers.resumable(settings, folder, console),
+        run_ledgers.open_ledger(ledger, identity, console) as store,
     ):
         run_folder.write_config(settings, folder)
         yield Run(Workers.of(settings), store, console, stages)

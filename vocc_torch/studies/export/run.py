@@ -19,7 +19,7 @@ from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.store import what_changed
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import samples, terminal
+from vocc_torch.report import run_ledgers, samples, terminal
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.studies.export import ExportConfig, manifest, truth
@@ -57,7 +57,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         for point, model in scenes
         for first in range(0, config.frames, config.shard_frames)
     ]
-    with run_folder.resumable(settings, folder, console), nothing_half_written(folder):
+    with run_ledgers.resumable(settings, folder, console), nothing_half_written(folder):
         demand_identity(folder / IDENTITY, identity_of(plan, config))
         for left in (folder / FRAMES).glob("**/.*.tmp"):
             shutil.rmtree(left, ignore_errors=True)

@@ -8,7 +8,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import config as configs
 from vocc_torch.measure import executors, sweep
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import terminal
+from vocc_torch.report import run_ledgers, terminal
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.plan import (
@@ -34,7 +34,7 @@ def run_figures(
     Raises:
         VoccError: an unknown figure or reading, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder, run_folder.LEDGERS)
+    run_folder.refuse_results(folder, run_ledgers.LEDGERS)
     if (folder / "report.html").exists():
         before = configs.read_flat(folder / run_folder.CONFIG)
         for key, value in (("names", config.names), ("readings", config.readings)):
@@ -45,7 +45,7 @@ def run_figures(
     plan, console = plan_figures(settings, config, folder), terminal.Console()
     watch = terminal.Stopwatch(console)
     # The ledgers are open to the end: a second run would write over the same report.
-    with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
+    with run_ledgers.resumable(settings, folder, console), ExitStack() as ledgers:
         with watch.stage("bit error rates"):
             campaign = sweep.Campaign({}, {})
             if ordered := plan.every_study():
@@ -90,7 +90,7 @@ def measure(
     """
     total = sum(study.frames for study in ordered)
     with executors.Workers.of(settings) as pool, terminal.ProgressView(total) as view:
-        opened = run_folder.open_ledgers(ledgers, folder, ordered, view.console)
+        opened = run_ledgers.open_ledgers(ledgers, folder, ordered, view.console)
 
         def advance(study: sweep.Study, frames: int) -> None:
             view.advance(study.key, frames)
@@ -102,5 +102,5 @@ def measure(
             ordered, pool, opened, advance=advance, finished=finished
         )
     training = campaign.trainings[ordered[0].key][plan.readings[0].locator]
-    run_folder.write_training(settings, ordered[0].plan, training, folder)
+    run_ledgers.write_training(settings, ordered[0].plan, training, folder)
     return campaign
