@@ -145,7 +145,7 @@ def start(attempt: Attempt, folder: Path) -> int:
     process = os.fork()
     if process:
         return process
-    os.setsid()
+    os.setpgid(0, 0)
     os.chdir(folder)
     for stream in (1, 2):
         flags = os.O_CREAT | os.O_WRONLY | os.O_TRUNC
