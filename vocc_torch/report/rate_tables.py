@@ -46,7 +46,7 @@ def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
 def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
     """Read ``ber.csv``, or that of a grid of two quantities, which has the second one in its first column.
 
-    Further columns are passed over; those of trainings may be missing, as before there were several.
+    Further columns are passed over. The columns of several trainings may be missing.
 
     Args:
         path: the file.

@@ -1,1 +1,1 @@
-"""A small learned detector of panels: a gate, a scout, a judge and one fit."""
+"""A small learned detector of panels: a gate, a scout, a judge and a placer."""

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
@@ -97,24 +95,6 @@ class Pyramid:
                 -1, len(down), len(across)
             )
         return out
-
-    def window(
-        self, number: int, corners: NDArray[np.float64], shape: PanelShape
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-        """Cut a level around a panel, with two cells of margin, uint8 (h,w), and give its origin (2,), px.
-
-        Args:
-            number: of the level.
-            corners: (4,2) px of the level.
-            shape: rows and columns.
-        """
-        plane = self.levels[number]
-        margin = 2 * np.ptp(corners, axis=0).max() / min(shape.rows, shape.columns) + 2
-        size = np.array(plane.shape[::-1])
-        first = (corners.min(0) - margin).clip(0, size - 2).astype(int)
-        last = (corners.max(0) + margin).clip(first + 2, size).astype(int)
-        cut = plane[first[1] : last[1], first[0] : last[0]]
-        return cut.round().to(torch.uint8).numpy(), first.astype(np.float64)
 
     def level_of(self, quads: Tensor, shape: PanelShape, samples: int) -> Tensor:
         """Choose the level (n,) in which a cell's side is nearest to ``samples`` pixels."""

@@ -1,4 +1,4 @@
-"""The detector as a locator: two small networks and a fit, with stated false alarms."""
+"""The detector as a locator: three small networks, with stated false alarms."""
 
 import math
 from collections.abc import Mapping
@@ -23,13 +23,12 @@ PARTS_PER_PX = 1024.0
 
 @dataclass(frozen=True)
 class DetectorLocator(PanelLocator):
-    """Find panels by two small networks and a fit of the lattice of LEDs.
+    """Find panels by three small networks.
 
     - Gate: tiles of the frame with strong changes from pixel to pixel.
     - Scout: a network that proposes places in a pyramid of halvings.
-    - Judge: a network that sees a candidate's cells, scores its placings and moves its corners.
-    - Fit: a lattice of spots, by a few Gauss-Newton steps.
-    - Verdict: log odds, from the judge's logit, the fit's residual, the levels of the cells and their bits.
+    - Judge: a network that sees a candidate by its corners, scores it and moves its corners.
+    - Placer: a network that sees each cell of a candidate, moves its corners and gives its log odds.
 
     The log odds say how many false alarms a frame without a panel is expected to give, by a table of such
     frames (:mod:`vocc_torch.receiver.false_alarms`). ``Panels.score`` is the probability. With weights of
