@@ -1,4 +1,4 @@
-"""NumPy files of one plain array."""
+"""NumPy's arrays by the kind of their numbers, and files of one plain array."""
 
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import MOST_BYTES, ordinary_file
+
+Bools = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
 
 def read_npy(path: Path, what: str, most_bytes: int = MOST_BYTES) -> NDArray[Any]:

@@ -54,10 +54,8 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
     rows, best = (list(csv.DictReader(file.read_text().splitlines())) for file in files)
     assert len(rows) == len(FOUR) * len(AMBIENT) * len(LUMINANCE)
     for row in rows[::17]:
-        i, j = (
-            AMBIENT.index(float(row["ambient_lx"])),
-            LUMINANCE.index(float(row["value"])),
-        )
+        i = AMBIENT.index(float(row["ambient_lx"]))
+        j = LUMINANCE.index(float(row["value"]))
         counts = grid.counts(row["receiver"])[i][j]
         assert (int(row["bits"]), int(row["frame_errors"])) == (
             512 * BITS,

@@ -118,10 +118,8 @@ def test_true_corners_turn_with_each_frames_own_pose():
 @pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 1)])
 def test_an_upright_panel_is_where_the_lens_puts_it(shape):
     """The direct way of panels that face the camera against that in perspective, which is held by OpenCV."""
-    panel, rng = (
-        LedPanel(PanelShape(*shape), led_diameter_m=0.05, led_gap_m=0.01),
-        np.random.default_rng(1),
-    )
+    panel = LedPanel(PanelShape(*shape), led_diameter_m=0.05, led_gap_m=0.01)
+    rng = np.random.default_rng(1)
     places = {"distance_m": (1, 90), "offset_x_m": (-9, 9), "offset_y_m": (-3, 3)}
     scene = Scene.cat(
         [
@@ -135,10 +133,8 @@ def test_an_upright_panel_is_where_the_lens_puts_it(shape):
         leds = torch.stack(
             [x.repeat(1, shape[0]), y.repeat_interleave(shape[1], dim=1)], dim=-1
         )
-        corners, middle = (
-            panel_corners_px(scene, camera, panel),
-            panel_centre_px(scene, camera),
-        )
+        corners = panel_corners_px(scene, camera, panel)
+        middle = panel_centre_px(scene, camera)
         for ours, points_m in (
             (leds, led_centres_m(panel)),
             (corners, panel_corners_m(panel)),
@@ -155,11 +151,9 @@ FAR = Scene.of(distance_m=300.0)
 def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
     """In float32, in batches of every size, and as a part of a larger frame."""
     generator = torch.Generator().manual_seed(1)
-    value, context, effect = (
-        torch.rand(70, 1, 89, 89, generator=generator),
-        Context(Scene.of(), Camera()),
-        Blooming(1.5),
-    )
+    value = torch.rand(70, 1, 89, 89, generator=generator)
+    context = Context(Scene.of(), Camera())
+    effect = Blooming(1.5)
     together = effect(value, context)
     for frames in (1, 2, 7, 33, 64):
         assert torch.equal(effect(value[:frames], context), together[:frames]), frames

@@ -66,10 +66,8 @@ def plane(frames, seed=5, dtype=DOUBLE, size=SMALL.sensor_px):
 def panel_px(scene, frame):
     """Left, top, right and bottom edge of the panel's cells by the pinhole camera."""
     scale = SMALL.focal_length_px / float(scene.distance_m[frame])
-    x, y = (
-        60 + float(scene.offset_x_m[frame]) * scale,
-        40 + float(scene.offset_y_m[frame]) * scale,
-    )
+    x = 60 + float(scene.offset_x_m[frame]) * scale
+    y = 40 + float(scene.offset_y_m[frame]) * scale
     return x - 0.24 * scale, y - 0.24 * scale, x + 0.24 * scale, y + 0.24 * scale
 
 
@@ -105,10 +103,8 @@ def test_a_rectangle_is_where_its_stream_says_with_sharp_level_sides():
 def test_what_is_hidden_has_the_rectangles_luminance_and_the_rest_its_own():
     """LEDs too: 0.04 E / pi in daylight, whatever was behind."""
     scene, light = scenes(6), plane(6)
-    ours, share = (
-        Occlusion(0.5, 0.8)(light, context(scene)),
-        hidden(Occlusion(0.5, 0.8), context(scene)),
-    )
+    ours = Occlusion(0.5, 0.8)(light, context(scene))
+    share = hidden(Occlusion(0.5, 0.8), context(scene))
     wanted = (0.04 * scene.ambient_lx / math.pi).tolist()
     for frame in range(6):
         whole, free = share[frame] == 1, share[frame] == 0
@@ -191,10 +187,8 @@ def test_two_per_cent_of_the_contrast_is_left_at_the_visibility_distance(
     luminance, factor
 ):
     """Koschmieder's definition of visibility, for a target of any luminance before the horizon."""
-    scene, seen = (
-        Scene.of(distance_m=250.0, ambient_lx=5000.0),
-        torch.full((1, 1, 1, 1), luminance),
-    )
+    scene = Scene.of(distance_m=250.0, ambient_lx=5000.0)
+    seen = torch.full((1, 1, 1, 1), luminance)
     horizon = factor * 5000.0 / math.pi
     far = float(
         Airlight(visibility_m=250.0, horizon_factor=factor)(
@@ -312,10 +306,8 @@ def test_a_texture_has_mean_one_and_its_contrast_and_is_never_dark(contrast):
 
 def test_a_lamp_inside_the_sensor_has_exactly_its_area():
     """Of 300 frames with one lamp; the sum over pixels of what it adds."""
-    scene, effect = (
-        Scene.of(300, distance_m=47.0),
-        Lamps(count=1, luminance_cd_m2=501.0, diameter_m=0.1),
-    )
+    scene = Scene.of(300, distance_m=47.0)
+    effect = Lamps(count=1, luminance_cd_m2=501.0, diameter_m=0.1)
     added = (
         effect(torch.ones(300, 1, *SMALL.sensor_px, dtype=DOUBLE), context(scene)) - 1
     )

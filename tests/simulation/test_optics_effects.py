@@ -153,10 +153,8 @@ def test_the_first_dark_ring_holds_83_8_percent_and_the_second_91_0():
 @pytest.mark.parametrize("f_number", [1.4, 4.0, 8.0])
 def test_the_kernel_is_scipys_airy_pattern_integrated_over_pixels(f_number):
     lambda_n = 0.555 * f_number / PITCH_UM
-    reach, samples = (
-        min(10, Diffraction().reach_in_px(Camera(f_number=f_number), 50.0)),
-        101,
-    )
+    reach = min(10, Diffraction().reach_in_px(Camera(f_number=f_number), 50.0))
+    samples = 101
     at = (np.arange(samples * (reach + 1)) + 0.5) / samples - 0.5
     v = math.pi * np.hypot(at[:, None], at) / lambda_n
     light = (2 * special.j1(v + 1e-12) / (v + 1e-12)) ** 2
@@ -173,10 +171,8 @@ def test_the_kernel_is_scipys_airy_pattern_integrated_over_pixels(f_number):
 
 def thin_lens_diameter_px(focus, distance, camera):
     """Rays from the rim of the lens to the point's image, cut by the sensor: no formula of the effect's."""
-    focal, aperture = (
-        camera.focal_length_mm / 1000,
-        camera.focal_length_mm / 1000 / camera.f_number,
-    )
+    focal = camera.focal_length_mm / 1000
+    aperture = camera.focal_length_mm / 1000 / camera.f_number
     sensor, image = (1 / (1 / focal - 1 / d) for d in (focus, distance))
     return (
         aperture

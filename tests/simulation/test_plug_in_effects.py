@@ -233,10 +233,8 @@ def test_what_is_broken_is_refused_by_its_name_when_it_runs(methods, said):
         {"__call__": Passing.__call__, **methods},
         on=Quantity.EXPOSURE,
     )
-    simulator, bits = (
-        Simulator(SMALL, effects=[kind()]),
-        torch.ones(1, 8, 8, dtype=torch.bool),
-    )
+    simulator = Simulator(SMALL, effects=[kind()])
+    bits = torch.ones(1, 8, 8, dtype=torch.bool)
     with pytest.raises(
         VoccError, match=rf"^scene\.effects\.mine ?{re.escape(said)}[^\n]*$"
     ):

@@ -95,10 +95,8 @@ def test_the_photon_transfer_curve_is_emvas_line():
     assert np.all(error < [0.005, 3.0])
     assert np.all(abs(line - [1, read**2]) < 4 * error)
     context = Context(Scene.of(4), Camera(), effects=(conversion, Gain()))
-    seen, per_lx_s = (
-        Gain()(electrons - 100, context),
-        conversion.electrons_per_lx_s(Camera()),
-    )
+    seen = Gain()(electrons - 100, context)
+    per_lx_s = conversion.electrons_per_lx_s(Camera())
     np.testing.assert_allclose(mean / per_lx_s, exposures, rtol=1e-3)
     torch.testing.assert_close(
         seen, (electrons - 100).clamp(min=0) / per_lx_s, rtol=1e-12, atol=0

@@ -42,10 +42,8 @@ def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples
         / (camera.sensor_width_mm / 1000 / camera.width_px)
         / distance
     )
-    pitch, radius = (
-        (panel.led_diameter_m + panel.led_gap_m) * scale,
-        panel.led_diameter_m / 2 * scale,
-    )
+    pitch = (panel.led_diameter_m + panel.led_gap_m) * scale
+    radius = panel.led_diameter_m / 2 * scale
     centre_x = camera.width_px / 2 + dx * scale - origin[0]
     centre_y = camera.height_px / 2 + dy * scale - origin[1]
     background = exposure(panel.background_reflectance, 0)

@@ -1,17 +1,18 @@
 """Pictures with the panel's outline and its bits drawn in."""
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-Pixels = NDArray[np.uint8]
+from vocc_torch.arrays import Bools, Bytes, Floats
+
+Pixels = Bytes
 """A picture, (H,W,3): red, green, blue."""
 
 
 def annotated(
     colour: Pixels,
-    corners_px: NDArray[np.float64],
-    bits: NDArray[np.bool_],
+    corners_px: Floats,
+    bits: Bools,
     scale: int = 1,
 ) -> Image.Image:
     """Draw the panel's outline and a mark a bit onto a picture: filled for On, hollow for Off.

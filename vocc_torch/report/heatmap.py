@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib import cm, colormaps, colors
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
-from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
+from vocc_torch.arrays import Floats
+from vocc_torch.measure.grid import Best, Grid, best_luminance
 from vocc_torch.report import plots, styles
 from vocc_torch.report.plots import LOOK, Axes, Figure
 

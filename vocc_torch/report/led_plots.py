@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from torch import Tensor
 
-from vocc_torch.measure.grid import Bools, Floats
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.report.plots import (
     LOOK,
     Axes,
@@ -64,10 +64,8 @@ def status_histogram(
         label: of the horizontal axis, with its unit.
         log: whether shares are on a logarithmic axis, so that few LEDs show too.
     """
-    edges, least = (
-        np.histogram_bin_edges(values, bins=60),
-        0.5 / bits.size if log else 0.0,
-    )
+    edges = np.histogram_bin_edges(values, bins=60)
+    least = 0.5 / bits.size if log else 0.0
     for status, name, colour in STATUS:
         chosen = values[bits == status]
         shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)

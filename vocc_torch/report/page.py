@@ -104,10 +104,8 @@ def code(value: object) -> Markup:
         not text or "|" in text
     ):  # a table is parted at every pipe, and code keeps its backslashes
         return md(text)
-    marks, blank = (
-        _backticks(text, 1),
-        " " if text[0] in "` " or text[-1] in "` " else "",
-    )
+    marks = _backticks(text, 1)
+    blank = " " if text[0] in "` " or text[-1] in "` " else ""
     return Markup(f"{marks}{blank}{text}{blank}{marks}")
 
 

@@ -16,11 +16,11 @@ from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
 from PIL import Image
 
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.grid import Floats
 from vocc_torch.report.annotation import Pixels as Pixels
 from vocc_torch.report.styles import (
     Style,
@@ -272,10 +272,8 @@ def draw_panel(
     axes.set(xscale=panel.scale, yscale=panel.y_scale)
     if limits is not None and panel.y_scale == "log":
         axes.set_ylim(*limits)
-    scale, values = (
-        axes.xaxis.get_transform(),
-        sorted({x for curve in panel.curves for x in curve.x}),
-    )
+    scale = axes.xaxis.get_transform()
+    values = sorted({x for curve in panel.curves for x in curve.x})
     at = scale.transform(np.array(values))
     width = float(at[-1] - at[0]) or 1.0
     names = list(labels) or [curve.style.label for curve in panel.curves]

@@ -154,10 +154,8 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
         for value in curves.values if curves.paired else ():
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
-                    found, worse = (
-                        paired_interval(paired),
-                        (paired.a_worse, paired.b_worse),
-                    )
+                    found = paired_interval(paired)
+                    worse = (paired.a_worse, paired.b_worse)
                     place = (
                         curves.experiment,
                         curves.axis,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
@@ -42,7 +43,7 @@ class Crop:
 
     scene: Scene
     pixels: Pixels
-    origin_px: torch.Tensor
+    origin_px: Tensor
 
 
 def crops(

@@ -81,10 +81,8 @@ def ber_table(
         2
     """
     values, receivers = values or table.values, receivers or table.receivers
-    rows, ascii_only = (
-        {(row.value, row.receiver): row for row in table},
-        console.options.ascii_only,
-    )
+    rows = {(row.value, row.receiver): row for row in table}
+    ascii_only = console.options.ascii_only
     # The axis's name in a narrow column; a long unit is left to the figure.
     name, _, unit = axis_label(axis or table.axis).partition(" (")
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
@@ -356,10 +354,8 @@ class StudyView(ProgressView):
         """Draw the table so far."""
         table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
         # Around the rows stand 8 lines: header, rules and progress.
-        interim, lines = (
-            {point.value for point in self._interim},
-            self.console.height - 8,
-        )
+        interim = {point.value for point in self._interim}
+        lines = self.console.height - 8
         look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
         return ber_table(table, self.console, values, self._receivers, **look)
 

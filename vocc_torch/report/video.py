@@ -5,8 +5,8 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bytes
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 
@@ -15,7 +15,7 @@ SLOWEST_PARTS = 1001
 
 
 def write_video(
-    path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, quality: int = 12
+    path: Path, frames: Iterable[Bytes], fps: float, quality: int = 12
 ) -> int:
     """Write frames as H.264 in MP4; an odd last row or column is left out, as players ask for.
 

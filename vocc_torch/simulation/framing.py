@@ -263,15 +263,11 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
         ]
     ):
         return
-    (x, y), (height, width), plane = (
-        batch.context.first_px.unbind(-1),
-        batch.size,
-        value[:, 0].double(),
-    )
-    camera, corner = (
-        batch.context.camera,
-        read_surround(value, batch.centre_px, batch.context.first_px),
-    )
+    (x, y) = batch.context.first_px.unbind(-1)
+    (height, width) = batch.size
+    plane = value[:, 0].double()
+    camera = batch.context.camera
+    corner = read_surround(value, batch.centre_px, batch.context.first_px)
     rows = (plane[:, 0], y > 0), (plane[:, -1], y + height < camera.height_px)
     columns = (plane[..., 0], x > 0), (plane[..., -1], x + width < camera.width_px)
     for side, inside in (*rows, *columns):
@@ -376,10 +372,8 @@ class Batch:
             if isinstance(frames, slice)
             else torch.tensor(frames, device=self.bits.device)
         )
-        origin, iso = (
-            context.first_px[rows],
-            None if context.iso is None else context.iso[rows],
-        )
+        origin = context.first_px[rows]
+        iso = None if context.iso is None else context.iso[rows]
         if size != self.size:
             inset = [
                 large // 2 - small // 2
@@ -445,11 +439,9 @@ def like_sized(
     groups: list[tuple[list[int], Size]] = []
     waiting: list[int] = []
     for index, group in enumerate(ordered):
-        waiting, size, larger = (
-            waiting + group,
-            sizes[index],
-            (*sizes[index + 1 :], None)[0],
-        )
+        waiting = waiting + group
+        size = sizes[index]
+        larger = (*sizes[index + 1 :], None)[0]
         if (
             larger is None
             or len(waiting) * (math.prod(larger) - math.prod(size)) > worth_px

@@ -220,10 +220,8 @@ def led_stamps(
             panel.led_diameter_m / 2 if look is None else look.radius_m.view(-1, 1, 1)
         )
         centre, spread = view.view_of(context).discs_px(at, radius_m)
-        centre, half = (
-            centre - origin.unsqueeze(1),
-            spread.diagonal(dim1=-2, dim2=-1).sqrt(),
-        )
+        centre = centre - origin.unsqueeze(1)
+        half = spread.diagonal(dim1=-2, dim2=-1).sqrt()
         widest = 2 * half.amax(dim=(1, 2))
     if upright and look is None and context.nearest_m:
         scale = context.camera.focal_length_px / context.nearest_m
@@ -235,10 +233,8 @@ def led_stamps(
     single = list(range(len(sides)))
     if look is not None and bool(look.square.any()):
         single = (~look.square).nonzero().flatten().tolist()
-        at, half_m = (
-            view.led_centres_m(panel).to(scene.distance_m),
-            look.radius_m.view(-1, 1, 1, 1),
-        )
+        at = view.led_centres_m(panel).to(scene.distance_m)
+        half_m = look.radius_m.view(-1, 1, 1, 1)
         for led, cover, left, top in background.cell_patches(
             at, half_m, size, context, look.square
         ):

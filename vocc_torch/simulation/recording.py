@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch import Tensor
 
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.colour import Colour
@@ -42,9 +43,7 @@ class Shutter:
     black: float = 0.0
     burst_frames: int = 1
 
-    def taken_s(
-        self, length_s: float, draws: np.random.Generator
-    ) -> NDArray[np.float64]:
+    def taken_s(self, length_s: float, draws: np.random.Generator) -> Floats:
         """Give the moments of the frames of a film of ``length_s``: those that were lost are left out.
 
         A moment that comes twice is a repeated frame; a black one is no number.
@@ -76,13 +75,13 @@ class Shutter:
             raise NoFrameLeftError(
                 f"record.dropped and burst_frames lose all of {len(times)} frames: lower them"
             )
-        remaining: NDArray[np.float64] = times[~lost]
+        remaining: Floats = times[~lost]
         return remaining
 
 
 def further_films(
-    simulator: Simulator, film: torch.Tensor, key: BlockKey
-) -> dict[str, torch.Tensor]:
+    simulator: Simulator, film: Tensor, key: BlockKey
+) -> dict[str, Tensor]:
     """Draw the films (N,R,C) bool that a recording's LEDs of further colours play beside the first's.
 
     Args:
@@ -120,14 +119,14 @@ class Recorded:
 
     frames: Frames
     panels: Panels
-    taken_s: NDArray[np.float64]
+    taken_s: Floats
     symbols: Sequence[int | None]
 
 
 def record(
     simulator: Simulator,
     scene: Scene,
-    film: torch.Tensor,
+    film: Tensor,
     symbol_s: float,
     shutter: Shutter,
     key: BlockKey,

@@ -95,11 +95,9 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
             [(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky
         )
     if boxy and g.random() < 0.5:  # ribs, or a livery
-        count, fill, shade = (
-            int(g.integers(6, 30)),
-            g.uniform(0.2, 0.6),
-            g.uniform(0.4, 1.6),
-        )
+        count = int(g.integers(6, 30))
+        fill = g.uniform(0.2, 0.6)
+        shade = g.uniform(0.4, 1.6)
         sketch.grid(
             -half,
             -high * 0.95,
@@ -150,15 +148,11 @@ def _vehicle_lamps(
     """Draw lamps on both sides: glasses, discs or lattices of LEDs, and a third lamp of brakes."""
     lit, tall = bool(g.random() < light.lit), g.uniform(0.1, 0.35)
     range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
-    lamp_light, glass = (
-        light.lamp(g, *range_cd, lit=lit),
-        light.lamp(g, 1, 2, lit=False),
-    )
-    wide, top, kind = (
-        g.uniform(0.12, 0.4),
-        belt * g.uniform(0.75, 0.95),
-        int(g.integers(3)),
-    )
+    lamp_light = light.lamp(g, *range_cd, lit=lit)
+    glass = light.lamp(g, 1, 2, lit=False)
+    wide = g.uniform(0.12, 0.4)
+    top = belt * g.uniform(0.75, 0.95)
+    kind = int(g.integers(3))
     rows, columns = (int(n) for n in g.integers((1, 3), (5, 9)))
     for side in (-1, 1):
         left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
@@ -183,10 +177,8 @@ def _vehicle_lamps(
                 round=True,
             )
     if rear and g.random() < 0.4:
-        braking, top = (
-            light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5)),
-            belt * 1.15,
-        )
+        braking = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5))
+        top = belt * 1.15
         sketch.grid(
             -0.25,
             top,
@@ -205,20 +197,16 @@ def house(generator: Generator, light: Light) -> Sketch:
     g, sketch = generator, Sketch()
     wide, high = g.uniform(6, 30), g.uniform(5, 22)
     sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.08, 0.6)))
-    rows, columns = (
-        max(1, round(high / g.uniform(2.6, 3.5))),
-        max(2, round(wide / g.uniform(1.2, 4))),
-    )
+    rows = max(1, round(high / g.uniform(2.6, 3.5)))
+    columns = max(2, round(wide / g.uniform(1.2, 4)))
     state = g.random(rows * columns)
     glass = light.daylight_cd_m2 * np.where(
         state < 0.5, 0.04, g.uniform(0.05, 1.0, len(state))
     )
     lived_in = g.random(len(state)) < light.lit * g.uniform(0.1, 0.7)
     inside = np.where(lived_in, np.exp(g.uniform(2.5, 6.5, len(state))), 0)
-    windows, inner = (
-        (-wide / 2, -high, wide / 2, -1.2, rows, columns),
-        g.uniform(0.35, 0.8),
-    )
+    windows = (-wide / 2, -high, wide / 2, -1.2, rows, columns)
+    inner = g.uniform(0.35, 0.8)
     if g.random() < 0.6:
         sketch.grid(*windows, min(inner * 1.15, 0.95), light.of(g.uniform(0.2, 0.8)))
     sketch.grid(*windows, inner, np.maximum(glass + inside, 1e-6))
@@ -265,11 +253,9 @@ def sign(generator: Generator, light: Light) -> Sketch:
 def display(generator: Generator, light: Light) -> Sketch:
     """Draw a dot matrix that shows words or an arrow: over a road, on a bus, in a shop."""
     g, sketch = generator, Sketch()
-    lines, length, dot = (
-        int(g.integers(1, 4)),
-        int(g.integers(2, 11)),
-        spread(g, 0.01, 0.06),
-    )
+    lines = int(g.integers(1, 4))
+    length = int(g.integers(2, 11))
+    dot = spread(g, 0.01, 0.06)
     up, rim, fill = g.uniform(1.5, 5.5), g.uniform(1, 4) * dot, g.uniform(0.4, 0.95)
     wide, high = (6 * length + 1) * dot, 12 * lines * dot
     sketch.box(
@@ -307,10 +293,8 @@ def fence(generator: Generator, light: Light) -> Sketch:
     shade = g.uniform(0.03, 0.8) * np.exp(
         g.normal(0, g.uniform(0, 0.25), rows * columns)
     )
-    luminance, fill = (
-        np.maximum(light.daylight_cd_m2 * shade, 1e-6),
-        g.uniform(0.25, 0.9),
-    )
+    luminance = np.maximum(light.daylight_cd_m2 * shade, 1e-6)
+    fill = g.uniform(0.25, 0.9)
     sketch.grid(
         -wide / 2,
         -high,
@@ -332,10 +316,8 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(-0.07, -up, 0.07, 0, light.of(g.uniform(0.03, 0.3)))
     if kind == 0:
-        centre, half = (
-            [[g.uniform(-1, 1), -up]],
-            [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)],
-        )
+        centre = [[g.uniform(-1, 1), -up]]
+        half = [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]
         sketch.dots(np.array(centre), np.array(half), lamp_light, round=True)
     elif kind == 1:
         sketch.box(-0.18, -up, 0.18, -up + 1.0, light.of(0.03))
@@ -376,17 +358,13 @@ def tree(generator: Generator, light: Light) -> Sketch:
 def marks(generator: Generator, light: Light) -> Sketch:
     """Draw lane marks and a crossing on the ground: x right and y ahead of the camera."""
     g, sketch = generator, Sketch()
-    paint, dash, lane = (
-        light.of(g.uniform(0.3, 0.7)),
-        g.uniform(2, 6),
-        g.uniform(2.8, 3.8),
-    )
+    paint = light.of(g.uniform(0.3, 0.7))
+    dash = g.uniform(2, 6)
+    lane = g.uniform(2.8, 3.8)
     start, first = g.uniform(3, 9), g.uniform(-2.5, -1)
     for line in range(-1, 3):
-        x, (dashes, fill) = (
-            first + line * lane,
-            (20, 0.5) if line in (0, 1) else (1, 1.0),
-        )
+        x = first + line * lane
+        (dashes, fill) = (20, 0.5) if line in (0, 1) else (1, 1.0)
         sketch.grid(
             x - 0.08, start, x + 0.08, start + 20 * dash, dashes, 1, fill, paint
         )

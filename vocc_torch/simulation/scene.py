@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from vocc_torch.distributions import SCENE_FIELDS as SCENE_FIELDS
 from vocc_torch.distributions import Distribution as Distribution
@@ -46,7 +47,7 @@ class SceneModel:
         """The smallest distance that can be drawn; it fixes the crop for every block of a point."""
         return self.distance_m.bounds[0]
 
-    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
+    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool, equally likely On and Off."""
         draws = (
             (getattr(self, f.name), key.generator(f"scene.{f.name}"))

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Literal, get_args
 
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.hardware import Camera, LedPanel
@@ -41,7 +42,7 @@ Framing = Literal["crop", "filled", "full"]
 DRAWN = chain.CAMERA_STEPS[: chain.CAMERA_STEPS.index(Quantity.LUMINANCE)]
 """What effects change while the picture is drawn, before luminance reaches the lens."""
 
-Seen = tuple[torch.Tensor, Quantity]
+Seen = tuple[Tensor, Quantity]
 """Pictures on their way through the camera, (B,1,H,W), and what their numbers mean."""
 
 OF_ALL_CHANNELS = (Bayer, Jpeg)
@@ -147,9 +148,7 @@ class Simulator:
             )
         return panels.to(self.device)
 
-    def led_centres_px(
-        self, scene: Scene, keys: Sequence[FrameKey] = ()
-    ) -> torch.Tensor:
+    def led_centres_px(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Tensor:
         """Where the centres of the LEDs are on the sensor, (B,R*C,2) px in raster order.
 
         Example:
@@ -163,8 +162,8 @@ class Simulator:
     def render_window(
         self,
         scene: Scene,
-        bits: torch.Tensor,
-        origin_px: torch.Tensor,
+        bits: Tensor,
+        origin_px: Tensor,
         size_px: tuple[int, int],
         keys: Sequence[FrameKey] = (),
     ) -> Frames:
@@ -190,9 +189,7 @@ class Simulator:
         origin = batch.context.first_px
         return Frames(self.expose(batch, window=True), origin, self.camera.sensor_px)
 
-    def further_bits(
-        self, scene: Scene, keys: Sequence[FrameKey]
-    ) -> dict[str, torch.Tensor]:
+    def further_bits(self, scene: Scene, keys: Sequence[FrameKey]) -> dict[str, Tensor]:
         """Bits (B,R,C) bool of LEDs of further colours, ``second`` and ``third``, by keys as for render.
 
         Example:
@@ -209,17 +206,15 @@ class Simulator:
             )
         }
 
-    def contrast(self, scene: Scene) -> torch.Tensor:
+    def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
 
         Both greys are clipped at white where the scene names saturation. What a sensor clips or adds
         (``full_well``, ``dark_current``) is not in it. LEDs without light of their own have contrast 0.
         """
         scene = self._checked(scene)
-        context, led_luminance = (
-            self._context(scene),
-            scene.led_luminance_cd_m2.view(-1, 1, 1),
-        )
+        context = self._context(scene)
+        led_luminance = scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
             led_luminance = (
                 led_luminance
@@ -252,7 +247,7 @@ class Simulator:
     def render(
         self,
         scene: Scene,
-        bits: torch.Tensor,
+        bits: Tensor,
         *,
         nearest_m: float | None = None,
         keys: Sequence[FrameKey] = (),
@@ -350,10 +345,8 @@ class Simulator:
         if not window and tuple(pictures.shape[-2:]) != sensor:
             surround = framing.read_surround(pictures, centre, origin)
             if self.framing != "crop":
-                pictures, surround = (
-                    framing.lay_on_sensor(pictures, surround, origin, sensor),
-                    None,
-                )
+                pictures = framing.lay_on_sensor(pictures, surround, origin, sensor)
+                surround = None
         origin = (
             torch.zeros_like(origin) if tuple(pictures.shape[-2:]) == sensor else origin
         )
@@ -374,7 +367,7 @@ class Simulator:
         """What effects may know about frames."""
         return Context(scene, self.camera, keys, None, self.effects, self.panel)
 
-    def expose(self, batch: framing.Batch, window: bool) -> torch.Tensor:
+    def expose(self, batch: framing.Batch, window: bool) -> Tensor:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         context, sensor = batch.context, self.camera.sensor_px
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
@@ -402,7 +395,7 @@ class Simulator:
             )
         return torch.cat(frames)
 
-    def _in_colour(self, batch: framing.Batch, after: Sequence[Effect]) -> torch.Tensor:
+    def _in_colour(self, batch: framing.Batch, after: Sequence[Effect]) -> Tensor:
         """Carry each channel's light through the camera, up to what takes all three together."""
         places = (
             i for i, effect in enumerate(after) if isinstance(effect, OF_ALL_CHANNELS)
@@ -429,7 +422,7 @@ class Simulator:
             to_end=True,
         )[0]
 
-    def paint(self, batch: framing.Batch) -> torch.Tensor:
+    def paint(self, batch: framing.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         for effect in self.effects:
@@ -440,7 +433,7 @@ class Simulator:
             leds = leds + self._lights(bits, colour_context)
         return painter.paint(leds, shares, context, batch.size, self.dtype)
 
-    def _lights(self, bits: torch.Tensor, context: Context) -> torch.Tensor:
+    def _lights(self, bits: Tensor, context: Context) -> Tensor:
         """Light of LEDs of one colour in each of K symbols, (B,K,R,C) cd/m2, by the (B,R,C) sent."""
         symbols = bits.unsqueeze(1)
         for effect in self.effects:
@@ -457,7 +450,7 @@ class Simulator:
             )
         return leds
 
-    def _further(self, context: Context) -> Iterator[tuple[Context, torch.Tensor]]:
+    def _further(self, context: Context) -> Iterator[tuple[Context, Tensor]]:
         """Give the context and the bits (B,R,C) of LEDs of each further colour."""
         if self._colour is not None:
             for name in self._colour.further:
@@ -479,16 +472,12 @@ class Simulator:
                 effect is None or current != effect.takes
             ):
                 if current == Quantity.LUMINANCE:
-                    value, current = (
-                        photometry.through_lens(value, self.camera),
-                        Quantity.EXPOSURE,
-                    )
+                    value = photometry.through_lens(value, self.camera)
+                    current = Quantity.EXPOSURE
                 else:
                     iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
-                    value, current = (
-                        photometry.grey_value(value, iso, gamma=self.camera.gamma),
-                        Quantity.GREY,
-                    )
+                    value = photometry.grey_value(value, iso, gamma=self.camera.gamma)
+                    current = Quantity.GREY
             if effect is not None:
                 value, current = effect.applied(value, context), effect.gives
         return value, current

@@ -11,13 +11,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-Array = NDArray[np.float64]
-Plane = NDArray[np.float32]
+from vocc_torch.arrays import Bools, Floats, Integers, Singles
 
-Part = tuple[Array, Array]
+Part = tuple[Floats, Floats]
 
 TILE_PX = 128
 """Side of the squares of the sensor that are drawn by themselves."""
@@ -76,9 +74,9 @@ class Sketch:
 
     def dots(
         self,
-        centres: Array,
-        half: float | Array,
-        luminance: float | Array,
+        centres: Floats,
+        half: float | Floats,
+        luminance: float | Floats,
         *,
         round: bool,
     ) -> None:
@@ -102,16 +100,14 @@ class Sketch:
         rows: int,
         columns: int,
         fill: float,
-        luminance: float | Array,
+        luminance: float | Floats,
         *,
         round: bool = False,
     ) -> None:
         """Add a lattice of rectangles or ellipses, each ``fill`` of its cell's width and height."""
         wide, high = (right - left) / columns, (bottom - top) / rows
-        x, y = (
-            left + wide * (np.arange(columns) + 0.5),
-            top + high * (np.arange(rows) + 0.5),
-        )
+        x = left + wide * (np.arange(columns) + 0.5)
+        y = top + high * (np.arange(rows) + 0.5)
         centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         self.dots(centres, np.array([wide, high]) * (fill / 2), luminance, round=round)
 
@@ -135,7 +131,7 @@ class Sketch:
         return float(cell * mask.shape[1])
 
 
-def letters_mask(words: str) -> NDArray[np.bool_]:
+def letters_mask(words: str) -> Bools:
     """Give words as the bitmap of Pillow's built-in fixed font, (rows, columns), without empty rows."""
     core = _font().getmask(words, mode="1")
     mask = np.array(core, dtype=bool).reshape(core.size[::-1])
@@ -157,7 +153,7 @@ def words_of(generator: np.random.Generator, length: int) -> str:
 Window = tuple[int, int, int, int]
 """Left, top, right and bottom of what is looked at, px of the sensor."""
 
-Picture = tuple[Plane, Plane]
+Picture = tuple[Singles, Singles]
 """The share of each pixel that things cover, or leave, and the light of these things there."""
 
 
@@ -177,19 +173,22 @@ class Drawing:
         share: what a mirror shows of it; 1 without one.
     """
 
-    corners: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
-    least: Array
-    most: Array
-    luminance: Array
+    corners: Integers
+    starts: Integers
+    ends: Integers
+    least: Floats
+    most: Floats
+    luminance: Floats
     scale: float
     fine: int
     share: float
 
     @classmethod
     def on_sensor(
-        cls, parts: Iterable[Part], place: Callable[[Array], Array], share: float = 1.0
+        cls,
+        parts: Iterable[Part],
+        place: Callable[[Floats], Floats],
+        share: float = 1.0,
     ) -> "Drawing | None":
         """Place polygons (N,V,2) and their luminance (N,), as of a sketch.
 
@@ -223,23 +222,19 @@ class Drawing:
             - flat
         )
         corners = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
-        least, most = (
-            np.minimum.reduceat(flat, starts),
-            np.maximum.reduceat(flat, starts),
-        )
+        least = np.minimum.reduceat(flat, starts)
+        most = np.maximum.reduceat(flat, starts)
         luminance = np.concatenate([part for _, part in parts])
         # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
         scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
         return cls(corners, starts, ends, least, most, luminance, scale, fine, share)
 
     @property
-    def extent(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def extent(self) -> tuple[Integers, Integers]:
         """The last and the first pixel that it touches, each (2,)."""
         return _extent(np.concatenate([self.least, self.most]))
 
-    def shown(
-        self, begin: NDArray[np.int64], end: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], bool]:
+    def shown(self, begin: Integers, end: Integers) -> tuple[Integers, bool]:
         """Which polygons are seen from one pixel to another, and whether the first of these covers all."""
         visible = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
         inside = np.flatnonzero(
@@ -259,9 +254,7 @@ class Drawing:
                 return visible[number:], True
         return visible, False
 
-    def _corners(
-        self, first: int, last: int, begin: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
+    def _corners(self, first: int, last: int, begin: Integers) -> Integers:
         """The corners of the polygons from one to another, as seen from a pixel."""
         return (
             self.corners[self.starts[first] : self.ends[last]] - begin * self.fine
@@ -269,9 +262,9 @@ class Drawing:
 
     def patch(
         self,
-        begin: NDArray[np.int64],
-        end: NDArray[np.int64],
-        seen: NDArray[np.int64],
+        begin: Integers,
+        end: Integers,
+        seen: Integers,
         full: bool,
     ) -> Picture:
         """Draw the polygons ``seen`` from one pixel to another: the share covered, and the light there."""
@@ -284,10 +277,8 @@ class Drawing:
         else:
             image = Image.new("F", (wide * self.fine, high * self.fine), ground)
             drawn = seen[first:]
-            pen, at = (
-                ImageDraw.Draw(image),
-                self._corners(drawn[0], drawn[-1], begin).ravel().tolist(),
-            )
+            pen = ImageDraw.Draw(image)
+            at = self._corners(drawn[0], drawn[-1], begin).ravel().tolist()
             cuts = (
                 2 * (bounds[drawn] - self.starts[drawn[0]])
                 for bounds in (self.starts, self.ends)
@@ -301,12 +292,12 @@ class Drawing:
                 cover = COVERED[self.fine][
                     np.asarray(image.convert("L").reduce(self.fine))
                 ]
-        shown: Plane = np.divide(lit, np.float32(self.scale), dtype=np.float32)
+        shown: Singles = np.divide(lit, np.float32(self.scale), dtype=np.float32)
         share = np.float32(self.share)
         return (cover, shown) if share == 1 else (cover * share, shown * share)
 
 
-def _extent(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _extent(points: Floats) -> tuple[Integers, Integers]:
     """The last and the first pixel that points (M,2) touch, each (2,)."""
     return np.ceil(points.max(axis=0)).astype(int), np.floor(points.min(axis=0)).astype(
         int
@@ -315,7 +306,7 @@ def _extent(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def composed(
     things: Sequence[Drawing], window: Window
-) -> Iterator[tuple[int, Plane, Plane]]:
+) -> Iterator[tuple[int, Singles, Singles]]:
     """Lay things before a picture, later ones over earlier ones, tile by tile; what is hidden is not drawn.
 
     Args:
@@ -345,23 +336,17 @@ def composed(
     start = left - left % TILE_PX
     for row in range(top - top % TILE_PX, bottom, TILE_PX):
         size = min(row + TILE_PX, bottom) - row, right - start
-        keep, added, drawn = (
-            np.ones(size, np.float32),
-            np.zeros(size, np.float32),
-            False,
-        )
+        keep = np.ones(size, np.float32)
+        added = np.zeros(size, np.float32)
+        drawn = False
         for column in range(start, right, TILE_PX):
-            first, last = (
-                np.array((column, row)),
-                np.array((min(column + TILE_PX, right), row + size[0])),
-            )
+            first = np.array((column, row))
+            last = np.array((min(column + TILE_PX, right), row + size[0]))
             within = (firsts < last) & (lasts > np.maximum(first, (left, top)))
             shown = []
             for number in np.flatnonzero(within.all(axis=1))[::-1].tolist():
-                begin, end = (
-                    np.maximum(first, firsts[number]),
-                    np.minimum(last, lasts[number]),
-                )
+                begin = np.maximum(first, firsts[number])
+                end = np.minimum(last, lasts[number])
                 visible, full = things[number].shown(begin, end)
                 if len(visible):
                     shown.append((things[number], begin, end, visible, full))
@@ -374,10 +359,8 @@ def composed(
             for thing, begin, end, visible, full in reversed(shown):
                 cover, light = thing.patch(begin, end, visible, full)
                 x, y = (begin - (start, row)).tolist()
-                place, free = (
-                    (slice(y, y + len(cover)), slice(x, x + cover.shape[1])),
-                    1 - cover,
-                )
+                place = (slice(y, y + len(cover)), slice(x, x + cover.shape[1]))
+                free = 1 - cover
                 keep[place] *= free
                 added[place] *= free
                 added[place] += light

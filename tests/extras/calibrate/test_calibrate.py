@@ -111,10 +111,8 @@ def test_a_fit_begun_beside_the_truth_ends_there():
 
 def test_intervals_are_as_wide_as_values_scatter_in_many_draws():
     """And where the errors of a frame hang together, those by frames are."""
-    truth, draws = (
-        fit_of(Scene.of(6, **AT, **LIGHT), np.tile(LIT, (3, 1)), size=40),
-        np.random.default_rng(0),
-    )
+    truth = fit_of(Scene.of(6, **AT, **LIGHT), np.tile(LIT, (3, 1)), size=40)
+    draws = np.random.default_rng(0)
     for common in (0.0, 1.0):
         found, stated = [], []
         for _ in range(12):

@@ -70,10 +70,8 @@ def receive(input_, folder, model, *words):
 
 
 def test_the_film_is_the_frames_enlarged(sent):
-    film, plan = (
-        np.load(sent / "frames.npy"),
-        yaml.safe_load((sent / "plan.yaml").read_text()),
-    )
+    film = np.load(sent / "frames.npy")
+    plan = yaml.safe_load((sent / "plan.yaml").read_text())
     shown = [
         frame.grey[4::8, 4::8] > 127
         for frame in read_recording(sent / "film.mp4", "luma")

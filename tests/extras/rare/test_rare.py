@@ -108,10 +108,8 @@ def test_the_mean_of_weighted_errors_is_the_known_rate():
         dict.fromkeys(pilot.CLASSES, 1.0),
         dict.fromkeys(names, UPPER),
     )
-    scenes, total = (
-        TiltedScenes.of(SceneModel(), [Component.nominal(16, shape), seeks]),
-        WeightedCounts(),
-    )
+    scenes = TiltedScenes.of(SceneModel(), [Component.nominal(16, shape), seeks])
+    total = WeightedCounts()
     for key in (BlockKey(1, "toy", block) for block in range(60)):
         placed, bits = scenes.drawn(key, shape)
         around = (

@@ -68,10 +68,8 @@ def test_the_interval_is_the_gamma_law_s(law, unseen):
 @pytest.mark.parametrize("law", ["few wrong", "one large"])
 def test_frames_as_they_are_meant_say_what_may_go_unseen(law):
     halves, weights, frames = LAWS[law]
-    counts, y = (
-        weighed(halves, weights, frames),
-        np.array(halves) / 2 * np.array(weights),
-    )
+    counts = weighed(halves, weights, frames)
+    y = np.array(halves) / 2 * np.array(weights)
     for confidence in (0.5, 0.95):
         unseen = stats.beta.ppf(confidence, 1, frames / 4) / BITS
         found = ber_interval(counts, confidence)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vocc_torch.extras.calibrate.drawing import OF_FRAME, TURNED, Array
+from vocc_torch.arrays import Floats
+from vocc_torch.extras.calibrate.drawing import OF_FRAME, TURNED
 from vocc_torch.extras.calibrate.fit import SURE, RecordingFit
 from vocc_torch.extras.calibrate.noise import WHITE, linear
 from vocc_torch.extras.calibrate.scene import CODED, Findings, Named, Value
@@ -26,7 +27,7 @@ UNKNOWN_LX = 8000.0
 """Illuminance where nothing tells it: an overcast day. Only ratios of light matter then."""
 
 
-def describe(apart: Array, found: Findings) -> None:
+def describe(apart: Floats, found: Findings) -> None:
     """Make a scene of a fit.
 
     Args:
@@ -67,13 +68,13 @@ def describe(apart: Array, found: Findings) -> None:
     found.say("residuals", when=fit.scale > 2, times=math.sqrt(fit.scale))
 
 
-def place(apart: Array, found: Findings) -> None:
+def place(apart: Floats, found: Findings) -> None:
     """Describe place and pose."""
     drawing = found.fit.drawing
     found.over("distance_m", lambda by_frame, _: drawing.distance_m(by_frame))
     for axis, name in enumerate("xy"):
 
-        def offset(by_frame: Array, _: Array, axis: int = axis) -> Array:
+        def offset(by_frame: Floats, _: Floats, axis: int = axis) -> Floats:
             scene = drawing.scene(by_frame, 0.0)
             return np.asarray((scene.offset_x_m, scene.offset_y_m)[axis])
 
@@ -83,14 +84,16 @@ def place(apart: Array, found: Findings) -> None:
         return
     for name in TURNED:
 
-        def angle(by_frame: Array, _: Array, at: int = OF_FRAME.index(name)) -> Array:
+        def angle(
+            by_frame: Floats, _: Floats, at: int = OF_FRAME.index(name)
+        ) -> Floats:
             return np.asarray(by_frame[:, at])
 
         found.over(f"effects.pose.{name}", angle)
     found.say("signs", when=float(np.median(apart)) < 9)
 
 
-def level(by_frame: Array, shared: Array, name: str) -> Array:
+def level(by_frame: Floats, shared: Floats, name: str) -> Floats:
     """Give a level of each frame as light, (B,)."""
     return linear(by_frame[:, OF_FRAME.index(name)], float(shared[0]))
 
@@ -174,7 +177,7 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
             efficiency *= counted / config.ambient_lx
     found.note(Value("ambient_lx", lux, error, note))
 
-    def own_light(by_frame: Array, shared: Array) -> Array:
+    def own_light(by_frame: Floats, shared: Floats) -> Floats:
         added = level(by_frame, shared, "on") - level(by_frame, shared, "off")
         return added / level(by_frame, shared, "background") * (background * lux)
 
@@ -207,13 +210,13 @@ def lens(found: Findings) -> None:
         found.tell("effects.vignetting.corner_loss", fall.corner_loss, fall.deviation)
 
 
-def electrons(fit: RecordingFit, curve: TransferCurve) -> Array:
+def electrons(fit: RecordingFit, curve: TransferCurve) -> Floats:
     """Count the background's electrons, and those of the noise in the dark, (2,)."""
     background = float(np.median(fit.level("background")))
     return np.array([background, math.sqrt(curve.noise.floor)]) / curve.noise.slope
 
 
-def by_gamma(fit: RecordingFit, curve: TransferCurve) -> Array:
+def by_gamma(fit: RecordingFit, curve: TransferCurve) -> Floats:
     """Say by which share :func:`electrons` change as gamma does by its deviation."""
     if "gamma" not in fit.free:
         return np.zeros(2)
@@ -221,11 +224,9 @@ def by_gamma(fit: RecordingFit, curve: TransferCurve) -> Array:
     other_transfer = transfer(other)
     if not other_transfer.noise.slope:
         return np.ones(2)
-    here, moved = (
-        electrons(fit, curve).clip(1e-9),
-        electrons(other, other_transfer).clip(1e-9),
-    )
-    shares: Array = np.abs(np.log(moved / here)).clip(max=1.0)
+    here = electrons(fit, curve).clip(1e-9)
+    moved = electrons(other, other_transfer).clip(1e-9)
+    shares: Floats = np.abs(np.log(moved / here)).clip(max=1.0)
     return shares
 
 

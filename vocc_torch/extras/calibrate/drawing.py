@@ -4,16 +4,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.arrays import Floats
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.effects.view import Pose
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
-
-Array = NDArray[np.float64]
 
 PLACED = ("x_px", "y_px", "log_pitch_px")
 TURNED = ("yaw_deg", "pitch_deg", "roll_deg")
@@ -89,7 +87,7 @@ class PanelDrawing:
         return replace(self, origin_px=self.origin_px[frames])
 
     def simulator(
-        self, by_frame: Array, shared: Array, weights: Array | None = None
+        self, by_frame: Floats, shared: Floats, weights: Floats | None = None
     ) -> Simulator:
         """Give the simulator whose linear pictures have the background's light as 1.
 
@@ -116,14 +114,14 @@ class PanelDrawing:
         linear = replace(self.camera, gamma=1.0, iso_limits=None)
         return Simulator(linear, panel, effects, dtype=torch.float64)  # type: ignore[arg-type]
 
-    def distance_m(self, by_frame: Array) -> Array:
+    def distance_m(self, by_frame: Floats) -> Floats:
         """Distances of the panels, (B,)."""
-        away: Array = (
+        away: Floats = (
             self.camera.focal_length_px * self.panel.pitch_m * np.exp(-by_frame[:, 2])
         )
         return away
 
-    def scene(self, by_frame: Array, luminance: float) -> Scene:
+    def scene(self, by_frame: Floats, luminance: float) -> Scene:
         """Give the scenes of frames: where the panels are."""
         away = self.distance_m(by_frame)
         sides = np.array([self.camera.width_px, self.camera.height_px])
@@ -136,19 +134,19 @@ class PanelDrawing:
             *(torch.from_numpy(np.ascontiguousarray(column)) for column in columns)
         )
 
-    def centres_px(self, by_frame: Array, shared: Array) -> Array:
+    def centres_px(self, by_frame: Floats, shared: Floats) -> Floats:
         """Centres of the LEDs in the windows, (B,R*C,2) px."""
         at = (
             self.simulator(by_frame, shared)
             .led_centres_px(self.scene(by_frame, 0.0))
             .numpy()
         )
-        inside: Array = at - self.origin_px.numpy()[:, None]
+        inside: Floats = at - self.origin_px.numpy()[:, None]
         return inside
 
     def cover(
-        self, by_frame: Array, shared: Array, weights: Array | None = None
-    ) -> Array:
+        self, by_frame: Floats, shared: Floats, weights: Floats | None = None
+    ) -> Floats:
         """Light that LEDs of luminance 1 add, as the lens spreads and dims it, (B,H,W).
 
         Args:
@@ -162,14 +160,14 @@ class PanelDrawing:
         )
         return lit - self.base(by_frame)
 
-    def base(self, by_frame: Array) -> Array:
+    def base(self, by_frame: Floats) -> Floats:
         """Light of a background of 1 without a panel, (B,H,W) or (B,1,1)."""
         if self.corner_loss is None:
             return np.ones((len(by_frame), 1, 1))
         still = np.ones(2)
         return self._linear(self.simulator(by_frame, still), by_frame, 0.0)
 
-    def board(self, by_frame: Array, shared: Array) -> Array:
+    def board(self, by_frame: Floats, shared: Floats) -> Floats:
         """Light that a board of luminance 1 adds, (B,H,W)."""
         simulator = self.simulator(by_frame, shared)
         shares = {"led_reflectance": 1.0, "board_reflectance": 1.0}
@@ -180,12 +178,14 @@ class PanelDrawing:
         excess = 1 / self.panel.background_reflectance - 1
         return (self._linear(drawn, by_frame, 0.0) - self.base(by_frame)) / excess
 
-    def _linear(self, simulator: Simulator, by_frame: Array, luminance: float) -> Array:
+    def _linear(
+        self, simulator: Simulator, by_frame: Floats, luminance: float
+    ) -> Floats:
         """Render windows in linear light."""
         shape = self.panel.shape
         lit = torch.ones(len(by_frame), shape.rows, shape.columns, dtype=torch.bool)
         frames = simulator.render_window(
             self.scene(by_frame, luminance), lit, self.origin_px, self.size_px
         )
-        grey: Array = frames.grey[:, 0].numpy()
+        grey: Floats = frames.grey[:, 0].numpy()
         return grey

@@ -5,16 +5,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, sparse, stats
 
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.extras.calibrate.drawing import (
     LEVELS,
     OF_ALL,
     OF_FRAME,
     PLACED,
     TURNED,
-    Array,
     PanelDrawing,
 )
 from vocc_torch.extras.calibrate.noise import ROUNDING, Noise, expected, linear
@@ -58,7 +57,7 @@ RANGES = {
 STEPS = {"log_pitch_px": 1e-5, "yaw_deg": 1e-3, "pitch_deg": 1e-3, "roll_deg": 1e-3}
 """Steps of the finite differences; of other values 1e-4."""
 
-Of = Callable[[Array, Array], Array]
+Of = Callable[[Floats, Floats], Floats]
 """Makes a value of each frame (B,) from (B,10) and (2,)."""
 
 
@@ -83,19 +82,19 @@ class RecordingFit:
     """
 
     drawing: PanelDrawing
-    grey: Array
-    by_frame: Array
-    shared: Array
-    lit: Array
+    grey: Floats
+    by_frame: Floats
+    shared: Floats
+    lit: Floats
     noise: Noise = field(default_factory=Noise)
-    trust: Array = field(default_factory=lambda: np.ones((1, 1, 1)))
+    trust: Floats = field(default_factory=lambda: np.ones((1, 1, 1)))
     free: tuple[str, ...] = ()
     misfit: float = math.inf
     scale: float = 1.0
-    covariances: Array = field(default_factory=lambda: np.zeros((3, 0, 0)))
+    covariances: Floats = field(default_factory=lambda: np.zeros((3, 0, 0)))
 
     @property
-    def bits(self) -> NDArray[np.bool_]:
+    def bits(self) -> Bools:
         """Which LEDs are On, (B,R*C)."""
         return np.asarray(self.lit > 0)
 
@@ -129,13 +128,13 @@ class RecordingFit:
         """The fitted gamma."""
         return float(self.shared[0])
 
-    def value(self, name: str) -> Array:
+    def value(self, name: str) -> Floats:
         """A value: of each frame (B,), or of all ()."""
         if name in OF_FRAME:
             return np.asarray(self.by_frame[:, OF_FRAME.index(name)])
         return np.asarray(self.shared[OF_ALL.index(name)])
 
-    def level(self, name: str) -> Array:
+    def level(self, name: str) -> Floats:
         """A level of each frame as light, (B,)."""
         return linear(self.value(name), self.gamma)
 
@@ -143,11 +142,9 @@ class RecordingFit:
         """Take some frames."""
         trust = self.trust if len(self.trust) == 1 else self.trust[frames]
         drawing = self.drawing.taken(frames)
-        grey, frame_values, lit = (
-            self.grey[frames],
-            self.by_frame[frames],
-            self.lit[frames],
-        )
+        grey = self.grey[frames]
+        frame_values = self.by_frame[frames]
+        lit = self.lit[frames]
         return replace(
             self,
             drawing=drawing,
@@ -157,7 +154,7 @@ class RecordingFit:
             lit=lit,
         )
 
-    def set(self, name: str, value: Array | float) -> "RecordingFit":
+    def set(self, name: str, value: Floats | float) -> "RecordingFit":
         """Set a value."""
         frame_values, shared = self.by_frame.copy(), self.shared.copy()
         if name in OF_FRAME:
@@ -166,7 +163,7 @@ class RecordingFit:
             shared[OF_ALL.index(name)] = value
         return replace(self, by_frame=frame_values, shared=shared)
 
-    def parts(self) -> list[Array]:
+    def parts(self) -> list[Floats]:
         """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
         drawing, parameters = self.drawing, (self.by_frame, self.shared)
         drawn = [
@@ -176,7 +173,7 @@ class RecordingFit:
         ]
         return drawn + ([drawing.board(*parameters)] if self.has_board else [])
 
-    def light(self, parts: Sequence[Array] | None = None) -> Array:
+    def light(self, parts: Sequence[Floats] | None = None) -> Floats:
         """Linear light of the frames, (B,H,W); ``parts`` are those of the same geometry and LEDs."""
         base, leds, lit, *board = parts or self.parts()
         background, off, on, behind = (
@@ -188,17 +185,17 @@ class RecordingFit:
             x = x + (behind - background) * cover
         return np.maximum(x, 1e-9)
 
-    def predicted(self, parts: Sequence[Array] | None = None) -> tuple[Array, Array]:
+    def predicted(self, parts: Sequence[Floats] | None = None) -> tuple[Floats, Floats]:
         """Mean and variance of the grey values, (B,H,W) each."""
         return expected(self.light(parts), self.gamma, self.noise)
 
-    def packed(self) -> Array:
+    def packed(self) -> Floats:
         """The fitted values in one vector: each frame's in turn, and the shared ones."""
         return np.concatenate(
             [self.by_frame[:, self.of_frame].ravel(), self.shared[self.of_all]]
         )
 
-    def moved(self, packed: Array) -> "RecordingFit":
+    def moved(self, packed: Floats) -> "RecordingFit":
         """Take the fitted values from a vector."""
         frame_values, shared = self.by_frame.copy(), self.shared.copy()
         count = len(frame_values) * len(self.of_frame)
@@ -206,7 +203,7 @@ class RecordingFit:
         shared[self.of_all] = packed[count:]
         return replace(self, by_frame=frame_values, shared=shared)
 
-    def slopes(self) -> Array:
+    def slopes(self) -> Floats:
         """Derivatives of the mean grey values by the fitted values, (D,B,H,W), by finite differences."""
         parts = self.parts()
         mean, slopes = self.predicted(parts)[0], []
@@ -217,7 +214,7 @@ class RecordingFit:
             slopes.append((other.predicted(same)[0] - mean) / step)
         return np.stack(slopes)
 
-    def jacobian(self, slopes: Array) -> sparse.csr_matrix:
+    def jacobian(self, slopes: Floats) -> sparse.csr_matrix:
         """Lay derivatives out by pixel and fitted value."""
         names = [name in OF_FRAME for name in self.free]
         flat = slopes.reshape(len(slopes), len(self.grey), -1)
@@ -234,7 +231,7 @@ class RecordingFit:
         at = self.values - len(self.of_all) + self.of_all.index(OF_ALL.index(name))
         return math.sqrt(max(0.0, float(self.covariances[:, at, at].max())))
 
-    def derived(self, of: Of) -> tuple[Array, Array, float]:
+    def derived(self, of: Of) -> tuple[Floats, Floats, float]:
         """Derive a value of every frame from the fitted ones, and how sure it is.
 
         Returns:
@@ -288,12 +285,12 @@ def settled(
     limits = [ends[at] for at in fit.of_frame] * len(fit.grey)
     bounds = np.array(limits + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
 
-    def residual(packed: Array) -> Array:
+    def residual(packed: Floats) -> Floats:
         return np.asarray(
             (root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel()
         )
 
-    def jacobian(packed: Array) -> sparse.csr_matrix:
+    def jacobian(packed: Floats) -> sparse.csr_matrix:
         moved = fit.moved(packed)
         return moved.jacobian(root * moved.slopes())
 
@@ -312,17 +309,17 @@ def settled(
     return certain(fit.moved(found.x), weights)
 
 
-def calmed(residual: Array, variance: Array) -> Array:
+def calmed(residual: Floats, variance: Floats) -> Floats:
     """Weigh residuals: 1 up to four standard deviations of the bulk, and less beyond."""
     off = np.abs(residual) / np.sqrt(variance)
     bulk = np.quantile(off.reshape(len(off), -1), 0.68, axis=1).clip(min=0.5)
-    weights: Array = (
+    weights: Floats = (
         SETTINGS.clear_sigmas * bulk[:, None, None] / off.clip(min=1e-9)
     ).clip(max=1)
     return weights
 
 
-def certain(fit: RecordingFit, weights: Array) -> RecordingFit:
+def certain(fit: RecordingFit, weights: Floats) -> RecordingFit:
     """Note how well values explain the frames, and how sure they are."""
     residual = fit.grey - fit.predicted()[0]
     slopes = fit.slopes()
@@ -333,8 +330,8 @@ def certain(fit: RecordingFit, weights: Array) -> RecordingFit:
 
 
 def covariances(
-    fit: RecordingFit, slopes: Array, weights: Array, residual: Array, scale: float
-) -> Array:
+    fit: RecordingFit, slopes: Floats, weights: Floats, residual: Floats, scale: float
+) -> Floats:
     """Say how sure the values are; see :class:`RecordingFit`.
 
     Args:

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vocc_torch.extras.calibrate.drawing import LEVELS, Array, PanelDrawing
+from vocc_torch.arrays import Bools, Floats
+from vocc_torch.extras.calibrate.drawing import LEVELS, PanelDrawing
 from vocc_torch.extras.calibrate.fit import RecordingFit, settled
-
-Bits = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class LedSettings:
 SETTINGS = LedSettings()
 
 
-def two_levels(greys: Array) -> Bits:
+def two_levels(greys: Floats) -> Bools:
     """Part each frame's grey values (B,N) where the variance between the parts is greatest (Otsu)."""
     ordered, count = np.sort(greys, 1), np.arange(1, greys.shape[1])
     total = ordered.cumsum(1)
@@ -41,7 +39,7 @@ def two_levels(greys: Array) -> Bits:
     return np.asarray(greys > np.take_along_axis(ordered, best, 1))
 
 
-def led_places(corners_px: Array, rows: int, columns: int) -> Array:
+def led_places(corners_px: Floats, rows: int, columns: int) -> Floats:
     """Place LEDs between a panel's corners by bilinear interpolation, (B,R*C,2) px."""
     u, v = np.meshgrid(
         (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
@@ -49,12 +47,12 @@ def led_places(corners_px: Array, rows: int, columns: int) -> Array:
     shares = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], -1).reshape(
         -1, 4
     )
-    places: Array = np.einsum("nk,bkc->bnc", shares, corners_px)
+    places: Floats = np.einsum("nk,bkc->bnc", shares, corners_px)
     return places
 
 
 def start(
-    drawing: PanelDrawing, grey: Array, corners_px: Array, bits: Bits | None
+    drawing: PanelDrawing, grey: Floats, corners_px: Floats, bits: Bools | None
 ) -> RecordingFit:
     """Begin from the corners that the locator found.
 
@@ -99,9 +97,9 @@ def start(
     return settled(begun.set("blur_px", blur), LEVELS[:3], 4, robust=False)
 
 
-def masked_mean(values: Array, mask: Bits) -> Array:
+def masked_mean(values: Floats, mask: Bools) -> Floats:
     """Average the chosen values of each row."""
-    mean: Array = (values * mask).sum(1) / mask.sum(1).clip(min=1)
+    mean: Floats = (values * mask).sum(1) / mask.sum(1).clip(min=1)
     return mean
 
 
@@ -118,7 +116,7 @@ def decided(
     return fit
 
 
-def likelier(fit: RecordingFit) -> Array:
+def likelier(fit: RecordingFit) -> Floats:
     """Flip each LED, and leave it so where the pixels that are nearest to it are then explained better.
 
     LEDs that share no pixel are flipped together. An LED beyond white is told by its flanks.
@@ -126,11 +124,9 @@ def likelier(fit: RecordingFit) -> Array:
     shape, (height, width) = fit.drawing.panel.shape, fit.drawing.size_px
     at, step = fit.drawing.centres_px(fit.by_frame, fit.shared), SETTINGS.flip_step
     y, x = np.mgrid[:height, :width] + 0.5
-    rows, weights, parts = (
-        np.arange(len(at)),
-        fit.trust / fit.predicted()[1],
-        fit.parts(),
-    )
+    rows = np.arange(len(at))
+    weights = fit.trust / fit.predicted()[1]
+    parts = fit.parts()
     numbers = np.arange(shape.leds).reshape(shape.rows, shape.columns)
     lit = fit.lit.copy()
     for group in (
@@ -154,7 +150,7 @@ def likelier(fit: RecordingFit) -> Array:
     return lit
 
 
-def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Array]:
+def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Floats]:
     """Turn each panel the other way where that explains its frame better: from afar both look alike.
 
     Returns:
@@ -178,7 +174,7 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Arra
     ), apart
 
 
-def misfits(fit: RecordingFit) -> Array:
+def misfits(fit: RecordingFit) -> Floats:
     """Sum each frame's squared residuals, in units of the noise, (B,)."""
     mean, variance = fit.predicted()
     return np.asarray(((fit.grey - mean) ** 2 / variance).sum((1, 2)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from vocc_torch.extras.calibrate.drawing import Array
+from vocc_torch.arrays import Floats
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 
 WHITE = 255.0
@@ -43,17 +43,17 @@ class Noise:
     floor: float = 0.0
 
 
-def linear(grey: Array, gamma: float) -> Array:
+def linear(grey: Floats, gamma: float) -> Floats:
     """Give the light that is encoded as grey values which no white clips."""
     return np.asarray((np.maximum(grey, 1e-3) / MIDDLE_GREY) ** gamma)
 
 
-def encoded(x: Array, gamma: float) -> Array:
+def encoded(x: Floats, gamma: float) -> Floats:
     """Encode light as grey values, clipped at white (Eq. 1)."""
     return np.minimum(MIDDLE_GREY * np.maximum(x, LEAST_LIGHT) ** (1 / gamma), WHITE)
 
 
-def expected(x: Array, gamma: float, noise: Noise) -> tuple[Array, Array]:
+def expected(x: Floats, gamma: float, noise: Noise) -> tuple[Floats, Floats]:
     """Give the mean and the variance of the grey values that noisy light is written as.
 
     Where light is far above its noise, by the encoding's derivatives; where it is dark, or clipped at white,
@@ -75,7 +75,7 @@ def expected(x: Array, gamma: float, noise: Noise) -> tuple[Array, Array]:
     return mean, spread + ROUNDING
 
 
-def averaged(x: Array, sigma: Array, gamma: float) -> tuple[Array, Array]:
+def averaged(x: Floats, sigma: Floats, gamma: float) -> tuple[Floats, Floats]:
     """Average encoded light over normal noise, in the root of the light, where the encoding is smooth."""
     nodes, shares = leggauss(DARK.nodes)
     level = (x / sigma)[:, None]

@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from scipy import sparse
 
+from vocc_torch.arrays import Bools, Floats, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.drawing import Array
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording, readable
@@ -50,12 +50,12 @@ class Footage:
     """
 
     greys: NDArray[Any]
-    numbers: NDArray[np.int64]
-    corners_px: Array
+    numbers: Integers
+    corners_px: Floats
     read: int
     looked: int
     failures: list[str]
-    times_s: NDArray[np.float64]
+    times_s: Floats
 
     def taken(self, rows: slice | NDArray[Any]) -> "Footage":
         """Take some frames."""
@@ -113,7 +113,7 @@ def thinned(
     return chosen, number
 
 
-def agreeing(corners_px: Array) -> NDArray[np.bool_]:
+def agreeing(corners_px: Floats) -> Bools:
     """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool.
 
     Two belong together whose sizes differ by less than a quarter and whose middles by less than five times

@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 from scipy import stats
 
+from vocc_torch.arrays import Floats
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.drawing import Array
 from vocc_torch.extras.calibrate.fit import SURE, Of, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.surround import Falloff, Surround
@@ -164,7 +164,7 @@ class Findings:
         """Whether pictures are coded."""
         return self.coded[1] > CODED
 
-    def derived(self, of: Of) -> tuple[Array, Array, float]:
+    def derived(self, of: Of) -> tuple[Floats, Floats, float]:
         """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""
         values, frame_values, common = self.fit.derived(of)
         return (
@@ -217,7 +217,7 @@ def inline(value: object) -> str:
 
 
 def spread(
-    key: str, derived: tuple[Array, Array, float], note: str, least: float = -math.inf
+    key: str, derived: tuple[Floats, Floats, float], note: str, least: float = -math.inf
 ) -> Value:
     """Describe a value of every frame: a number where it stays, and where it moves a range of like scatter.
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.describe import describe
-from vocc_torch.extras.calibrate.drawing import Array, PanelDrawing
+from vocc_torch.extras.calibrate.drawing import PanelDrawing
 from vocc_torch.extras.calibrate.fit import (
     BASE,
     POSED,
@@ -18,7 +19,7 @@ from vocc_torch.extras.calibrate.fit import (
     trusted,
 )
 from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
-from vocc_torch.extras.calibrate.leds import Bits, decided, mirrored, start
+from vocc_torch.extras.calibrate.leds import decided, mirrored, start
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.scene import WORDS, Findings
 from vocc_torch.extras.calibrate.surround import (
@@ -56,7 +57,7 @@ BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
 
 def drawing_of(
     footage: Footage, camera: Camera, panel: LedPanel
-) -> tuple[PanelDrawing, Array]:
+) -> tuple[PanelDrawing, Floats]:
     """Cut a window about the panel from each frame, all of one size, on a grid of 8 px.
 
     Returns:
@@ -86,7 +87,7 @@ def calibrate(
     camera: Camera,
     panel: LedPanel,
     config: CalibrateConfig,
-    bits: Bits | None = None,
+    bits: Bools | None = None,
 ) -> Findings:
     """Fit a scene to a recording.
 
@@ -100,14 +101,10 @@ def calibrate(
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
-    coded, times = (
-        compression(footage.greys),
-        coarseness(footage.corners_px, panel.shape),
-    )
-    chosen, coarse = (
-        footage.taken(np.s_[:: -(-len(footage) // config.frames)]),
-        coarser(camera, times),
-    )
+    coded = compression(footage.greys)
+    times = coarseness(footage.corners_px, panel.shape)
+    chosen = footage.taken(np.s_[:: -(-len(footage) // config.frames)])
+    coarse = coarser(camera, times)
     used = binned(chosen, times)
     drawing, grey = drawing_of(used, coarse, panel)
     around = Surround.of(
@@ -144,7 +141,7 @@ def calibrate(
     return found
 
 
-def fitting(*fits: RecordingFit) -> Bits:
+def fitting(*fits: RecordingFit) -> Bools:
     """Tell frames that are fitted about as well as the better ones, (B,): others' corners are wrong."""
     misfit = np.concatenate(
         [((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2)) for fit in fits]
@@ -155,7 +152,7 @@ def fitting(*fits: RecordingFit) -> Bits:
     )
 
 
-def coarseness(corners_px: Array, shape: PanelShape) -> int:
+def coarseness(corners_px: Floats, shape: PanelShape) -> int:
     """Say how many pixels are one: near panels hold more of them than a fit needs."""
     sides = np.linalg.norm(np.roll(corners_px, -1, 1) - corners_px, axis=2)
     cell = np.minimum(
@@ -192,7 +189,7 @@ def finer(found: Findings, camera: Camera, times: int) -> None:
 
 def placed(
     begun: RecordingFit, found: Findings, rounds: int
-) -> tuple[RecordingFit, Array]:
+) -> tuple[RecordingFit, Floats]:
     """Fit place, levels, blur and gamma, and the pose where the image is no upright square grid.
 
     Returns:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import fft
 
-from vocc_torch.extras.calibrate.drawing import Array, PanelDrawing
+from vocc_torch.arrays import Bools, Floats
+from vocc_torch.extras.calibrate.drawing import PanelDrawing
 from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
 
 BLOCKS = 5000
@@ -22,7 +23,7 @@ SURE_SIGMAS = 3.0
 """Standard deviations from which a loss is there."""
 
 
-def quantisation_table(quality: int) -> Array:
+def quantisation_table(quality: int) -> Floats:
     """Give libjpeg's steps of luminance at a quality, (8,8)."""
     file = io.BytesIO()
     Image.new("L", (8, 8)).save(file, "JPEG", quality=quality)
@@ -76,10 +77,12 @@ class Surround(NamedTuple):
     """
 
     greys: NDArray[Any]
-    outside: NDArray[np.bool_]
+    outside: Bools
 
     @classmethod
-    def of(cls, greys: NDArray[Any], corners_px: Array, shape_cells: int) -> "Surround":
+    def of(
+        cls, greys: NDArray[Any], corners_px: Floats, shape_cells: int
+    ) -> "Surround":
         """Leave the panel out, with two cells and 8 px around it, in every frame."""
         outside = np.ones(greys.shape[1:], dtype=bool)
         low, high = corners_px.min(1), corners_px.max(1)
@@ -111,7 +114,7 @@ class Falloff(NamedTuple):
     deviation: float = math.nan
 
 
-def natural(drawing: PanelDrawing) -> tuple[Array, Array]:
+def natural(drawing: PanelDrawing) -> tuple[Floats, Floats]:
     """Give what natural vignetting leaves of each pixel's light, and the pixel's distance from the middle.
 
     Returns:
@@ -155,10 +158,8 @@ def falloff(around: Surround, drawing: PanelDrawing, gamma: float) -> Falloff:
     typical = max(1.0, float(np.median(around.greys[:, around.outside])))
     rounding = count * (gamma / typical) ** 2 / 12 / pixels
     (slope, middle), covariance = np.polyfit(out, y / shade, 1, cov=True)
-    loss, error = (
-        -slope / middle,
-        math.sqrt(covariance[0, 0] + rounding / count**2) / middle,
-    )
+    loss = -slope / middle
+    error = math.sqrt(covariance[0, 0] + rounding / count**2) / middle
     if not SURE_SIGMAS * error < loss < 1:
         loss, error = 0.0, math.nan
         middle = (y / shade).mean()

@@ -7,9 +7,8 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vocc_torch.arrays import read_npy
+from vocc_torch.arrays import Bools, read_npy
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.reading import read_footage
@@ -77,7 +76,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
         )
 
 
-def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
+def known_bits(path: Path, shape: PanelShape) -> Bools:
     """Read what the panel showed.
 
     Raises:

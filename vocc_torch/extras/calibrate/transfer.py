@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from vocc_torch.extras.calibrate.drawing import Array
+from vocc_torch.arrays import Floats
 from vocc_torch.extras.calibrate.fit import RecordingFit
 from vocc_torch.extras.calibrate.noise import ROUNDING, WHITE, Noise, encoded, expected
 
@@ -48,10 +48,10 @@ class TransferCurve:
         still: whether pixels were compared from frame to frame.
     """
 
-    light: Array
-    variance: Array
+    light: Floats
+    variance: Floats
     noise: Noise
-    covariance: Array
+    covariance: Floats
     gains: tuple[float, float]
     hidden: float
     still: bool
@@ -62,7 +62,7 @@ class TransferCurve:
         return math.sqrt(self.covariance[0, 0]) / self.noise.slope
 
 
-def residuals(fit: RecordingFit) -> tuple[Array, Array, bool]:
+def residuals(fit: RecordingFit) -> tuple[Floats, Floats, bool]:
     """Give residuals, how much of their variance is left in them, and whether the panel stands still.
 
     Where it does, each pixel loses its mean over the frames in which the LED next to it is On, and over those
@@ -98,10 +98,10 @@ class Levels:
         still: whether the panel stands still.
     """
 
-    light: Array
-    variance: Array
-    count: Array
-    near_whole: Array
+    light: Floats
+    variance: Floats
+    count: Floats
+    near_whole: Floats
     still: bool
 
 
@@ -147,18 +147,18 @@ def transfer(fit: RecordingFit) -> TransferCurve:
     unit = (fit.gamma * light / encoded(light, fit.gamma))[most] ** 2 * raw[most]
     first = np.maximum([unit / light[most], unit], 1e-15)
 
-    def predicted(noise: Array) -> Array:
+    def predicted(noise: Floats) -> Floats:
         variance = expected(light, fit.gamma, Noise(*noise.tolist()))[1]
         spread = variance - ROUNDING  # little of it rounds pixels of one light alike
         alike = np.exp(-2 * math.pi**2 * spread) * (1 / math.pi**2 + 4 * spread)
         return (variance - levels.near_whole * alike).clip(min=SETTINGS.least_variance)
 
-    def loss(noise: Array) -> float:
+    def loss(noise: Floats) -> float:
         variance = predicted(noise)
         return float((count * (np.log(variance) + raw / variance)).sum())
 
-    def best(used: list[int], share: float) -> tuple[Array, float]:
-        def whole(logs: Array) -> Array:
+    def best(used: list[int], share: float) -> tuple[Floats, float]:
+        def whole(logs: Floats) -> Floats:
             noise = np.zeros(2)
             noise[used] = np.exp(logs)
             return noise

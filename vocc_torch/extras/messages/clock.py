@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import theilslopes
 
+from vocc_torch.arrays import Bools, Floats, Integers, Singles
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.signalling import ORDERS
 
@@ -61,8 +62,8 @@ class Ticks:
     """
 
     first: int
-    symbol: NDArray[np.int64]
-    agreement: NDArray[np.float32]
+    symbol: Integers
+    agreement: Singles
 
 
 class SymbolClock:
@@ -92,10 +93,8 @@ class SymbolClock:
     def __init__(self, layout: Layout) -> None:
         self.layout, self.rate_hz = layout, layout.plan.signalling.symbol_rate_hz
         self.states = layout.symbols * layout.bands
-        kind, rows = (
-            layout.kind.ravel(),
-            layout.band_of_row.repeat(layout.kind.shape[1]),
-        )
+        kind = layout.kind.ravel()
+        rows = layout.band_of_row.repeat(layout.kind.shape[1])
         shown = layout.known.reshape(layout.symbols, -1).astype(np.float32)
         self._cells = [
             np.flatnonzero((rows == band) & (kind != "data"))
@@ -111,15 +110,13 @@ class SymbolClock:
         self._value = np.zeros(self.states, dtype=np.float32)
         self._back: list[NDArray[np.int32]] = []
         self._steps: list[float] = []
-        self._llr: list[NDArray[np.float32]] = []
-        self._seen: list[NDArray[np.float32]] = []
+        self._llr: list[Singles] = []
+        self._seen: list[Singles] = []
         self._last: float | None = None
         self._doubted = np.zeros(0, dtype=bool)
         self._settled, self._place, self._symbols, self._ahead = 0, -1, 0, 0.0
 
-    def push(
-        self, llr: NDArray[np.float32], times_s: Sequence[float | None]
-    ) -> Ticks | None:
+    def push(self, llr: Singles, times_s: Sequence[float | None]) -> Ticks | None:
         """Take frames in.
 
         Args:
@@ -160,7 +157,7 @@ class SymbolClock:
         """Settle what is left."""
         return self._settle(len(self._back), at_end=True) if self._back else None
 
-    def _likelihood(self, llr: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _likelihood(self, llr: Singles) -> Singles:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
         bands = self.layout.bands
         correlations = np.stack(
@@ -179,16 +176,14 @@ class SymbolClock:
             )
         return states.reshape(len(llr), -1)
 
-    def _advance(self, seen: NDArray[np.float32], ahead: float) -> None:
+    def _advance(self, seen: Singles, ahead: float) -> None:
         """Go on by one frame that is expected so many symbols ahead."""
         bands, n, old = self.layout.bands, self.states, self._value
         low, high = math.floor(ahead), math.ceil(ahead)
         least = max(0, (low - MOST_STEPS) * bands)
         steps = np.arange(least, (high + MOST_STEPS) * bands + bands)
-        short, far = (
-            low * bands - (bands - 1) - steps,
-            steps - (high * bands + bands - 1),
-        )
+        short = low * bands - (bands - 1) - steps
+        far = steps - (high * bands + bands - 1)
         cost = STEP_COST / bands * np.maximum(0, np.maximum(short, far))
         # By how uniform phases fall: one symbol more is as likely as what is expected of it.
         odds = np.array([low + 1 - ahead, ahead - low]) + EVEN
@@ -255,7 +250,7 @@ class SymbolClock:
         self._settled += count
         return ticks
 
-    def _doubtful(self, path: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _doubtful(self, path: Integers) -> Bools:
         """Say which frames beside a jump fit as well on its other side: few symbols do not tell their place.
 
         Where frames were lost, nobody knows which symbol is the first one after the gap but the sync cells.
@@ -276,10 +271,8 @@ class SymbolClock:
                 doubtful[begin + 1 : last + 1] = (
                     True  # too few symbols between two jumps
                 )
-            after, before = (
-                np.arange(last + 1, end + 1)[:NEAR],
-                np.arange(last, begin, -1)[:NEAR],
-            )
+            after = np.arange(last + 1, end + 1)[:NEAR]
+            before = np.arange(last, begin, -1)[:NEAR]
             for rows, beyond in ((after, last), (before, last + 1)):
                 led = np.rint(path[beyond] + clock[rows] - clock[beyond]).astype(int)
                 cells = np.stack([self._seen[row] for row in rows])
@@ -294,9 +287,7 @@ class SymbolClock:
         return doubtful
 
 
-def rejoin(
-    units: NDArray[np.int64], expected: NDArray[np.float64], astray: float
-) -> None:
+def rejoin(units: Integers, expected: Floats, astray: float) -> None:
     """Put the first frames where those after them place them, if they lie farther from it than ``astray``.
 
     A frame amid a recording pays for the way to a wrong symbol and back; the first and the last pay once.

@@ -6,12 +6,11 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bytes, Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.layout import LONGEST_WORD, Layout
 
-Bytes = NDArray[np.uint8]
 ITERATIONS = 20
 """Of belief propagation."""
 
@@ -32,7 +31,7 @@ class Code(Protocol):
     def encode(self, info: Bytes) -> Bytes:
         """Turn information (N,info_bytes) uint8 into words of bits (N,n), 0 and 1."""
 
-    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+    def decode(self, llr: Singles) -> list[bytes | None]:
         """Turn log-likelihood ratios of words, log P(1) / P(0), (N,n), into information."""
 
 
@@ -46,7 +45,7 @@ class Uncoded:
         """Give the bits."""
         return np.unpackbits(info, axis=1)
 
-    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+    def decode(self, llr: Singles) -> list[bytes | None]:
         """Decide bit by bit."""
         return [np.packbits(word >= 0).tobytes() for word in llr]
 
@@ -89,11 +88,11 @@ class ReedSolomon:
         ]
         return np.unpackbits(np.stack(words), axis=1)
 
-    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+    def decode(self, llr: Singles) -> list[bytes | None]:
         """Decode words one by one."""
         return [self._decoded(word) for word in llr]
 
-    def _decoded(self, word: NDArray[np.float32]) -> bytes | None:
+    def _decoded(self, word: Singles) -> bytes | None:
         """Decode one word, with the more erasures the worse it is."""
         read = np.packbits(word >= 0).tobytes()
         weakest = np.argsort(np.abs(word).reshape(-1, 8).min(axis=1), kind="stable")
@@ -146,7 +145,7 @@ class Ldpc:
         bits: Bytes = words.numpy().astype(np.uint8)
         return bits
 
-    def decode(self, llr: NDArray[np.float32]) -> list[bytes | None]:
+    def decode(self, llr: Singles) -> list[bytes | None]:
         """Decode words together."""
         with torch.inference_mode():
             bits = self.coders[1](torch.from_numpy(llr)).numpy().astype(np.uint8)

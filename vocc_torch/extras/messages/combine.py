@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
+from vocc_torch.arrays import Singles
 from vocc_torch.extras.messages.clock import SymbolClock, Ticks
 from vocc_torch.extras.messages.layout import Layout
 
@@ -43,10 +44,10 @@ class Block:
 
     number: int
     time_s: float | None
-    sums: NDArray[np.float32]
+    sums: Singles
     counts: NDArray[np.int32]
 
-    def ratios(self, layout: Layout) -> NDArray[np.float32]:
+    def ratios(self, layout: Layout) -> Singles:
         """Give log-likelihood ratios (P,R,C); zeros for cells that are hidden or dead."""
         sums = self.sums * self._worth(layout)
         if layout.plan.signalling.scramble:
@@ -101,12 +102,10 @@ class Combiner:
     def __init__(self, layout: Layout) -> None:
         self.layout, self.clock = layout, SymbolClock(layout)
         self.used = self.passed_over = 0
-        self._waiting: list[tuple[NDArray[np.float32], float | None]] = []
+        self._waiting: list[tuple[Singles, float | None]] = []
         self._open: dict[int, Block] = {}
 
-    def push(
-        self, llr: NDArray[np.float32], times_s: Sequence[float | None]
-    ) -> Iterator[Block]:
+    def push(self, llr: Singles, times_s: Sequence[float | None]) -> Iterator[Block]:
         """Take frames in and give the blocks that are over.
 
         Args:
@@ -126,11 +125,9 @@ class Combiner:
         """Add settled frames to their symbols."""
         if ticks is None:
             return
-        count, symbols, bands = (
-            len(ticks.symbol),
-            self.layout.symbols,
-            self.layout.bands,
-        )
+        count = len(ticks.symbol)
+        symbols = self.layout.symbols
+        bands = self.layout.bands
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         llr = np.stack([values for values, _ in taken])
         weights = judged(ticks.agreement)
@@ -175,7 +172,7 @@ class Combiner:
                 yield block
 
 
-def judged(agreement: NDArray[np.float32]) -> NDArray[np.float32]:
+def judged(agreement: Singles) -> Singles:
     """Weigh the bands of frames by whether they show the one symbol that they are taken for, (F,B).
 
     A band whose clock cell does not agree counts little, which matters only where no other frame shows its

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bools
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.codes import code_of
 from vocc_torch.extras.messages.combine import Block, Combiner
@@ -195,9 +195,7 @@ def recorded(job: RecordingJob) -> RecordingResult:
     return result
 
 
-def filmed(
-    job: RecordingJob, film: NDArray[np.bool_], key: BlockKey
-) -> Iterator[Recorded]:
+def filmed(job: RecordingJob, film: Bools, key: BlockKey) -> Iterator[Recorded]:
     """Let the camera of a job take a film."""
     config, camera_config = job.config, job.config.record
     symbol_s = (1 + camera_config.drift) / config.signalling.symbol_rate_hz
@@ -232,7 +230,7 @@ def decode(
     variant: Variant,
     blocks: Sequence[Block],
     job: RecordingJob,
-    shown: NDArray[np.bool_],
+    shown: Bools,
     key: BlockKey,
 ) -> None:
     """Note which packets of a code arrive where every block shows ``shown``."""
@@ -309,10 +307,8 @@ def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
         0.375
     """
     halves = [2 * errors for errors in wrong]
-    squares, erring = (
-        sum(half * half for half in halves),
-        sum(half > 0 for half in halves),
-    )
+    squares = sum(half * half for half in halves)
+    erring = sum(half > 0 for half in halves)
     every = of * len(wrong) if isinstance(of, int) else sum(of)
     return Counts(len(wrong), every, sum(halves), squares, erring)
 

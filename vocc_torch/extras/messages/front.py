@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch import Tensor
 
+from vocc_torch.arrays import Singles
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.frame_fit import settled
 from vocc_torch.receiver.receiver import Decoded, Receiver
@@ -69,15 +70,15 @@ class Front:
             Tracker(receiver.locator, receiver.shape) if follow == "true" else None
         )
         self.found = self.looked = self.frames = 0
-        self.corners_px: torch.Tensor | None = None
-        self._places: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
-        self._looks: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
+        self.corners_px: Tensor | None = None
+        self._places: deque[Tensor] = deque(maxlen=REMEMBERED)
+        self._looks: deque[Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
         self._lattice: tuple[float, float] | None = (
             None  # blur, and what it explains of the picture
         )
 
-    def __call__(self, greys: Sequence[Grey]) -> NDArray[np.float32]:
+    def __call__(self, greys: Sequence[Grey]) -> Singles:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
@@ -95,9 +96,7 @@ class Front:
             float(height) / self.receiver.shape.rows,
         )
 
-    def read(
-        self, frames: Frames, corners: torch.Tensor
-    ) -> tuple[Decoded, torch.Tensor]:
+    def read(self, frames: Frames, corners: Tensor) -> tuple[Decoded, Tensor]:
         """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
         known = Panels.known(torch.nan_to_num(corners))
         located = ~corners.isnan().any(dim=2).any(dim=1)
@@ -112,9 +111,7 @@ class Front:
             self._size = self._size or float(decoded.scores[located].abs().median())
         return decoded, located
 
-    def values(
-        self, decoded: Decoded, there: torch.Tensor, soft: str
-    ) -> NDArray[np.float32]:
+    def values(self, decoded: Decoded, there: Tensor, soft: str) -> Singles:
         """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
         if soft == "hard":
             llr = torch.where(decoded.bits, TYPICAL, -TYPICAL)
@@ -122,24 +119,22 @@ class Front:
             llr = decoded.scores * (TYPICAL / (self._size or 1.0))
         else:
             llr = decoded.llr
-        values: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
+        values: Singles = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
         return values
 
-    def locate(self, greys: Sequence[Grey]) -> tuple[Frames, torch.Tensor]:
+    def locate(self, greys: Sequence[Grey]) -> tuple[Frames, Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
         first, self.frames, corners = self.frames, self.frames + len(greys), None
         if self.tracker is None:
             corners = self._looked_up(greys, first)
             if self.auto and self._moves():
-                self.tracker, corners = (
-                    Tracker(self.receiver.locator, self.receiver.shape),
-                    None,
-                )
+                self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
+                corners = None
         if corners is None:
             corners = self._tracked(greys)
         return self._cropped(greys, corners), corners.to(self.receiver.device)
 
-    def _cropped(self, greys: Sequence[Grey], corners: torch.Tensor) -> Frames:
+    def _cropped(self, greys: Sequence[Grey], corners: Tensor) -> Frames:
         """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
         height, width = greys[0].shape
         known = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
@@ -150,10 +145,8 @@ class Front:
         left, top = (low - room).floor().int().clamp(min=0).tolist()
         right, bottom = (high + room).ceil().int().tolist()
         left, top = min(left, width - 1), min(top, height - 1)
-        right, bottom = (
-            min(max(right, left + 1), width),
-            min(max(bottom, top + 1), height),
-        )
+        right = min(max(right, left + 1), width)
+        bottom = min(max(bottom, top + 1), height)
         grey = torch.from_numpy(
             np.stack([grey[top:bottom, left:right] for grey in greys])
         )
@@ -161,7 +154,7 @@ class Front:
         device = self.receiver.device
         return Frames(grey[:, None].to(device), origin.to(device), (height, width))
 
-    def _tracked(self, greys: Sequence[Grey]) -> torch.Tensor:
+    def _tracked(self, greys: Sequence[Grey]) -> Tensor:
         """Follow the panel from frame to frame."""
         assert self.tracker is not None
         corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
@@ -174,7 +167,7 @@ class Front:
             self.found += bool(tracks) and self.tracker.searches > searches
         return corners
 
-    def _looked_up(self, greys: Sequence[Grey], first: int) -> torch.Tensor:
+    def _looked_up(self, greys: Sequence[Grey], first: int) -> Tensor:
         """Look for the panel now and then, and take the median place between."""
         due = [
             row for row in range(len(greys)) if (first + row) % self.locate_every == 0
@@ -204,7 +197,7 @@ class Front:
                 corners[row] = self.corners_px
         return corners
 
-    def _found(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, torch.Tensor]:
+    def _found(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, Tensor]:
         """Look for the panel in some of the frames, and give the corners of those where it is found."""
         if not rows:
             return {}
@@ -224,11 +217,9 @@ class Front:
                 found[row], self._lattice = torch.from_numpy(fitted[0]), fitted[1:]
         return found
 
-    def _found_near(
-        self, greys: Sequence[Grey], rows: list[int]
-    ) -> dict[int, torch.Tensor]:
+    def _found_near(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, Tensor]:
         """Look for the panel where it was last, and give its corners where it is still."""
-        found: dict[int, torch.Tensor] = {}
+        found: dict[int, Tensor] = {}
         if self._lattice is None:
             return found
         places = deque(self._places, maxlen=REMEMBERED)

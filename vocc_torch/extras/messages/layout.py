@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
+from vocc_torch.arrays import Bools, Bytes, Integers, Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.signalling import ORDERS, MessagePlan
 
@@ -16,7 +17,7 @@ LONGEST_WORD = 255
 """Most bytes of a Reed-Solomon word."""
 
 
-def stream(name: str, count: int) -> NDArray[np.uint8]:
+def stream(name: str, count: int) -> Bytes:
     """Give random bytes that everybody who knows a name has: SHAKE-128 of it.
 
     Example:
@@ -28,7 +29,7 @@ def stream(name: str, count: int) -> NDArray[np.uint8]:
     )
 
 
-def sync_bits(order: int) -> NDArray[np.bool_]:
+def sync_bits(order: int) -> Bools:
     """Give a de Bruijn sequence: of its 2^order bits in a circle any ``order`` in a row occur once.
 
     Source: a maximal-length sequence (scipy.signal.max_len_seq) with a 0 added to its longest run of 0.
@@ -70,10 +71,8 @@ class Layout:
     """
 
     def __init__(self, plan: MessagePlan) -> None:
-        options, (rows, columns) = (
-            plan.signalling,
-            (plan.shape.rows, plan.shape.columns),
-        )
+        options = plan.signalling
+        (rows, columns) = (plan.shape.rows, plan.shape.columns)
         self.plan, self.symbols, self.bands = plan, options.block_symbols, options.bands
         self._scrambles = options.scramble
         if self.bands > rows:
@@ -125,7 +124,7 @@ class Layout:
         return shown
 
     @cached_property
-    def places(self) -> NDArray[np.int64]:
+    def places(self) -> Integers:
         """Where the bits of the block's words stand, (packets, word_bits), in (P, data cells) flattened."""
         cells = len(self.data)
         order = np.arange(self.symbols * cells).reshape(self.symbols, cells)
@@ -141,26 +140,26 @@ class Layout:
                 )
             ]
         used = self.packets * self.word_bits // self.unit
-        places: NDArray[np.int64] = groups[:used].reshape(self.packets, self.word_bits)
+        places: Integers = groups[:used].reshape(self.packets, self.word_bits)
         return places
 
     @cached_property
-    def _stream(self) -> NDArray[np.uint8]:
+    def _stream(self) -> Bytes:
         """A random bit for each place, (P data cells,)."""
         count = self.symbols * len(self.data)
         return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
 
-    def write(self, words: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    def write(self, words: Bytes) -> Bools:
         """Write a block's words of bits (packets, word_bits) on its symbols, (P,R,C); the rest is random."""
         carried = self._stream.copy()
         carried[self.places] = (
             words ^ self._stream[self.places] if self._scrambles else words
         )
-        film: NDArray[np.bool_] = self.known.reshape(self.symbols, -1) > 0
+        film: Bools = self.known.reshape(self.symbols, -1) > 0
         film[:, self.data] = carried.reshape(self.symbols, -1)
         return film.reshape(self.known.shape)
 
-    def rescrambled(self, words: NDArray[np.uint8], shown: NDArray[np.bool_]) -> Self:
+    def rescrambled(self, words: Bytes, shown: Bools) -> Self:
         """Give the layout with the scrambling by which a block that shows ``shown`` (P,R,C) has ``words``.
 
         So any random film is the film of any code, and codes are compared on the same recordings.
@@ -171,16 +170,16 @@ class Layout:
         twin._stream = carried
         return twin
 
-    def read(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    def read(self, cells: Singles) -> Singles:
         """Take the words' bits, as :meth:`write` wrote them, from soft values of a block's cells, (P,R,C)."""
         found = self.take(cells)
         if self._scrambles:
             found = np.where(self._stream[self.places] == 1, -found, found)
         return found
 
-    def take(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    def take(self, cells: Singles) -> Singles:
         """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
-        found: NDArray[np.float32] = cells.reshape(self.symbols, -1)[
-            :, self.data
-        ].reshape(-1)[self.places]
+        found: Singles = cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[
+            self.places
+        ]
         return found

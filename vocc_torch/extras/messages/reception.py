@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from vocc_torch.arrays import Bools, Singles
 from vocc_torch.extras.messages.codes import Code, code_of
 from vocc_torch.extras.messages.combine import Block, Combiner
 from vocc_torch.extras.messages.layout import Layout
@@ -65,7 +65,7 @@ class Received:
         ]
 
 
-def film_of(message: bytes, plan: MessagePlan) -> NDArray[np.bool_]:
+def film_of(message: bytes, plan: MessagePlan) -> Bools:
     """Write a message as the symbols of a panel.
 
     Args:
@@ -121,9 +121,7 @@ class Reception:
         symbols = (self._last_s - self._first_s) * self.plan.signalling.symbol_rate_hz
         return max(1, round(symbols / self.layout.symbols)) * self.layout.packets
 
-    def push(
-        self, llr: NDArray[np.float32], times_s: Sequence[float | None]
-    ) -> Iterator[Received]:
+    def push(self, llr: Singles, times_s: Sequence[float | None]) -> Iterator[Received]:
         """Take frames in and give the packets of blocks that are over, as :meth:`Combiner.push` does."""
         known = [time_s for time_s in times_s if time_s is not None]
         if known:
@@ -159,10 +157,8 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
         zip(code.decode(words), words, frames, strict=True)
     ):
         packet = None if info is None else unpacked(info)
-        unseen, expected = (
-            float((frames_of_word == 0).mean()),
-            float(expit(-np.abs(word)).sum()),
-        )
+        unseen = float((frames_of_word == 0).mean())
+        expected = float(expit(-np.abs(word)).sum())
         corrected, why = None, ""
         if packet is not None and info is not None:
             sent = code.encode(np.frombuffer(info, np.uint8)[None])[0]

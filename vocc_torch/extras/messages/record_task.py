@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from vocc_torch.arrays import read_npy
+from vocc_torch.arrays import Bytes, read_npy
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
 from vocc_torch.extras.messages.signalling import MessagePlan
@@ -66,10 +65,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
         raise VoccError(
             "scene.effects.quantization must be {bits: 8}: task=record writes greys of 8 bits"
         )
-    key, window = (
-        BlockKey(study.seed, "recording", 0),
-        config.margin if settings.framing == "crop" else None,
-    )
+    key = BlockKey(study.seed, "recording", 0)
+    window = config.margin if settings.framing == "crop" else None
     scene = study.world.scene.draw(key, plan.shape)[0][:1]
     symbol_s = (1 + config.drift) / plan.signalling.symbol_rate_hz
     start_s = config.start_s
@@ -90,7 +87,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     )
     rows: list[run_folder.Cells] = [COLUMNS]
 
-    def pictures() -> Iterator[NDArray[np.uint8]]:
+    def pictures() -> Iterator[Bytes]:
         for part in parts:
             corners = (
                 (part.panels.corners_px - part.frames.origin_px[:, None])

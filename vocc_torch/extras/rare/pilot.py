@@ -18,13 +18,8 @@ import torch
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from vocc_torch.extras.rare.scenes import (
-    WIDTHS,
-    Component,
-    Floats,
-    TiltedScenes,
-    part_of,
-)
+from vocc_torch.arrays import Bools, Floats, Integers
+from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes, part_of
 from vocc_torch.extras.rare.weights import WeightedCounts
 from vocc_torch.measure import runner, sweep
 from vocc_torch.measure.counts import Counts
@@ -71,10 +66,10 @@ class PilotFrames:
     """
 
     placed: Mapping[str, Floats]
-    bits: NDArray[np.bool_]
+    bits: Bools
     weights: Floats
     margins: Floats
-    failed: NDArray[np.bool_]
+    failed: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,10 +199,8 @@ def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
         Component.nominal(NOMINAL, shape),
         patterns(shape, PATTERNS if locates else PATTERNS // 4),
     ]
-    frames_left, side = (
-        BLOCK_FRAMES - sum(component.frames for component in components),
-        2 * REACH + 1,
-    )
+    frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
+    side = 2 * REACH + 1
     for number, (rate, near) in enumerate(
         [(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]
     ):
@@ -278,7 +271,7 @@ def around_leds(
     return Component(frames, inner, share / share.sum(), tilts)
 
 
-def sides(shape: PanelShape) -> NDArray[np.int64]:
+def sides(shape: PanelShape) -> Integers:
     """Count for each LED the sides of the panel that it lies at, (R,C); 2 is a corner."""
     rows, columns = (
         np.isin(np.arange(n), (0, n - 1)).astype(np.int64)
@@ -308,8 +301,8 @@ def learned(
 
 
 def weakest(
-    margins: Floats, failed: NDArray[np.bool_], seen: PilotFrames
-) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+    margins: Floats, failed: Bools, seen: PilotFrames
+) -> Iterator[tuple[Integers, Floats]]:
     """Give the weakest LEDs of a receiver, those that are Off and those that are On, and their weights.
 
     Frames in which the panel was not found where it is tell nothing of LEDs, and are left out. So is one of
@@ -343,7 +336,7 @@ def weakest(
 def of_leds(
     shape: PanelShape,
     frames: int,
-    leds: NDArray[np.int64],
+    leds: Integers,
     weights: Floats,
     seen: PilotFrames,
 ) -> Component:
@@ -387,10 +380,8 @@ def relearned(component: Component, seen: PilotFrames) -> Component:
     if len(frame) < 4:
         return component
     sides = turned(seen.bits[frame])
-    bits, weights = (
-        np.concatenate(sides),
-        np.tile(evened(seen.weights[frame]) / len(sides), len(sides)),
-    )
+    bits = np.concatenate(sides)
+    weights = np.tile(evened(seen.weights[frame]) / len(sides), len(sides))
     ratios = component.log_ratios(bits)
     # How likely each frame came of each pattern.
     belongs = (
@@ -429,9 +420,7 @@ def evened(weights: Floats) -> Floats:
     )
 
 
-def tilts(
-    seen: PilotFrames, frame: NDArray[np.int64], weights: Floats
-) -> dict[str, Floats]:
+def tilts(seen: PilotFrames, frame: Integers, weights: Floats) -> dict[str, Floats]:
     """Give the share of each part of the values of chosen scenes, where these are not as all others."""
     count, found = effective(weights), {}
     for name, placed in seen.placed.items():

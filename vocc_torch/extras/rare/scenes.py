@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch import Tensor
 
+from vocc_torch.arrays import Bools, Floats, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import Distribution, SceneModel
 from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import PanelShape, Scene
 
-Floats = NDArray[np.float64]
 EDGES: Floats = np.array([0, 1, 2, 4, 8, 16, 24, 28, 30, 31, 32]) / 32
 """Ends of the ten parts of a distribution, each of which a component may draw more or less often.
 
@@ -54,7 +54,7 @@ class Component:
         """Draw the scenes as they are meant."""
         return cls(frames, np.full((1, shape.rows, shape.columns), 0.5), np.ones(1))
 
-    def log_ratios(self, bits: NDArray[np.bool_]) -> Floats:
+    def log_ratios(self, bits: Bools) -> Floats:
         """Give the logarithm of each map's share and probability of bits, over that of equally likely ones.
 
         Args:
@@ -116,7 +116,7 @@ class TiltedScenes(SceneModel):
         """The share, in 64ths, of frames drawn as they are meant."""
         return self.components[0].frames
 
-    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
+    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool."""
         uniform, bits = self.drawn(key, shape)
         values = (
@@ -124,16 +124,14 @@ class TiltedScenes(SceneModel):
         )
         return Scene(*map(torch.from_numpy, values)), torch.from_numpy(bits)
 
-    def weights(self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]) -> Floats:
+    def weights(self, uniform: Mapping[str, Floats], bits: Bools) -> Floats:
         """Give the weight of each frame that was drawn, (N,)."""
         found: Floats = np.exp(
             -np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0)
         )
         return found
 
-    def log_ratios(
-        self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]
-    ) -> Floats:
+    def log_ratios(self, uniform: Mapping[str, Floats], bits: Bools) -> Floats:
         """Give the logarithm of each component's share and density over the density that is meant, (K,N)."""
         rows = []
         for component in self.components:
@@ -147,7 +145,7 @@ class TiltedScenes(SceneModel):
 
     def drawn(
         self, key: BlockKey, shape: PanelShape
-    ) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
+    ) -> tuple[dict[str, Floats], Bools]:
         """Draw a block: where each value lies in its distribution, (64,) from 0 to below 1, and the bits."""
         order = np.repeat(
             np.arange(len(self.components)),
@@ -158,10 +156,8 @@ class TiltedScenes(SceneModel):
             name: key.generator(f"rare.{name}").random(BLOCK_FRAMES)
             for name in SCENE_FIELDS
         }
-        place, level = (
-            key.generator("rare.place").random(BLOCK_FRAMES),
-            key.generator("rare.bits"),
-        )
+        place = key.generator("rare.place").random(BLOCK_FRAMES)
+        level = key.generator("rare.bits")
         levels = level.random((BLOCK_FRAMES, shape.rows, shape.columns))
         bits = np.empty(levels.shape, dtype=np.bool_)
         for number, component in enumerate(self.components):
@@ -180,7 +176,7 @@ class TiltedScenes(SceneModel):
         return uniform, bits
 
 
-def part_of(uniform: Floats) -> NDArray[np.int64]:
+def part_of(uniform: Floats) -> Integers:
     """Give the part of a distribution in which a place from 0 to below 1 lies."""
     return np.searchsorted(EDGES[1:-1], uniform, side="right")
 

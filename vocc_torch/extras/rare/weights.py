@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammainccinv, gammaincinv
 
+from vocc_torch.arrays import Bools, Floats, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
@@ -55,10 +55,10 @@ class WeightedCounts(Counts):
     @classmethod
     def weigh(
         cls,
-        halves: NDArray[np.int64],
-        found: NDArray[np.bool_],
+        halves: Integers,
+        found: Bools,
         leds: int,
-        weights: NDArray[np.float64],
+        weights: Floats,
         nominal: int,
     ) -> Self:
         """Count the errors of N frames.
@@ -170,19 +170,15 @@ def weighted_interval(
         else float(frames)
     )
     paid = t_correction(MOST_TRIALS, max(1.0, min(frames - 1, freedom)), confidence)
-    tail, rate, large = (
-        (1 - confidence) / 2,
-        counts.ber,
-        math.sqrt(fourths / squares) / total,
-    )
+    tail = (1 - confidence) / 2
+    rate = counts.ber
+    large = math.sqrt(fourths / squares) / total
     widened = 1 + (max(1.0, -math.log(tail)) - 1) * (
         1 - min(1.0, freedom / effective) ** 2
     )
-    mean, variance, shape = (
-        1 + widened * large,
-        (1 / shape + widened * large**2) / paid,
-        shape * paid,
-    )
+    mean = 1 + widened * large
+    variance = (1 / shape + widened * large**2) / paid
+    shape = shape * paid
     low = gammaincinv(shape, tail) / shape
     high = gammainccinv(mean**2 / variance, tail) * variance / mean
     missed = unseen if counts.frame_errors > UNEVEN * effective else 0.0

@@ -12,13 +12,14 @@ import torch
 from PIL import Image, ImageOps
 from torch import Tensor
 
+from vocc_torch.arrays import Floats, Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES, ordinary_file
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, within
 from vocc_torch.simulation.roadside import spread
 from vocc_torch.simulation.scene import Distribution
-from vocc_torch.simulation.sketch import Array, Sketch
+from vocc_torch.simulation.sketch import Sketch
 
 Generator = np.random.Generator
 
@@ -144,7 +145,7 @@ def _opens(path: Path) -> bool:
 @functools.lru_cache(maxsize=32)
 def light_of(
     path: Path, gamma: float, most_px: int, channel: int | None = None
-) -> street.Plane:
+) -> Singles:
     """Read a picture's light, (H+1,W+1), its last row and column repeated; larger ones shrink.
 
     Of its luma, which has a mean of 1, or of one channel over the luma's mean.
@@ -174,7 +175,7 @@ def light_of(
         light = (
             np.asarray(channel_plane, dtype=np.float32) / np.float32(255)
         ) ** np.float32(gamma)
-    scaled: street.Plane = np.pad(light / mean, (0, 1), mode="edge")
+    scaled: Singles = np.pad(light / mean, (0, 1), mode="edge")
     return scaled.astype(np.float32)
 
 
@@ -219,10 +220,8 @@ class Leaves(street.Sketched):
             * context.panel.background_reflectance
             / math.pi
         )
-        low, high = (
-            max(context.camera.sensor_px) / 120,
-            max(context.camera.sensor_px) / 2.5,
-        )
+        low = max(context.camera.sensor_px) / 120
+        high = max(context.camera.sensor_px) / 2.5
         drawn = generator.random((self.count, 3))
         radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
         radii[: self.count // 20] = high * (0.3 + 0.7 * drawn[: self.count // 20, 0])
@@ -302,9 +301,9 @@ class Leaves(street.Sketched):
         return drawing
 
 
-def _moved(axes: Array, middle: Array, points: Array) -> Array:
+def _moved(axes: Floats, middle: Floats, points: Floats) -> Floats:
     """Turn, scale and move points (M,2)."""
-    moved: Array = points @ axes + middle
+    moved: Floats = points @ axes + middle
     return moved
 
 

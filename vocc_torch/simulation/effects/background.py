@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.arrays import Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import photometry, raster
 from vocc_torch.simulation.effects import colour, light, view
@@ -27,7 +27,7 @@ MOST_LAMPS = 1000
 
 def power_law_noise(
     generator: np.random.Generator, size: tuple[int, int], beta: float
-) -> NDArray[np.float32]:
+) -> Singles:
     """Gaussian noise of mean 0 and variance 1 whose power falls with spatial frequency as ``1 / f^beta``.
 
     Each Fourier coefficient is drawn by itself and weighted by ``f^(-beta/2)``, f being the length of the
@@ -57,7 +57,7 @@ def power_law_noise(
     weight[:, alone] *= np.float32(math.sqrt(2))
     parts = generator.standard_normal((*weight.shape, 2), dtype=np.float32)
     spectrum = parts.view(np.complex64)[..., 0] * weight
-    plane: NDArray[np.float32] = scipy.fft.irfft2(spectrum, s=size, overwrite_x=True)
+    plane: Singles = scipy.fft.irfft2(spectrum, s=size, overwrite_x=True)
     rms = math.sqrt(float(np.square(plane).mean(dtype=np.float64)))
     return plane * np.float32(1 / rms if rms > 0 else 0)
 
@@ -98,10 +98,10 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
 
     def texture(
         self, generator: np.random.Generator, sensor_px: tuple[int, int]
-    ) -> NDArray[np.float32]:
+    ) -> Singles:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
         log_sigma = np.float32(math.sqrt(math.log1p(self.contrast**2)))
-        texture: NDArray[np.float32] = np.exp(
+        texture: Singles = np.exp(
             log_sigma * power_law_noise(generator, sensor_px, self.beta)
         )
         return texture * np.float32(1 / texture.mean(dtype=np.float64))
@@ -248,10 +248,8 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
         panel, scene = context.panel, context.scene
-        width_m, height_m = (
-            panel.shape.columns * panel.pitch_m,
-            panel.shape.rows * panel.pitch_m,
-        )
+        width_m = panel.shape.columns * panel.pitch_m
+        height_m = panel.shape.rows * panel.pitch_m
         near = 1 - 1e-9
         if (
             abs(self.offset_x_m) < width_m * near
@@ -295,10 +293,8 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
             )
             covered, added = laid(canvas, boards, cells)
             # What an LED covers is board, also in a pixel that the board's edge crosses.
-            canvas, shining = (
-                canvas * (1 - covered) + added,
-                shining - board.view(-1, 1, 1),
-            )
+            canvas = canvas * (1 - covered) + added
+            shining = shining - board.view(-1, 1, 1)
         covered, added = laid(
             canvas, shining.flatten(), led_patches(leds_m, canvas, context)
         )
@@ -331,10 +327,8 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     centre, spread = camera_view.discs_px(
         torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m
     )
-    centre, spread = (
-        (centre - context.first_px.unsqueeze(1)).flatten(0, 1),
-        spread.flatten(0, 1),
-    )
+    centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
+    spread = spread.flatten(0, 1)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
     for which, side in raster.by_size(
         centre - reach, centre + reach, (height, width), has_image.flatten()
@@ -366,11 +360,9 @@ def cell_patches(
         torch.where(has_image.unsqueeze(-1), squares_m, 0.0)
     )
     corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
-    low, high, chosen = (
-        corners.amin(dim=1),
-        corners.amax(dim=1),
-        has_image.view(-1, 4).all(dim=1),
-    )
+    low = corners.amin(dim=1)
+    high = corners.amax(dim=1)
+    chosen = has_image.view(-1, 4).all(dim=1)
     if drawn is not None:
         chosen = chosen & drawn.repeat_interleave(len(leds_m))
     for which, side in raster.by_size(low, high, (height, width), chosen):

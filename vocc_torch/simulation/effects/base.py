@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.hardware import Camera, LedPanel
@@ -62,12 +63,12 @@ class Context:
     scene: Scene
     camera: Camera
     keys: Sequence[FrameKey] = ()
-    origin_px: torch.Tensor | None = None
+    origin_px: Tensor | None = None
     """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
     effects: "Sequence[Effect]" = ()
     """All effects of the scene, for one that undoes or continues what another did."""
     panel: LedPanel = field(default_factory=LedPanel)
-    iso: torch.Tensor | None = None
+    iso: Tensor | None = None
     """(B,) the ISO speeds, where they are known already."""
     channel: int | None = None
     """Red, green or blue, 0 to 2, while one channel of a scene in ``colour`` is drawn."""
@@ -112,7 +113,7 @@ class Context:
         ]
 
     @property
-    def first_px(self) -> torch.Tensor:
+    def first_px(self) -> Tensor:
         """Sensor column and row of each frame's first pixel, (B,2) int64, where the scenes are."""
         device = self.scene.distance_m.device
         if self.origin_px is None:
@@ -266,10 +267,10 @@ class Effect(ABC):
         )
 
     @abstractmethod
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Apply the effect to a batch."""
 
-    def applied(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def applied(self, value: Tensor, context: Context) -> Tensor:
         """Apply the effect; what one from outside does wrong is refused by its name.
 
         Raises:
@@ -286,10 +287,10 @@ class Effect(ABC):
             raise VoccError(
                 f"scene.effects.{self.name} drew from torch's own generator: {rule}"
             )
-        if not isinstance(result, torch.Tensor) or result.shape != value.shape:
+        if not isinstance(result, Tensor) or result.shape != value.shape:
             shown = (
                 tuple(result.shape)
-                if isinstance(result, torch.Tensor)
+                if isinstance(result, Tensor)
                 else type(result).__name__
             )
             raise VoccError(
@@ -332,7 +333,7 @@ class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
     """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches their surroundings."""
 
     @abstractmethod
-    def jacobian(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def jacobian(self, value: Tensor, context: Context) -> Tensor:
         """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2)."""
 
 
@@ -349,7 +350,7 @@ class Backdrop(Effect, on=Quantity.BACKGROUND):
         return 0
 
     @abstractmethod
-    def shade(self, x: torch.Tensor, y: torch.Tensor, context: Context) -> torch.Tensor:
+    def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
         """Give luminance over that of the plain background, at least 0.
 
         Args:
@@ -361,7 +362,7 @@ class Backdrop(Effect, on=Quantity.BACKGROUND):
             (B,1,H,W), or what becomes that when it is multiplied.
         """
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance."""
         left, top = context.first_px.unbind(dim=-1)
         x = left.view(-1, 1, 1, 1) + torch.arange(value.shape[3], device=left.device)

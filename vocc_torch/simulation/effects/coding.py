@@ -160,17 +160,13 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Cover a part of each frame's (B,1,H,W) grey values."""
         frames, (height, width) = list(value), context.camera.sensor_px
-        generators, firsts = (
-            context.generators(self.name, of_scene=True),
-            context.first_px.tolist(),
-        )
+        generators = context.generators(self.name, of_scene=True)
+        firsts = context.first_px.tolist()
         for i, (generator, (left, top)) in enumerate(
             zip(generators, firsts, strict=True)
         ):
-            rows, columns = (
-                top + np.arange(value.shape[2]),
-                left + np.arange(value.shape[3]),
-            )
+            rows = top + np.arange(value.shape[2])
+            columns = left + np.arange(value.shape[3])
             bar = self.drawn("bar", generator) * (generator.random() < self.share)
             along, full = ((rows[:, None], height), (columns, width))[
                 int(generator.random() < 0.5)
@@ -185,10 +181,8 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
                 )
                 frames[i] = frames[i].masked_fill(black.to(value.device), 0.0)
             if generator.random() < self.lettering:
-                row, column = (
-                    (rows - round(y)) // times,
-                    (columns - round(x * width * 0.5)) // times,
-                )
+                row = (rows - round(y)) // times
+                column = (columns - round(x * width * 0.5)) // times
                 shown = (
                     (row >= 0) & (row < len(mask)),
                     (column >= 0) & (column < mask.shape[1]),
@@ -281,10 +275,8 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
                     f"scene.effects.jpeg got a crop at {at}, off the grid of {JPEG_BLOCK_PX} px"
                 )
         height, width = value.shape[-2:]
-        coded, quality = (
-            torch.empty_like(value),
-            torch.tensor([float(self.quality)], device=value.device),
-        )
+        coded = torch.empty_like(value)
+        quality = torch.tensor([float(self.quality)], device=value.device)
         # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach
         # the luma. So the strips are tinted to the chroma that the codec takes for none.
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)

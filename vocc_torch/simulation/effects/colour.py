@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
@@ -23,7 +23,7 @@ SENSITIVITIES_NM = ((600.0, 35.0), (540.0, 35.0), (460.0, 30.0))
 DAYLIGHT_K = 6500.0
 """Temperature of the black body that stands for daylight."""
 
-WAVELENGTHS_NM: NDArray[np.float64] = np.arange(360.0, 781.0)
+WAVELENGTHS_NM: Floats = np.arange(360.0, 781.0)
 
 LUMA = (0.299, 0.587, 0.114)
 """Weights of ITU-R BT.601."""
@@ -32,7 +32,7 @@ LUMA_16 = (19595, 38470, 7471)
 """The same in 65536ths, as Pillow adds whole numbers."""
 
 
-def luminous_efficiency(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+def luminous_efficiency(wavelength_nm: Floats) -> Floats:
     """The eye's sensitivity V by day, 1 at 555 nm, to within 0.01.
 
     Source: C. Wyman, P.-P. Sloan and P. Shirley, "Simple analytic approximations to the CIE XYZ color
@@ -211,7 +211,7 @@ def luma_of(colour: Tensor) -> Tensor:
     )
 
 
-def tints(seed: int, parts: int, channel: int) -> NDArray[np.float64]:
+def tints(seed: int, parts: int, channel: int) -> Floats:
     """Draw what a channel sees of a thing's parts over their luminance, (parts,): colours of luma 1.
 
     Example:
@@ -222,5 +222,5 @@ def tints(seed: int, parts: int, channel: int) -> NDArray[np.float64]:
     drawn = np.random.Generator(np.random.SFC64(seed)).standard_normal((parts + 1, 3))
     # One colour for the thing, and a little of its own for each part.
     colours = np.exp(0.25 * drawn[:1] + 0.1 * drawn[1:])
-    ratios: NDArray[np.float64] = colours[:, channel] / (colours @ np.array(LUMA))
+    ratios: Floats = colours[:, channel] / (colours @ np.array(LUMA))
     return ratios

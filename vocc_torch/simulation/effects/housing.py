@@ -222,10 +222,8 @@ class Housing(street.Sketched):
 
     def draw(self, layer: street.Layer, generator: np.random.Generator) -> None:
         """Draw one frame's board, rim and cables, where it has a panel."""
-        parts, panel_present = (
-            self.sketch(generator, layer.camera_view.context).parts,
-            present(layer.camera_view.context),
-        )
+        parts = self.sketch(generator, layer.camera_view.context).parts
+        panel_present = present(layer.camera_view.context)
         if parts and (panel_present is None or bool(panel_present)):
             layer.lay(parts, functools.partial(street.onto, layer.camera_view))
 

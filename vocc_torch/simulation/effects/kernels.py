@@ -174,10 +174,8 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
         beyond = 1 - (2 / math.pi) * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
         # A running sum adds a frame's terms in the same order whatever else is in the batch.
         moment = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1]
-        low, high = (
-            torch.where(moment < area, middle, low),
-            torch.where(moment < area, high, middle),
-        )
+        low = torch.where(moment < area, middle, low)
+        high = torch.where(moment < area, high, middle)
     return low
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -75,7 +76,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
     symbol_s: float = within(0, LONGEST_S, above=True)
     sampled = True
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Put each frame's (B,R,C) bits amid the symbols that show during the panel's readout.
 
         Returns:
@@ -92,7 +93,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             [data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1
         )
 
-    def row_shares(self, context: Context, height: int) -> torch.Tensor:
+    def row_shares(self, context: Context, height: int) -> Tensor:
         """The share of each pixel row's exposure during which each symbol shows.
 
         Args:
@@ -114,7 +115,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         ) / context.camera.exposure_time_s
         return over.clamp_(0, 1).diff(dim=1)
 
-    def _begins_s(self, rows: torch.Tensor, context: Context) -> torch.Tensor:
+    def _begins_s(self, rows: Tensor, context: Context) -> Tensor:
         """When a row so many below the panel's centre is first exposed; 0 is mid exposure of the centre."""
         camera = context.camera
         return (
@@ -122,20 +123,16 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             - camera.exposure_time_s / 2
         )
 
-    def _timing(
-        self, context: Context
-    ) -> tuple[torch.Tensor, torch.Tensor, Sequence[Any]]:
+    def _timing(self, context: Context) -> tuple[Tensor, Tensor, Sequence[Any]]:
         """Draw each frame's phase, and find the symbols that show during the readout of its panel.
 
         Returns:
             (B,K+1) where one symbol follows the other, s from the middle of the centre row's exposure; (B,)
             the sensor's row that the panel's centre lies in; what tells each frame's neighbours.
         """
-        scene, camera, leds = (
-            context.scene,
-            context.camera,
-            view.led_centres_m(context.panel),
-        )
+        scene = context.scene
+        camera = context.camera
+        leds = view.led_centres_m(context.panel)
         if self.symbol_s < camera.exposure_time_s:
             raise self.refusal(
                 "symbol_s",
@@ -151,10 +148,8 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         top, centre, bottom = torch.floor(rows).clamp(0, camera.height_px - 1)
         shown_s, shown_number = self._shown_s(context)
         truth_s = -torch.tensor(shown_s, dtype=torch.float64, device=top.device)
-        begins, ends = (
-            self._begins_s(top - centre, context),
-            self._begins_s(bottom - centre, context),
-        )
+        begins = self._begins_s(top - centre, context)
+        ends = self._begins_s(bottom - centre, context)
         first = torch.floor((begins - truth_s) / self.symbol_s)
         last = torch.ceil((ends + camera.exposure_time_s - truth_s) / self.symbol_s) - 1
         around = int(torch.maximum(-first, last).max())
@@ -203,21 +198,21 @@ class Playback(RollingShutter):
         1
     """
 
-    film: torch.Tensor = field(kw_only=True)
+    film: Tensor = field(kw_only=True)
     middles_s: Mapping[str, float] = field(kw_only=True)
-    further: Mapping[str, torch.Tensor] = field(kw_only=True, default_factory=dict)
+    further: Mapping[str, Tensor] = field(kw_only=True, default_factory=dict)
 
     def symbol_at(self, take: str) -> int:
         """Give the number of the symbol that shows in the middle of a take; it may be beyond the film."""
         return math.floor(self.middles_s[take] / self.symbol_s)
 
-    def symbols(self, numbers: torch.Tensor, leds: str = "") -> torch.Tensor:
+    def symbols(self, numbers: Tensor, leds: str = "") -> Tensor:
         """Give symbols by number, of any shape, (...,R,C) bool; dark where there is none."""
         in_film = (numbers >= 0) & (numbers < len(self.film))
         film = self.further[leds] if leds else self.film
         return film[numbers.clamp(0, len(film) - 1)] & in_film[..., None, None]
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Put each frame's (B,R,C) bits amid their neighbours in the film, (B,K,R,C)."""
         edges_s, _, truths = self._timing(context)
         around = edges_s.shape[1] // 2 - 1
@@ -277,7 +272,7 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
                 f"scene.effects.{self.name}.off_share + on_share", f"{together:g}", rule
             )
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Overrule (B,R,C) LED luminance where an LED is stuck."""
         streams = context.generators(self.name + context.leds, of_scene=True)
         draws = [generator.random(tuple(value.shape[1:])) for generator in streams]
@@ -318,7 +313,7 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
     )
     sampled = True
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,R,C) LED luminance by each LED's factor."""
         sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
         generators = context.generators(self.name + context.leds, of_scene=True)
@@ -352,14 +347,14 @@ class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
 
     visibility_m: float = within(0, above=True)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
         return value * photometry.transmission(
             context.scene.distance_m, self.visibility_m
         ).view(-1, 1, 1)
 
 
-def dimmed_once(light_cd_m2: torch.Tensor, context: Context) -> torch.Tensor:
+def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
     """Dim the own light of what stands in the background as our LEDs' is (Eq. 20), (B,R,C) cd/m2.
 
     Where ``airlight`` is named nothing is done here: it dims the whole background with all that shines in it.
@@ -416,7 +411,7 @@ class Airlight(Effect, on=Quantity.UNLIT):
     horizon_factor: float = within(0, 10, default=1.0)
     metered = True
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
         scene = context.scene
         depth = scene.distance_m * (
@@ -466,7 +461,7 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
         height, width = size_px
         return height * (1 + self.height_share), width * (1 + self.width_share)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
         corners_m = view.panel_corners_m(context.panel).to(
             context.scene.distance_m.device
@@ -561,7 +556,7 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
             return self.luminance_cd_m2
         return 10.0 * (self.glare_illuminance_lx or 0.0) / (self.angle_deg or 1.0) ** 2
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the veil to (B,1,H,W) luminance."""
         return value + self.veil_cd_m2
 

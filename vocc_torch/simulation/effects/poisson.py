@@ -2,8 +2,9 @@
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import special
+
+from vocc_torch.arrays import Bytes, Floats
 
 FEW = 3.0
 """Below this mean the counts are summed up one by one; from it on they are expanded in the normal number."""
@@ -20,10 +21,8 @@ MOST_STEPS = 64
 MOST_OF_FEW = 32
 """A Poisson number with a mean below ``FEW`` exceeds this with a probability of 4e-23."""
 
-Array = NDArray[np.float64]
 
-
-def poisson_quantile(mean: Array, normal: Array) -> Array:
+def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
     """Poisson quantile at the probability of a standard normal number.
 
     The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly
@@ -62,7 +61,7 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
     return counts.reshape(shape)
 
 
-def _expanded(mean: Array, normal: Array) -> Array:
+def _expanded(mean: Floats, normal: Floats) -> Floats:
     """Quantiles of means from ``FEW`` on, (N,).
 
     With the expansion's size ``t = (1 + z^2/2) / sqrt(mean)`` the quantile is the whole part of
@@ -80,7 +79,7 @@ def _expanded(mean: Array, normal: Array) -> Array:
     square *= 1.0 / 6.0
     square += 1.0 / 3.0
     exact += square
-    counts: Array = np.floor(exact, out=root)
+    counts: Floats = np.floor(exact, out=root)
     # How far from the middle between two whole numbers, and how far that is safe.
     exact -= counts
     exact -= 0.5
@@ -94,7 +93,7 @@ def _expanded(mean: Array, normal: Array) -> Array:
     return counts
 
 
-def refined_quantile(mean: Array, normal: Array) -> Array:
+def refined_quantile(mean: Floats, normal: Floats) -> Floats:
     """Quantiles of means from ``FEW`` on to third order, and exactly where that leaves a doubt, (N,)."""
     root = np.sqrt(mean)
     square = normal * normal
@@ -103,11 +102,9 @@ def refined_quantile(mean: Array, normal: Array) -> Array:
     exact += 2.0 / 135.0 * size * size - size / (81.0 * root) - 1.0 / (45.0 * mean)
     counts, nearest = np.floor(exact), np.rint(exact)
     doubtful = np.flatnonzero(np.abs(exact - nearest) < THIRD_ORDER * size**3)
-    mean, count, target = (
-        mean[doubtful],
-        np.maximum(nearest[doubtful], 0.0),
-        special.ndtr(normal[doubtful]),
-    )
+    mean = mean[doubtful]
+    count = np.maximum(nearest[doubtful], 0.0)
+    target = special.ndtr(normal[doubtful])
     for _ in range(MOST_STEPS if doubtful.size else 0):
         # Walk to the least count whose distribution function reaches the target.
         short = special.pdtr(count, mean) < target
@@ -121,17 +118,17 @@ def refined_quantile(mean: Array, normal: Array) -> Array:
     return counts
 
 
-def _summed(mean: Array, normal: Array) -> Array:
+def _summed(mean: Floats, normal: Floats) -> Floats:
     """Quantiles of means below ``FEW``, (N,): add up the probabilities of 0, 1, 2, ..."""
     # Two to three times as fast as NumPy's and SciPy's; less exact far below 0.05, the least chance of a 0.
-    target: Array = torch.special.ndtr(torch.tensor(normal)).numpy()
-    term: Array = torch.from_numpy(-mean).exp_().numpy()
+    target: Floats = torch.special.ndtr(torch.tensor(normal)).numpy()
+    term: Floats = torch.from_numpy(-mean).exp_().numpy()
     return _counted(0, mean, target, term, term.copy()).astype(np.float64)
 
 
 def _counted(
-    first: int, mean: Array, target: Array, term: Array, total: Array
-) -> NDArray[np.uint8]:
+    first: int, mean: Floats, target: Floats, term: Floats, total: Floats
+) -> Bytes:
     """Count the terms after ``first`` until their sum reaches the target; the few that lag go on alone."""
     counts = np.zeros(mean.shape, dtype=np.uint8)
     last = 2 * first + 2

@@ -12,8 +12,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch import Tensor
 
+from vocc_torch.arrays import Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.rng import sensor_generator
@@ -67,7 +68,7 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
     blue: float = within(0.001, 1, default=0.625)
     fills_sensor = True
 
-    def filters(self, like: torch.Tensor, context: Context) -> torch.Tensor:
+    def filters(self, like: Tensor, context: Context) -> Tensor:
         """The share that each pixel's filter lets through.
 
         Args:
@@ -83,8 +84,8 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
 
     @staticmethod
     def _laid(
-        cell_of: Sequence[Sequence[float]], like: torch.Tensor, context: Context
-    ) -> torch.Tensor:
+        cell_of: Sequence[Sequence[float]], like: Tensor, context: Context
+    ) -> Tensor:
         """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
         height, width = like.shape[-2:]
         cell = torch.tensor(cell_of, dtype=like.dtype)
@@ -102,7 +103,7 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
             .expand(len(like), 1, height, width)
         )
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Filter (B,1,H,W) luminous exposure; of (B,3,H,W) each filter takes its own channel."""
         if value.shape[1] == len(CHANNELS):
             value = value.gather(1, self._laid([[0, 1], [1, 2]], value, context).long())
@@ -159,7 +160,7 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
             )
         return electrons
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn (B,1,H,W) luminous exposure into mean electrons."""
         return value * self.electrons_per_lx_s(context.camera)
 
@@ -170,8 +171,7 @@ TILE_PX = 128
 TILE = TILE_PX, TILE_PX
 """Shape of such a square."""
 
-Plane = NDArray[np.float32]
-Tiles = dict[tuple[int, int, int, str], Plane]
+Tiles = dict[tuple[int, int, int, str], Singles]
 
 
 class TilePart(NamedTuple):
@@ -261,10 +261,10 @@ class SensorPattern(ElectronNoise):
         )
 
     @abstractmethod
-    def tile(self, generator: np.random.Generator) -> Plane:
+    def tile(self, generator: np.random.Generator) -> Singles:
         """Draw one tile; always the same from the same numbers."""
 
-    def pattern(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def pattern(self, value: Tensor, context: Context) -> Tensor:
         """Each frame's part of the pattern, (B,1,H,W) in shape, type and device of ``value``.
 
         Raises:
@@ -316,12 +316,12 @@ class Prnu(SensorPattern):
 
     share: float = within(0, 0.2, above=True, hint=NO_NOISE)
 
-    def tile(self, generator: np.random.Generator) -> Plane:
+    def tile(self, generator: np.random.Generator) -> Singles:
         """Draw the response of each pixel."""
         normals = generator.standard_normal(TILE, dtype=np.float32)
         return (1 + np.float32(self.share) * normals).clip(min=0)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) electrons by each pixel's response."""
         return value * self.pattern(value, context)
 
@@ -352,7 +352,7 @@ class DarkCurrent(Effect, on=Quantity.ELECTRONS):
 
     electrons_per_s: float = within(0, 1e9, above=True, hint=NO_NOISE)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the mean dark signal to (B,1,H,W) electrons."""
         return value + self.electrons_per_s * context.camera.exposure_time_s
 
@@ -384,11 +384,11 @@ class HotPixels(SensorPattern):
     share: float = within(0, 1, above=True, hint=NO_NOISE)
     electrons_per_s: float = within(0, 1e9, above=True, hint=NO_NOISE)
 
-    def tile(self, generator: np.random.Generator) -> Plane:
+    def tile(self, generator: np.random.Generator) -> Singles:
         """Draw which pixels are hot, 0 or 1."""
         return (generator.random(TILE) < self.share).astype(np.float32)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the hot pixels' charge to (B,1,H,W) electrons."""
         charge = self.electrons_per_s * context.camera.exposure_time_s
         return torch.add(value, self.pattern(value, context), alpha=charge)
@@ -417,7 +417,7 @@ class ShotNoise(ElectronNoise):
         (50.0, 50)
     """
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw counts of the mean (B,1,H,W) electrons.
 
         Raises:
@@ -463,7 +463,7 @@ class FullWell(Effect, on=Quantity.ELECTRONS):
 
     electrons: float = within(1, 1e9)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Clip (B,1,H,W) electrons."""
         return value.clamp(max=self.electrons)
 
@@ -493,13 +493,13 @@ class Dsnu(SensorPattern):
 
     electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
-    def tile(self, generator: np.random.Generator) -> Plane:
+    def tile(self, generator: np.random.Generator) -> Singles:
         """Draw each pixel's offset, electrons."""
         return np.float32(self.electrons) * generator.standard_normal(
             TILE, dtype=np.float32
         )
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add each pixel's offset to (B,1,H,W) electrons."""
         return value + self.pattern(value, context)
 
@@ -526,7 +526,7 @@ class RowNoise(ElectronNoise):
 
     electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add to (B,1,H,W) electrons the offsets of the rows that each frame shows."""
         height, sensor_rows = value.shape[-2], context.camera.height_px
         streams = context.generators(f"{self.name}{context.sensor}")
@@ -562,7 +562,7 @@ class ReadNoise(ElectronNoise):
 
     electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add noise, drawn in float32, to (B,1,H,W) electrons."""
         planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
         normals = np.empty(TILE, dtype=np.float32)
@@ -600,7 +600,7 @@ class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
         ('electrons', 'luminous exposure (lx s)')
     """
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn (B,1,H,W) electrons into luminous exposure."""
         maker = next(
             effect for effect in context.effects if isinstance(effect, Photoelectrons)

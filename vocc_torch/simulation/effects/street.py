@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.arrays import Floats, Singles
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import colour, view
@@ -19,7 +19,6 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
 
 Generator = np.random.Generator
-Plane = NDArray[np.float32]
 
 STRIP_PX = 32
 """Rows of the sensor that are filled at a time; tiles are some strips."""
@@ -31,7 +30,7 @@ NODE_PX = 8
 """Distance of the nodes between which drawn textures run evenly, px."""
 
 
-def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> Plane:
+def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> Singles:
     """Draw noise of seven octaves of one variance each, as natural scenes have about, on nodes 8 px apart."""
     height, width = (-(-side // NODE_PX) + 2 for side in sensor_px)
     nodes = np.zeros((height, width), dtype=np.float32)
@@ -45,24 +44,24 @@ def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> P
     return nodes / np.float32(math.sqrt(7))
 
 
-def between(nodes: Plane, x: NDArray[np.float64], y: NDArray[np.float64]) -> Plane:
+def between(nodes: Singles, x: Floats, y: Floats) -> Singles:
     """Interpolate nodes (h,w) bilinearly at columns x (W,) and rows y (H,), to (H,W)."""
     return down(across(nodes, x), y)
 
 
-def across(nodes: Plane, x: NDArray[np.float64]) -> Plane:
+def across(nodes: Singles, x: Floats) -> Singles:
     """Interpolate nodes (h,w) at columns x (W,), to (h,W)."""
     column = x.astype(int)
     u = (x - column).astype(np.float32)
-    filled: Plane = nodes[:, column] * (1 - u) + nodes[:, column + 1] * u
+    filled: Singles = nodes[:, column] * (1 - u) + nodes[:, column + 1] * u
     return filled
 
 
-def down(lines: Plane, y: NDArray[np.float64]) -> Plane:
+def down(lines: Singles, y: Floats) -> Singles:
     """Interpolate lines (h,W) at rows y (H,), to (H,W)."""
     row = y.astype(int)
-    low: Plane = lines[row]
-    filled: Plane = lines[row + 1]
+    low: Singles = lines[row]
+    filled: Singles = lines[row + 1]
     filled -= low
     filled *= (y - row).astype(np.float32)[:, None]
     filled += low
@@ -138,7 +137,7 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         sensor_px: tuple[int, int],
         width: int,
         blue: float,
-    ) -> Callable[[int, int], Plane]:
+    ) -> Callable[[int, int], Singles]:
         """Draw one frame's scenery: what gives some rows' luminance over that of the plain background."""
         ranges = (2, 7), (0.15, 1.5), (0.3, 2)
         sky, far, ground = (
@@ -156,7 +155,7 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         )
         edge = horizon - height * sensor_px[0]
 
-        def rows_from(top: int, count: int) -> Plane:
+        def rows_from(top: int, count: int) -> Singles:
             rows = top + np.arange(count) + 0.5
             # Where all of a row is sky, or all is not, one number stands for it.
             at = (
@@ -175,7 +174,7 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
                 + below * (ground / lift)
             )
             depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
-            wave: Plane = down(lines, rows / NODE_PX) * depth
+            wave: Singles = down(lines, rows / NODE_PX) * depth
             # The exponential's first terms: the same numbers wherever a pixel lies in its array.
             square = wave * wave
             square *= np.float32(0.5)
@@ -201,12 +200,12 @@ class Layer:
     camera_view: view.View
     window: sketch.Window
     things: list[sketch.Drawing] = field(default_factory=list)
-    dirt: Plane | None = None
+    dirt: Singles | None = None
 
     def lay(
         self,
         parts: list[sketch.Part],
-        place: Callable[[sketch.Array], sketch.Array],
+        place: Callable[[Floats], Floats],
         share: float = 1.0,
         seed: int | None = None,
     ) -> None:
@@ -220,7 +219,7 @@ class Layer:
         if thing := sketch.Drawing.on_sensor(parts, place, share):
             self.things.append(thing)
 
-    def drawn(self) -> Iterator[tuple[int, Plane, Plane]]:
+    def drawn(self) -> Iterator[tuple[int, Singles, Singles]]:
         """Draw: the sensor's row where some rows begin, how much of what is behind stays, and the light."""
         left, _, right, _ = self.window
         columns = (np.arange(left, right) + 0.5) / NODE_PX
@@ -250,10 +249,8 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
             alone = replace(
                 context, scene=context.scene[row], keys=keys, origin_px=origin
             )
-            (left, top), camera_view = (
-                origin[0].tolist(),
-                view.View(every.placement[row], alone, every.effects),
-            )
+            (left, top) = origin[0].tolist()
+            camera_view = view.View(every.placement[row], alone, every.effects)
             layers.append(Layer(camera_view, (left, top, left + width, top + height)))
             self.draw(layers[-1], generator)
         if not any(layer.things for layer in layers):
@@ -279,7 +276,7 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
 Placed = tuple[
     float,
     roadside.Thing,
-    Callable[[sketch.Array], sketch.Array],
+    Callable[[Floats], Floats],
     int,
     tuple[float, float],
     float,
@@ -330,10 +327,8 @@ class Clutter(Sketched):
         """Draw one frame's things."""
         camera_view, (left, top, right, bottom) = layer.camera_view, layer.window
         scene = camera_view.context.scene
-        white, led = (
-            float(scene.ambient_lx[0]) / math.pi,
-            float(scene.led_luminance_cd_m2[0]),
-        )
+        white = float(scene.ambient_lx[0]) / math.pi
+        led = float(scene.led_luminance_cd_m2[0])
         light = roadside.Light(white, led, self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
         for _, thing, place, seed, (x, y), reach in self.placed(generator, camera_view):
@@ -359,18 +354,12 @@ class Clutter(Sketched):
         count = round(self.drawn("things", generator))
         kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
         depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
-        columns, turns = (
-            generator.uniform(0, width, count).tolist(),
-            generator.standard_normal((count, 2)),
-        )
-        along, seeds = (
-            generator.random(count) < 0.5,
-            generator.integers(1 << 62, size=count + 2).tolist(),
-        )
-        slope, carried = (
-            generator.uniform(-0.03, 0.03),
-            bool(generator.random() < self.carried),
-        )
+        columns = generator.uniform(0, width, count).tolist()
+        turns = generator.standard_normal((count, 2))
+        along = generator.random(count) < 0.5
+        seeds = generator.integers(1 << 62, size=count + 2).tolist()
+        slope = generator.uniform(-0.03, 0.03)
+        carried = bool(generator.random() < self.carried)
         at = generator.uniform((-0.25, 0.3), (0.25, 0.75))
         corners = seen.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
         centre = corners.mean(axis=0)
@@ -382,10 +371,8 @@ class Clutter(Sketched):
         for i, (kind, depth, column) in enumerate(
             zip(kinds, depths, columns, strict=True)
         ):
-            thing, reach = (
-                roadside.BESIDE[kind],
-                roadside.REACH_M[roadside.BESIDE[kind]],
-            )
+            thing = roadside.BESIDE[kind]
+            reach = roadside.REACH_M[roadside.BESIDE[kind]]
             yaw, roll = 0.15 * float(turns[i, 0]), 0.03 * float(turns[i, 1])
             if along[i] and thing is roadside.house:
                 yaw += math.copysign(0.9, width / 2 - column)
@@ -417,17 +404,17 @@ class Clutter(Sketched):
         return iter(sorted(things, key=lambda one: -one[0]))
 
 
-def on_vehicle(seen: view.View, at: sketch.Array, points: sketch.Array) -> sketch.Array:
+def on_vehicle(seen: view.View, at: Floats, points: Floats) -> Floats:
     """Map points of a vehicle onto the sensor, px: the panel is at shares of its width and height."""
     low, high = points.min(axis=0), points.max(axis=0)
     return onto(seen, points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1])))
 
 
-def onto(seen: view.View, points: sketch.Array) -> sketch.Array:
+def onto(seen: view.View, points: Floats) -> Floats:
     """Map points (M,2) of one frame's panel, m, onto the sensor, px; NaN where some of them have no image."""
     if not bool(seen.has_image(torch.from_numpy(points), 0.0).all()):
         return np.full_like(points, np.nan)
-    image: sketch.Array = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
+    image: Floats = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
     return image
 
 
@@ -436,16 +423,16 @@ def plane_onto(
     across: tuple[float, ...],
     down: tuple[float, ...],
     origin: tuple[float, ...],
-) -> Callable[[sketch.Array], sketch.Array]:
+) -> Callable[[Floats], Floats]:
     """Give the pinhole's map of points (M,2) on a plane, m, onto the sensor, px."""
     axes, foot = np.array([across, down]), np.array(origin, dtype=np.float64)
     middle = np.array([camera.width_px / 2, camera.height_px / 2])
 
-    def place(points: sketch.Array) -> sketch.Array:
+    def place(points: Floats) -> Floats:
         projected = points @ axes + foot
-        onto: sketch.Array = middle + camera.focal_length_px * projected[
-            :, :2
-        ] / np.maximum(projected[:, 2:], 0.5)
+        onto: Floats = middle + camera.focal_length_px * projected[:, :2] / np.maximum(
+            projected[:, 2:], 0.5
+        )
         return onto
 
     return place

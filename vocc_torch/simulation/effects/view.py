@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.polynomial import Polynomial
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
@@ -92,7 +93,7 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
         return [angle for angle in angles if isinstance(angle, Distribution)]
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn the panels of (B,3,3) placements about their centres."""
         angles = self._angles_deg()
         if all(angle.kind == "constant" for angle in angles):
@@ -301,21 +302,19 @@ class LensDistortion(PointEffect):
             bounds.append(float(max(stretch(places).max() for stretch in stretches)))
         return bounds[0], bounds[1]
 
-    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Move (B,N,2) points."""
         arm, square = self._arm(value, context)
         return value + arm * context.camera.focal_length_px * self._excess(square)
 
-    def jacobian(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+    def jacobian(self, value: Tensor, context: Context) -> Tensor:
         """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2), in closed form."""
         arm, square = self._arm(value, context)
         slope = 2 * (self.k1 + square * (2 * self.k2 + square * 3 * self.k3))
         outer = arm.unsqueeze(-1) * (arm * slope).unsqueeze(-2)
         return outer + torch.diag_embed((1 + self._excess(square)).expand_as(arm))
 
-    def _arm(
-        self, value: torch.Tensor, context: Context
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def _arm(self, value: Tensor, context: Context) -> tuple[Tensor, Tensor]:
         """Points relative to the middle in focal lengths, (B,N,2), and their squared length, (B,N,1)."""
         camera = context.camera
         middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(value)
@@ -329,7 +328,7 @@ class LensDistortion(PointEffect):
             )
         return arm, square
 
-    def _excess(self, square: torch.Tensor) -> torch.Tensor:
+    def _excess(self, square: Tensor) -> Tensor:
         """The stretch less one, ``k1 r^2 + k2 r^4 + k3 r^6``, shape of r^2."""
         return (self.k1 + (self.k2 + self.k3 * square) * square) * square
 
@@ -353,7 +352,7 @@ def in_perspective(effects: Sequence[Effect]) -> bool:
     )
 
 
-def led_centres_m(panel: LedPanel) -> torch.Tensor:
+def led_centres_m(panel: LedPanel) -> Tensor:
     """Centres of the LEDs on the panel, (R*C,2) m from its centre, x right and y down, in raster order.
 
     Example:
@@ -368,7 +367,7 @@ def led_centres_m(panel: LedPanel) -> torch.Tensor:
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1).view(-1, 2)
 
 
-def panel_corners_m(panel: LedPanel) -> torch.Tensor:
+def panel_corners_m(panel: LedPanel) -> Tensor:
     """Corners of the grid of LED cells on the panel, (4,2) m from its centre, clockwise from the top left.
 
     Example:
@@ -379,7 +378,7 @@ def panel_corners_m(panel: LedPanel) -> torch.Tensor:
     return torch.tensor(CLOCKWISE, dtype=torch.float64) * cells * (panel.pitch_m / 2)
 
 
-def placement_m(scene: Scene) -> torch.Tensor:
+def placement_m(scene: Scene) -> Tensor:
     """Place panels that face the camera squarely, (B,3,3) float64.
 
     The columns are the panel's x axis, its y axis and its centre in m, in the camera's coordinates: x right,
@@ -414,11 +413,11 @@ class View:
         [[[960.0, 540.0], [977.0, 540.0]]]
     """
 
-    placement: torch.Tensor
+    placement: Tensor
     context: Context
     effects: tuple[PointEffect, ...] = ()
 
-    def points_px(self, points_m: torch.Tensor) -> torch.Tensor:
+    def points_px(self, points_m: Tensor) -> Tensor:
         """Image points of the panel's plane.
 
         Differentiable in the points and in the placement.
@@ -440,8 +439,8 @@ class View:
         return image
 
     def discs_px(
-        self, centres_m: torch.Tensor, radius_m: float | torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+        self, centres_m: Tensor, radius_m: float | Tensor
+    ) -> tuple[Tensor, Tensor]:
         """Image the discs of the panel's plane, each an ellipse.
 
         With the disc's centre moved to the origin of the image, the columns of the plane's homography are
@@ -491,7 +490,7 @@ class View:
             centre = effect.applied(centre, self.context)
         return centre, spread
 
-    def has_image(self, points_m: torch.Tensor, radius_m: float) -> torch.Tensor:
+    def has_image(self, points_m: Tensor, radius_m: float) -> Tensor:
         """Which discs of the panel's plane lie before the camera and where the lens has an image of them.
 
         Args:
@@ -513,21 +512,21 @@ class View:
             depth > radius_m, off_axis < depth * min(limits, default=math.inf)
         )
 
-    def _in_camera_m(self, points_m: torch.Tensor) -> torch.Tensor:
+    def _in_camera_m(self, points_m: Tensor) -> Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
         points = points_m.to(self.placement)
         return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(
             -2
         )
 
-    def _pinhole_px(self, points: torch.Tensor) -> torch.Tensor:
+    def _pinhole_px(self, points: Tensor) -> Tensor:
         """Project points in the camera's coordinates, (B,N,3) m to (B,N,2) px."""
         camera = self.context.camera
         self._demand_before_camera(points[..., 2])
         middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(points)
         return middle + camera.focal_length_px * points[..., :2] / points[..., 2:]
 
-    def _demand_before_camera(self, depth_m: torch.Tensor) -> None:
+    def _demand_before_camera(self, depth_m: Tensor) -> None:
         """Refuse what has no image."""
         if depth_m.numel() and not bool((depth_m > 0).all()):
             value = f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m"
