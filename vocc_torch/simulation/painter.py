@@ -12,14 +12,8 @@ import torch
 from torch import Tensor
 
 from vocc_torch.simulation import framing, photometry, raster
-from vocc_torch.simulation.effects import (
-    Context,
-    Effect,
-    Quantity,
-    background,
-    housing,
-    view,
-)
+from vocc_torch.simulation.effects import background, housing, view
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, of_kind
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
@@ -71,8 +65,8 @@ def paint(
     )
     background, surface, board = lit
     panel_present, look = housing.present(context), housing.look(context)
-    has_board = panel.board_reflectance is not None and not housing.replaces_board(
-        context
+    has_board = panel.board_reflectance is not None and not of_kind(
+        context.effects, housing.Housing
     )
     if look is not None:
         surface = (

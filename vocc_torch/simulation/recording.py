@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.random import Generator
 from torch import Tensor
 
 from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.effects.colour import Colour
 from vocc_torch.simulation.effects.light import Playback, RollingShutter
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Frames, Panels, Scene
@@ -43,7 +43,7 @@ class Shutter:
     black: float = 0.0
     burst_frames: int = 1
 
-    def taken_s(self, length_s: float, draws: np.random.Generator) -> Floats:
+    def taken_s(self, length_s: float, draws: Generator) -> Floats:
         """Give the moments of the frames of a film of ``length_s``: those that were lost are left out.
 
         A moment that comes twice is a repeated frame; a black one is no number.
@@ -75,8 +75,7 @@ class Shutter:
             raise NoFrameLeftError(
                 f"record.dropped and burst_frames lose all of {len(times)} frames: lower them"
             )
-        remaining: Floats = times[~lost]
-        return remaining
+        return times[~lost]
 
 
 def further_films(
@@ -93,15 +92,9 @@ def further_films(
         >>> further_films(Simulator(), torch.ones(2, 8, 8, dtype=torch.bool), BlockKey(0, "doc", 0))
         {}
     """
-    names = [
-        f".{name}"
-        for effect in simulator.effects
-        if isinstance(effect, Colour)
-        for name in effect.further
-    ]
     drawn = {
-        name: key.generator(f"film{name}").integers(2, size=tuple(film.shape))
-        for name in names
+        f".{name}": key.generator(f"film.{name}").integers(2, size=tuple(film.shape))
+        for name in simulator.further
     }
     return {name: torch.from_numpy(bits).bool() for name, bits in drawn.items()}
 

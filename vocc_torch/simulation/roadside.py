@@ -9,10 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 
 from vocc_torch.simulation.sketch import Sketch, words_of
-
-Generator = np.random.Generator
 
 
 @dataclass(frozen=True, slots=True)

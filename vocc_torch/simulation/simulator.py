@@ -13,24 +13,15 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
 from vocc_torch.simulation import framing, painter, photometry
-from vocc_torch.simulation.effects import (
-    Context,
-    Effect,
-    Effects,
-    Quantity,
-    housing,
-    light,
-    view,
-)
+from vocc_torch.simulation.effects import Effects, housing, light, view
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, of_kind
 from vocc_torch.simulation.effects.coding import Jpeg
 from vocc_torch.simulation.effects.colour import CHANNELS, Colour
 from vocc_torch.simulation.effects.sensor import Bayer
 from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
 PAPER_EFFECTS: dict[str, Mapping[str, float]] = {
-    "attenuation": {"visibility_m": 40_000.0}
-}
-PAPER_EFFECTS |= {
+    "attenuation": {"visibility_m": 40_000.0},
     "blooming": {"sigma_px": 1.5},
     "saturation": {},
     "quantization": {"bits": 8},
@@ -105,12 +96,9 @@ class Simulator:
         self.framing: Framing = framing
         self.device = resolve_device(str(device))
         self.dtype = dtype
-        self._filling = next(
-            (effect for effect in self.effects if effect.fills_sensor), None
-        )
-        self._colour = next(
-            (effect for effect in self.effects if isinstance(effect, Colour)), None
-        )
+        self._filling = next((e for e in self.effects if e.fills_sensor), None)
+        self._colour = of_kind(self.effects, Colour)
+        self.further = self._colour.further if self._colour else ()
         names = {effect.name for effect in self.effects}
         if (
             self._colour
@@ -453,7 +441,7 @@ class Simulator:
     def _further(self, context: Context) -> Iterator[tuple[Context, Tensor]]:
         """Give the context and the bits (B,R,C) of LEDs of each further colour."""
         if self._colour is not None:
-            for name in self._colour.further:
+            for name in self.further:
                 colour_context = replace(context, leds=f".{name}")
                 yield colour_context, self._colour.sent(colour_context)
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.random import Generator
 from PIL import Image, ImageDraw, ImageFont
 
 from vocc_torch.arrays import Bools, Floats, Integers, Singles
@@ -145,7 +146,7 @@ def _font() -> ImageFont.ImageFont:
     return ImageFont.load_default_imagefont()
 
 
-def words_of(generator: np.random.Generator, length: int) -> str:
+def words_of(generator: Generator, length: int) -> str:
     """Draw a word of capitals and figures."""
     return "".join(generator.choice(LETTERS, size=length))
 

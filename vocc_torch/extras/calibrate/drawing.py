@@ -136,13 +136,9 @@ class PanelDrawing:
 
     def centres_px(self, by_frame: Floats, shared: Floats) -> Floats:
         """Centres of the LEDs in the windows, (B,R*C,2) px."""
-        at = (
-            self.simulator(by_frame, shared)
-            .led_centres_px(self.scene(by_frame, 0.0))
-            .numpy()
-        )
-        inside: Floats = at - self.origin_px.numpy()[:, None]
-        return inside
+        simulator = self.simulator(by_frame, shared)
+        at = simulator.led_centres_px(self.scene(by_frame, 0.0))
+        return (at - self.origin_px[:, None]).numpy()
 
     def cover(
         self, by_frame: Floats, shared: Floats, weights: Floats | None = None
@@ -187,5 +183,4 @@ class PanelDrawing:
         frames = simulator.render_window(
             self.scene(by_frame, luminance), lit, self.origin_px, self.size_px
         )
-        grey: Floats = frames.grey[:, 0].numpy()
-        return grey
+        return frames.grey[:, 0].numpy()

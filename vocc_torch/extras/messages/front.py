@@ -119,8 +119,7 @@ class Front:
             llr = decoded.scores * (TYPICAL / (self._size or 1.0))
         else:
             llr = decoded.llr
-        values: Singles = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
-        return values
+        return (llr * there.view(-1, 1, 1)).float().cpu().numpy()
 
     def locate(self, greys: Sequence[Grey]) -> tuple[Frames, Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""

@@ -140,8 +140,7 @@ class Layout:
                 )
             ]
         used = self.packets * self.word_bits // self.unit
-        places: Integers = groups[:used].reshape(self.packets, self.word_bits)
-        return places
+        return groups[:used].reshape(self.packets, self.word_bits)
 
     @cached_property
     def _stream(self) -> Bytes:
@@ -179,7 +178,4 @@ class Layout:
 
     def take(self, cells: Singles) -> Singles:
         """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
-        found: Singles = cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[
-            self.places
-        ]
-        return found
+        return cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[self.places]

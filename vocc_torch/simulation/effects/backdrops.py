@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.random import SFC64, Generator
 from PIL import Image, ImageOps
 from torch import Tensor
 
@@ -20,8 +21,6 @@ from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, within
 from vocc_torch.simulation.roadside import spread
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
-
-Generator = np.random.Generator
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +228,7 @@ class Leaves(street.Sketched):
         seeds = generator.integers(1 << 62, size=self.count)
         far = np.maximum(window[:2] - middles, middles - window[2:]).max(axis=1)
         for leaf in np.flatnonzero(far < 2 * radii):
-            random = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
+            random = Generator(SFC64(int(seeds[leaf])))
             turn, squeeze = random.uniform(0, 2 * math.pi), random.uniform(0.4, 1.0)
             axes = np.array(
                 [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
@@ -303,8 +302,7 @@ class Leaves(street.Sketched):
 
 def _moved(axes: Floats, middle: Floats, points: Floats) -> Floats:
     """Turn, scale and move points (M,2)."""
-    moved: Floats = points @ axes + middle
-    return moved
+    return points @ axes + middle
 
 
 EFFECTS = (Photographs, Leaves)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 import torch
+from numpy.random import Generator
 from torch import Tensor
 
 from vocc_torch.arrays import Singles
@@ -26,7 +27,7 @@ MOST_LAMPS = 1000
 
 
 def power_law_noise(
-    generator: np.random.Generator, size: tuple[int, int], beta: float
+    generator: Generator, size: tuple[int, int], beta: float
 ) -> Singles:
     """Gaussian noise of mean 0 and variance 1 whose power falls with spatial frequency as ``1 / f^beta``.
 
@@ -96,9 +97,7 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
     beta: float = within(0, 4, default=2.0)
     sampled = fills_sensor = True
 
-    def texture(
-        self, generator: np.random.Generator, sensor_px: tuple[int, int]
-    ) -> Singles:
+    def texture(self, generator: Generator, sensor_px: tuple[int, int]) -> Singles:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
         log_sigma = np.float32(math.sqrt(math.log1p(self.contrast**2)))
         texture: Singles = np.exp(
@@ -265,15 +264,12 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         leds_m = (offset_m + view.led_centres_m(panel)).to(scene.distance_m.device)
         size = panel.shape.rows, panel.shape.columns
-        bits = np.stack(
-            [
-                g.integers(2, size=size, dtype=np.uint8)
-                for g in context.generators(self.name)
-            ]
+        bits = context.draws(
+            self.name, lambda g: g.integers(2, size=size, dtype=np.uint8)
         )
         full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
         luminance = light.dimmed_once(
-            colour.of_leds(torch.from_numpy(bits).to(full) * full, context), context
+            colour.of_leds(bits.to(full) * full, context), context
         )
         surface = photometry.reflected_luminance_cd_m2(
             scene.ambient_lx, panel.led_reflectance

@@ -3,14 +3,16 @@
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import torch
+from numpy.random import Generator
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, whole_number
@@ -94,9 +96,7 @@ class Context:
             )
         return self.keys
 
-    def generators(
-        self, stream: str, *, of_scene: bool = False
-    ) -> list[np.random.Generator]:
+    def generators(self, stream: str, *, of_scene: bool = False) -> list[Generator]:
         """Each frame's random stream of an effect; what other effects draw does not change it.
 
         Args:
@@ -111,6 +111,23 @@ class Context:
             key.generator(f"effect.{stream}", of_scene=of_scene)
             for key in self.keys_for(stream)
         ]
+
+    def draws(
+        self,
+        stream: str,
+        draw: Callable[[Generator], ArrayLike],
+        *,
+        of_scene: bool = False,
+    ) -> Tensor:
+        """What each frame draws from its stream of an effect, (B,...), where the scenes are.
+
+        Args:
+            stream: as for :meth:`generators`.
+            draw: takes a frame's stream.
+            of_scene: as for :meth:`generators`.
+        """
+        drawn = map(draw, self.generators(stream, of_scene=of_scene))
+        return torch.from_numpy(np.stack([*drawn])).to(self.scene.distance_m.device)
 
     @property
     def first_px(self) -> Tensor:
@@ -253,7 +270,7 @@ class Effect(ABC):
         """How large an image of ``size_px`` (height, width) can become; a crop has room for it."""
         return size_px
 
-    def drawn(self, parameter: str, generator: np.random.Generator) -> float:
+    def drawn(self, parameter: str, generator: Generator) -> float:
         """Draw one value of a parameter that is a distribution."""
         return float(getattr(self, parameter).draw(generator, 1)[0])
 
@@ -327,6 +344,14 @@ class Effect(ABC):
             raise VoccError(
                 f"scene.effects.{cls.name} failed ({one_line(error)})"
             ) from error
+
+
+Kind = TypeVar("Kind", bound=Effect)
+
+
+def of_kind(effects: Iterable[Effect], kind: type[Kind]) -> Kind | None:
+    """Find the effect of a kind among those of a scene, or None."""
+    return next((effect for effect in effects if isinstance(effect, kind)), None)
 
 
 class PointEffect(Effect, on=Quantity.IMAGE_POINTS):

@@ -10,7 +10,13 @@ from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    Context,
+    Effect,
+    Quantity,
+    of_kind,
+    within,
+)
 from vocc_torch.simulation.effects.colour import CHANNELS
 from vocc_torch.simulation.effects.sensor import Bayer
 from vocc_torch.simulation.scene import Distribution
@@ -72,9 +78,8 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
                     f"camera.{name} is {getattr(context.camera, name)}: {rule}"
                 )
         raw = value.to(torch.float64)
-        for effect in context.effects:
-            if isinstance(effect, Bayer):
-                raw = raw / effect.filters(raw, context)
+        if filters := of_kind(context.effects, Bayer):
+            raw = raw / filters.filters(raw, context)
         phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
         coloured = context.channel is None and {"colour", "bayer"} <= {
             effect.name for effect in context.effects

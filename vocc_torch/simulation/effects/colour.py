@@ -6,11 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.random import SFC64, Generator
 from torch import Tensor
 
 from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    Context,
+    Effect,
+    Quantity,
+    of_kind,
+    within,
+)
 from vocc_torch.simulation.scene import Distribution
 
 CHANNELS = ("red", "green", "blue")
@@ -151,15 +158,12 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     def sent(self, context: Context) -> Tensor:
         """Draw bits of the context's further LEDs, (B,R,C) bool; a preamble has them all On or all Off."""
         shape, stream = context.panel.shape, f"{self.name}.bits{context.leds}"
-        drawn = [
-            generator.integers(2, size=(shape.rows, shape.columns))
-            for generator in context.generators(stream)
-        ]
-        bits = torch.from_numpy(np.stack(drawn)).bool()
+        size = shape.rows, shape.columns
+        bits = context.draws(stream, lambda g: g.integers(2, size=size)).bool()
         for i, key in enumerate(context.keys):
             if key.take in ("on", "off"):
                 bits[i] = key.take == "on"
-        return bits.to(context.scene.distance_m.device)
+        return bits
 
     def grey_of(self, seen: Tensor) -> Tensor:
         """What (B,3,H,W) becomes for receivers, (B,1,H,W)."""
@@ -169,16 +173,17 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
 
     def shares(self, context: Context) -> Tensor:
         """What the context's channel sees of each frame's LEDs, (B,); without one, what luma does."""
-        lumas, leds = [], context.leds[1:]
-        for generator in context.generators(self.name + context.leds, of_scene=True):
+        leds = context.leds[1:]
+
+        def share(generator: Generator) -> float:
             peak = self.drawn(f"{leds or 'peak'}_nm", generator)
             white = generator.random() < self.white and not leds
             shares = (1.0, 1.0, 1.0) if white else channel_shares(peak, self.width_nm)
-            luma = sum(
-                weight * share for weight, share in zip(LUMA, shares, strict=True)
-            )
-            lumas.append(luma if context.channel is None else shares[context.channel])
-        return torch.tensor(lumas, dtype=torch.float64)
+            if context.channel is not None:
+                return shares[context.channel]
+            return sum(w * s for w, s in zip(LUMA, shares, strict=True))
+
+        return context.draws(self.name + context.leds, share, of_scene=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Weigh (B,R,C) LED luminance."""
@@ -188,10 +193,8 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
 
 def of_leds(light_cd_m2: Tensor, context: Context) -> Tensor:
     """Weigh the light of other LEDs of the panel's make, (B,R,C), as the scene's ``colour`` says."""
-    for effect in context.effects:
-        if isinstance(effect, Colour):
-            light_cd_m2 = effect(light_cd_m2, context)
-    return light_cd_m2
+    effect = of_kind(context.effects, Colour)
+    return light_cd_m2 if effect is None else effect(light_cd_m2, context)
 
 
 def luma_of(colour: Tensor) -> Tensor:
@@ -219,7 +222,7 @@ def tints(seed: int, parts: int, channel: int) -> Floats:
         >>> round(float(0.299 * red + 0.587 * green + 0.114 * blue), 9)
         1.0
     """
-    drawn = np.random.Generator(np.random.SFC64(seed)).standard_normal((parts + 1, 3))
+    drawn = Generator(SFC64(seed)).standard_normal((parts + 1, 3))
     # One colour for the thing, and a little of its own for each part.
     colours = np.exp(0.25 * drawn[:1] + 0.1 * drawn[1:])
     ratios: Floats = colours[:, channel] / (colours @ np.array(LUMA))

@@ -6,10 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.random import Generator
 from torch import Tensor
 
 from vocc_torch.simulation.effects import street
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    Context,
+    Effect,
+    Quantity,
+    of_kind,
+    within,
+)
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
@@ -50,10 +57,8 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
 
     def present(self, context: Context) -> Tensor:
         """Which frames have a panel, (B,) bool."""
-        draws = np.array(
-            [g.random() for g in context.generators(self.name, of_scene=True)]
-        )
-        return torch.from_numpy(draws >= self.share).to(context.scene.distance_m.device)
+        drawn = context.draws(self.name, Generator.random, of_scene=True)
+        return drawn >= self.share
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +115,12 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
 
     def look(self, context: Context) -> Look:
         """Draw each frame's look."""
-        streams = context.generators(self.name, of_scene=True)
-        drawn = [
-            (self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2))
-            for g in streams
-        ]
-        values = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device)
-        fill, reflectance, shape, visibility = values.unbind(1)
+
+        def draw(g: Generator) -> tuple[float, ...]:
+            return self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2)
+
+        drawn = context.draws(self.name, draw, of_scene=True)
+        fill, reflectance, shape, visibility = drawn.unbind(1)
         radius = fill * (context.panel.pitch_m / 2)
         return Look(
             radius, shape < self.square, reflectance, visibility >= self.invisible
@@ -156,12 +160,10 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply each row's (B,R,C) luminance by what the exposure catches of its pulses."""
-        drawn = [
-            (self.drawn("refresh_hz", g), *g.random(2))
-            for g in context.generators(self.name)
-        ]
-        values = torch.tensor(drawn, dtype=torch.float64).to(value.device)
-        rate, phase, chosen = values.unsqueeze(-1).unbind(1)
+        drawn = context.draws(
+            self.name, lambda g: (self.drawn("refresh_hz", g), *g.random(2))
+        )
+        rate, phase, chosen = drawn.unsqueeze(-1).unbind(1)
         length = rate * context.camera.exposure_time_s
         begin = (
             torch.arange(value.shape[1], device=value.device)
@@ -220,14 +222,14 @@ class Housing(street.Sketched):
         0, 20, default=Distribution("choice", (0.0, 0.0, 1.0, 3.0))
     )
 
-    def draw(self, layer: street.Layer, generator: np.random.Generator) -> None:
+    def draw(self, layer: street.Layer, generator: Generator) -> None:
         """Draw one frame's board, rim and cables, where it has a panel."""
         parts = self.sketch(generator, layer.camera_view.context).parts
         panel_present = present(layer.camera_view.context)
         if parts and (panel_present is None or bool(panel_present)):
             layer.lay(parts, functools.partial(street.onto, layer.camera_view))
 
-    def sketch(self, generator: np.random.Generator, context: Context) -> Sketch:
+    def sketch(self, generator: Generator, context: Context) -> Sketch:
         """Draw one frame's parts, m from the panel's middle."""
         panel, drawing = context.panel, Sketch()
         parts = ("board", "rim", "rim_reflectance", "cables")
@@ -263,33 +265,16 @@ class Housing(street.Sketched):
         return drawing
 
 
-def replaces_board(context: Context) -> bool:
-    """Whether the frames' boards are drawn by :class:`Housing` instead of the panel's own."""
-    return any(isinstance(effect, Housing) for effect in context.effects)
-
-
 def look(context: Context) -> Look | None:
     """How each frame's LEDs look, or None where all are as the panel says."""
-    return next(
-        (
-            effect.look(context)
-            for effect in context.effects
-            if isinstance(effect, LedLook)
-        ),
-        None,
-    )
+    effect = of_kind(context.effects, LedLook)
+    return None if effect is None else effect.look(context)
 
 
 def present(context: Context) -> Tensor | None:
     """Which frames have a panel, (B,) bool, or None where all have."""
-    return next(
-        (
-            effect.present(context)
-            for effect in context.effects
-            if isinstance(effect, PanelAbsent)
-        ),
-        None,
-    )
+    effect = of_kind(context.effects, PanelAbsent)
+    return None if effect is None else effect.present(context)
 
 
 AT_THE_LEDS = (LedLook, Multiplexing, PanelAbsent)

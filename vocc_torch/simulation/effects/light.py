@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.random import Generator
 from torch import Tensor
 
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import photometry, raster
@@ -19,6 +21,7 @@ from vocc_torch.simulation.effects.base import (
     Effect,
     Extent,
     Quantity,
+    of_kind,
     within,
 )
 
@@ -274,10 +277,11 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Overrule (B,R,C) LED luminance where an LED is stuck."""
-        streams = context.generators(self.name + context.leds, of_scene=True)
-        draws = [generator.random(tuple(value.shape[1:])) for generator in streams]
+        shape = tuple(value.shape[1:])
         # One draw decides both, from its two ends, so that neither share moves the other's LEDs.
-        draw = torch.from_numpy(np.stack(draws)).to(value.device)
+        draw = context.draws(
+            self.name + context.leds, lambda g: g.random(shape), of_scene=True
+        )
         full = context.scene.led_luminance_cd_m2.to(value).view(-1, 1, 1)
         value = torch.where(draw < self.off_share, torch.zeros_like(value), value)
         return torch.where(draw >= 1 - self.on_share, full, value)
@@ -316,14 +320,14 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,R,C) LED luminance by each LED's factor."""
         sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
-        generators = context.generators(self.name + context.leds, of_scene=True)
-        draws = np.stack(
-            [
-                generator.standard_normal(tuple(value.shape[1:]))
-                for generator in generators
-            ]
-        )
-        return value * torch.from_numpy(np.exp(sigma * draws - sigma**2 / 2)).to(value)
+        shape = tuple(value.shape[1:])
+
+        def factors(generator: Generator) -> Floats:
+            return np.exp(sigma * generator.standard_normal(shape) - sigma**2 / 2)
+
+        return value * context.draws(
+            self.name + context.leds, factors, of_scene=True
+        ).to(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,11 +374,10 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
         0.142
         1.0
     """
-    if not any(effect.takes == Quantity.UNLIT for effect in context.effects):
-        for effect in context.effects:
-            if isinstance(effect, Attenuation):
-                light_cd_m2 = effect.applied(light_cd_m2, context)
-    return light_cd_m2
+    air = of_kind(context.effects, Attenuation)
+    if air is None or any(e.takes == Quantity.UNLIT for e in context.effects):
+        return light_cd_m2
+    return air.applied(light_cd_m2, context)
 
 
 @dataclass(frozen=True, slots=True)
@@ -468,10 +471,8 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
         )
         corners = view.view_of(context).points_px(corners_m)
         low, high = corners.amin(dim=1), corners.amax(dim=1)
-        draws = np.stack(
-            [g.random(2) for g in context.generators(self.name, of_scene=True)]
-        )
-        centre = low + torch.from_numpy(draws).to(low) * (high - low)
+        drawn = context.draws(self.name, lambda g: g.random(2), of_scene=True)
+        centre = low + drawn * (high - low)
         shares = torch.tensor(
             [self.width_share, self.height_share], dtype=torch.float64
         ).to(low)

@@ -12,6 +12,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import torch
+from numpy.random import Generator
 from torch import Tensor
 
 from vocc_torch.arrays import Singles
@@ -78,36 +79,30 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
         Returns:
             (B,1,H,W).
         """
-        return self._laid(
-            [[self.red, self.green], [self.green, self.blue]], like, context
-        )
-
-    @staticmethod
-    def _laid(
-        cell_of: Sequence[Sequence[float]], like: Tensor, context: Context
-    ) -> Tensor:
-        """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
-        height, width = like.shape[-2:]
-        cell = torch.tensor(cell_of, dtype=like.dtype)
-        places = context.first_px.tolist()
-        alike = len({(x % 2, y % 2) for x, y in places}) == 1
-        cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
-        planes = [
-            cell.repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
-            for cell in cells
-        ]
-        return (
-            torch.stack(planes)
-            .unsqueeze(1)
-            .to(like.device)
-            .expand(len(like), 1, height, width)
-        )
+        cell = [[self.red, self.green], [self.green, self.blue]]
+        return mosaic(cell, like, context)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Filter (B,1,H,W) luminous exposure; of (B,3,H,W) each filter takes its own channel."""
         if value.shape[1] == len(CHANNELS):
-            value = value.gather(1, self._laid([[0, 1], [1, 2]], value, context).long())
+            value = value.gather(1, mosaic([[0, 1], [1, 2]], value, context).long())
         return value * self.filters(value, context)
+
+
+def mosaic(
+    cell_of: Sequence[Sequence[float]], like: Tensor, context: Context
+) -> Tensor:
+    """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
+    height, width = like.shape[-2:]
+    cell = torch.tensor(cell_of, dtype=like.dtype)
+    places = context.first_px.tolist()
+    alike = len({(x % 2, y % 2) for x, y in places}) == 1
+    cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
+    planes = [
+        cell.repeat(height // 2 + 1, width // 2 + 1)[:height, :width] for cell in cells
+    ]
+    laid = torch.stack(planes).unsqueeze(1).to(like.device)
+    return laid.expand(len(like), 1, height, width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +209,7 @@ def _cuts(start: int, length: int) -> Iterator[tuple[int, slice, slice]]:
 
 def picture_tiles(
     context: Context, stream: str, size: tuple[int, int]
-) -> Iterator[list[tuple[TilePart, np.random.Generator]]]:
+) -> Iterator[list[tuple[TilePart, Generator]]]:
     """Yield for each frame the tiles that it touches, each with the random stream of this picture there.
 
     Args:
@@ -261,7 +256,7 @@ class SensorPattern(ElectronNoise):
         )
 
     @abstractmethod
-    def tile(self, generator: np.random.Generator) -> Singles:
+    def tile(self, generator: Generator) -> Singles:
         """Draw one tile; always the same from the same numbers."""
 
     def pattern(self, value: Tensor, context: Context) -> Tensor:
@@ -316,7 +311,7 @@ class Prnu(SensorPattern):
 
     share: float = within(0, 0.2, above=True, hint=NO_NOISE)
 
-    def tile(self, generator: np.random.Generator) -> Singles:
+    def tile(self, generator: Generator) -> Singles:
         """Draw the response of each pixel."""
         normals = generator.standard_normal(TILE, dtype=np.float32)
         return (1 + np.float32(self.share) * normals).clip(min=0)
@@ -384,7 +379,7 @@ class HotPixels(SensorPattern):
     share: float = within(0, 1, above=True, hint=NO_NOISE)
     electrons_per_s: float = within(0, 1e9, above=True, hint=NO_NOISE)
 
-    def tile(self, generator: np.random.Generator) -> Singles:
+    def tile(self, generator: Generator) -> Singles:
         """Draw which pixels are hot, 0 or 1."""
         return (generator.random(TILE) < self.share).astype(np.float32)
 
@@ -493,7 +488,7 @@ class Dsnu(SensorPattern):
 
     electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
-    def tile(self, generator: np.random.Generator) -> Singles:
+    def tile(self, generator: Generator) -> Singles:
         """Draw each pixel's offset, electrons."""
         return np.float32(self.electrons) * generator.standard_normal(
             TILE, dtype=np.float32
@@ -529,15 +524,13 @@ class RowNoise(ElectronNoise):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add to (B,1,H,W) electrons the offsets of the rows that each frame shows."""
         height, sensor_rows = value.shape[-2], context.camera.height_px
-        streams = context.generators(f"{self.name}{context.sensor}")
-        frames = zip(streams, context.first_px.tolist(), strict=True)
-        rows = [
-            g.standard_normal(sensor_rows, dtype=np.float32)[y : y + height]
-            for g, (_, y) in frames
-        ]
-        return value + self.electrons * torch.from_numpy(np.stack(rows)).view(
-            -1, 1, height, 1
-        ).to(value)
+        drawn = context.draws(
+            f"{self.name}{context.sensor}",
+            lambda g: g.standard_normal(sensor_rows, dtype=np.float32),
+        )
+        shown = context.first_px[:, 1:] + torch.arange(height, device=drawn.device)
+        rows = drawn.gather(1, shown).view(-1, 1, height, 1)
+        return value + self.electrons * rows.to(value)
 
 
 @dataclass(frozen=True, slots=True)

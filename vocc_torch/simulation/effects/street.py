@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
+from numpy.random import SFC64, Generator
 from torch import Tensor
 
 from vocc_torch.arrays import Floats, Singles
@@ -17,8 +18,6 @@ from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import colour, view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
-
-Generator = np.random.Generator
 
 STRIP_PX = 32
 """Rows of the sensor that are filled at a time; tiles are some strips."""
@@ -30,7 +29,7 @@ NODE_PX = 8
 """Distance of the nodes between which drawn textures run evenly, px."""
 
 
-def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> Singles:
+def noise_nodes(generator: Generator, sensor_px: tuple[int, int]) -> Singles:
     """Draw noise of seven octaves of one variance each, as natural scenes have about, on nodes 8 px apart."""
     height, width = (-(-side // NODE_PX) + 2 for side in sensor_px)
     nodes = np.zeros((height, width), dtype=np.float32)
@@ -334,7 +333,7 @@ class Clutter(Sketched):
         for _, thing, place, seed, (x, y), reach in self.placed(generator, camera_view):
             if max(x - right, left - x, y - bottom, top - y) > reach:
                 continue
-            parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
+            parts = thing(Generator(SFC64(seed)), light).parts
             if wet and thing is not roadside.marks:
                 layer.lay(
                     [(points * (1, -1), luminance) for points, luminance in parts],
@@ -414,8 +413,7 @@ def onto(seen: view.View, points: Floats) -> Floats:
     """Map points (M,2) of one frame's panel, m, onto the sensor, px; NaN where some of them have no image."""
     if not bool(seen.has_image(torch.from_numpy(points), 0.0).all()):
         return np.full_like(points, np.nan)
-    image: Floats = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
-    return image
+    return seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
 
 
 def plane_onto(

@@ -103,18 +103,14 @@ class Pose(Effect, on=Quantity.PLACEMENT):
             degrees = degrees.expand(3, len(value))
         else:
             # A stream an angle: how one is drawn does not change the others' draws.
-            streams = (
-                generator.spawn(3)
-                for generator in context.generators(self.name, of_scene=True)
+            drawn = context.draws(
+                self.name,
+                lambda g: [
+                    a.draw(s, 1) for a, s in zip(angles, g.spawn(3), strict=True)
+                ],
+                of_scene=True,
             )
-            drawn = [
-                [
-                    angle.draw(generator, 1)
-                    for angle, generator in zip(angles, three, strict=True)
-                ]
-                for three in streams
-            ]
-            degrees = torch.from_numpy(np.array(drawn))[..., 0].mT
+            degrees = drawn[..., 0].mT
         (cy, cp, cr), (sy, sp, sr) = (
             f(torch.deg2rad(degrees.to(value))) for f in (torch.cos, torch.sin)
         )
