@@ -259,8 +259,8 @@ def test_the_shares_of_stuck_leds_are_binomial():
 # Background texture
 
 
-@pytest.mark.parametrize("size", [(48, 64), (47, 63), (64, 33)])
-@pytest.mark.parametrize("beta", [0.0, 1.2, 2.0, 3.0])
+@pytest.mark.parametrize("size", [(48, 64), (47, 33)])
+@pytest.mark.parametrize("beta", [0.0, 2.0])
 def test_every_frequency_has_its_share_of_the_power(size, beta):
     """Whitened by ``f^beta``, the mean periodogram is level at every column of frequencies and every ring."""
     draws, (height, width) = 150, size

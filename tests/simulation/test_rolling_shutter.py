@@ -1,7 +1,6 @@
 """Rows exposed one after the other, against sampled time, hand-made phases and the binomial law."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -18,9 +17,6 @@ SMALL = Camera(
     width_px=120, height_px=101, sensor_width_mm=13.2 / 16, exposure_time_s=0.1
 )
 """Rows enough for a panel, and an exposure time for round numbers."""
-LINE_S = 0.01
-FULL_READOUT = LINE_S * 100
-"""The readout that starts a row of ``SMALL`` every 10 ms."""
 
 
 def keys(frames, *, take="frame", start=0):
@@ -48,23 +44,6 @@ def random_bits(frames, shape=(8, 8), seed=0):
     ).bool()
 
 
-@dataclass
-class FixedPhase:
-    """A key whose phase is known: the truth began this share of a symbol before the centre's mid exposure."""
-
-    phase: float
-
-    def generator(self, stream, *, of_scene=False):
-        assert (stream, of_scene) == ("effect.rolling_shutter", False)
-        return self
-
-    def random(self):
-        return self.phase
-
-    def integers(self, high, *, size, dtype):
-        return np.zeros(size, dtype=dtype)
-
-
 def phases(scene, *, take="frame"):
     """Each frame's phase, drawn as the effect draws it: first from its own stream."""
     return [
@@ -84,27 +63,6 @@ def light(symbols, shares):
 
 
 # Shares
-
-
-def test_the_hand_made_phase_has_the_overlaps_worked_out_by_hand():
-    """Rows 10 ms apart, 0.1 s of exposure, symbols of 0.2 s, the truth from 0.1 s before to 0.1 s after."""
-    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.2)
-    where = Context(Scene.of(distance_m=21.0), SMALL, [FixedPhase(0.5)])
-    shares = effect.row_shares(where, 101)[0]
-    assert len(shares) == 7
-    before, truth, after = shares[2], shares[3], shares[4]
-    # Row 50 is exposed from -0.05 to 0.05, row 60 from 0.05 to 0.15: half in the truth, half after it.
-    wanted = {row: (0, 1, 0) for row in (45, 50, 55)} | {
-        40: (0.5, 0.5, 0),
-        43: (0.2, 0.8, 0),
-    }
-    wanted |= {57: (0, 0.8, 0.2), 60: (0, 0.5, 0.5), 62: (0, 0.3, 0.7), 65: (0, 0, 1)}
-    for row, overlaps in wanted.items():
-        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(
-            overlaps, abs=1e-12
-        )
-    # A period of 20 rows later all is as before, one symbol on.
-    torch.testing.assert_close(shares[3, 40:71], shares[4, 60:91], rtol=0, atol=1e-12)
 
 
 def test_light_is_what_sampled_time_says():
@@ -133,9 +91,6 @@ def test_light_is_what_sampled_time_says():
             )
             tested += 1
     assert tested > 150
-
-
-# Symbols
 
 
 # Refusals

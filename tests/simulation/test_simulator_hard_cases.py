@@ -7,12 +7,10 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from scipy import stats
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import CAMERA_RANGES
 from vocc_torch.simulation import Camera, LedPanel, Simulator
-from vocc_torch.simulation.effects.poisson import poisson_quantile
 from vocc_torch.simulation.framing import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -29,10 +27,6 @@ def sensor(width_px, height_px, **settings):
         sensor_width_mm=width_px * PITCH_MM,
         **settings,
     )
-
-
-def number(value):
-    return torch.tensor(value, dtype=torch.float64, requires_grad=True)
 
 
 def bare(camera=None, panel=None, effects=None, **settings):
@@ -61,16 +55,8 @@ def refusal(make, *arguments, **settings):
 # Photometry
 
 
-def test_gamma_one():
-    exposure, speed = number([0.0, 1e-320, 1e-30, 0.25]), number([100.0] * 4)
-    grey = grey_value(exposure, speed, gamma=1.0)
-    grey.sum().backward()
-    assert torch.equal(grey, 118 * (exposure * 10))
-    assert exposure.grad.tolist() == [1180] * 4
-
-
 def test_pixel_among_others():
-    light = torch.rand(4099, generator=torch.Generator().manual_seed(5))
+    light = torch.rand(259, generator=torch.Generator().manual_seed(5))
     together = grey_value(light, torch.tensor(100.0), gamma=2.2)
     for size in (1, 3, 7):
         parts = [
@@ -168,9 +154,6 @@ def test_gradient_through_the_renderer():
     assert float(dark.grad) == 0
 
 
-# Areas
-
-
 # Panels near and far
 
 
@@ -190,23 +173,6 @@ def test_panel_across_the_border():
     far = Scene.of(distance_m=6.0, offset_x_m=1e3)
     assert Simulator(small).render(far, all_on(far)).grey.unique().tolist() == [102]
     assert float(Simulator(small).true_panels(far).corners_px[..., 0].min()) > 96
-
-
-# Blooming
-
-
-def test_extreme_counts():
-    normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])
-    assert not poisson_quantile(np.zeros(7), normal).any()
-    for mean in (1e-300, 1e-9, 0.01, 0.5, 2.999, 3.0, 47.3, 1e6):
-        for n, z in zip(
-            poisson_quantile(np.full(7, mean), normal), normal, strict=True
-        ):
-            assert n >= 0
-            assert stats.poisson.cdf(n, mean) >= stats.norm.cdf(z) * (1 - 1e-9)
-    for mean in (1e16, 1e30):
-        found = poisson_quantile(np.full(7, mean), normal)
-        np.testing.assert_allclose(found, mean + normal * math.sqrt(mean), rtol=1e-15)
 
 
 # What is given to the renderer
@@ -293,6 +259,3 @@ def test_too_many_pixels():
         assert refusal(Camera, **{name: value}).startswith(
             f"camera.{name} is {value}: it must"
         )
-
-
-# Draws
