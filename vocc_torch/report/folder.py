@@ -37,13 +37,11 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
         folder: the run's folder.
         ledgers: a file or folder whose presence says that the run can be resumed, or None.
     """
-    holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     # A run that was killed before its first result leaves no more than these.
     few = (UNFINISHED, CONFIG, SAMPLES)
-    holds = [name for name in holds if name not in few and not name.endswith(".tmp")]
-    if is_unfinished(folder):
-        return
-    if holds and ledgers not in holds:
+    names = sorted(path.name for path in folder.glob("*"))
+    holds = [name for name in names if name not in few and not name.endswith(".tmp")]
+    if holds and ledgers not in holds and not is_unfinished(folder):
         raise VoccError(
             f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder"
         )
@@ -65,6 +63,11 @@ def print_places(
     if board:
         command, address = board_hint(folder / "tensorboard").splitlines()
         lines += [f"{'board':<9} {printable(command)}", f"{'':<9} {address}"]
+    say(console, *lines)
+
+
+def say(console: Console, *lines: str) -> None:
+    """Print lines as they are, however long."""
     for line in lines:
         console.print(line, soft_wrap=True, markup=False, highlight=False)
 
@@ -117,13 +120,9 @@ def cell_text(value: str | int | float | None) -> str:
         >>> cell_text(1000.0), cell_text(0.1), cell_text(3), cell_text(None)
         ('1000', '0.1', '3', '')
     """
-    return (
-        repr(value).removesuffix(".0")
-        if isinstance(value, float)
-        else ""
-        if value is None
-        else str(value)
-    )
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    return "" if value is None else str(value)
 
 
 LEDGER = f"ledger{SUFFIX}"

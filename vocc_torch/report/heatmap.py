@@ -92,26 +92,30 @@ def matrix_figure(
     return figure, [axes[place] for place in range(len(maps))]
 
 
-def draw_matrix(axes: Axes, one: Matrix, norm: colors.LogNorm) -> None:
+def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
     """Colour a map's cells and write into them."""
-    shown = np.ma.masked_equal(one.rates, 0.0)
+    shown = np.ma.masked_equal(matrix.rates, 0.0)
     axes.pcolormesh(shown, norm=norm, cmap=_MAP, edgecolors="white", linewidth=0.8)
-    axes.set_xticks(np.arange(len(one.columns)) + 0.5, one.columns)
-    axes.set_yticks(np.arange(len(one.rows)) + 0.5, one.rows)
+    axes.set_xticks(np.arange(len(matrix.columns)) + 0.5, matrix.columns)
+    axes.set_yticks(np.arange(len(matrix.rows)) + 0.5, matrix.rows)
     axes.tick_params(length=0, labelsize=9.5)
     axes.spines[:].set_visible(False)
-    axes.set(xlabel=one.x_label, ylabel=one.y_label)
-    axes.set_title(
-        one.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink
-    )
-    for (row, column), rate in np.ndenumerate(one.rates):
-        if one.texts:
+    axes.set(xlabel=matrix.x_label, ylabel=matrix.y_label)
+    plots.head(axes, matrix.title)
+    for (row, column), rate in np.ndenumerate(matrix.rates):
+        if matrix.texts:
             back = colors.to_rgb(_MAP(float(norm(rate))) if rate else NO_ERRORS)
-            text = axes.text(
-                column + 0.5, row + one.text_at, one.texts[row][column], fontsize=8.5
+            axes.text(
+                column + 0.5,
+                row + matrix.text_at,
+                matrix.texts[row][column],
+                fontsize=8.5,
+                ha="center",
+                va="center",
+                color=ink_on(back),
+                zorder=5,
+                path_effects=[withStroke(linewidth=2.2, foreground=back)],
             )
-            text.set(ha="center", va="center", color=ink_on(back), zorder=5)
-            text.set_path_effects([withStroke(linewidth=2.2, foreground=back)])
 
 
 def ink_on(colour: tuple[float, float, float]) -> str:
@@ -176,11 +180,7 @@ def dimming_figure(
     maps = []
     for name in names:
         rates, limits = grid.ber(name).T, grid.intervals(name)[1].T
-        pairs = [
-            zip(*column, strict=True)
-            for column in zip(rates.tolist(), limits.tolist(), strict=True)
-        ]
-        texts = [[rate_or_limit(*ends) for ends in row] for row in pairs]
+        texts = np.vectorize(rate_or_limit)(rates, limits).tolist()
         maps.append(
             Matrix(
                 rates, texts, rows, columns, looks[name].label, *labels, text_at=0.24
@@ -213,10 +213,9 @@ def draw_best(axes: Axes, bests: Sequence[Best], places: Mapping[float, float]) 
         marker="o",
         markersize=5,
         markeredgecolor=LOOK.ink,
+        path_effects=edge,
     )
-    line, _, bars = drawn.lines
-    line.set_path_effects(edge)
-    bars[0].set_path_effects(edge)
+    drawn.lines[2][0].set_path_effects(edge)
 
 
 def _frames_text(grid: Grid) -> str:

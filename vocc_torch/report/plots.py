@@ -53,9 +53,6 @@ class FigureLook:
 LOOK = FigureLook()
 
 
-OFF, ON = LOOK.off, LOOK.on
-
-
 @dataclass(frozen=True)
 class Curve:
     """Rates with their intervals along an axis, drawn as a line with error bars.
@@ -200,15 +197,19 @@ def sheet(
     axes = figure.subplot_mosaic(
         [list(row) for row in layout], empty_sentinel=-1, **grid
     )
-    look: dict[str, Any] = {
-        "loc": "outside upper left",
-        "alignment": "left",
-        "frameon": False,
-    }
-    look |= {"title": title, "title_fontproperties": {"size": 14, "weight": "bold"}}
-    look |= {"labelcolor": LOOK.ink, "fontsize": 10, "handlelength": 2.6}
     for count in range(min(6, len(signs)), -1, -1):
-        legend = figure.legend(handles=signs, ncols=max(1, count), **look)
+        legend = figure.legend(
+            handles=signs,
+            ncols=max(1, count),
+            loc="outside upper left",
+            alignment="left",
+            frameon=False,
+            title=title,
+            title_fontproperties={"size": 14, "weight": "bold"},
+            labelcolor=LOOK.ink,
+            fontsize=10,
+            handlelength=2.6,
+        )
         if count < 2 or legend.get_window_extent().width < figure.bbox.width:
             break
         legend.remove()
@@ -237,6 +238,13 @@ def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     axes.set_axisbelow(True)
 
 
+def head(axes: Axes, text: str) -> None:
+    """Write what axes show above them."""
+    axes.set_title(
+        text, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink, wrap=True
+    )
+
+
 def draw_panel(
     axes: Axes,
     panel: Panel,
@@ -251,16 +259,8 @@ def draw_panel(
         limits: ends of the vertical axis; None leaves them to Matplotlib.
         labels: of all curves of the figure; curves at one value stand apart in this order.
     """
-    axes.set_title(
-        panel.title,
-        loc="left",
-        fontsize=10.5,
-        fontweight="bold",
-        color=LOOK.ink,
-        wrap=True,
-    )
-    axes.set_xlabel(panel.x_label, color=LOOK.ink)
-    axes.set_ylabel(panel.y_label, color=LOOK.ink)
+    head(axes, panel.title)
+    axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
     if not panel.curves:
         axes.set(xticks=[], yticks=[])
         reason = axes.text(
@@ -274,30 +274,20 @@ def draw_panel(
         axes.set_ylim(*limits)
     scale = axes.xaxis.get_transform()
     values = sorted({x for curve in panel.curves for x in curve.x})
-    at = scale.transform(np.array(values))
+    at, back = scale.transform(np.array(values)), scale.inverted().transform
     width = float(at[-1] - at[0]) or 1.0
     names = list(labels) or [curve.style.label for curve in panel.curves]
     step = min([LOOK.spread * width, *(0.5 * np.diff(at) / len(names)).tolist()])
     for curve in panel.curves:
         shift = step * (names.index(curve.style.label) - (len(names) - 1) / 2)
-        draw_curve(
-            axes,
-            curve,
-            scale.inverted().transform(scale.transform(np.array(curve.x)) + shift),
-        )
-    axes.set_xlim(
-        *scale.inverted().transform(
-            np.array([at[0] - 0.06 * width, at[-1] + 0.06 * width])
-        )
-    )
-    named = [0]
+        draw_curve(axes, curve, back(scale.transform(np.array(curve.x)) + shift))
+    axes.set_xlim(*back(at[[0, -1]] + np.array([-0.06, 0.06]) * width))
+    named, apart = [0], LOOK.tick_px / axes.bbox.width * width
     for place, position in enumerate(at):
-        if position - at[named[-1]] > LOOK.tick_px / axes.bbox.width * width:
+        if position - at[named[-1]] > apart:
             named.append(place)
-    axes.set_xticks(
-        [values[place] for place in named],
-        [value_text(values[place]) for place in named],
-    )
+    ticks = [values[place] for place in named]
+    axes.set_xticks(ticks, map(value_text, ticks))
     axes.xaxis.set_minor_locator(ticker.NullLocator())
 
 
@@ -309,13 +299,8 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
         curve: the rates.
         x: where they stand.
     """
-    rate, low, high = (
-        np.array(
-            [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
-        )
-        .reshape(-1, 3)
-        .T
-    )
+    ends = [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
+    rate, low, high = np.array(ends).reshape(-1, 3).T
     style, free = curve.style, rate == 0
     value = np.where(free, np.nan, rate)
     look: dict[str, Any] = {
@@ -326,21 +311,24 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
     if not curve.bars:
         axes.plot(x, value, linestyle=style.line, label=style.label, **look)
         return
-    bars: dict[str, Any] = {"elinewidth": 1.3, "capsize": 2.5}
     # Rounding may put an end a last digit on the wrong side.
     reach = np.maximum([value - low, high - value], 0)
-    drawn = axes.errorbar(x, value, reach, linestyle=style.line, **look, **bars)
+    drawn = axes.errorbar(
+        x, value, reach, linestyle=style.line, elinewidth=1.3, capsize=2.5, **look
+    )
     drawn.lines[0].set(
         label=style.label, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7
     )
     if free.any() and axes.get_yscale() == "log":
-        down: dict[str, Any] = {
-            "linestyle": "none",
-            "markerfacecolor": "white",
-            "uplims": True,
-        }
         arrows = axes.errorbar(
-            x[free], high[free], 0.45 * high[free], **look, **down, elinewidth=1.3
+            x[free],
+            high[free],
+            0.45 * high[free],
+            linestyle="none",
+            markerfacecolor="white",
+            uplims=True,
+            elinewidth=1.3,
+            **look,
         )
         arrows.lines[0].set_label("_limit")
     for at, over in zip(x, curve.spread, strict=False):

@@ -2,13 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report.plots import LOOK, Axes, Figure, quiet, rows_of, sheet, star
+from vocc_torch.report.plots import (
+    LOOK,
+    Axes,
+    Figure,
+    head,
+    quiet,
+    rows_of,
+    sheet,
+    star,
+)
 from vocc_torch.report.styles import (
     Style,
 )
@@ -101,9 +109,7 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
     quiet(axes, "x")
     linear = {"linthresh": panel.linear} if panel.scale == "symlog" else {}
     axes.set_xscale(panel.scale, **linear)
-    axes.set_title(
-        panel.title, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink
-    )
+    head(axes, panel.title)
     axes.set(xlabel=panel.x_label, ylim=(count - 0.5, -0.5))
     axes.tick_params(axis="y", length=0)
     if panel.scale == "symlog":
@@ -116,18 +122,15 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
                 continue
             reach = [[estimate.value - estimate.low], [estimate.high - estimate.value]]
             face = style.colour if estimate.real else "white"
-            look: dict[str, Any] = {
-                "color": style.colour,
-                "marker": style.marker,
-                "capsize": 2,
-            }
             axes.errorbar(
                 [estimate.value],
                 [row + shift],
                 xerr=reach,
                 markerfacecolor=face,
                 markersize=5,
-                **look,
+                color=style.colour,
+                marker=style.marker,
+                capsize=2,
             )
             ends[row] = max(ends[row], estimate.high)
     if panel.stars:

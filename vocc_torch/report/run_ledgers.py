@@ -12,7 +12,7 @@ from vocc_torch.measure import config, train
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import SUFFIX, Store
 from vocc_torch.measure.sweep import Study
-from vocc_torch.report.folder import CONFIG, MANIFEST, SAMPLES, write_config
+from vocc_torch.report.folder import CONFIG, MANIFEST, SAMPLES, say, write_config
 
 LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
@@ -33,7 +33,7 @@ def open_ledger(
     with ledger:
         if known := len(ledger):
             text = f"resuming: {known} blocks of frames are already counted in {path}"
-            console.print(text, soft_wrap=True, markup=False, highlight=False)
+            say(console, text)
         try:
             yield ledger
         except BaseException:
@@ -48,14 +48,12 @@ def open_ledgers(
     held: ExitStack, folder: Path, studies: Iterable[Study], console: Console
 ) -> dict[str, Store]:
     """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
-    every = {
-        study.key: (folder / LEDGERS / f"{study.key}{SUFFIX}", study.identity)
-        for study in studies
-    }
-    return {
-        key: held.enter_context(open_ledger(*place, console))
-        for key, place in every.items()
-    }
+    ledgers = {}
+    for study in studies:
+        path = folder / LEDGERS / f"{study.key}{SUFFIX}"
+        opened = open_ledger(path, study.identity, console)
+        ledgers[study.key] = held.enter_context(opened)
+    return ledgers
 
 
 @contextmanager
@@ -69,7 +67,7 @@ def resumable(
         if any(path for end in (f"*{SUFFIX}", MANIFEST) for path in folder.rglob(end)):
             if isinstance(error, KeyboardInterrupt):
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
-                console.print(text, soft_wrap=True, markup=False, highlight=False)
+                say(console, text)
         else:
             for name in (CONFIG, SAMPLES):
                 (folder / name).unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from rich.text import Text as Text
 from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.report import page
+from vocc_torch.report.folder import say
 from vocc_torch.report.styles import (
     LOOKS,
     axis_label,
@@ -102,25 +103,17 @@ def ber_table(
             )
         return text
 
-    joints = ((" to ", 2), (" to\n", 3), (None, 1))
-    fitting = [
-        joint
-        for joint, lines_a_row in joints
-        if lines is None or lines_a_row * len(values) <= lines
-    ]
-    for joint in fitting or [None]:
+    for joint, lines_a_row in ((" to ", 2), (" to\n", 3), (None, 0)):
+        if lines is not None and lines_a_row * len(values) > lines:
+            continue
         candidate = plain_table(heading, *map(receiver_heading, receivers))
         for value in values:
             candidate.add_row(
                 value_text(value),
                 *(cell(value, receiver, joint) for receiver in receivers),
             )
-        if (
-            console.measure(
-                candidate, options=console.options.update(width=10_000)
-            ).maximum
-            <= console.width
-        ):
+        free = console.options.update(width=10_000)
+        if console.measure(candidate, options=free).maximum <= console.width:
             return candidate
     candidate = plain_table(
         heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold"
@@ -176,25 +169,26 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if not len(table):
         return console.print("No points were measured.")
     console.print(ber_table(table, console))
-    values: dict[str, object] = {
-        "free": any(row.error_free for row in table),
-        "value_text": value_text,
-    }
-    values["unseen"] = [
-        row.unseen_below for row in table if row.unseen_below is not None
-    ]
+    free = any(row.error_free for row in table)
+    unseen = [row.unseen_below for row in table if row.unseen_below is not None]
     # How each receiver's rate scatters over the trainings; nothing after a single one.
-    rows = {
-        receiver: [row for row in table.of(receiver) if row.ber_sd]
+    scattered = {
+        receiver: rows
         for receiver in table.receivers
+        if (rows := [row for row in table.of(receiver) if row.ber_sd])
     }
-    values["scattered"] = {receiver: some for receiver, some in rows.items() if some}
-    about, *lines = page.render(
-        __package__, "below.txt.j2", table=table, **values
-    ).splitlines()
+    text = page.render(
+        __package__,
+        "below.txt.j2",
+        table=table,
+        free=free,
+        unseen=unseen,
+        scattered=scattered,
+        value_text=value_text,
+    )
+    about, *lines = text.splitlines()
     console.print(Text(about, style="dim"))
-    for line in lines:
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    say(console, *lines)
 
 
 class ProgressView:
@@ -225,20 +219,18 @@ class ProgressView:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
         drawn = self.console.is_terminal and not self.console.is_dumb_terminal
-        columns = (
+        self._bar = _Bar(
             "{task.description}",
             progress.BarColumn(None),
             "{task.percentage:>3.0f} %",
             _Speed(unit),
-        )
-        look: dict[str, Any] = {
-            "refresh_per_second": 4,
-            "transient": True,
-            "expand": True,
-        }
-        left = (progress.TimeRemainingColumn(), "left")
-        self._bar = _Bar(
-            *columns, *left, console=self.console, disable=not drawn, **look
+            progress.TimeRemainingColumn(),
+            "left",
+            console=self.console,
+            disable=not drawn,
+            refresh_per_second=4,
+            transient=True,
+            expand=True,
         )
         self._bar.below = below
         self._bar.add_task(doing, total=frames)
@@ -264,7 +256,7 @@ class ProgressView:
 
     def say(self, text: str) -> None:
         """Print a line that stays."""
-        self.console.print(text, soft_wrap=True, highlight=False, markup=False)
+        say(self.console, text)
 
 
 class StudyView(ProgressView):
@@ -330,25 +322,19 @@ class StudyView(ProgressView):
         self._bar.update(self._task.id, total=(self._task.total or 0) - not_run)
         self._frames_here = 0
         self.advance(self._doing(), 0)
-        for point in (
-            {point.value: point for point in points}.values()
-            if self._bar.disable
-            else ()
-        ):
+        by_value = {point.value: point for point in points if self._bar.disable}
+        for point in by_value.values():
             why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
-            self.say(
-                f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}"
-            )
+            frames = f"{point.counts.frames} frames, {why}"
+            self.say(f"{self._axis}={value_text(point.value)}: {frames}")
 
     def _doing(self) -> str:
         """Name the value that is being run, or the axis where all are run together."""
         done = {point.value for point in self._finished}
         left = [value for value in self._values if value not in done]
-        return (
-            f"{self._axis} {value_text(left[0])}"
-            if left and self._one_by_one
-            else self._axis
-        )
+        if left and self._one_by_one:
+            return f"{self._axis} {value_text(left[0])}"
+        return self._axis
 
     def _table(self) -> Table:
         """Draw the table so far."""
@@ -356,8 +342,15 @@ class StudyView(ProgressView):
         # Around the rows stand 8 lines: header, rules and progress.
         interim = {point.value for point in self._interim}
         lines = self.console.height - 8
-        look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
-        return ber_table(table, self.console, values, self._receivers, **look)
+        return ber_table(
+            table,
+            self.console,
+            values,
+            self._receivers,
+            axis=self._axis,
+            interim=interim,
+            lines=lines,
+        )
 
 
 def train_shown(study: plan.Plan, console: Console) -> train.Training:

@@ -58,11 +58,11 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     half, floor, rear = wide / 2, -0.28, bool(g.random() < 0.7)
     paint = float(g.choice([0.04, 0.08, 0.15, 0.3, 0.5, 0.75])) * g.uniform(0.7, 1.1)
     belt = -high if boxy else -high * g.uniform(0.52, 0.66)
-    sketch.box(-half * 1.05, -0.1, half * 1.05, 0.08, light.of(0.03))  # its shadow
-    sketch.box(-half * 0.96, -0.35, half * 0.96, -0.12, light.of(0.02))
+    sketch.box(half * 1.05, -0.1, 0.08, light.of(0.03))  # its shadow
+    sketch.box(half * 0.96, -0.35, -0.12, light.of(0.02))
     for side in (-1, 1):
         left, right = sorted((side * half * 0.95, side * half * 0.7))
-        sketch.box(left, -0.35, right, 0, light.of(0.03))
+        sketch.box((left, right), -0.35, 0, light.of(0.03))
     inset = half * g.uniform(0.75, 0.92)
     if not boxy:
         sketch.polygon(
@@ -74,7 +74,7 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     for top, bottom, gloss in zip(
         edges[:-1], edges[1:], g.uniform(0.7, 1.3, strips), strict=True
     ):
-        sketch.box(-half, top, half, bottom, light.of(paint * gloss))
+        sketch.box(half, top, bottom, light.of(paint * gloss))
     if not boxy or g.random() < 0.4:
         top, bottom = (
             (-high * 0.95, belt * 1.04) if not boxy else (-high * 0.92, -high * 0.6)
@@ -98,9 +98,8 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
         fill = g.uniform(0.2, 0.6)
         shade = g.uniform(0.4, 1.6)
         sketch.grid(
-            -half,
-            -high * 0.95,
             half,
+            -high * 0.95,
             -high * 0.25,
             1,
             count,
@@ -119,7 +118,7 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     if g.random() < 0.5:  # a grille
         rows, columns = int(g.integers(3, 10)), int(g.choice([1, 1, 8, 16]))
         top = belt * g.uniform(0.55, 0.8)
-        place = (-half * 0.55, top, half * 0.55, top + 0.25)
+        place = (half * 0.55, top, top + 0.25)
         sketch.box(*place, light.of(0.02))
         sketch.grid(
             *place, rows, columns, g.uniform(0.3, 0.7), light.of(g.uniform(0.05, 0.8))
@@ -127,14 +126,13 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     _vehicle_lamps(g, light, sketch, half, max(belt, -1.1), rear)
     plate = -g.uniform(0.42, 0.8)
     sketch.box(
-        -0.27,
-        plate,
         0.27,
+        plate,
         plate + 0.12,
         light.of(g.uniform(0.5, 0.8)) + g.uniform(0, 30) * light.lit,
     )
     sketch.text(words_of(g, 8), -0.24, plate + 0.02, 0.08, light.of(0.03))
-    sketch.box(-half, -0.34, half, floor, light.of(g.uniform(0.03, 0.3)))
+    sketch.box(half, -0.34, floor, light.of(g.uniform(0.03, 0.3)))
     if g.random() < 0.4 and light.daylight_cd_m2 > 0:  # the sun in the chrome
         at = g.uniform((-half, belt), (half, floor), (int(g.integers(1, 4)), 2))
         sketch.dots(at, g.uniform(0.01, 0.05), light.of(spread(g, 3, 60)), round=True)
@@ -155,19 +153,18 @@ def _vehicle_lamps(
     rows, columns = (int(n) for n in g.integers((1, 3), (5, 9)))
     for side in (-1, 1):
         left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
-        sketch.box(left, top, right, top + tall, glass)
+        sketch.box((left, right), top, top + tall, glass)
         if kind == 0:
             sketch.box(
-                left + 0.02, top + 0.02, right - 0.02, top + tall / 2, lamp_light
+                (left + 0.02, right - 0.02), top + 0.02, top + tall / 2, lamp_light
             )
         elif kind == 1:
             centre = np.array([[(left + right) / 2, top + tall / 2]])
             sketch.dots(centre, min(wide, tall) * 0.4, lamp_light, round=True)
         else:
             sketch.grid(
-                left,
+                (left, right),
                 top,
-                right,
                 top + tall,
                 rows,
                 columns,
@@ -179,9 +176,8 @@ def _vehicle_lamps(
         braking = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5))
         top = belt * 1.15
         sketch.grid(
-            -0.25,
-            top,
             0.25,
+            top,
             top + 0.03,
             1,
             int(g.integers(6, 20)),
@@ -195,7 +191,7 @@ def house(generator: Generator, light: Light) -> Sketch:
     """Draw a front of windows, some of them lit, with a shop and its sign or without."""
     g, sketch = generator, Sketch()
     wide, high = g.uniform(6, 30), g.uniform(5, 22)
-    sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.08, 0.6)))
+    sketch.box(wide / 2, -high, 0, light.of(g.uniform(0.08, 0.6)))
     rows = max(1, round(high / g.uniform(2.6, 3.5)))
     columns = max(2, round(wide / g.uniform(1.2, 4)))
     state = g.random(rows * columns)
@@ -204,7 +200,7 @@ def house(generator: Generator, light: Light) -> Sketch:
     )
     lived_in = g.random(len(state)) < light.lit * g.uniform(0.1, 0.7)
     inside = np.where(lived_in, np.exp(g.uniform(2.5, 6.5, len(state))), 0)
-    windows = (-wide / 2, -high, wide / 2, -1.2, rows, columns)
+    windows = (wide / 2, -high, -1.2, rows, columns)
     inner = g.uniform(0.35, 0.8)
     if g.random() < 0.6:
         sketch.grid(*windows, min(inner * 1.15, 0.95), light.of(g.uniform(0.2, 0.8)))
@@ -212,7 +208,7 @@ def house(generator: Generator, light: Light) -> Sketch:
     if g.random() < 0.5:
         lit = bool(g.random() < light.lit)
         ground, ink = (light.lamp(g, 30, 2000, lit=lit) for _ in range(2))
-        sketch.box(-wide / 3, -3.2, wide / 3, -2.4, ground)
+        sketch.box(wide / 3, -3.2, -2.4, ground)
         sketch.text(words_of(g, int(g.integers(4, 12))), -wide / 3.3, -3.1, 0.6, ink)
     return sketch
 
@@ -221,7 +217,7 @@ def sign(generator: Generator, light: Light) -> Sketch:
     """Draw a traffic sign, a direction sign or a poster with lettering, on a pole."""
     g, sketch = generator, Sketch()
     wide, high, up = g.uniform(0.6, 3.5), g.uniform(0.5, 1.6), g.uniform(1.5, 5)
-    sketch.box(-0.05, -up, 0.05, 0, light.of(g.uniform(0.1, 0.5)))
+    sketch.box(0.05, -up, 0, light.of(g.uniform(0.1, 0.5)))
     ground, ink = (g.uniform(0.03, 0.15), g.uniform(0.6, 0.85))
     if g.random() < 0.5:
         ground, ink = ink, ground
@@ -232,7 +228,7 @@ def sign(generator: Generator, light: Light) -> Sketch:
         limit = str(int(g.integers(2, 13)) * 10)
         sketch.text(limit, -high * 0.25, -up - high * 0.2, high * 0.4, light.of(0.03))
         return sketch
-    sketch.box(-wide / 2, -up - high, wide / 2, -up, light.of(ground))
+    sketch.box(wide / 2, -up - high, -up, light.of(ground))
     lines = int(g.integers(1, 5))
     for line in range(lines):
         step = high / lines
@@ -258,16 +254,15 @@ def display(generator: Generator, light: Light) -> Sketch:
     up, rim, fill = g.uniform(1.5, 5.5), g.uniform(1, 4) * dot, g.uniform(0.4, 0.95)
     wide, high = (6 * length + 1) * dot, 12 * lines * dot
     sketch.box(
-        -wide / 2 - rim,
-        -up - rim,
         wide / 2 + rim,
+        -up - rim,
         -up + high + rim,
         light.of(g.uniform(0.02, 0.2)),
     )
     lamp = light.led_cd_m2 * spread(g, 0.2, 3) + light.of(0.2)
     if g.random() < 0.3 and lines * length < 9:
         dots, off = (12 * lines, 6 * length + 1), light.of(g.uniform(0.02, 0.3))
-        sketch.grid(-wide / 2, -up, wide / 2, -up + high, *dots, fill, off, round=True)
+        sketch.grid(wide / 2, -up, -up + high, *dots, fill, off, round=True)
     for line in range(lines):
         sketch.text(
             words_of(g, length),
@@ -288,16 +283,15 @@ def fence(generator: Generator, light: Light) -> Sketch:
     rows, columns = (max(2, min(24, round(side / pitch))) for side in (high, wide))
     rows, columns = ((1, columns), (rows, 1), (rows, columns))[int(g.integers(3))]
     if g.random() < 0.7:
-        sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.03, 0.7)))
+        sketch.box(wide / 2, -high, 0, light.of(g.uniform(0.03, 0.7)))
     shade = g.uniform(0.03, 0.8) * np.exp(
         g.normal(0, g.uniform(0, 0.25), rows * columns)
     )
     luminance = np.maximum(light.daylight_cd_m2 * shade, 1e-6)
     fill = g.uniform(0.25, 0.9)
     sketch.grid(
-        -wide / 2,
-        -high,
         wide / 2,
+        -high,
         0,
         rows,
         columns,
@@ -313,25 +307,23 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     g, sketch = generator, Sketch()
     up, kind, lit = g.uniform(2.5, 8), int(g.integers(4)), bool(g.random() < light.lit)
     lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
-    sketch.box(-0.07, -up, 0.07, 0, light.of(g.uniform(0.03, 0.3)))
+    sketch.box(0.07, -up, 0, light.of(g.uniform(0.03, 0.3)))
     if kind == 0:
         centre = [[g.uniform(-1, 1), -up]]
         half = [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]
         sketch.dots(np.array(centre), np.array(half), lamp_light, round=True)
     elif kind == 1:
-        sketch.box(-0.18, -up, 0.18, -up + 1.0, light.of(0.03))
+        sketch.box(0.18, -up, -up + 1.0, light.of(0.03))
         states = np.full(3, light.of(0.06))
         states[int(g.integers(3))] = light.lamp(g, 2e3, 2e4)
-        sketch.grid(-0.18, -up + 0.02, 0.18, -up + 0.98, 3, 1, 0.7, states, round=True)
+        sketch.grid(0.18, -up + 0.02, -up + 0.98, 3, 1, 0.7, states, round=True)
     else:
         rows = 1 if kind == 2 else int(g.integers(2, 6))
         columns = int(g.integers(4, 25) if kind == 2 else g.integers(2, 7))
         wide = columns * g.uniform(0.15, 0.6)
         bright = lamp_light * np.exp(g.normal(0, 0.15, rows * columns))
         foot, fill = -up + rows * wide / columns, g.uniform(0.3, 0.8)
-        sketch.grid(
-            -wide / 2, -up, wide / 2, foot, rows, columns, fill, bright, round=True
-        )
+        sketch.grid(wide / 2, -up, foot, rows, columns, fill, bright, round=True)
     return sketch
 
 
@@ -339,7 +331,7 @@ def tree(generator: Generator, light: Light) -> Sketch:
     """Draw a trunk and a crown of leaves in sun and shade."""
     g, sketch = generator, Sketch()
     up, wide = g.uniform(2.5, 8), g.uniform(1, 3.5)
-    sketch.box(-0.15, -up, 0.15, 0, light.of(0.07))
+    sketch.box(0.15, -up, 0, light.of(0.07))
     leaves = int(g.integers(40, 120))
     at = g.normal((0, -up), (wide / 2, wide / 2.2), (leaves, 2))
     shade = light.daylight_cd_m2 * np.exp(
@@ -365,14 +357,13 @@ def marks(generator: Generator, light: Light) -> Sketch:
         x = first + line * lane
         (dashes, fill) = (20, 0.5) if line in (0, 1) else (1, 1.0)
         sketch.grid(
-            x - 0.08, start, x + 0.08, start + 20 * dash, dashes, 1, fill, paint
+            (x - 0.08, x + 0.08), start, start + 20 * dash, dashes, 1, fill, paint
         )
     if g.random() < 0.3:
         ahead = g.uniform(8, 40)
         sketch.grid(
-            first - lane,
+            (first - lane, first + 2 * lane),
             ahead,
-            first + 2 * lane,
             ahead + 4,
             1,
             int(g.integers(8, 16)),

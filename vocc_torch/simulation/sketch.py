@@ -39,6 +39,15 @@ _CIRCLE = np.stack([f(np.arange(12) * (np.pi / 6)) for f in (np.cos, np.sin)], a
 _SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
+Sides = float | tuple[float, float]
+"""Left and right end of a shape, or half the width of one about the middle."""
+
+
+def ends_of(sides: Sides) -> tuple[float, float]:
+    """Give the left and the right end."""
+    return sides if isinstance(sides, tuple) else (-sides, sides)
+
+
 @dataclass
 class Sketch:
     """Polygons on a plane, m, x right and y down, later ones over earlier ones.
@@ -48,8 +57,8 @@ class Sketch:
 
     Example:
         >>> sketch = Sketch()
-        >>> sketch.box(-1, -2, 1, 0, 300.0)
-        >>> sketch.grid(-1, -2, 1, 0, 2, 3, 0.5, 40.0)
+        >>> sketch.box(1, -2, 0, 300.0)
+        >>> sketch.grid(1, -2, 0, 2, 3, 0.5, 40.0)
         >>> [points.shape for points, _ in sketch.parts], sketch.parts[0][1].tolist()
         ([(1, 4, 2), (6, 4, 2)], [300.0])
     """
@@ -65,10 +74,9 @@ class Sketch:
             )
         )
 
-    def box(
-        self, left: float, top: float, right: float, bottom: float, luminance: float
-    ) -> None:
+    def box(self, sides: Sides, top: float, bottom: float, luminance: float) -> None:
         """Add an upright rectangle."""
+        left, right = ends_of(sides)
         self.polygon(
             [(left, top), (right, top), (right, bottom), (left, bottom)], luminance
         )
@@ -94,9 +102,8 @@ class Sketch:
 
     def grid(
         self,
-        left: float,
+        sides: Sides,
         top: float,
-        right: float,
         bottom: float,
         rows: int,
         columns: int,
@@ -106,6 +113,7 @@ class Sketch:
         round: bool = False,
     ) -> None:
         """Add a lattice of rectangles or ellipses, each ``fill`` of its cell's width and height."""
+        left, right = ends_of(sides)
         wide, high = (right - left) / columns, (bottom - top) / rows
         x = left + wide * (np.arange(columns) + 0.5)
         y = top + high * (np.arange(rows) + 0.5)
@@ -320,7 +328,7 @@ def composed(
 
     Example:
         >>> sketch = Sketch()
-        >>> sketch.box(1.5, 1, 3, 2, 10.0)
+        >>> sketch.box((1.5, 3), 1, 2, 10.0)
         >>> thing = Drawing.on_sensor(sketch.parts, lambda points: points)
         >>> [(top, keep[1, 1:3].tolist(), light[1, 1:3].tolist())
         ...  for top, keep, light in composed([thing], (0, 0, 9, 9))]

@@ -40,12 +40,13 @@ class FramePose(Effect, on=Quantity.PLACEMENT):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn each panel."""
-        turned = []
-        for angles, planes in zip(
-            self.angles_deg.tolist(), value.unsqueeze(1), strict=True
-        ):
-            turned.append(Pose(*angles)(planes, context) if any(angles) else planes)
-        return torch.cat(turned)
+        placements = zip(self.angles_deg.tolist(), value.unsqueeze(1), strict=True)
+        return torch.cat(
+            [
+                Pose(*angles)(planes, context) if any(angles) else planes
+                for angles, planes in placements
+            ]
+        )
 
 
 @dataclass(frozen=True)
@@ -128,11 +129,8 @@ class PanelDrawing:
         offsets = (
             (by_frame[:, :2] - sides / 2) * away[:, None] / self.camera.focal_length_px
         )
-        same = np.ones(len(by_frame))
-        columns = AMBIENT_LX * same, luminance * same, away, same, *offsets.T
-        return Scene(
-            *(torch.from_numpy(np.ascontiguousarray(column)) for column in columns)
-        )
+        columns = np.broadcast_arrays(AMBIENT_LX, luminance, away, 1.0, *offsets.T)
+        return Scene(*map(torch.tensor, columns))
 
     def centres_px(self, by_frame: Floats, shared: Floats) -> Floats:
         """Centres of the LEDs in the windows, (B,R*C,2) px."""

@@ -240,11 +240,9 @@ class RecordingFit:
         """
         packed, values = self.packed(), of(self.by_frame, self.shared)
         turns = []
-        for at in range(len(packed)):
-            step = np.zeros(len(packed))
-            step[at] = 1e-5 * max(1.0, abs(packed[at]))
+        for step in np.diag(1e-5 * np.abs(packed).clip(min=1.0)):
             other = self.moved(packed + step)
-            turns.append((of(other.by_frame, other.shared) - values) / step[at])
+            turns.append((of(other.by_frame, other.shared) - values) / step.sum())
         slope = np.stack(turns, 1)
         spreads = slope @ self.covariances @ slope.T
         frames = len(values)
@@ -286,16 +284,13 @@ def settled(
     bounds = np.array(limits + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
 
     def residual(packed: Floats) -> Floats:
-        return np.asarray(
-            (root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel()
-        )
+        return (root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel()
 
     def jacobian(packed: Floats) -> sparse.csr_matrix:
         moved = fit.moved(packed)
         return moved.jacobian(root * moved.slopes())
 
     begun = np.clip(fit.packed(), bounds[0] + 1e-6, bounds[1] - 1e-6)
-    tolerance = dict.fromkeys(("ftol", "xtol"), SETTINGS.tolerance)
     found = optimize.least_squares(
         residual,
         begun,
@@ -303,7 +298,8 @@ def settled(
         bounds,
         x_scale="jac",
         max_nfev=evaluations,
-        **tolerance,
+        ftol=SETTINGS.tolerance,
+        xtol=SETTINGS.tolerance,
         gtol=None,
     )
     return certain(fit.moved(found.x), weights)

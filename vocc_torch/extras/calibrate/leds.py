@@ -75,11 +75,9 @@ def start(
         [grey[rows, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0
     )
     lit = two_levels(centres) if bits is None else bits.reshape(frames, -1)
-    behind = np.median(
-        np.concatenate([grey[:, :2], grey[:, -2:]], 1).reshape(frames, -1), axis=1
-    )
-    on = np.where(lit.any(1), masked_mean(centres, lit), centres.max(1) + 20)
-    off = np.where((~lit).any(1), masked_mean(centres, ~lit), behind)
+    behind = np.median(grey[:, [0, 1, -2, -1]], axis=(1, 2))
+    on = np.ma.array(centres, mask=~lit).mean(1).filled(centres.max(1) + 20)
+    off = np.ma.array(centres, mask=lit).mean(1).filled(behind)
     side = np.roll(corners_px, -1, 1) - corners_px
     right, down = (side[:, 0] - side[:, 2]) / 2, (side[:, 1] - side[:, 3]) / 2
     pitch = (np.hypot(*right.T) / shape.columns + np.hypot(*down.T) / shape.rows) / 2
@@ -93,14 +91,8 @@ def start(
     for share in SETTINGS.blur_shares:
         blurred = few.set("blur_px", float(np.median(pitch)) * share)
         tried.append(settled(blurred, (*LEVELS[:3], "blur_px"), 3, robust=False))
-    blur = float(min(tried, key=lambda one: one.misfit).value("blur_px"))
+    blur = float(min(tried, key=lambda fit: fit.misfit).value("blur_px"))
     return settled(begun.set("blur_px", blur), LEVELS[:3], 4, robust=False)
-
-
-def masked_mean(values: Floats, mask: Bools) -> Floats:
-    """Average the chosen values of each row."""
-    mean: Floats = (values * mask).sum(1) / mask.sum(1).clip(min=1)
-    return mean
 
 
 def decided(
@@ -129,9 +121,8 @@ def likelier(fit: RecordingFit) -> Floats:
     parts = fit.parts()
     numbers = np.arange(shape.leds).reshape(shape.rows, shape.columns)
     lit = fit.lit.copy()
-    for group in (
-        numbers[i::step, j::step].ravel() for i in range(step) for j in range(step)
-    ):
+    for i, j in np.ndindex(step, step):
+        group = numbers[i::step, j::step].ravel()
         apart = (x - at[:, group, 0, None, None]) ** 2 + (
             y - at[:, group, 1, None, None]
         ) ** 2
@@ -139,11 +130,11 @@ def likelier(fit: RecordingFit) -> Floats:
             continue
         other, nearest = lit.copy(), apart.argmin(1)
         other[:, group] = 1 - other[:, group]
-        misfits = []
+        squares = []
         for weighed in (lit, other):
             parts[2] = fit.drawing.cover(fit.by_frame, fit.shared, weighed)
-            misfits.append(weights * (fit.grey - fit.predicted(parts)[0]) ** 2)
-        gain = misfits[0] - misfits[1]
+            squares.append(weights * (fit.grey - fit.predicted(parts)[0]) ** 2)
+        gain = squares[0] - squares[1]
         for place, led in enumerate(group):
             better = (gain * (nearest == place)).sum((1, 2)) > 0
             lit[rows[better], led] = other[rows[better], led]
@@ -156,22 +147,16 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Floa
     Returns:
         the better fit, and by how much the misfit of each frame tells the two ways apart, (B,).
     """
-    other = fit.set("yaw_deg", -fit.value("yaw_deg")).set(
-        "pitch_deg", -fit.value("pitch_deg")
-    )
+    other = fit
+    for name in ("yaw_deg", "pitch_deg"):
+        other = other.set(name, -fit.value(name))
     other = settled(other, free, 8)
-    here, other_cost = (
-        (((candidate.grey - mean) ** 2) / variance).sum((1, 2))
-        for candidate in (fit, other)
-        for mean, variance in [candidate.predicted()]
-    )
-    apart = np.abs(other_cost - here) / fit.scale
-    better = (other_cost < here)[:, None]
+    gain = misfits(fit) - misfits(other)
+    apart, better = np.abs(gain) / fit.scale, gain > 0
     if not better.any():
         return fit, apart
-    return settled(
-        replace(fit, by_frame=np.where(better, other.by_frame, fit.by_frame)), free
-    ), apart
+    by_frame = np.where(better[:, None], other.by_frame, fit.by_frame)
+    return settled(replace(fit, by_frame=by_frame), free), apart
 
 
 def misfits(fit: RecordingFit) -> Floats:

@@ -59,11 +59,8 @@ class Footage:
 
     def taken(self, rows: slice | NDArray[Any]) -> "Footage":
         """Take some frames."""
-        parts = {
-            name: getattr(self, name)[rows]
-            for name in ("greys", "numbers", "corners_px", "times_s")
-        }
-        return replace(self, **parts)
+        names = ("greys", "numbers", "corners_px", "times_s")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def doubts(self) -> list[str]:
         """Say what these frames cannot tell."""
@@ -174,14 +171,9 @@ def read_footage(
             f"input {source}: the panel's place jumps by panels between all frames: {rule}"
         )
     # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
-    numbers = np.arange(len(chosen)) * 2 ** max(
-        0, math.ceil(math.log2(read / len(chosen)))
-    )
-    times = (
-        numbers / config.fps
-        if config.fps
-        else np.array([frame.time_s for frame in chosen], dtype=np.float64)
-    )
-    return Footage(greys, numbers, corners, read, len(chosen), failures, times).taken(
-        rows
-    )
+    step = 2 ** max(0, math.ceil(math.log2(read / len(chosen))))
+    numbers = np.arange(len(chosen)) * step
+    times = np.array([frame.time_s for frame in chosen], dtype=np.float64)
+    times = numbers / config.fps if config.fps else times
+    every = Footage(greys, numbers, corners, read, len(chosen), failures, times)
+    return every.taken(rows)

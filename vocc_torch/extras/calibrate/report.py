@@ -31,36 +31,32 @@ def write_page(study: Findings, source: str, command: str, folder: Path) -> None
     if curve is not None and has_curve:
         write_transfer(study, curve, folder / "transfer.png")
     left = fit.grey - fit.predicted()[0]
-    values = {
-        "study": study,
-        "rms": float(np.sqrt((left**2).mean())),
-        "has_curve": has_curve,
-    }
     text = page.render(
-        __package__, "page.md.j2", source=source, command=command, shown=shown, **values
+        __package__,
+        "page.md.j2",
+        source=source,
+        command=command,
+        shown=shown,
+        study=study,
+        rms=float(np.sqrt((left**2).mean())),
+        has_curve=has_curve,
     )
+    html = page.html(text, f"A scene from {source}", folder)
     write_atomically(folder / "page.md", text.encode())
-    write_atomically(
-        folder / "page.html", page.html(text, f"A scene from {source}", folder).encode()
-    )
+    write_atomically(folder / "page.html", html.encode())
 
 
-def shown(given: float | Sequence[object]) -> str:
+def shown(setting: float | Sequence[object]) -> str:
     """Write a value as the page shows it.
 
     Example:
         >>> shown(["uniform", 1.23456, 2.0]), shown(3)
         ('[1.235, 2]', '3')
     """
-    if isinstance(given, Sequence):
-        return (
-            "["
-            + ", ".join(
-                f"{value:.4g}" for value in given if isinstance(value, int | float)
-            )
-            + "]"
-        )
-    return f"{given:.5g}"
+    if isinstance(setting, Sequence):
+        numbers = (value for value in setting if isinstance(value, int | float))
+        return f"[{', '.join(f'{number:.4g}' for number in numbers)}]"
+    return f"{setting:.5g}"
 
 
 def write_frames(study: Findings, path: Path) -> None:
@@ -103,10 +99,11 @@ def write_transfer(study: Findings, curve: TransferCurve, path: Path) -> None:
     axes.axhline(
         ROUNDING, linestyle=":", color=plots.LOOK.quiet, label="rounding alone"
     )
-    labels = {
-        "xlabel": "light, of that which is encoded as 118",
-        "ylabel": "variance, grey values squared",
-    }
-    axes.set(xscale="log", yscale="log", **labels)
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="light, of that which is encoded as 118",
+        ylabel="variance, grey values squared",
+    )
     axes.legend(fontsize=8, frameon=False)
     plots.save_figure(figure, path)

@@ -54,12 +54,9 @@ class Value(NamedTuple):
     @property
     def remark(self) -> str:
         """The comment that stands above it."""
-        sure = (
-            f"+- {SURE * self.deviation:.2g} (95 %)"
-            if math.isfinite(self.deviation)
-            else ""
-        )
-        return "; ".join(part for part in (self.note, sure) if part)
+        sure = f"+- {SURE * self.deviation:.2g} (95 %)"
+        told = (self.note, sure if math.isfinite(self.deviation) else "")
+        return "; ".join(filter(None, told))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -145,10 +142,9 @@ class Findings:
     def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
         """Note an effect, and say whether the recording asks for it."""
         criterion, explains = WORDS["effects"][effect]
-        self.effects.append(
-            Named(effect, gain > needed, criterion, gain, needed, explains)
-        )
-        return gain > needed
+        asked = gain > needed
+        self.effects.append(Named(effect, asked, criterion, gain, needed, explains))
+        return asked
 
     def judge(
         self, effect: str, simple: RecordingFit, rich: RecordingFit
@@ -185,7 +181,7 @@ class Findings:
         """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
         if value.key in WORDS["by_gamma"] and self.loose:
             note = "; ".join(
-                part for part in (value.note, "no interval: gamma is not told") if part
+                filter(None, (value.note, "no interval: gamma is not told"))
             )
             value = value._replace(deviation=math.nan, note=note)
         self.values.append(value)
@@ -200,10 +196,7 @@ class Findings:
 
     def asked(self, effect: str) -> bool:
         """Say whether the recording asks for an effect."""
-        return any(
-            named_effect.effect == effect and named_effect.asked
-            for named_effect in self.effects
-        )
+        return any(named.effect == effect and named.asked for named in self.effects)
 
 
 def inline(value: object) -> str:

@@ -121,7 +121,7 @@ def calibrate(
     good = fitting(fit)
     if not good.all():  # some frames may have bent the others: each alone
         alone = [begun.taken(slice(frame, frame + 1)) for frame in range(len(grey))]
-        good = fitting(*(settled(effect, fit.free) for effect in alone))
+        good = fitting(*(settled(frame_fit, fit.free) for frame_fit in alone))
     if not good.all():
         study = calibrate(chosen.taken(good), camera, panel, config, bits)
         study.unknown.append(WORDS["sentences"]["odd"].format(count=int((~good).sum())))
@@ -155,10 +155,8 @@ def fitting(*fits: RecordingFit) -> Bools:
 def coarseness(corners_px: Floats, shape: PanelShape) -> int:
     """Say how many pixels are one: near panels hold more of them than a fit needs."""
     sides = np.linalg.norm(np.roll(corners_px, -1, 1) - corners_px, axis=2)
-    cell = np.minimum(
-        sides[:, ::2].mean(1) / shape.columns, sides[:, 1::2].mean(1) / shape.rows
-    )
-    return max(1, int(np.median(cell) / SETTINGS.finest_pitch_px))
+    means = sides.reshape(-1, 2, 2).mean(1) / (shape.columns, shape.rows)
+    return max(1, int(np.median(means.min(1)) / SETTINGS.finest_pitch_px))
 
 
 def coarser(camera: Camera, times: int) -> Camera:
@@ -196,9 +194,8 @@ def placed(
         the fit, and by how much each frame tells a pose from its mirror image.
     """
     board = ("board",) if begun.has_board else ()
-    turned = begun.set("yaw_deg", SETTINGS.turned_deg).set(
-        "pitch_deg", SETTINGS.turned_deg / 2
-    )
+    turned = begun.set("yaw_deg", SETTINGS.turned_deg)
+    turned = turned.set("pitch_deg", SETTINGS.turned_deg / 2)
     fit = decided(turned, (*board, *POSED), rounds)
     flat = fit.set("yaw_deg", 0.0).set("pitch_deg", 0.0).set("roll_deg", 0.0)
     upright = settled(flat, (*board, *BASE))

@@ -66,8 +66,8 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     write_page(study, source.name, command, folder)
     named = [effect.effect for effect in study.effects if effect.asked]
     unknown = [f"not told: {name}" for name in study.unknown]
-    for text in (*unknown, f"effects: {', '.join(named)}", f"train: {command}"):
-        console.print(text, soft_wrap=True, markup=False, highlight=False)
+    effects = f"effects: {', '.join(named)}"
+    run_folder.say(console, *unknown, effects, f"train: {command}")
     places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
     run_folder.print_places(console, folder, places)
     if footage.failures:

@@ -135,8 +135,8 @@ def by_level(fit: RecordingFit) -> Levels:
         calm = inside & (square < SETTINGS.calm * bulk)
         means = (values[calm].mean() for values in (square, near_whole))
         rows.append((light[inside].mean(), *means, calm.sum()))
-    columns = np.array(rows).reshape(-1, 4).T
-    return Levels(columns[0], columns[1], columns[3], columns[2], still)
+    mean_light, level_variance, whole, pixels = np.array(rows).reshape(-1, 4).T
+    return Levels(mean_light, level_variance, pixels, whole, still)
 
 
 def transfer(fit: RecordingFit) -> TransferCurve:
@@ -158,7 +158,7 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         return float((count * (np.log(variance) + raw / variance)).sum())
 
     def best(used: list[int], share: float) -> tuple[Floats, float]:
-        def whole(logs: Floats) -> Floats:
+        def both(logs: Floats) -> Floats:
             noise = np.zeros(2)
             noise[used] = np.exp(logs)
             return noise
@@ -166,9 +166,9 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         options = {"xatol": 1e-5, "fatol": 1e-6}
         begun = np.log(first[used] * share)
         found = optimize.minimize(
-            lambda logs: loss(whole(logs)), begun, method="Nelder-Mead", options=options
+            lambda logs: loss(both(logs)), begun, method="Nelder-Mead", options=options
         )
-        return whole(found.x), float(found.fun)
+        return both(found.x), float(found.fun)
 
     none = np.zeros(2)
     ways = {
@@ -184,22 +184,16 @@ def transfer(fit: RecordingFit) -> TransferCurve:
     miss, cost = max(1.0, miss), math.log(max(float(count.sum()), 2.0))
     criterion = {used: way[1] / miss + len(used) * cost for used, way in ways.items()}
     used = min(criterion, key=lambda way: criterion[way])
-    gains = []
-    for at in (0, 1):
-        least = [
-            min(value for way, value in criterion.items() if (at in way) is has)
-            for has in (False, True)
-        ]
-        gains.append(least[0] - least[1])
+    gains = [
+        min(value for way, value in criterion.items() if at not in way)
+        - min(value for way, value in criterion.items() if at in way)
+        for at in (0, 1)
+    ]
     noise, covariance, hidden = ways[used][0], np.full((2, 2), math.nan), math.nan
     if used:
         steps = np.diag(1e-4 * first)
-        slopes = np.stack(
-            [
-                (predicted(noise + step) - predicted(noise)) / step.sum()
-                for step in steps
-            ]
-        )
+        moved = np.stack([predicted(noise + step) for step in steps])
+        slopes = (moved - predicted(noise)) / steps.sum(1, keepdims=True)
         information = (slopes * count / (2 * miss * predicted(noise) ** 2)) @ slopes.T
         chosen = np.ix_(used, used)
         covariance[chosen] = np.linalg.pinv(information[chosen], rcond=1e-14)

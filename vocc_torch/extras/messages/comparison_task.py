@@ -74,8 +74,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     run_folder.write_rows(folder / "messages.csv", [COLUMNS, *rows(results)])
     run_folder.write_config(settings, folder)
     plots.save_figure(figure_of(results), folder / "messages.png")
-    for line in summary(results):
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    run_folder.say(console, *summary(results))
     places = {"table": "messages.csv", "figure": "messages.png"}
     run_folder.print_places(console, folder, places.items())
 

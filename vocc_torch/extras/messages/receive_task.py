@@ -139,14 +139,13 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     )
     if front.tracker is not None:
         summary += "; it was followed" + ", for it moves" * front.auto
-    console.print(summary, soft_wrap=True, highlight=False)
+    run_folder.say(console, summary)
     places = [("packets", "report.csv"), *write_messages(assembly, folder)]
     for content, name in places:
         if content == "message":
             size = (folder / name).stat().st_size
-            console.print(
-                f"{name}: {size} bytes, all verified by their checksum", highlight=False
-            )
+            text = f"{name}: {size} bytes, all verified by their checksum"
+            run_folder.say(console, text)
     run_folder.print_places(
         console, folder, places + [("receiver", "receiver.pt")] * (model is None)
     )

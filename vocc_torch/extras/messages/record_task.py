@@ -133,7 +133,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     console = Console()
     ratio = config.fps * symbol_s
     summary = f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m"
-    console.print(summary, highlight=False)
+    run_folder.say(console, summary)
     places = {
         "recording": "recording.mp4",
         "frames": "recording.npy",

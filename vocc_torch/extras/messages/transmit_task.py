@@ -55,14 +55,10 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
         np.save(temporary, film)
     write_atomically(folder / PLAN, plan.text.encode())
     run_folder.write_config(settings, folder)
-    for line in costs(plan):
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
     seconds = len(film) / config.symbol_rate_hz
     summary = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
-    console.print(
-        f"{summary}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s",
-        highlight=False,
-    )
+    rate = f"{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s"
+    run_folder.say(console, *costs(plan), summary + rate)
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
     run_folder.print_places(console, folder, places.items())
 

@@ -272,7 +272,7 @@ class Leaves(street.Sketched):
                         [(0, 0), *np.hstack([np.cos(ends), np.sin(ends)])], ink
                     )
             case 2:
-                drawing.grid(-0.7, -0.7, 0.7, 0.7, 1, columns, fill, ink)
+                drawing.grid(0.7, -0.7, 0.7, 1, columns, fill, ink)
             case 3:
                 for line in np.linspace(-0.6, 0.6, rows):
                     pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3)
@@ -287,9 +287,8 @@ class Leaves(street.Sketched):
                 )
                 bright = np.where(lit, ink * g.uniform(1, 8), ink)
                 drawing.grid(
-                    -0.7,
-                    -0.7,
                     0.7,
+                    -0.7,
                     0.7,
                     rows,
                     columns,

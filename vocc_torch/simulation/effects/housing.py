@@ -251,7 +251,7 @@ class Housing(street.Sketched):
             outline = [*(line - side), *(line + side)[::-1]]
             drawing.polygon(outline, max(white * generator.uniform(0.02, 0.7), 1e-6))
         if rim and not bare:
-            drawing.box(-x - rim, -y - rim, x + rim, y + rim, shade)
+            drawing.box(x + rim, -y - rim, y + rim, shade)
         elif rim:
             for left, top, right, bottom in (
                 (-x, -y, x, -y),
@@ -259,9 +259,9 @@ class Housing(street.Sketched):
                 (-x, -y, -x, y),
                 (x, -y, x, y),
             ):
-                drawing.box(left - rim, top - rim, right + rim, bottom + rim, shade)
+                drawing.box((left - rim, right + rim), top - rim, bottom + rim, shade)
         if not bare:
-            drawing.box(-x, -y, x, y, max(white * board, 1e-6))
+            drawing.box(x, -y, y, max(white * board, 1e-6))
         return drawing
 
 
