@@ -299,8 +299,8 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
         curve: the rates.
         x: where they stand.
     """
-    ends = [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
-    rate, low, high = np.array(ends).reshape(-1, 3).T
+    rates = [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
+    rate, low, high = np.array(rates).reshape(-1, 3).T
     style, free = curve.style, rate == 0
     value = np.where(free, np.nan, rate)
     look: dict[str, Any] = {
