@@ -144,12 +144,17 @@ def test_a_table_that_loses_frames_or_values_says_so_and_the_ledger_gives_them_b
     told = " ".join(
         app(*SHORT, "budget.frames=64", "experiment.values=[8000]").out.split()
     )
-    assert (
-        "replaced: ber.csv had 128 frames at ambient_lx 4000, 8000; ledger.sqlite has them"
-        in told
-    )
+    for lost in ("budget.frames=128", "experiment.values=[4000.0, 8000.0]"):
+        assert lost in told.partition("replaced: the results of ")[2]
     assert "replaced" not in app(*SHORT).out
     assert Path("runs/again/ber.csv").read_bytes() == first
+
+
+def test_a_grid_that_loses_values_says_so(app):
+    grid = (*SHORT, "experiment.row_axis=distance_m", "experiment.rows=[30]")
+    assert "replaced" not in app(*grid).out
+    told = " ".join(app(*grid, "experiment.values=[8000]").out.split())
+    assert "replaced: the results of experiment.values=[4000.0, 8000.0];" in told
 
 
 def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypatch):

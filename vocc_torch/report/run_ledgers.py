@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
+from vocc_torch.files import UNFINISHED
 from vocc_torch.measure import config, train
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import SUFFIX, Store
@@ -16,6 +17,9 @@ from vocc_torch.report.folder import CONFIG, MANIFEST, SAMPLES, say, write_confi
 
 LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
+
+CHANGE_NO_RESULT = ("device", "workers", "executor", "tensorboard", "batch_frames")
+"""Settings, or sections of them, with any values of which the results are the same."""
 
 
 @contextmanager
@@ -60,7 +64,8 @@ def open_ledgers(
 def resumable(
     settings: config.Settings, folder: Path, console: Console
 ) -> Iterator[None]:
-    """Say how to go on when a run is interrupted that has counted something; leave nothing of another."""
+    """Say which results a run replaces, and how to go on where it is interrupted; leave nothing of no counts."""
+    before = finished_settings(folder)
     try:
         yield
     except BaseException as error:
@@ -72,6 +77,47 @@ def resumable(
             for name in (CONFIG, SAMPLES):
                 (folder / name).unlink(missing_ok=True)
         raise
+    if lost := lost_settings(before, finished_settings(folder)):
+        text = f"replaced: the results of {', '.join(lost)}; the former command gives them back from its ledger"
+        console.print(text, soft_wrap=True, markup=False, highlight=False)
+
+
+def finished_settings(folder: Path) -> dict[str, object]:
+    """Give the settings of the results in a folder by key; none where a run was killed over them."""
+    if (folder / UNFINISHED).exists() or not (folder / CONFIG).exists():
+        return {}
+    with suppress(VoccError):
+        return config.read_flat(folder / CONFIG)
+    return {}
+
+
+def lost_settings(
+    before: Mapping[str, object], after: Mapping[str, object]
+) -> list[str]:
+    """Name the settings whose results other settings do not include.
+
+    A number includes smaller ones, a list its items, and an empty list is all.
+
+    Args:
+        before: settings by key.
+        after: the other ones; keys that only one of them has are passed over.
+
+    Example:
+        >>> lost_settings({"frames": 512, "values": [1, 2], "seed": 0}, {"frames": 64, "values": [1, 2, 3]})
+        ['frames=512']
+    """
+    lost = []
+    for key in (key for key in before if key in after):
+        value, other = before[key], after[key]
+        if isinstance(value, list) and isinstance(other, list):
+            less = bool(other) and not (value and all(item in other for item in value))
+        elif isinstance(value, int | float) and isinstance(other, int | float):
+            less = value > other
+        else:
+            less = value != other
+        if less and key.partition(".")[0] not in CHANGE_NO_RESULT:
+            lost.append(f"{key}={value}")
+    return lost
 
 
 def write_training(

@@ -1,7 +1,7 @@
 """``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -137,8 +137,6 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         if not curves.values:
             fault = "no frame fell into any contrast bin"
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
-        for line in replaced(folder / "ber.csv", curves.table()):
-            console.print(line, soft_wrap=True, highlight=False)
         write_results(settings, plan, training, curves, folder)
     terminal.print_table(curves.table(), console)
     notes = (
@@ -184,34 +182,6 @@ def interrupted_keeps(
             terminal.print_table(table, console)
             run_folder.print_places(console, folder, [("so far", "ber.csv")])
         raise
-
-
-def replaced(path: Path, table: curve.BerTable) -> list[str]:
-    """Say what a table on the disk holds that its successor does not; a line, or none.
-
-    Args:
-        path: ``ber.csv``, which need not be there.
-        table: what replaces it.
-    """
-    frames = {(row.receiver, row.value): row.frames for row in table}
-    lost = []
-    if path.exists():
-        with suppress(VoccError):
-            for before in rate_tables.read_tables(path).values():
-                lost += [
-                    row
-                    for row in before
-                    if row.frames > frames.get((row.receiver, row.value), 0)
-                ]
-    if not lost:
-        return []
-    values = ", ".join(
-        styles.value_text(value) for value in sorted({row.value for row in lost})
-    )
-    lost_text = f"{path.name} had {max(row.frames for row in lost)} frames at {lost[0].axis} {values}"
-    return [
-        f"replaced: {lost_text}; {run_folder.LEDGER} has them, and the former command gives them back"
-    ]
 
 
 def kept(plan: Plan) -> str:
