@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from vocc_torch.measure.counts import half_errors
 from vocc_torch.measure.frame_errors import FrameErrors
 
 
@@ -10,18 +9,6 @@ def tallies(half_errors, leds, found):
     """Counts by receiver, and comparisons by (a, b), from (L,N) half errors."""
     errors = FrameErrors(half_errors, found, leds)
     return errors.counts, errors.pairs
-
-
-def paired_of(decided_a, decided_b, sent, found, found_b=None):
-    """The comparison of two receivers from their bits, each perhaps with panels found in its own way."""
-    places = [found, found if found_b is None else found_b]
-    wrong = [
-        half_errors(*one).numpy()
-        for one in zip((decided_a, decided_b), (sent, sent), places, strict=True)
-    ]
-    return FrameErrors(
-        np.stack(wrong), np.stack([one.numpy() for one in places]), sent[0].numel()
-    ).pairs[0, 1]
 
 
 def compared(a_bits, b_bits, bits=64):

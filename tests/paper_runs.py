@@ -4,31 +4,14 @@ import contextlib
 import csv
 import io
 import sys
-from dataclasses import dataclass
 
 import pytest
+from conftest import Ran
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
 from vocc_torch.app import cli
 from vocc_torch.files import atomic_file
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended, and what it said."""
-
-    status: int
-    out: str
-    err: str
-
-    @property
-    def complaint(self):
-        """Its error, which must be a single line without a traceback."""
-        assert self.status == 2, (self.status, self.err)
-        (line,) = self.err.splitlines()
-        assert line.startswith("vocc-torch: error: "), line
-        return line.removeprefix("vocc-torch: error: ")
 
 
 def white(figure, path):
@@ -55,7 +38,7 @@ def run_in(folder, *arguments, drawn=False):
             status = cli.run()
         finally:
             GlobalHydra.instance().clear()
-    return Ended(status, out.getvalue(), err.getvalue())
+    return Ran(status, out.getvalue(), err.getvalue())
 
 
 def rows_of(path):
@@ -80,9 +63,9 @@ def files_in(folder):
 
 
 def contents_of(folder, *suffixes):
-    """The bytes of all files of some kinds below a folder."""
+    """The bytes of all files of some kinds below a folder, by default of all."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
-        if path.suffix in suffixes
+        if path.is_file() and (not suffixes or path.suffix in suffixes)
     }

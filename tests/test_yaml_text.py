@@ -23,9 +23,6 @@ SCALAR = (
     | st.floats(allow_nan=False, allow_infinity=False)
     | WORD
 )
-VALUE = st.recursive(
-    SCALAR, lambda of: st.lists(of, max_size=4) | st.dictionaries(WORD, of, max_size=4)
-)
 
 
 @given(

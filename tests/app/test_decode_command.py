@@ -5,7 +5,6 @@ import json
 import re
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -17,15 +16,11 @@ from skimage import data
 
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
-from vocc_torch.hardware import PanelShape
 from vocc_torch.receiver.locators import RefinedLocator, learned
 from vocc_torch.receiver.locators.learned import LearnedLocator, sighted
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import shipped_receiver
-from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
-from vocc_torch.studies.decode.reading import Reading
-from vocc_torch.studies.decode.summary import Summary
 
 
 @pytest.fixture(scope="module")
@@ -122,35 +117,6 @@ def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(
         decode(photo.parent / FAR, *few, "receiver.false_alarms=1e-5")
     word = re.search(r"give (receiver\.false_alarms=\S+)", str(said.value))[1]
     assert decode(photo.parent / FAR, *few, word)[0]["bits"] == bits
-
-
-TOLD = SimpleNamespace(locator=LearnedLocator(), shape=PanelShape(4, 4))
-
-
-def nothing_in(*rates):
-    """What frames without a panel come to, of the rates at their likeliest places."""
-    read = Summary()
-    for number, rate in enumerate(rates):
-        frame = RecordedFrame(
-            "film.mp4",
-            number,
-            0.1,
-            np.zeros((1, 1, 3), np.uint8),
-            np.zeros((1, 1), np.uint8),
-        )
-        none = (
-            np.zeros((4, 2)),
-            np.zeros((4, 4), bool),
-            {},
-            0.0,
-            0.0,
-            0,
-            False,
-            0.0,
-            False,
-        )
-        read.add(Reading(frame, False, *none, false_alarms=rate))
-    return read
 
 
 def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys):

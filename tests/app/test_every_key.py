@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+import yaml
 from composing import NOWHERE, built, composed
 
 from vocc_torch.app.config import AppConfig
@@ -36,222 +37,28 @@ DIM = Experiment("dim", "ambient_lx", (1000.0, 2000.0))
 GRID = Experiment(
     "dim", "ambient_lx", (2000.0,), row_axis="led_luminance_cd_m2", rows=(1000.0,)
 )
-CAMERA = {
-    **{
-        "focal_length_mm": 18.0,
-        "sensor_width_mm": 12.0,
-        "width_px": 1280,
-        "height_px": 720,
-        "f_number": 8.0,
-    },
-    **{"exposure_time_s": 1e-3, "gamma": 1.8, "iso_limits": (100.0, 64000.0)},
+DATA = yaml.safe_load(Path(__file__).with_name("other_values.yaml").read_text())
+SECTIONS = DATA["values"]
+SECTIONS["figures"]["experiments"] = {"ambient": replace(FAR, name="ambient")}
+SECTIONS["rivals"]["experiments"] = {"ambient": DIM, "distance": FAR}
+SECTIONS["effects"]["severity"] = {
+    "defocus": Severity("defocus.focus_distance_m", [12.0, 8.0])
 }
-SECTIONS = {
-    "scene": {
-        **{
-            "name": "other",
-            "ambient_lx": 5000.0,
-            "led_luminance_cd_m2": 2500.0,
-            "distance_m": 45.0,
-        },
-        **{
-            "background_grey": 90.0,
-            "offset_x_m": 0.5,
-            "offset_y_m": 0.2,
-            "effects": {"saturation": {}, "quantization": {"bits": 7}},
-        },
-    },
-    "scene.camera": CAMERA,
-    "camera": {**CAMERA, "calibration_constant": 14.0},
-    "panel": {
-        **{
-            "rows": 6,
-            "columns": 4,
-            "led_diameter_m": 0.02,
-            "led_gap_m": 0.04,
-            "led_reflectance": 0.3,
-        },
-        **{"background_reflectance": 0.2, "board_reflectance": 0.1},
-    },
-    "receiver": {
-        **{
-            "names": ["flda_2", "flda_3"],
-            "locator": "refined",
-            "features": ["agr", "gri"],
-        },
-        **{
-            "samples_per_led": 16,
-            "gradient": "central",
-            "cells": "pixels",
-            "save": "flda_2",
-            "false_alarms": 0.01,
-        },
-    },
-    "receiver.location": {
-        **{
-            "closing_px": 13,
-            "min_area_px": 50,
-            "min_rectangularity": 0.6,
-            "min_compactness": 0.8,
-        },
-        "quadrilateral": "upright",
-    },
-    "experiment": {
-        **{
-            "name": "other",
-            "axis": "led_luminance_cd_m2",
-            "values": (2000.0,),
-            "row_axis": "distance_m",
-        },
-        **{
-            "scene": {"distance_m": 45.0},
-            "training": {"distance_m": 45.0},
-            "rows": (40.0, 50.0),
-        },
-    },
-    "budget": {
-        **{
-            "frames": 700,
-            "training_frames": 600,
-            "target_frame_errors": 50,
-            "precision": 0.2,
-        },
-        **{"least_ber": 0.01, "trainings": 2, "sampling": "a.b"},
-    },
-    "figures": {
-        **{"names": ["fig22"], "readings": ["open"]},
-        "experiments": {"ambient": replace(FAR, name="ambient")},
-    },
-    "effects": {
-        **{
-            "names": ["defocus"],
-            "located_frames": 1,
-            "severity_frames": 1,
-            "repeats": 1,
-        },
-        "parts": {"defocus": {"defocus": {"focus_distance_m": 9}}},
-        "severity": {"defocus": Severity("defocus.focus_distance_m", [12.0, 8.0])},
-    },
-    "tradeoff": {
-        **{"locators": ["truth"], "batch_sizes": [2], "frames": "crops"},
-        **{"repeats": 1, "threads": 2},
-    },
-    "rivals": {
-        **{
-            "reference": "flda_2",
-            "points": {"ambient": 2000},
-            "scenes": {},
-        },
-        **{
-            "scene_frames": 1,
-            "scene_training_frames": 2,
-            "experiments": {"ambient": DIM, "distance": FAR},
-        },
-    },
-    "decode": {
-        "channel": "max",
-        "annotate": False,
-        "scale": 2,
-        "most": 2,
-        "follow": "true",
-        "turn": 90,
-        "mirror": True,
-        "show": True,
-    },
-    "export": {"points": "test", "frames": 64, "shard_frames": 64},
-    "export_receiver": {"frames": 64},
-    "transmit": {
-        **{
-            "symbol_rate_hz": 50.0,
-            "code": "none",
-            "code_rate": 0.5,
-            "block_symbols": 64,
-            "bands": 2,
-        },
-        **{"sync_cells": 1, "anchors": False, "interleave": False, "scramble": False},
-        **{"repeats": 2, "cell_px": 16},
-    },
-    "record": {
-        **{
-            "fps": 150.0,
-            "drift": 0.01,
-            "start_s": 0.1,
-            "readout_s": 0.01,
-            "dropped": 0.1,
-            "repeated": 0.1,
-        },
-        **{
-            "black": 0.1,
-            "burst_frames": 3,
-            "speed_m_s": 1.0,
-            "margin": 2.0,
-            "quality": 20,
-        },
-    },
-    "calibrate": {
-        **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},
-        **{"quantum_efficiency": 0.5, "fps": 50.0},
-    },
-    "train_detector": {
-        "rounds": 2,
-        "scout_steps": 2,
-        "judge_steps": 2,
-        "placer_steps": 2,
-        "batch": 2,
-    },
-    "receive": {
-        **{
-            "plan": "p.yaml",
-            "fps": 100.0,
-            "locate_every": 1,
-            "channel": "max",
-            "soft": "hard",
-        },
-        "follow": "true",
-    },
-    "messages": {
-        **{
-            "distance_m": [40.0],
-            "ambient_lx": [3.0],
-            "ratio": [3.0],
-            "at_distance_m": 70.0,
-            "at_ratio": 3.0,
-        },
-        **{
-            "codes": ["none"],
-            "recordings": 2,
-            "blocks": 2,
-        },
-    },
-}
+for camera in ("camera", "scene.camera"):
+    SECTIONS[camera]["iso_limits"] = tuple(SECTIONS[camera]["iso_limits"])
+SECTIONS["messages.record"] = SECTIONS["record"]
 SECTIONS["messages.signalling"] = {
     name: value
     for name, value in SECTIONS["transmit"].items()
     if name not in ("repeats", "cell_px")
 }
-SECTIONS["messages.record"] = SECTIONS["record"]
 OTHER = {
-    **{
-        f"{place}.{name}": value
-        for place, keys in SECTIONS.items()
-        for name, value in keys.items()
-    },
-    **{
-        "name": "other",
-        "seed": 1,
-        "precision": "float64",
-        "framing": "full",
-        "batch_frames": 32,
-    },
-    **{
-        "classifiers": {"own": LMMSE},
-        "locators": {"own": PART},
-        "features": {"own": PART},
-    },
-    **{"device": "cpu", "workers": 3, "tensorboard": False},
-    **{"executor.kind": "here", "executor.address": "local"},
-    **{"input": "photo.png", "model": "receiver.pt", "plug_ins": ["mine.py"]},
+    f"{place}.{name}".lstrip("."): value
+    for place, keys in SECTIONS.items()
+    for name, value in keys.items()
 }
+OTHER |= {"classifiers": {"own": LMMSE}, "locators": {"own": PART}}
+OTHER["features"] = {"own": PART}
 """Of every key another value than the default."""
 
 
@@ -264,25 +71,7 @@ ALSO = {
 }
 """What must be said beside a key that makes no sense alone."""
 
-LATER = {
-    "name": "tests/app/test_run_folder.py::test_only_folders_below_runs_are_given",
-    "workers": "tests/measure/test_executors.py::test_two_processes_measure_what_one_measures",
-    "executor.kind": "tests/measure/test_executors.py::test_unasked_it_begins_here_and_takes_processes",
-    "executor.address": "tests/measure/test_executors.py::test_what_cannot_be_elsewhere_is_refused",
-    "tensorboard": "tests/app/test_cli.py::test_default_run_writes_everything",
-    "input": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
-    "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",
-    "plug_ins": "tests/app/test_kept_receivers.py::test_code_from_outside_runs_only_where_it_is_named_and_un",
-    "decode.channel": "tests/studies/decode/test_decode.py::test_channels_see_their_colour",
-    "decode.turn": "tests/app/test_decode_command.py::test_a_panel_that_hangs_upside_down_is_read_upright",
-    "decode.mirror": "tests/app/test_decode_command.py::test_a_panel_that_hangs_upside_down_is_read_upright",
-    "decode.show": "tests/studies/decode/test_viewer.py::test_the_viewer_gets_frame_corners_and_bits",
-    "decode.annotate": "tests/app/test_decode_command.py::test_a_receiver_is_trained_where_no_model_is_given",
-    "decode.follow": "tests/studies/decode/test_decode.py::test_a_panel_is_followed_in_a_video",
-    "decode.scale": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
-    "decode.most": "tests/receiver/test_several_panels.py::test_two_panels_are_two_rows",
-    "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",
-}
+LATER = DATA["later"]
 """Keys that act after a study is built, and the test that sees them act."""
 
 WHO = ("workers", "executor")

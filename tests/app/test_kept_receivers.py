@@ -279,12 +279,6 @@ FORGED = {
     ),
     "no mapping": ({"arguments": 3}, "damaged"),
 }
-HOLLOW = {
-    "no range": {"trained_on": {"pitch_px": [], "level": [0, 1], "contrast": [0, 1]}},
-    "half a calibration": {"calibration": {"off": [[0.0]], "on": [[0.0], [0.0]]}},
-    "a word": {"calibration": {"off": "x", "on": "x"}},
-    "panels beyond number": {"rows": 10**30},
-}
 
 
 @pytest.mark.parametrize("case", FORGED)
@@ -355,11 +349,3 @@ def test_ratios_are_those_of_two_gaussians_whatever_the_scale(scale):
     assert calibration_error(scores, bits) > 0.05
     ascending = learned(torch.linspace(-20, 20, 401) * scale)
     assert bool((ascending.diff() >= 0).all())
-
-
-def bursts(draw):
-    """Panels whose errors come several in a frame: light scatters more in some than in others."""
-    bits = draw.random((512, 64)) < 0.5
-    spread = 0.25 * draw.lognormal(0, 0.25, (512, 1))
-    scores = np.where(bits, 1, -1) + spread * draw.normal(size=bits.shape)
-    return torch.from_numpy(scores), torch.from_numpy(bits)

@@ -115,14 +115,6 @@ def change(folder, *changes):
             connection.executemany(statement, rows)
 
 
-def files_in(folder):
-    return {
-        path.relative_to(folder): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
 def assert_as(folder, undisturbed):
     """Tables are equal to the last byte, and every block stands in the ledger once."""
     for name in RESULTS:

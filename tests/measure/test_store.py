@@ -3,16 +3,9 @@
 Run as a script, this file is the process that forks and kills runs; see ``under_fire``.
 """
 
-import json
 import os
-import random
-import signal
 import sqlite3
-import sys
 import tempfile
-import time
-import traceback
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -22,7 +15,6 @@ from hypothesis import strategies as st
 from one_point import A, MadeUp, run_point
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import runner
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.runner import parts_of
 from vocc_torch.measure.store import Store
@@ -89,18 +81,6 @@ def change(path, *statements):
             connection.execute(*statement) if isinstance(
                 statement, tuple
             ) else connection.execute(statement)
-
-
-def rows_in(path):
-    """Blocks that have a row, read without the code under test."""
-    if not path.exists() or not path.stat().st_size:
-        return set()
-    with (
-        suppress(sqlite3.OperationalError),
-        closing(sqlite3.connect(path)) as connection,
-    ):
-        return {block for (block,) in connection.execute("SELECT block FROM blocks")}
-    return set()
 
 
 # What is written is what is read.
@@ -323,77 +303,3 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(path):
 
 
 # Kills. A process of its own, with one thread, forks a run, kills it with SIGKILL, and forks the next.
-
-KILLED_BLOCKS, THREADS = 20, 3
-RULE = Budget(KILLED_BLOCKS * 64 - 10)
-
-
-class Threads:
-    """Threads that say which blocks they count, and take unequally long, so that blocks end out of order."""
-
-    window = 2 * THREADS
-
-    def __init__(self, pool, said):
-        self.pool, self.said = pool, said
-
-    def submit(self, job, parts):
-        return self.pool.submit(self.slow, job, parts)
-
-    def slow(self, job, parts):
-        for part in parts:
-            os.write(self.said, f"{part.block}\n".encode())
-        time.sleep(0.001 * sum(1 + part.block % 3 for part in parts) / 2)
-        return job(parts)
-
-
-def live(folder):
-    """One life of a run, which writes its result if it gets so far."""
-    said = os.open(folder / "calls", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    with (
-        Store.open(folder / "ledger", SETTINGS) as store,
-        ThreadPoolExecutor(THREADS) as pool,
-    ):
-        (outcome,) = runner.count(
-            [runner.PointTask(job(), RULE, store)], Threads(pool, said)
-        )
-    (folder / "result").write_text(repr(ends(outcome)))
-
-
-def forked(function, *arguments):
-    """Run a function in a forked process that ends with it."""
-    child = os.fork()
-    if child:
-        return child
-    try:
-        function(*arguments)
-        os._exit(0)
-    except BaseException:
-        traceback.print_exc()
-        os._exit(1)
-
-
-def under_fire(folder):
-    """Fork lives, each killed after a random time, until one ends well; told as JSON."""
-    told, draw = [], random.Random(2)
-    for number in range(2000):
-        (folder / "calls").write_text("")
-        known = rows_in(folder / "ledger")
-        child = forked(live, folder)
-        # Ever longer, so that the run comes to its end on a machine of any speed.
-        time.sleep(draw.uniform(0, 0.01 + 0.006 * number))
-        os.kill(child, signal.SIGKILL)
-        status = os.waitpid(child, 0)[1]
-        calls = [int(line) for line in (folder / "calls").read_text().split()]
-        told.append((sorted(known), calls, sorted(rows_in(folder / "ledger")), status))
-        if not os.WIFSIGNALED(status):
-            break
-    left = sorted(one.name for one in folder.iterdir())
-    print(
-        json.dumps(
-            {"lives": told, "result": (folder / "result").read_text(), "left": left}
-        )
-    )
-
-
-if __name__ == "__main__":
-    under_fire(Path(sys.argv[1]))

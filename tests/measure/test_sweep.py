@@ -1,6 +1,5 @@
 """Receivers along an axis: each counts as it does alone, whatever is shared, batched or interrupted."""
 
-from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 
@@ -9,11 +8,9 @@ import torch
 from one_point import banks, job_of, run_point, sweep_point
 
 from vocc_torch.measure import sweep
-from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.runner import Part
-from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import Study
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.locators import PaperLocator
@@ -203,54 +200,3 @@ def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
 
 
 # Many studies in one run
-
-STUDIES = {
-    "far": Experiment("far", "distance_m", (60.0, 66.0), DARK),
-    "bins": Experiment("bins", "contrast", (0.0, 0.1, 0.6)),
-    "near": Experiment(
-        "near",
-        "distance_m",
-        (40.0,),
-        training={"distance_m": Distribution("uniform", (30.0, 50.0))},
-    ),
-}
-
-
-@pytest.fixture(scope="module")
-def studies(make_plan):
-    """Three experiments, the last with training scenes of its own, and the first through another lens."""
-    names = ("average_greyscale", "flda_3")
-    plans = {
-        key: make_plan(names=names, experiment=one, frames=64, training_frames=64)
-        for key, one in STUDIES.items()
-    }
-    camera = replace(plans["far"].world.camera, focal_length_mm=18.0)
-    short = replace(plans["far"].world, camera=camera)
-    plans["short"] = replace(plans["far"], world=short)
-    return [Study(key, plan, BOTH) for key, plan in plans.items()]
-
-
-def run(studies, folder, **told):
-    """Run studies with a ledger each in a folder."""
-    with ExitStack() as opened, Workers(1) as workers:
-        ledgers = {
-            one.key: opened.enter_context(
-                Store.open(folder / f"{one.key}.sqlite", one.identity)
-            )
-            for one in studies
-        }
-        return sweep.run_campaign(studies, workers, ledgers, **told)
-
-
-@pytest.fixture(scope="module")
-def whole(studies, tmp_path_factory):
-    """All studies together, undisturbed: the results, what was told, and the folder of ledgers."""
-    folder, told = tmp_path_factory.mktemp("ledgers"), []
-    campaign = run(
-        studies,
-        folder,
-        trained=lambda: told.append("trained"),
-        advance=lambda study, frames: told.append((study.key, frames)),
-        finished=lambda study, one: told.append((study.key, one)),
-    )
-    return campaign.measured, told, folder

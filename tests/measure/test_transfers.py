@@ -116,13 +116,6 @@ def waits_there(name, args, kwargs, stays):
     return name in SHAPES or name in READS or name == "new_tensor" or not stays
 
 
-def tensors_of(record):
-    """Take the fields of a record off the card."""
-    return [
-        getattr(record, name).as_subclass(Tensor) for name in type(record).__slots__
-    ]
-
-
 def batch_of(link, bank, card):
     """Run one batch; give the waits by stage, and what came out."""
     spent, seen = {}, Counter(card.waits)

@@ -173,17 +173,6 @@ def samples(seed, count=40, features=3):
 # ---- the layer
 
 
-def sets(*shape, seed=0, features=3):
-    """Draw training sets with two classes apart, and their bits."""
-    generator = torch.Generator().manual_seed(seed)
-    bits = torch.rand(shape, generator=generator) < 0.5
-    bits[..., :4] = torch.tensor([False, True, False, True])
-    x = torch.randn(*shape, features, generator=generator, dtype=torch.float64)
-    return x * torch.tensor([0.1, 1.0, 10.0][:features]) + 0.7 * bits.unsqueeze(
-        -1
-    ), bits
-
-
 # In graphs and transforms
 
 

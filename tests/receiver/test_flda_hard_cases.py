@@ -31,9 +31,6 @@ def clouds(seed, samples=200, features=3):
 COLLINEAR = "the features are collinear, condition number above 1e+12"
 COINCIDE = "the class means coincide, so every score is 0, that is On"
 FINITE = "it must be finite, at most 1e+140 in size"
-OVERFLOW = "scatter is not finite: features up to 1e+140 in size are allowed"
-TOO_MANY = "count is below 0: more than 9e18 samples of a class, which overflow int64"
-HUGE = "the classes separate without variance, scores are huge"
 
 
 def singular(why, outcome="least-norm solution"):
@@ -233,14 +230,6 @@ def test_features_not_finite():
 
 
 # ---- gradients -----------------------------------------------------------------------------------
-
-
-def gradient_of_scores(x, bits):
-    """Differentiate a weighted sum of the scores of the training set, its features held apart."""
-    tracked = x.clone().requires_grad_()
-    scores = discriminant(tracked, bits).scores(x)
-    weights = torch.linspace(-1, 2, scores.numel(), dtype=torch.float64).sin()
-    return torch.autograd.grad((scores * weights).sum(), tracked)[0]
 
 
 def test_a_gradient_near_singularity():

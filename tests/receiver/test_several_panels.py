@@ -32,13 +32,6 @@ def street(*places, around=200.0, pitch=9):
     return torch.from_numpy(grey.clip(0, 255).round().astype(np.uint8))
 
 
-def corners_at(x, y, side):
-    return torch.tensor(
-        [[x, y], [x + side, y], [x + side, y + side], [x, y + side]],
-        dtype=torch.float64,
-    )
-
-
 @pytest.fixture(scope="module")
 def two():
     return street((50, 60), (200, 130))

@@ -144,9 +144,6 @@ def test_an_upright_panel_is_where_the_lens_puts_it(shape):
         torch.testing.assert_close(middle, corners.mean(dim=1), rtol=0, atol=1e-9)
 
 
-FAR = Scene.of(distance_m=300.0)
-
-
 def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
     """In float32, in batches of every size, and as a part of a larger frame."""
     generator = torch.Generator().manual_seed(1)

@@ -6,7 +6,6 @@ import os
 
 import pytest
 import yaml
-from hypothesis import strategies as st
 from paper_runs import white
 from PIL import Image
 from rich.console import Console
@@ -193,16 +192,6 @@ def settings_of(**values):
         "done",
         settings={key.replace("__", "."): value for key, value in values.items()},
     )
-
-
-_VALUES = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers(-99, 99)
-    | st.floats(-9, 9)
-    | st.sampled_from("ab"),
-    lambda inner: st.lists(inner, max_size=3),
-)
 
 
 def test_keys_of_an_experiment_that_follow_from_its_name_are_left_out():

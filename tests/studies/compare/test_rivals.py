@@ -9,7 +9,6 @@ from vocc_torch.measure.plan import ClassifierPlan, Experiment, World
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.rivals import ClassifierStudy
@@ -35,7 +34,6 @@ OTSU = ClassifierPlan(
 NAMES = ("average_greyscale", "flda_2", "flda_3", "lmmse", "net", "otsu")
 DARK = {"ambient_lx": Distribution("constant", (1000.0,))}
 FAR = Experiment("far", "distance_m", (60.0, 70.0), DARK)
-KEY = BlockKey(0, "readings", 0)
 FOG = {
     "attenuation": {"visibility_m": 200},
     "airlight": {"visibility_m": 200},

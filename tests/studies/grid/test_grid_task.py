@@ -2,10 +2,9 @@
 
 import pytest
 import yaml
-from paper_runs import contents_of, files_in, head_of, rows_of, run_in
+from paper_runs import files_in, head_of, rows_of, run_in
 
 from vocc_torch.measure.curve import COLUMNS
-from vocc_torch.measure.runner import Job
 
 AMBIENT, LUMINANCE = (1000.0, 32000.0), (500.0, 2000.0, 8000.0)
 TINY = (
@@ -84,22 +83,3 @@ def test_every_cell_of_every_receiver_has_a_row(grid):
             <= 1
         )
     assert len({row["bit_errors"] for row in rows}) > 2
-
-
-def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
-    folder, _ = grid
-    before = contents_of(folder, ".csv", ".sqlite", ".yaml")
-    monkeypatch.setattr(Job, "count", lambda *_: pytest.fail("counted again"))
-    ran = run_in(place, *GRID, "name=grid")
-    assert (ran.status, ran.err) == (0, "")
-    assert "resuming: 3 blocks" in ran.out
-    assert contents_of(folder, ".csv", ".sqlite", ".yaml") == before
-
-
-def test_a_ledger_of_other_settings_is_refused(grid, place):
-    folder, _ = grid
-    before = contents_of(folder, ".csv", ".sqlite", ".yaml", ".png")
-    complaint = run_in(place, *GRID, "name=grid", "seed=1").complaint
-    assert "seed" in complaint
-    assert "give another name=" in complaint
-    assert contents_of(folder, ".csv", ".sqlite", ".yaml", ".png") == before
