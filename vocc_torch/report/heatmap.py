@@ -186,9 +186,14 @@ def dimming_figure(
                 rates, texts, rows, columns, looks[name].label, *labels, text_at=0.24
             )
         )
-    note = f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: cannot be told from it (95 %)"
     figure, axes = matrix_figure(
-        maps, title, f"{note} \N{MIDDLE DOT} pale: no errors, limit", 2
+        maps,
+        title,
+        (
+            f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: cannot be told from it (95 %)"
+            f" \N{MIDDLE DOT} pale: no errors, limit"
+        ),
+        2,
     )
     places = dict(zip(grid.columns, np.arange(len(grid.columns)) + 0.5, strict=True))
     for map_axes, name in zip(axes, names, strict=True):

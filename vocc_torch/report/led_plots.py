@@ -43,8 +43,12 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     signs = [
         Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS
     ]
-    title = f"Features of {count_text(len(values))} LEDs"
-    figure, axes = sheet(layout, panel_size(layout), title, signs=signs)
+    figure, axes = sheet(
+        layout,
+        panel_size(layout),
+        f"Features of {count_text(len(values))} LEDs",
+        signs=signs,
+    )
     for place, name in enumerate(names):
         status_histogram(axes[place], values[:, place], on, name)
         if place % len(layout[0]):

@@ -96,9 +96,9 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                             else None
                         )
                     except ValueError:
-                        wrong = f"{name} is {cells[name]!r}: it must be a number"
                         raise VoccError(
-                            f"{path}, line {reader.line_num}: {wrong}"
+                            f"{path}, line {reader.line_num}: "
+                            f"{name} is {cells[name]!r}: it must be a number"
                         ) from None
                 groups.setdefault((grid, cells[grid] or ""), []).append(
                     curve.Row(**parsed)

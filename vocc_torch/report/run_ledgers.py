@@ -36,8 +36,10 @@ def open_ledger(
         ) from None
     with ledger:
         if known := len(ledger):
-            text = f"resuming: {known} blocks of frames are already counted in {path}"
-            say(console, text)
+            say(
+                console,
+                f"resuming: {known} blocks of frames are already counted in {path}",
+            )
         try:
             yield ledger
         except BaseException:
@@ -71,8 +73,10 @@ def resumable(
     except BaseException as error:
         if any(path for end in (f"*{SUFFIX}", MANIFEST) for path in folder.rglob(end)):
             if isinstance(error, KeyboardInterrupt):
-                text = f"interrupted: the same command with name={settings.name} goes on from there"
-                say(console, text)
+                say(
+                    console,
+                    f"interrupted: the same command with name={settings.name} goes on from there",
+                )
         else:
             for name in (CONFIG, SAMPLES):
                 (folder / name).unlink(missing_ok=True)

@@ -156,7 +156,7 @@ def captions(scene: Scene) -> tuple[str, str]:
     ambient, led = (
         count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights
     )
-    background = f"background {float(scene.background_grey[0]):.0f}"
-    distance = f"{float(scene.distance_m[0]):.3g} m"
-    light = f"LED {led} cd/m\N{SUPERSCRIPT TWO}, {background}"
-    return f"{distance}, ambient {ambient} lx", light
+    return (f"{float(scene.distance_m[0]):.3g} m, ambient {ambient} lx"), (
+        f"LED {led} cd/m\N{SUPERSCRIPT TWO}, "
+        f"background {float(scene.background_grey[0]):.0f}"
+    )

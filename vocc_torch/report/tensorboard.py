@@ -74,8 +74,10 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
     for value in sorted(values):
         step = round(LOG_FACTOR * math.log10(value) if logarithmic else value * factor)
         if (other := by_step.setdefault(step, value)) != value:
-            rule = f"TensorBoard's steps are integers and both give {step}"
-            raise VoccError(f"{axis} is {other:g} and {value:g}: {rule}")
+            raise VoccError(
+                f"{axis} is {other:g} and {value:g}: "
+                f"TensorBoard's steps are integers and both give {step}"
+            )
     return {value: step for step, value in by_step.items()}
 
 
@@ -260,8 +262,10 @@ class BoardPart:
             "log10 BER with 95 % intervals": ["Margin", band],
         }
         if any(row.error_free for row in self.table):
-            limits = f"^{re.escape(self.tag('log10_BER_upper95'))}$"
-            charts["no errors: log10 of the 95 % upper limit"] = ["Multiline", [limits]]
+            charts["no errors: log10 of the 95 % upper limit"] = [
+                "Multiline",
+                [f"^{re.escape(self.tag('log10_BER_upper95'))}$"],
+            ]
         name = " ".join(filter(None, (self.group, self.table.experiment)))
         return f"{name}: bit error rate (step: {self.unit})", charts
 

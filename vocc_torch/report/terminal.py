@@ -325,8 +325,10 @@ class StudyView(ProgressView):
         by_value = {point.value: point for point in points if self._bar.disable}
         for point in by_value.values():
             why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
-            frames = f"{point.counts.frames} frames, {why}"
-            self.say(f"{self._axis}={value_text(point.value)}: {frames}")
+            self.say(
+                f"{self._axis}={value_text(point.value)}: "
+                f"{point.counts.frames} frames, {why}"
+            )
 
     def _doing(self) -> str:
         """Name the value that is being run, or the axis where all are run together."""

@@ -34,8 +34,9 @@ def write_video(
     try:
         import av
     except ImportError:
-        extra = "install the extra with pip install 'vocc-torch[video]'"
-        raise VoccError(f"{path} is a video: {extra}") from None
+        raise VoccError(
+            f"{path} is a video: install the extra with pip install 'vocc-torch[video]'"
+        ) from None
     count = 0
     # What says how to read it goes first, so that a film which is cut can be read up to there.
     first = {"movflags": "faststart"}

@@ -28,8 +28,10 @@ def demand_led_px(widest_px: float, distance_m: float) -> None:
         VoccError: one wider than 100000 px.
     """
     if not widest_px <= LARGEST_LED_PX:
-        rule = f"it must leave an LED's image at most {LARGEST_LED_PX} px wide, and this is {widest_px:g}"
-        raise VoccError(f"scene.distance_m is {distance_m:g}: {rule}")
+        raise VoccError(
+            f"scene.distance_m is {distance_m:g}: "
+            f"it must leave an LED's image at most {LARGEST_LED_PX} px wide, and this is {widest_px:g}"
+        )
 
 
 def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
@@ -52,8 +54,10 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         values = ", ".join(
             f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names
         )
-        rule = f"the panel's image must lie within {FARTHEST_PX:g} px"
-        raise VoccError(f"{values}: {rule}, and this reaches {float(farthest[far]):g}")
+        raise VoccError(
+            f"{values}: the panel's image must lie within {FARTHEST_PX:g} px"
+            f", and this reaches {float(farthest[far]):g}"
+        )
 
 
 def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
@@ -188,10 +192,10 @@ def demand_pixels(size: tuple[int, int]) -> None:
     """
     height, width = size
     if height * width > MOST_PIXELS:
-        shown = f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
-        hint = "give a smaller camera, or framing=crop, which draws the panel's surroundings only"
         raise VoccError(
-            f"{shown}: they must hold at most {MOST_PIXELS} pixels ({hint})"
+            f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
+            f": they must hold at most {MOST_PIXELS} pixels ("
+            "give a smaller camera, or framing=crop, which draws the panel's surroundings only)"
         )
 
 
@@ -275,9 +279,9 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
             (1, 2)
         )
         if bool((uneven & inside).any()):
-            said = f"{' or '.join(names)} changes the border of a crop of {width} x {height} px"
             raise VoccError(
-                f"{said}: reach_in_px must say how far it carries light, or leave that and fills_sensor out"
+                f"{' or '.join(names)} changes the border of a crop of {width} x {height} px"
+                ": reach_in_px must say how far it carries light, or leave that and fills_sensor out"
             )
 
 

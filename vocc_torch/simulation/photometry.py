@@ -237,9 +237,9 @@ def demand_greys(grey: Tensor) -> None:
     """
     most = float(grey.detach().max())
     if not most <= MOST_GREY:
-        rule = f"it must have scene.effects.saturation, or less light: at most {MOST_GREY:g}"
         raise VoccError(
-            f"scene.effects is without saturation, and grey values reach {most:g}: {rule}"
+            f"scene.effects is without saturation, and grey values reach {most:g}: "
+            f"it must have scene.effects.saturation, or less light: at most {MOST_GREY:g}"
         )
 
 

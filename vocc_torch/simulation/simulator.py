@@ -106,9 +106,10 @@ class Simulator:
             and "bayer" in names
             and "demosaicing" not in names
         ):
-            rule = "luma, or with scene.effects.demosaicing: a raw mosaic is one plane"
             raise VoccError.of(
-                "scene.effects.colour.grey", repr(self._colour.grey), rule
+                "scene.effects.colour.grey",
+                repr(self._colour.grey),
+                "luma, or with scene.effects.demosaicing: a raw mosaic is one plane",
             )
 
     def true_panels(

@@ -51,7 +51,8 @@ class CalibrateConfig:
                     f"calibrate.{key}", value, f"above 0 and at most {most:g}, or null"
                 )
         if not 0 < self.quantum_efficiency <= 1:
-            rule = "above 0 and at most 1"
             raise VoccError.of(
-                "calibrate.quantum_efficiency", self.quantum_efficiency, rule
+                "calibrate.quantum_efficiency",
+                self.quantum_efficiency,
+                "above 0 and at most 1",
             )

@@ -66,8 +66,10 @@ class Footage:
         """Say what these frames cannot tell."""
         said, count = [], len(self)
         if count < 4:
-            few = f"{count} frame{'s' * (count > 1)} with the panel"
-            said.append(f"{few}: noise and what moves cannot be told; give a recording")
+            said.append(
+                f"{count} frame{'s' * (count > 1)} with the panel"
+                ": noise and what moves cannot be told; give a recording"
+            )
         if count < self.looked / 2:
             said.append(
                 f"the panel was found in {count} of {self.looked} frames: the scene is of these only"
@@ -99,9 +101,9 @@ def thinned(
     for number, frame in enumerate(recording, 1):
         if chosen and frame.grey.shape != chosen[0].grey.shape:
             (h, w), (height, width) = frame.grey.shape, chosen[0].grey.shape
-            shown = f"{frame.source} is {w} x {h} px and {chosen[0].source} is {width} x {height}"
             raise VoccError(
-                f"input: {shown}: all frames must be of one camera and one size"
+                f"input: {frame.source} is {w} x {h} px and {chosen[0].source} is {width} x {height}"
+                ": all frames must be of one camera and one size"
             )
         if (number - 1) % step == 0:
             chosen.append(frame)
@@ -159,9 +161,9 @@ def read_footage(
     corners = torch.cat([part.corners_px.double().cpu() for part in located]).numpy()
     found = torch.cat([part.found.cpu() for part in located]).numpy()
     if not found.any():
-        hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
         raise VoccError(
-            f"input {source} shows no panel in {len(chosen)} of {len(chosen)} frames: {hint}"
+            f"input {source} shows no panel in {len(chosen)} of {len(chosen)} frames: "
+            "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
         )
     rows = found.nonzero()[0]
     rows = rows[agreeing(corners[rows])]

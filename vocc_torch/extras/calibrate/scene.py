@@ -54,8 +54,12 @@ class Value(NamedTuple):
     @property
     def remark(self) -> str:
         """The comment that stands above it."""
-        sure = f"+- {SURE * self.deviation:.2g} (95 %)"
-        told = (self.note, sure if math.isfinite(self.deviation) else "")
+        told = (
+            self.note,
+            f"+- {SURE * self.deviation:.2g} (95 %)"
+            if math.isfinite(self.deviation)
+            else "",
+        )
         return "; ".join(filter(None, told))
 
     @property

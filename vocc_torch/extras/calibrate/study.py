@@ -222,7 +222,7 @@ def demand_contrast(fit: RecordingFit) -> None:
     """Refuse frames in which no LED differs from another."""
     contrast = float(np.median(fit.value("on") - fit.value("off")))
     if (fit.bits == fit.bits[0, 0]).all() or contrast < SETTINGS.least_contrast:
-        rule = "show symbols with LEDs On and LEDs Off"
         raise VoccError(
-            f"input: all LEDs look alike in all {len(fit.grey)} frames: {rule}"
+            f"input: all LEDs look alike in all {len(fit.grey)} frames: "
+            "show symbols with LEDs On and LEDs Off"
         )

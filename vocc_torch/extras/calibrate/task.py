@@ -33,8 +33,11 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     run_folder.refuse_results(folder)
     shipped = resources.files("vocc_torch.conf") / "scene" / f"{settings.name}.yaml"
     if shipped.is_file():
-        rule = "another name than that of a scene that ships: the calibrated scene bears it"
-        raise VoccError.of("name", repr(settings.name), rule)
+        raise VoccError.of(
+            "name",
+            repr(settings.name),
+            "another name than that of a scene that ships: the calibrated scene bears it",
+        )
     if settings.input is None:
         raise VoccError(
             "input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture"
@@ -66,8 +69,9 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     write_page(study, source.name, command, folder)
     named = [effect.effect for effect in study.effects if effect.asked]
     unknown = [f"not told: {name}" for name in study.unknown]
-    effects = f"effects: {', '.join(named)}"
-    run_folder.say(console, *unknown, effects, f"train: {command}")
+    run_folder.say(
+        console, *unknown, f"effects: {', '.join(named)}", f"train: {command}"
+    )
     places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
     run_folder.print_places(console, folder, places)
     if footage.failures:
@@ -88,9 +92,10 @@ def known_bits(path: Path, shape: PanelShape) -> Bools:
         or bits.shape[1:] != (shape.rows, shape.columns)
         or not len(bits)
     ):
-        expected = f"bool of shape (N,{shape.rows},{shape.columns})"
-        refusal = f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}"
-        raise VoccError(f"{refusal}: it must be {expected}")
+        raise VoccError(
+            f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be "
+            f"bool of shape (N,{shape.rows},{shape.columns})"
+        )
     return bits
 
 

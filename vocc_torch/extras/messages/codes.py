@@ -73,9 +73,9 @@ class ReedSolomon:
         try:
             import reedsolo
         except ImportError:
-            extra = "install the extra with pip install 'vocc-torch[messages]'"
             raise VoccError(
-                f"transmit.code is rs, which needs reedsolo: {extra}, or give none"
+                "transmit.code is rs, which needs reedsolo: "
+                "install the extra with pip install 'vocc-torch[messages]', or give none"
             ) from None
         codec = reedsolo.RSCodec(self.word_bytes - self.info_bytes, nsize=LONGEST_WORD)
         object.__setattr__(self, "codec", codec)
@@ -161,9 +161,9 @@ def sionna() -> Any:
     try:
         return import_module("sionna.phy.fec.ldpc")
     except ImportError:
-        extra = "install the extra with pip install 'vocc-torch[ldpc]'"
         raise VoccError(
-            f"transmit.code is ldpc, which needs sionna-no-rt: {extra}, or give rs"
+            "transmit.code is ldpc, which needs sionna-no-rt: "
+            "install the extra with pip install 'vocc-torch[ldpc]', or give rs"
         ) from None
 
 

@@ -123,9 +123,11 @@ def summary(results: Sequence[Carried]) -> Iterator[str]:
     """Say what arrives by the best code at each point."""
     for result in best(results):
         rate, place = result.goodput, result.place
-        ends = f"{rate.low:.2f} to {rate.high:.2f}"
-        at = f"{place.axis} {value_text(place.value)}: {rate.value:.2f} kbit/s ({ends})"
-        yield f"{at} by {result.name}; raw bit error rate {rate_text(result.raw.ber)}"
+        yield (
+            f"{place.axis} {value_text(place.value)}: {rate.value:.2f} kbit/s ("
+            f"{rate.low:.2f} to {rate.high:.2f})"
+            f" by {result.name}; raw bit error rate {rate_text(result.raw.ber)}"
+        )
     if false := sum(result.false for result in results):
         yield f"{false} packets have a right checksum and nobody sent them"
 
@@ -152,5 +154,9 @@ def figure_of(results: Sequence[Carried]) -> plots.Figure:
             plots.Panel(curves, receiver, label, "Packets lost", y_scale="linear")
         )
     count, packets = len(results[0].lost_each), results[0].lost.bits
-    note = f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings"
-    return plots.curve_figure(drawn, "Packets lost", note, alike=False)
+    return plots.curve_figure(
+        drawn,
+        "Packets lost",
+        f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings",
+        alike=False,
+    )

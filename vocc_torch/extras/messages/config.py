@@ -210,10 +210,12 @@ class MessagesConfig:
             VoccError: another word than a code with its rate.
         """
         if not (found := re.fullmatch(r"none|(rs|ldpc)-(0?\.\d*[1-9]\d*)", code)):
-            rule = (
-                "none, or rs or ldpc with a rate above 0 and below 1, such as ldpc-0.5"
+            raise VoccError.of(
+                "messages.codes",
+                repr(code),
+                "none, or rs or ldpc with a rate above 0 and below 1, such as ldpc-0.5",
+                "has",
             )
-            raise VoccError.of("messages.codes", repr(code), rule, "has")
         rate, name = float(found[2] or 0.5), found[1] or "none"
         return whole(
             Signalling, self.signalling, code=name, code_rate=rate, scramble=True

@@ -93,9 +93,9 @@ class Layout:
                     (kind == "data") & (self.band_of_row == band)[:, None]
                 )
                 if not len(free):
-                    cells = f"{self.bands} bands and {options.sync_cells} sync cells"
                     raise VoccError(
-                        f"panel of {rows} x {columns} LEDs is too small: {cells} leave no data"
+                        f"panel of {rows} x {columns} LEDs is too small: "
+                        f"{self.bands} bands and {options.sync_cells} sync cells leave no data"
                     )
                 kind[tuple(free[(3 * number + 2) * len(free) // 7 % len(free)])] = name
         self.kind = kind

@@ -38,8 +38,10 @@ def payload_bytes(info_bytes: int) -> int:
         VoccError: none.
     """
     if info_bytes <= OVERHEAD_BYTES:
-        said = f"a packet of {info_bytes} bytes has no room beside {OVERHEAD_BYTES} of header and checksum"
-        raise VoccError(f"{said}: raise transmit.code_rate or transmit.block_symbols")
+        raise VoccError(
+            f"a packet of {info_bytes} bytes has no room beside {OVERHEAD_BYTES} of header and checksum"
+            ": raise transmit.code_rate or transmit.block_symbols"
+        )
     return info_bytes - OVERHEAD_BYTES
 
 

@@ -133,9 +133,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     if model is None:
         receiver.save(folder / "receiver.pt")
     sent = reception.packets_sent
-    shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
     summary = (
-        f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; {shown}"
+        f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; "
+        f"the panel was found in {front.found} of {front.looked} frames that were searched"
     )
     if front.tracker is not None:
         summary += "; it was followed" + ", for it moves" * front.auto
@@ -144,8 +144,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     for content, name in places:
         if content == "message":
             size = (folder / name).stat().st_size
-            text = f"{name}: {size} bytes, all verified by their checksum"
-            run_folder.say(console, text)
+            run_folder.say(
+                console, f"{name}: {size} bytes, all verified by their checksum"
+            )
     run_folder.print_places(
         console, folder, places + [("receiver", "receiver.pt")] * (model is None)
     )
@@ -198,10 +199,10 @@ def suffix(number: int) -> str:
 def doubts(assembly: Assembly) -> Iterator[str]:
     """Say where packets contradict each other, or belong to messages that are not written."""
     if assembly.contradictions:
-        contradiction = (
-            "other content than the first packet of the same message and number"
+        yield (
+            f"{assembly.contradictions} packets have "
+            "other content than the first packet of the same message and number: they were passed over"
         )
-        yield f"{assembly.contradictions} packets have {contradiction}: they were passed over"
     complete = sum(message.complete for message in assembly.messages)
     if complete and complete < len(assembly.messages):
         others = sum(len(message.parts) for message in assembly.messages[complete:])
@@ -226,8 +227,11 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
     """
     if not assembly.messages:
         if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
-            near = f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed"
-            return f"none of {sent} packets arrived: {near}; come nearer or take a longer lens"
+            return (
+                f"none of {sent} packets arrived: "
+                f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed"
+                "; come nearer or take a longer lens"
+            )
         return f"none of {sent} packets arrived, so there is no message; report.csv says why"
     message = assembly.messages[0]
     if not message.gaps:

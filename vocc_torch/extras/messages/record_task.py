@@ -132,8 +132,10 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     run_folder.write_config(settings, folder)
     console = Console()
     ratio = config.fps * symbol_s
-    summary = f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m"
-    run_folder.say(console, summary)
+    run_folder.say(
+        console,
+        f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m",
+    )
     places = {
         "recording": "recording.mp4",
         "frames": "recording.npy",

@@ -56,9 +56,12 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     write_atomically(folder / PLAN, plan.text.encode())
     run_folder.write_config(settings, folder)
     seconds = len(film) / config.symbol_rate_hz
-    summary = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
-    rate = f"{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s"
-    run_folder.say(console, *costs(plan), summary + rate)
+    run_folder.say(
+        console,
+        *costs(plan),
+        f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
+        + f"{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s",
+    )
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
     run_folder.print_places(console, folder, places.items())
 

@@ -166,8 +166,10 @@ def light_of(
                 ).getchannel(channel)
                 channel_plane.thumbnail((most_px, most_px))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
-        rule = f"holds {path.name}, which cannot be read ({error})"
-        raise VoccError(f"scene.effects.backdrop.folder {rule}") from None
+        raise VoccError(
+            f"scene.effects.backdrop.folder "
+            f"holds {path.name}, which cannot be read ({error})"
+        ) from None
     light = (grey / np.float32(255)) ** np.float32(gamma)
     mean = max(float(light.mean()), 1e-9)
     if channel is not None:

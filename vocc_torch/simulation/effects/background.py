@@ -254,12 +254,11 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
             abs(self.offset_x_m) < width_m * near
             and abs(self.offset_y_m) < height_m * near
         ):
-            shown = (
-                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
-            )
-            rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
             raise VoccError(
-                f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}"
+                f"scene.effects.{self.name}."
+                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
+                ": the panels overlap, "
+                f"one of the two must be at least {width_m:g} across or {height_m:g} down"
             )
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         leds_m = (offset_m + view.led_centres_m(panel)).to(scene.distance_m.device)

@@ -300,9 +300,9 @@ class Effect(ABC):
         with self.blamed():
             result = self(value.clone(), context)
         if not torch.equal(drawn, torch.get_rng_state()):
-            rule = "it must draw from context.generators(self.name), which is the same in every run"
             raise VoccError(
-                f"scene.effects.{self.name} drew from torch's own generator: {rule}"
+                f"scene.effects.{self.name} drew from torch's own generator: "
+                "it must draw from context.generators(self.name), which is the same in every run"
             )
         if not isinstance(result, Tensor) or result.shape != value.shape:
             shown = (

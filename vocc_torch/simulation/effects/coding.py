@@ -73,9 +73,9 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
         """
         for name in ("width_px", "height_px"):
             if getattr(context.camera, name) < CELL_PX:
-                rule = f"it must be at least {CELL_PX}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
                 raise VoccError(
-                    f"camera.{name} is {getattr(context.camera, name)}: {rule}"
+                    f"camera.{name} is {getattr(context.camera, name)}: "
+                    f"it must be at least {CELL_PX}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
                 )
         raw = value.to(torch.float64)
         if filters := of_kind(context.effects, Bayer):

@@ -139,8 +139,11 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
         """Check the ranges and the word."""
         Effect.__post_init__(self)
         if self.grey not in ("luma", *CHANNELS):
-            rule = f"one of luma, {', '.join(CHANNELS)}"
-            raise VoccError.of(f"scene.effects.{self.name}.grey", repr(self.grey), rule)
+            raise VoccError.of(
+                f"scene.effects.{self.name}.grey",
+                repr(self.grey),
+                f"one of luma, {', '.join(CHANNELS)}",
+            )
         for ordinal in FURTHER:
             if (
                 getattr(self, f"{ordinal}_nm") is None

@@ -39,9 +39,9 @@ def checked_reach(reach_px: float, cause: str) -> int:
         3
     """
     if not reach_px <= MOST_REACH_PX:
-        limit = f"at most {MOST_REACH_PX} px is offered"
         raise VoccError(
-            f"{cause}: it spreads light over {reach_px:.0f} px on each side, {limit}"
+            f"{cause}: it spreads light over {reach_px:.0f} px on each side, "
+            f"at most {MOST_REACH_PX} px is offered"
         )
     return int(reach_px)
 

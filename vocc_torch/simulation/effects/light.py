@@ -157,9 +157,10 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         last = torch.ceil((ends + camera.exposure_time_s - truth_s) / self.symbol_s) - 1
         around = int(torch.maximum(-first, last).max())
         if 2 * around + 1 > MOST_SYMBOLS:
-            shown = f"the panel shows {2 * around + 1} symbols during its readout, at most {MOST_SYMBOLS}"
             raise VoccError(
-                f"scene.effects.{self.name}.symbol_s is {self.symbol_s:g}: {shown} are allowed"
+                f"scene.effects.{self.name}.symbol_s is {self.symbol_s:g}: "
+                f"the panel shows {2 * around + 1} symbols during its readout, at most {MOST_SYMBOLS}"
+                " are allowed"
             )
         steps = torch.arange(
             -around, around + 2, dtype=torch.float64, device=top.device
@@ -546,8 +547,10 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
             )
         if self.luminance_cd_m2 is None and missing:
             first = missing[0] if len(missing) == 1 else "luminance_cd_m2"
-            rule = "give luminance_cd_m2, or glare_illuminance_lx with angle_deg"
-            raise VoccError(f"scene.effects.{self.name}.{first} is missing: {rule}")
+            raise VoccError(
+                f"scene.effects.{self.name}.{first} is missing: "
+                "give luminance_cd_m2, or glare_illuminance_lx with angle_deg"
+            )
         Effect.__post_init__(self)
 
     @property

@@ -70,9 +70,9 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
         """Check the ranges."""
         Effect.__post_init__(self)
         if self.velocity_x_m_s == self.velocity_y_m_s == 0:
-            rule = "one of the two must not be 0 (leave the effect out for no motion)"
             raise VoccError(
-                f"scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: {rule}"
+                "scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: "
+                "one of the two must not be 0 (leave the effect out for no motion)"
             )
 
     def shift_px(self, camera: Camera, distance_m: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,8 +97,13 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
         """Each frame's motion as plain numbers, refused where it is too long."""
         x, y = (shift.tolist() for shift in self.shift_px(camera, distance_m))
         longest = max(abs(shift) for shift in (*x, *y))
-        cause = f"velocity_x_m_s is {self.velocity_x_m_s:g} and velocity_y_m_s {self.velocity_y_m_s:g}"
-        checked_reach(longest / 2, f"scene.effects.motion_blur.{cause}")
+        checked_reach(
+            longest / 2,
+            (
+                f"scene.effects.motion_blur."
+                f"velocity_x_m_s is {self.velocity_x_m_s:g} and velocity_y_m_s {self.velocity_y_m_s:g}"
+            ),
+        )
         return list(zip(x, y, strict=True))
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -188,8 +193,10 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
             VoccError: a disc over 257 px wide.
         """
         diameter = self.diameter_px(camera, distance_m.cpu())
-        cause = f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}"
-        checked_reach(max(0.0, float(diameter.max()) / 2 - 0.5), cause)
+        checked_reach(
+            max(0.0, float(diameter.max()) / 2 - 0.5),
+            f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}",
+        )
         return disc_radius_px(diameter)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -249,8 +256,13 @@ class Diffraction(Effect, on=Quantity.EXPOSURE):
             VoccError: a half width above 128 px.
         """
         reach = max(0, math.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5))
-        at = f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
-        return checked_reach(reach, f"scene.effects.diffraction.{at}")
+        return checked_reach(
+            reach,
+            (
+                f"scene.effects.diffraction."
+                f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
+            ),
+        )
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""

@@ -149,9 +149,10 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
         photons = pitch_m**2 / photon_j / self.luminous_efficacy_lm_w
         electrons, (fewest, most) = self.quantum_efficiency * photons, CONVERSIONS
         if not fewest <= electrons <= most:
-            rate = f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
             raise VoccError(
-                f"scene.effects.photoelectrons {rate}: it must be {fewest:g} to {most:g}"
+                f"scene.effects.photoelectrons "
+                f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
+                f": it must be {fewest:g} to {most:g}"
             )
         return electrons
 
@@ -275,11 +276,11 @@ class SensorPattern(ElectronNoise):
                 if place not in self._tiles:
                     if self._tiles and next(iter(self._tiles))[0] != key.block.seed:
                         self._tiles.clear()
-                    stream = (
-                        f"effect.{self.name}{context.sensor}/{part.row}/{part.column}"
-                    )
                     self._tiles[place] = self.tile(
-                        sensor_generator(key.block.seed, stream)
+                        sensor_generator(
+                            key.block.seed,
+                            f"effect.{self.name}{context.sensor}/{part.row}/{part.column}",
+                        )
                     )
                 plane[part.in_window] = self._tiles[place][part.in_tile]
         return torch.from_numpy(planes).unsqueeze(1).to(value)

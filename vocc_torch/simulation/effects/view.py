@@ -83,9 +83,9 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         """Check the ranges."""
         Effect.__post_init__(self)
         if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
-            rule = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
             raise VoccError(
-                f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rule}"
+                "scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: "
+                "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
             )
 
     def _angles_deg(self) -> list[Distribution]:
@@ -218,9 +218,9 @@ class LensDistortion(PointEffect):
             if 0 < abs(getattr(self, name)) < SMALLEST:
                 raise self.refusal(name, f"0, or at least {SMALLEST:g} either way")
         if self.k1 == self.k2 == self.k3 == 0:
-            rule = "one of the three must not be 0 (leave the effect out for no distortion)"
             raise VoccError(
-                f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rule}"
+                "scene.effects.lens_distortion.k1, k2 and k3 are 0: "
+                "one of the three must not be 0 (leave the effect out for no distortion)"
             )
 
     @property
@@ -242,9 +242,10 @@ class LensDistortion(PointEffect):
         turns = [square for square in _roots(self._along) if square > 0]
         limit = math.sqrt(min(turns)) if turns else math.inf
         if turns and self._reach(limit) <= _corner(camera):
-            turn = f"the image turns back {self._reach(limit):.3g} focal lengths from the middle"
             raise VoccError(
-                f"{self._given}: {turn}, before the sensor's corner at {_corner(camera):.3g}"
+                f"{self._given}: "
+                f"the image turns back {self._reach(limit):.3g} focal lengths from the middle"
+                f", before the sensor's corner at {_corner(camera):.3g}"
             )
         return limit
 
@@ -318,9 +319,10 @@ class LensDistortion(PointEffect):
         square = arm.square().sum(dim=-1, keepdim=True)
         limit = self.limit(camera)
         if limit < math.inf and square.numel() and not bool((square < limit**2).all()):
-            place = f"a point of the panel lies {math.sqrt(float(square.max())):.3g} focal lengths out"
             raise VoccError(
-                f"{self._given}: {place}, beyond {limit:.3g}, where the image turns back"
+                f"{self._given}: "
+                f"a point of the panel lies {math.sqrt(float(square.max())):.3g} focal lengths out"
+                f", beyond {limit:.3g}, where the image turns back"
             )
         return arm, square
 
@@ -525,9 +527,9 @@ class View:
     def _demand_before_camera(self, depth_m: Tensor) -> None:
         """Refuse what has no image."""
         if depth_m.numel() and not bool((depth_m > 0).all()):
-            value = f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m"
             raise VoccError(
-                f"{value}: it must be above 0, before the camera (tilt less, or go farther away)"
+                f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m"
+                ": it must be above 0, before the camera (tilt less, or go farther away)"
             )
 
 
@@ -556,9 +558,9 @@ def view_of(context: Context) -> View:
     before_m = (torch.linalg.cross(across, down) * centre).sum(dim=-1)
     if before_m.numel() and not bool((before_m > 0).all()):
         frame = int(before_m.argmin())
-        value = f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch"
         raise VoccError(
-            f"{value}: yaw_deg, pitch_deg and the scene's offset must leave its face in view"
+            f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch"
+            ": yaw_deg, pitch_deg and the scene's offset must leave its face in view"
         )
     return View(
         placement,
