@@ -26,7 +26,6 @@ from vocc_torch.simulation.effects.optics import (
     Blooming,
     Defocus,
     Diffraction,
-    MotionBlur,
     Vignetting,
 )
 from vocc_torch.types import Scene
@@ -174,25 +173,6 @@ def test_the_discs_diameter_is_the_thin_lenss(focus, distance, f_number, focal):
     ours = Defocus(focus).diameter_px(camera, torch.tensor([distance], dtype=DOUBLE))
     expected = thin_lens_diameter_px(focus, distance, camera)
     assert float(ours[0]) == pytest.approx(expected, rel=1e-7, abs=1e-8)
-
-
-# Motion blur
-
-
-def test_a_smooth_spot_in_motion_is_the_difference_of_two_error_functions():
-    """A Gaussian spot of 3 px drawn out by L: the closed form, for a streak below a pixel and a long one."""
-    at = np.arange(81) - 40.0
-    across = np.exp(-(at**2) / 18) / math.sqrt(18 * math.pi)
-    exposure = torch.from_numpy(np.outer(across, across)).view(1, 1, 81, 81)
-    for velocity in (6.1875, 20.0, 200.0):
-        length = velocity * 50 / 50 * 25e-3 / 1500 / (PITCH_UM * 1e-6) / 50
-        step = special.erf((at + length / 2) / math.sqrt(18)) - special.erf(
-            (at - length / 2) / math.sqrt(18)
-        )
-        expected = np.outer(across, step / (2 * length))
-        ours = run(MotionBlur(velocity), exposure)[0, 0].numpy()
-        change = np.abs(exposure[0, 0].numpy() - expected).max()
-        assert np.abs(ours - expected).max() < 0.03 * change
 
 
 # Vignetting

@@ -18,7 +18,7 @@ from vocc_torch import (
     load_scene,
 )
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.drawing import PanelDrawing
+from vocc_torch.extras.calibrate.drawing import LEVELS, PanelDrawing
 from vocc_torch.extras.calibrate.fit import BASE, RecordingFit, settled
 from vocc_torch.extras.calibrate.leds import decided, start
 from vocc_torch.extras.calibrate.noise import Noise, expected
@@ -130,12 +130,12 @@ def test_intervals_are_as_wide_as_values_scatter_in_many_draws():
 
 
 def test_bits_are_decided_again_where_the_first_guess_is_wrong():
-    truth = fit_of(Scene.of(2, **AT, **LIGHT), LIT, size=48)
+    truth = fit_of(Scene.of(2, **AT, **LIGHT), LIT, size=40)
     bits = (LIT > 0).reshape(2, 3, 4)
     simulator = Simulator(CAMERA, SMALL, {"blooming": {"sigma_px": 1.3}})
     corners = simulator.true_panels(Scene.of(2, **AT, **LIGHT)).corners_px.numpy()
     bits[:, 1, 2] ^= True
-    fit = decided(start(truth.drawing, truth.grey, corners, bits), BASE)
+    fit = decided(start(truth.drawing, truth.grey, corners, bits), LEVELS[:3])
     assert (fit.lit == LIT).all()
 
 

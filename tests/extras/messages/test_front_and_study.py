@@ -1,6 +1,5 @@
 """Following the panel, greys of a film, and what a study of messages counts."""
 
-import av
 import numpy as np
 import pytest
 import torch
@@ -17,8 +16,6 @@ from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.recordings.films import read_film
-from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.simulator import Simulator
@@ -72,27 +69,6 @@ def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver)
     read = front([np.zeros_like(grey) for grey in greys[:13]] + greys[13:])
     assert not read[:13].any()
     assert read[13:].all()
-
-
-@pytest.mark.parametrize(("width", "height"), [(64, 48), (38, 26)])
-def test_greys_of_a_film_are_those_that_ffmpeg_gives(tmp_path, width, height):
-    """Widths that no line of memory fits, and every grey."""
-    draws = np.random.default_rng(0)
-    write_video(
-        tmp_path / "a.mp4",
-        list(draws.integers(256, size=(5, height, width), dtype=np.uint8)),
-        25.0,
-    )
-    with av.open(str(tmp_path / "a.mp4")) as container:
-        expected = [
-            frame.to_ndarray(format="gray") for frame in container.decode(video=0)
-        ]
-    read = [one.grey for one in read_film(tmp_path / "a.mp4", "luma", grey_only=True)]
-    assert len(read) == 5
-    assert (np.stack(read) == np.stack(expected)).all()
-    assert (read[2][5:19, 3:30] == expected[2][5:19, 3:30]).all()
-    assert np.stack(read).min() < 5
-    assert np.stack(read).max() > 250
 
 
 def result(receiver, distance, each, code="ldpc-0.5", packets=4):

@@ -54,6 +54,9 @@ RANGES = {
 }
 """Where values mean something."""
 
+OF_LIGHT = {*LEVELS, "gamma"}
+"""Values on which the light depends and its parts do not."""
+
 STEPS = {"log_pitch_px": 1e-5, "yaw_deg": 1e-3, "pitch_deg": 1e-3, "roll_deg": 1e-3}
 """Steps of the finite differences; of other values 1e-4."""
 
@@ -79,6 +82,7 @@ class RecordingFit:
         covariances: (3,P,P) of the fitted values, each frame's in turn and then the shared ones, by the
             curvature of the likelihood and by the scatter of its slopes between blocks and between frames
             (sandwiches); the widest counts.
+        drawn: parts of the light, once they are drawn.
     """
 
     drawing: PanelDrawing
@@ -92,6 +96,7 @@ class RecordingFit:
     misfit: float = math.inf
     scale: float = 1.0
     covariances: Floats = field(default_factory=lambda: np.zeros((3, 0, 0)))
+    drawn: list[Floats] = field(default_factory=list, init=False, repr=False)
 
     @property
     def bits(self) -> Bools:
@@ -155,23 +160,31 @@ class RecordingFit:
         )
 
     def set(self, name: str, value: Floats | float) -> "RecordingFit":
-        """Set a value."""
+        """Set a value; levels and gamma leave the light's parts as they are."""
         frame_values, shared = self.by_frame.copy(), self.shared.copy()
         if name in OF_FRAME:
             frame_values[:, OF_FRAME.index(name)] = value
         else:
             shared[OF_ALL.index(name)] = value
-        return replace(self, by_frame=frame_values, shared=shared)
+        return self._at(frame_values, shared, name in OF_LIGHT)
+
+    def _at(self, by_frame: Floats, shared: Floats, still: bool) -> "RecordingFit":
+        """Take other values, and what is drawn where the panel stays as it is."""
+        other = replace(self, by_frame=by_frame, shared=shared)
+        if still:
+            other.drawn.extend(self.parts())
+        return other
 
     def parts(self) -> list[Floats]:
         """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
         drawing, parameters = self.drawing, (self.by_frame, self.shared)
-        drawn = [
-            drawing.base(self.by_frame),
-            drawing.cover(*parameters),
-            drawing.cover(*parameters, self.lit),
-        ]
-        return drawn + ([drawing.board(*parameters)] if self.has_board else [])
+        if not self.drawn:
+            self.drawn.append(drawing.base(self.by_frame))
+            self.drawn.append(drawing.cover(*parameters))
+            self.drawn.append(drawing.cover(*parameters, self.lit))
+            if self.has_board:
+                self.drawn.append(drawing.board(*parameters))
+        return self.drawn
 
     def light(self, parts: Sequence[Floats] | None = None) -> Floats:
         """Linear light of the frames, (B,H,W); ``parts`` are those of the same geometry and LEDs."""
@@ -201,17 +214,15 @@ class RecordingFit:
         count = len(frame_values) * len(self.of_frame)
         frame_values[:, self.of_frame] = packed[:count].reshape(len(frame_values), -1)
         shared[self.of_all] = packed[count:]
-        return replace(self, by_frame=frame_values, shared=shared)
+        return self._at(frame_values, shared, OF_LIGHT.issuperset(self.free))
 
     def slopes(self) -> Floats:
         """Derivatives of the mean grey values by the fitted values, (D,B,H,W), by finite differences."""
-        parts = self.parts()
-        mean, slopes = self.predicted(parts)[0], []
+        mean, slopes = self.predicted()[0], []
         for name in self.free:
             step = STEPS.get(name, 1e-4)
             other = self.set(name, self.value(name) + step)
-            same = parts if name in (*LEVELS, "gamma") else None
-            slopes.append((other.predicted(same)[0] - mean) / step)
+            slopes.append((other.predicted()[0] - mean) / step)
         return np.stack(slopes)
 
     def jacobian(self, slopes: Floats) -> sparse.csr_matrix:

@@ -118,7 +118,7 @@ def likelier(fit: RecordingFit) -> Floats:
     y, x = np.mgrid[:height, :width] + 0.5
     rows = np.arange(len(at))
     weights = fit.trust / fit.predicted()[1]
-    parts = fit.parts()
+    parts = [*fit.parts()]
     numbers = np.arange(shape.leds).reshape(shape.rows, shape.columns)
     lit = fit.lit.copy()
     for i, j in np.ndindex(step, step):
