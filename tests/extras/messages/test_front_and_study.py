@@ -72,7 +72,7 @@ def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver)
 
 
 def result(receiver, distance, each, code="ldpc-0.5", packets=4):
-    lost = counted(each, packets)
+    lost = counted((n, packets) for n in each)
     variant = Variant(receiver, code)
     return Carried(
         SweepPoint("distance_m", distance), variant, lost, lost, tuple(each), 3.2, 9, 0

@@ -1,5 +1,6 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Protocol
@@ -150,6 +151,11 @@ class Ldpc:
         with torch.inference_mode():
             bits = self.coders[1](torch.from_numpy(llr)).numpy().astype(np.uint8)
         return [word.tobytes() for word in np.packbits(bits, axis=1)]
+
+
+def encoded(code: Code, infos: Iterable[bytes]) -> Bytes:
+    """Give the words of bits (N,n) of packets."""
+    return code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
 
 
 def sionna() -> Any:

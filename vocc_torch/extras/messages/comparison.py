@@ -1,6 +1,6 @@
 """Recordings of many points, each read by every receiver, and what arrives of every code in it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -11,13 +11,14 @@ import torch
 
 from vocc_torch.arrays import Bools
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.codes import code_of
+from vocc_torch.extras.messages.codes import code_of, encoded
 from vocc_torch.extras.messages.combine import Block, Combiner
 from vocc_torch.extras.messages.config import AXES, MessagesConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import packed, payload_bytes
 from vocc_torch.extras.messages.reception import decoded
+from vocc_torch.extras.messages.record_task import shutter_of
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
@@ -28,7 +29,7 @@ from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.recording import NoFrameLeftError, Recorded, Shutter, record
+from vocc_torch.simulation.recording import NoFrameLeftError, Recorded, record
 from vocc_torch.simulation.scene import narrowed
 
 
@@ -37,6 +38,14 @@ class Variant(NamedTuple):
 
     receiver: str
     code: str
+
+
+class Packets(NamedTuple):
+    """How many packets of a recording were sent, were lost, and have a right checksum though nobody sent them."""
+
+    sent: int
+    lost: int
+    false: int
 
 
 class SweepPoint(NamedTuple):
@@ -90,17 +99,13 @@ class RecordingResult:
         seconds: the recording's length.
         frames: of the camera.
         wrong: wrong bits in single frames by receiver, and how many bits there were.
-        sent: packets sent, by what carried them.
-        lost: packets that did not arrive, likewise.
-        false: packets whose checksum is right and which nobody sent, likewise.
+        packets: what became of them, by what carried them.
     """
 
     seconds: float
     frames: int = 0
     wrong: dict[str, tuple[int, int]] = field(default_factory=dict)
-    sent: dict[Variant, int] = field(default_factory=dict)
-    lost: dict[Variant, int] = field(default_factory=dict)
-    false: dict[Variant, int] = field(default_factory=dict)
+    packets: dict[Variant, Packets] = field(default_factory=dict)
 
 
 def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
@@ -165,7 +170,7 @@ def recorded(job: RecordingJob) -> RecordingResult:
     film = np.tile(shown, (config.blocks, 1, 1))
     result = RecordingResult(len(film) / rate_hz)
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
-    leader, variants = next(iter(fronts.values())), variants_of(job.plan, config)
+    leader = next(iter(fronts.values()))
     combiners = {name: Combiner(base) for name in fronts}
     blocks: dict[str, list[Block]] = {name: [] for name in fronts}
     wrong = dict.fromkeys(fronts, 0)
@@ -190,8 +195,10 @@ def recorded(job: RecordingJob) -> RecordingResult:
     result.wrong = {
         name: (errors, result.frames * shape.leds) for name, errors in wrong.items()
     }
-    for variant in variants:
-        decode(result, variant, blocks[variant.receiver], job, shown, key)
+    result.packets = {
+        variant: decode(variant, blocks[variant.receiver], job, shown, key)
+        for variant in variants_of(job.plan, config)
+    }
     return result
 
 
@@ -200,16 +207,7 @@ def filmed(job: RecordingJob, film: Bools, key: BlockKey) -> Iterator[Recorded]:
     config, camera_config = job.config, job.config.record
     symbol_s = (1 + camera_config.drift) / config.signalling.symbol_rate_hz
     fps = job.ratio * config.signalling.symbol_rate_hz
-    start_s = float(key.generator("start").random()) * symbol_s
-    shutter = Shutter(
-        fps,
-        start_s,
-        camera_config.readout_s,
-        camera_config.dropped,
-        camera_config.repeated,
-        camera_config.black,
-        camera_config.burst_frames,
-    )
+    shutter = shutter_of(camera_config, fps, symbol_s, key)
     scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
     with suppress(NoFrameLeftError):  # all its packets are lost
         yield from record(
@@ -226,34 +224,31 @@ def filmed(job: RecordingJob, film: Bools, key: BlockKey) -> Iterator[Recorded]:
 
 
 def decode(
-    result: RecordingResult,
     variant: Variant,
     blocks: Sequence[Block],
     job: RecordingJob,
     shown: Bools,
     key: BlockKey,
-) -> None:
-    """Note which packets of a code arrive where every block shows ``shown``."""
+) -> Packets:
+    """Count which packets of a code arrive where every block shows ``shown``."""
     options = job.config.options(variant.code)
     layout = Layout(MessagePlan(job.plan.world.panel.shape, options))
     code = code_of(layout)
     text = key.generator("text").bytes(layout.packets * payload_bytes(code.info_bytes))
-    infos = list(packed(text, code.info_bytes))
-    words = code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
+    words = encoded(code, packed(text, code.info_bytes))
     layout = layout.rescrambled(words, shown)
     arrived, false = set(), 0
     for block in blocks:
         for received in decoded(block, layout, code):
-            packet = received.packet
-            if packet is None:
+            if (packet := received.packet) is None:
                 continue
             size = len(packet.payload)
-            true = packet.payload == text[packet.sequence * size :][:size]
-            arrived |= {(block.number, received.place)} if true else set()
-            false += not true
-    result.sent[variant] = job.config.blocks * layout.packets
-    result.lost[variant] = max(0, result.sent[variant] - len(arrived))
-    result.false[variant] = false
+            if packet.payload == text[packet.sequence * size :][:size]:
+                arrived.add((block.number, received.place))
+            else:
+                false += 1
+    sent = job.config.blocks * layout.packets
+    return Packets(sent, max(0, sent - len(arrived)), false)
 
 
 @dataclass(frozen=True)
@@ -299,18 +294,15 @@ class Carried:
         return " ".join(self.variant)
 
 
-def counted(wrong: Sequence[int], of: int | Sequence[int]) -> Counts:
-    """Count errors by recording, of as many in each, or of each its own.
+def counted(recordings: Iterable[tuple[int, int]]) -> Counts:
+    """Count errors by recording, each with how many there were of how many.
 
     Example:
-        >>> counted([0, 3], 4).ber
+        >>> counted([(0, 4), (3, 4)]).ber
         0.375
     """
-    halves = [2 * errors for errors in wrong]
-    squares = sum(half * half for half in halves)
-    erring = sum(half > 0 for half in halves)
-    every = of * len(wrong) if isinstance(of, int) else sum(of)
-    return Counts(len(wrong), every, sum(halves), squares, erring)
+    counts = (Counts(1, of, 2 * n, 4 * n * n, int(n > 0)) for n, of in recordings)
+    return sum(counts, Counts())
 
 
 def carried(
@@ -320,18 +312,20 @@ def carried(
     results: Sequence[RecordingResult],
 ) -> Iterator[Carried]:
     """Put the recordings of a point together."""
-    first = results[0]
-    for variant, sent in first.sent.items():
+    for variant, (sent, _, _) in results[0].packets.items():
         options = config.options(variant.code)
         code = code_of(Layout(MessagePlan(plan.world.panel.shape, options)))
-        kbit_s = 8e-3 * payload_bytes(code.info_bytes) * sent / first.seconds
-        lost = tuple(result.lost[variant] for result in results)
+        kbit_s = 8e-3 * payload_bytes(code.info_bytes) * sent / results[0].seconds
+        packets = [result.packets[variant] for result in results]
         wrong = [result.wrong[variant.receiver] for result in results]
-        # Of a recording that lost all its frames nothing is known.
-        known = [pair for pair in wrong if pair[1]]
-        raw = counted([errors for errors, _ in known], [bits for _, bits in known])
-        frames = sum(result.frames for result in results)
-        false = sum(result.false[variant] for result in results)
         yield Carried(
-            place, variant, counted(lost, sent), raw, lost, kbit_s, frames, false
+            place,
+            variant,
+            counted((lost, sent) for _, lost, _ in packets),
+            # Of a recording that lost all its frames nothing is known.
+            counted(pair for pair in wrong if pair[1]),
+            tuple(lost for _, lost, _ in packets),
+            kbit_s,
+            sum(result.frames for result in results),
+            sum(false for _, _, false in packets),
         )

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit
 
 from vocc_torch.arrays import Bools, Singles
-from vocc_torch.extras.messages.codes import Code, code_of
+from vocc_torch.extras.messages.codes import Code, code_of, encoded
 from vocc_torch.extras.messages.combine import Block, Combiner
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Packet, packed, unpacked
@@ -51,17 +51,17 @@ class Received:
 
     def row(self) -> list[str | int | float | None]:
         """The packet's row of ``report.csv``."""
-        time_s = None if self.time_s is None else f"{self.time_s:.4f}"
-        sequence = None if self.packet is None else self.packet.sequence
-        row = (
+        return [
+            self.block,
+            self.place,
+            None if self.time_s is None else f"{self.time_s:.4f}",
             f"{self.frames:.2f}",
             f"{self.unseen:.4f}",
-            sequence,
+            None if self.packet is None else self.packet.sequence,
             int(self.packet is not None),
-        )
-        return [
-            *(self.block, self.place, time_s, *row),
-            *(self.corrected, f"{self.expected_errors:.1f}", self.why),
+            self.corrected,
+            f"{self.expected_errors:.1f}",
+            self.why,
         ]
 
 
@@ -84,8 +84,7 @@ def film_of(message: bytes, plan: MessagePlan) -> Bools:
     code = code_of(layout)
     infos = list(packed(message, code.info_bytes))
     infos += [infos[n % len(infos)] for n in range(-len(infos) % layout.packets)]
-    words = code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
-    blocks = words.reshape(-1, layout.packets, layout.word_bits)
+    blocks = encoded(code, infos).reshape(-1, layout.packets, layout.word_bits)
     return np.concatenate([layout.write(block) for block in blocks])
 
 
@@ -101,7 +100,7 @@ class Reception:
         >>> seen = film_of(b"hello", plan).repeat(2, axis=0) * 12.0 - 6.0
         >>> reception = Reception(plan)
         >>> got = [*reception.push(seen, [None] * len(seen)), *reception.finish()]
-        >>> [one.packet.payload for one in got if one.packet][0]
+        >>> [received.packet.payload for received in got if received.packet][0]
         b'hello'
     """
 
@@ -161,7 +160,7 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
         expected = float(expit(-np.abs(word)).sum())
         corrected, why = None, ""
         if packet is not None and info is not None:
-            sent = code.encode(np.frombuffer(info, np.uint8)[None])[0]
+            (sent,) = encoded(code, [info])
             corrected = int(((word >= 0) != sent.astype(bool))[: len(sent)].sum())
         elif unseen > UNSEEN:
             why = f"no frame showed {unseen:.0%} of its bits clearly"

@@ -34,6 +34,17 @@ def with_panel_of(settings: Settings, plan: MessagePlan) -> Settings:
     return replace(settings, panel=whole(PanelSettings, settings.panel, **sides))
 
 
+def shutter_of(
+    config: RecordConfig, fps: float, symbol_s: float, key: BlockKey
+) -> Shutter:
+    """Give a recording's shutter; unless it is said, when it first opens is drawn within a symbol."""
+    start_s = config.start_s
+    if start_s is None:
+        start_s = float(key.generator("start").random()) * symbol_s
+    faults = config.dropped, config.repeated, config.black, config.burst_frames
+    return Shutter(fps, start_s, config.readout_s, *faults)
+
+
 def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     """Record a film, as an array and as a video, with the truth and the plan beside it.
 
@@ -69,11 +80,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     window = config.margin if settings.framing == "crop" else None
     scene = study.world.scene.draw(key, plan.shape)[0][:1]
     symbol_s = (1 + config.drift) / plan.signalling.symbol_rate_hz
-    start_s = config.start_s
-    if start_s is None:
-        start_s = float(key.generator("start").random()) * symbol_s
-    faults = config.dropped, config.repeated, config.black, config.burst_frames
-    shutter = Shutter(config.fps, start_s, config.readout_s, *faults)
+    shutter = shutter_of(config, config.fps, symbol_s, key)
     parts = record(
         simulator,
         scene,
@@ -89,23 +96,17 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
 
     def pictures() -> Iterator[Bytes]:
         for part in parts:
-            corners = (
-                (part.panels.corners_px - part.frames.origin_px[:, None])
-                .flatten(1)
-                .tolist()
+            corners = part.panels.corners_px - part.frames.origin_px[:, None]
+            away_m = scene.distance_m + config.speed_m_s * torch.from_numpy(
+                np.nan_to_num(part.taken_s)
             )
-            times = part.taken_s.tolist()
-            for time_s, symbol, corner in zip(
-                times, part.symbols, corners, strict=True
+            places = torch.cat([away_m[:, None], corners.flatten(1).cpu()], 1).tolist()
+            for time_s, symbol, place in zip(
+                part.taken_s.tolist(), part.symbols, places, strict=True
             ):
-                columns = (
-                    (None, None, None) if symbol is None else (f"{time_s:.6f}", symbol)
-                )
-                away = float(scene.distance_m[0]) + config.speed_m_s * (
-                    0.0 if symbol is None else time_s
-                )
-                cells = [*columns[:2], f"{away:.3f}", *(f"{c:.3f}" for c in corner)]
-                rows.append((len(rows) - 1, *cells))
+                taken_s = None if symbol is None else f"{time_s:.6f}"
+                cells = [f"{number:.3f}" for number in place]
+                rows.append((len(rows) - 1, taken_s, symbol, *cells))
             grey = part.frames.grey[:, 0].cpu().numpy()
             if not file.tell():
                 shape = (count, *grey.shape[1:])

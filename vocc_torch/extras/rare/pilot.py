@@ -127,14 +127,8 @@ def proposal(
     looks: list[PilotFrames] = []
     for level, blocks in enumerate(LEVEL_BLOCKS):
         call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
-        looks.append(
-            joined(
-                [
-                    future.result()
-                    for future in [submit(call, block) for block in range(blocks)]
-                ]
-            )
-        )
+        futures = [submit(call, block) for block in range(blocks)]
+        looks.append(joined([future.result() for future in futures]))
         scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
     return scenes
 
@@ -182,13 +176,9 @@ def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
         name: np.concatenate([look.placed[name] for look in looks])
         for name in looks[0].placed
     }
-    bits, weights = (
-        np.concatenate([getattr(look, name) for look in looks])
-        for name in ("bits", "weights")
-    )
-    margins, failed = (
-        np.concatenate([getattr(look, name) for look in looks], axis=1)
-        for name in ("margins", "failed")
+    bits, weights, margins, failed = (
+        np.concatenate([getattr(look, name) for look in looks], axis)
+        for name, axis in {"bits": 0, "weights": 0, "margins": 1, "failed": 1}.items()
     )
     return PilotFrames(placed, bits, weights, margins, failed)
 
@@ -293,7 +283,7 @@ def learned(
         for weakness in weakest(margins, failed, last_look)
     ]
     frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
-    weak = sorted(weak, key=lambda one: -len(one[0]))[:frames_left]
+    weak = sorted(weak, key=lambda weakness: -len(weakness[0]))[:frames_left]
     for number, (leds, weights) in enumerate(weak):
         frames = frames_left // len(weak) + (number < frames_left % len(weak))
         components.append(of_leds(shape, frames, leds, weights, last_look))
@@ -348,11 +338,9 @@ def of_leds(
     )
     around = sliding_window_view(wide, (side, side), axis=(1, 2))[frame, row, column]
     ways = turned(around)
-    weighted = np.sum(
-        [np.einsum("n,nij->ij", weights, ~np.isnan(way)) for way in ways], axis=0
-    )
-    lit = np.sum(
-        [np.einsum("n,nij->ij", weights, np.nan_to_num(way)) for way in ways], axis=0
+    weighted, lit = (
+        np.sum([np.einsum("n,nij->ij", weights, of(way)) for way in ways], axis=0)
+        for of in (np.isfinite, np.nan_to_num)
     )
     every, near = bits[frame].sum(axis=(1, 2)), np.nansum(around, axis=(1, 2))
     others = shape.leds - np.sum(~np.isnan(around), axis=(1, 2))
@@ -365,9 +353,10 @@ def of_leds(
         weights @ others + others.mean() * prior
     )
     which, every_led = sides(shape)[row, column], sides(shape)
-    share = {side: weights[which == side].sum() / weights.sum() for side in CLASSES}
     share = {
-        side: share[side] + 0.1 * float(np.mean(every_led == side)) for side in CLASSES
+        side: weights[which == side].sum() / weights.sum()
+        + 0.1 * float(np.mean(every_led == side))
+        for side in CLASSES
     }
     return around_leds(
         shape, frames, template, float(beyond), share, tilts(seen, frame, weights)

@@ -181,16 +181,16 @@ def part_of(uniform: Floats) -> Integers:
     return np.searchsorted(EDGES[1:-1], uniform, side="right")
 
 
-def _value_at(one: Distribution, uniform: Floats) -> Floats:
+def _value_at(distribution: Distribution, uniform: Floats) -> Floats:
     """Give the value below which a distribution has a share; of a choice, the value at this share of them."""
-    values = np.array(one.values, dtype=np.float64)
-    if one.kind == "constant":
+    values = np.array(distribution.values, dtype=np.float64)
+    if distribution.kind == "constant":
         return values.repeat(len(uniform))
-    if one.kind == "choice":
+    if distribution.kind == "choice":
         return values[np.floor(uniform * len(values)).astype(np.int64)]
-    low, high = np.log(values) if one.kind == "log_uniform" else values
+    low, high = np.log(values) if distribution.kind == "log_uniform" else values
     drawn = low + (high - low) * uniform
-    found: Floats = (np.exp(drawn) if one.kind == "log_uniform" else drawn).clip(
-        *one.bounds
-    )
+    found: Floats = (
+        np.exp(drawn) if distribution.kind == "log_uniform" else drawn
+    ).clip(*distribution.bounds)
     return found
