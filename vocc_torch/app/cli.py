@@ -35,9 +35,6 @@ from vocc_torch.errors import VoccError, printable, shown, stdout_refusal
 from vocc_torch.files import UNFINISHED, locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
 
-GRID = "studies.curve:run_grid"
-"""What runs ``task=test`` where the experiment has rows."""
-
 MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 
@@ -105,8 +102,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         VoccError: whatever the task refuses.
     """
     task = TASKS[settings.task]
-    grid = settings.task == "test" and settings.experiment.row_axis is not None
-    module, name = (GRID if grid else task.run).split(":")
+    module, name = task.run.split(":")
     section = [] if task.part is None else [getattr(settings, task.part)]
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     run_it = getattr(import_module(f"vocc_torch.{module}"), name)

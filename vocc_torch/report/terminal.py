@@ -310,6 +310,11 @@ class StudyView(ProgressView):
         # Intervals are worked out only as often as the view is drawn.
         self._interim = [point for point in points if point.counts.frames]
 
+    @property
+    def points(self) -> list[Point]:
+        """The finished points, and where those of the current value stand."""
+        return [*self._finished, *self._interim]
+
     def finish(self, points: Iterable[Point]) -> None:
         """Enter the finished points of one value, one for each receiver.
 

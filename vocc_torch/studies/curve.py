@@ -1,9 +1,11 @@
 """``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,12 +66,16 @@ def run_train(settings: config.Settings, folder: Path) -> None:
 
 
 def run_test(settings: config.Settings, folder: Path) -> None:
-    """Train, measure bit error rates along the experiment's axis, and report them.
+    """Train, measure bit error rates along the experiment's axis or on its grid, and report them.
+
+    A grid is a curve for each of its rows.
 
     Raises:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
-    plan, console = begun(settings, folder, run_folder.LEDGER)
+    is_grid = settings.experiment.row_axis is not None
+    ledgers = run_ledgers.LEDGERS if is_grid else run_folder.LEDGER
+    plan, console = begun(settings, folder, ledgers)
     prepare = sweep.plain_job
     if target := plan.budget.sampling:
         prepare = PlugIn.of("budget.sampling", target).made
@@ -77,110 +83,121 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     pool = executors.Workers.of(settings)
     for line in strangers(plan):
         console.print(line, highlight=False, soft_wrap=True)
-    experiment, locator, names = (
-        plan.experiment,
-        plan.receiver.locator,
-        plan.receiver.names,
-    )
-    values, runs = sweep.axis_values(experiment), len(sweep.monte_carlo_values(plan))
     if settings.tensorboard:
-        try:
-            tensorboard.axis_steps(experiment.axis, values)
-        except VoccError as error:
-            hint = "give values further apart, or tensorboard=false"
-            raise VoccError(f"experiment.values: {error}; {hint}") from None
-    study = sweep.Study(experiment.name, plan, (locator,))
+        demand_steps(plan.experiment)
+    locator = plan.receiver.locator
+    studies = [
+        sweep.Study(f"{at:g}", row, (locator,)) for at, row in plan.rows().items()
+    ]
     with (
         run_ledgers.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        run_ledgers.open_ledger(
-            folder / run_folder.LEDGER, study.identity, console
-        ) as opened,
+        ExitStack() as held,
         pool,
         timing.threads(1),
     ):
+        if is_grid:
+            opened = run_ledgers.open_ledgers(held, folder, studies, console)
+        else:
+            path, (study,) = folder / run_folder.LEDGER, studies
+            ledger = run_ledgers.open_ledger(path, study.identity, console)
+            opened = {study.key: held.enter_context(ledger)}
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
-        training, known = KeptTrainings([opened]).or_trained(
+        training, known = KeptTrainings(opened.values()).or_trained(
             plan, lambda: terminal.train_shown(plan, console)
         )
         if known:
             console.print(
                 "resuming: the receivers are trained already", highlight=False
             )
-        banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
-        view = terminal.StudyView(
-            experiment.axis, values, names, plan.frames_in_point, console, runs
-        )
-        finished: list[curve.Point] = []
-        interim: list[curve.Point] = []
-        with view, interrupted_keeps(folder, finished, interim, console):
+        bank = training.bank(plan.receiver.names)
+        banks = {study.key: {locator: bank} for study in studies}
+        views = {study.key: view_of(study.plan, console) for study in studies}
 
-            def show(
-                _: sweep.Study, at: float, frames: int, told: runner.Tallies
-            ) -> None:
-                view.count(frames)
-                interim[:] = sweep.points_of(plan, locator, at, told, "interrupted")
-                view.show(interim)
+        def show(
+            study: sweep.Study, at: float, frames: int, tallies: runner.Tallies
+        ) -> None:
+            view = views[study.key]
+            view.count(frames)
+            points = sweep.points_of(study.plan, locator, at, tallies, "interrupted")
+            view.show(points)
 
-            for _, at, done in sweep.run_studies(
-                [study], banks, {study.key: opened}, pool, show, prepare
-            ):
-                outcomes[at] = done
-                points = sweep.points_of(
-                    plan, locator, at, done.counts, done.stopped_by
+        points = sweep.run_studies(studies, banks, opened, pool, show, prepare)
+        curves = []
+        for study in studies:
+            outcomes: dict[float, runner.Outcome] = {}
+            values = sweep.monte_carlo_values(study.plan)
+            table = None if is_grid else folder / "ber.csv"
+            with (view := views[study.key]), interrupted_keeps(table, view):
+                for _, at, done in itertools.islice(points, len(values)):
+                    outcomes[at] = done
+                    counted = done.counts, done.stopped_by
+                    view.finish(sweep.points_of(study.plan, locator, at, *counted))
+            curves.append(sweep.measured(study, outcomes)[locator])
+            if not curves[-1].values:
+                fault = (
+                    "no frame fell into any contrast bin: widen the bins or the scenes"
                 )
-                finished += points
-                interim.clear()
-                view.finish(points)
-        curves = sweep.measured(study, outcomes)[locator]
-        if not curves.values:
-            fault = "no frame fell into any contrast bin"
-            raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
-        write_results(settings, plan, training, curves, folder)
-    terminal.print_table(curves.table(), console)
-    notes = (
-        *left_out(plan, curves),
-        *location_note(curves),
-        *compared(curves, plan.receiver.reference),
-    )
-    for line in notes:
-        console.print(line, soft_wrap=True, highlight=False)
+                raise VoccError(f"experiment.values: {fault}")
+        figures = write_results(settings, plan, training, curves, folder)
+    for measured in curves:
+        if is_grid:
+            console.print(f"\n{measured.experiment}", highlight=False)
+        terminal.print_table(measured.table(), console)
+        notes = (
+            *left_out(plan, measured),
+            *location_note(measured),
+            *compared(measured, plan.receiver.reference),
+        )
+        for line in notes:
+            console.print(line, soft_wrap=True, highlight=False)
     console.print(kept(plan), highlight=False, soft_wrap=True)
-    places = {
-        "table": "ber.csv",
-        "pairs": "paired.csv",
-        "figure": "ber.png",
-        "receiver": "receiver.pt",
-    }
-    run_folder.print_places(console, folder, places.items(), settings.tensorboard)
+    places = [("table", "ber.csv"), ("pairs", "paired.csv")]
+    places += [("figure", f"{name}.png") for name in figures]
+    places.append(("receiver", "receiver.pt"))
+    run_folder.print_places(console, folder, places, settings.tensorboard)
+
+
+def demand_steps(experiment: config.Experiment) -> None:
+    """Refuse values that TensorBoard cannot tell apart.
+
+    Raises:
+        VoccError: with what to give instead.
+    """
+    try:
+        tensorboard.axis_steps(experiment.axis, sweep.axis_values(experiment))
+    except VoccError as error:
+        hint = "give values further apart, or tensorboard=false"
+        raise VoccError(f"experiment.values: {error}; {hint}") from None
+
+
+def view_of(plan: Plan, console: terminal.Console) -> terminal.StudyView:
+    """Give the view of a running curve."""
+    experiment, runs = plan.experiment, len(sweep.monte_carlo_values(plan))
+    values, names = sweep.axis_values(experiment), plan.receiver.names
+    return terminal.StudyView(
+        experiment.axis, values, names, plan.frames_in_point, console, runs
+    )
 
 
 @contextmanager
-def interrupted_keeps(
-    folder: Path,
-    finished: Sequence[curve.Point],
-    interim: Sequence[curve.Point],
-    console: terminal.Console,
-) -> Iterator[None]:
+def interrupted_keeps(path: Path | None, view: terminal.StudyView) -> Iterator[None]:
     """Print and write the table of what was counted when Ctrl-C ends the run.
 
     Args:
-        folder: the run's folder.
-        finished: points that are complete.
-        interim: those of the value that is under way.
-        console: where the table is printed.
+        path: of the table; None writes none.
+        view: has the points.
     """
     try:
         yield
     except KeyboardInterrupt:
-        table = curve.BerTable(
-            point for point in (*finished, *interim) if point.counts.frames
-        )
-        if len(table):
-            run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
-            terminal.print_table(table, console)
-            run_folder.print_places(console, folder, [("so far", "ber.csv")])
+        if len(table := curve.BerTable(view.points)):
+            terminal.print_table(table, view.console)
+            if path is not None:
+                run_folder.write_rows(path, rate_tables.ber_rows(table))
+                places = [("so far", path.name)]
+                run_folder.print_places(view.console, path.parent, places)
         raise
 
 
@@ -216,40 +233,60 @@ def write_results(
     settings: config.Settings,
     plan: Plan,
     training: train.Training,
-    curves: curve.Curves,
+    curves: Sequence[curve.Curves],
     folder: Path,
-) -> None:
-    """Write tables, pictures, receiver and board of one curve.
+) -> list[str]:
+    """Write tables, pictures, receiver and board of a curve, or of a grid's rows.
 
     Args:
         settings: the run's.
         plan: the study.
         training: the trained receivers.
-        curves: what was measured.
+        curves: what was measured, by row.
         folder: where they go.
+
+    Returns:
+        The names of the figures.
     """
-    table = curves.table()
     run_ledgers.write_training(settings, plan, training, folder)
-    run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
-    rate_tables.write_paired(folder / "paired.csv", [curves])
+    rate_tables.write_paired(folder / "paired.csv", curves)
+    names, board = plan.receiver.names, dict[str, Any]()
+    if axis := plan.experiment.row_axis:
+        cells = grid.Grid(axis, plan.experiment.rows, curves)
+        grids = {plan.receiver.locator: cells}
+        rate_tables.write_grid(folder / "ber.csv", grids)
+        figures = heatmap.grid_figures(grids, plan.receiver.locator, names)
+        tables = {
+            f"{axis}={at:g}": [row.table()]
+            for at, row in zip(cells.rows, curves, strict=True)
+        }
+    else:
+        table = curves[0].table()
+        run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
+        tables, figures = {"": [table]}, curve_figures(plan, training, table)
+        if settings.tensorboard:
+            receiver = train.trained_receiver(plan, training)
+            board["images"] = sample_frames(plan, receiver)
+    tensorboard.write_figures(settings, folder, figures, tables, **board)
+    return list(figures)
+
+
+def curve_figures(
+    plan: Plan, training: train.Training, table: curve.BerTable
+) -> dict[str, plots.Figure]:
+    """Draw a curve, and the features of On and Off LEDs, by the file's name without its end."""
     camera, panel = plan.world.camera, plan.world.panel.shape
     setup = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {setup}"
-    features = plan.receiver.reader.names
     names = [
-        feature.upper() if feature in FEATURE_NAMES else feature for feature in features
+        feature.upper() if feature in FEATURE_NAMES else feature
+        for feature in plan.receiver.reader.names
     ]
-    histograms = led_plots.feature_histograms(training.features, training.bits, names)
-    figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
-    figures |= {"features by status": histograms}
-    for name, figure in zip(("ber.png", "features.png"), figures.values(), strict=True):
-        plots.save_figure(figure, folder / name)
-    if settings.tensorboard:
-        pictures = sample_frames(plan, train.trained_receiver(plan, training))
-        texts = {"configuration": run_folder.as_markdown(settings)}
-        tensorboard.write_boards(
-            folder / "tensorboard", {"": [table]}, figures, pictures, texts
-        )
+    features = training.features, training.bits, names
+    return {
+        "ber": plots.ber_figure(table, styles.axis_label(table.axis), title),
+        "features": led_plots.feature_histograms(*features),
+    }
 
 
 def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
@@ -383,57 +420,3 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
     )
     heading = f"\nCompared with {reference} on {same} (95 %), by {curves.axis}:"
     return [heading, *lines] if lines else []
-
-
-def run_grid(settings: config.Settings, folder: Path) -> None:
-    """Train, measure bit error rates on the experiment's grid, and report them.
-
-    Raises:
-        VoccError: rows that form no grid, or whatever a stage refuses.
-    """
-    plan, console = begun(settings, folder, run_ledgers.LEDGERS)
-    locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
-    rows = plan.rows()
-    studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
-    frames = sum(study.frames for study in studies)
-    with run_ledgers.resumable(settings, folder, console), ExitStack() as held_value:
-        ledgers = run_ledgers.open_ledgers(held_value, folder, studies, console)
-        run_folder.write_config(settings, folder)
-        samples.write_samples(folder, plan)
-        with (
-            executors.Workers.of(settings) as pool,
-            terminal.ProgressView(frames, console) as view,
-        ):
-
-            def advance(study: sweep.Study, more: int) -> None:
-                view.advance(study.plan.experiment.name, more)
-
-            def finished(study: sweep.Study, _: sweep.Measured) -> None:
-                view.say(f"{study.plan.experiment.name} is measured")
-
-            campaign = sweep.run_campaign(
-                studies, pool, ledgers, advance=advance, finished=finished
-            )
-        curves = tuple(campaign.measured[study.key][locator] for study in studies)
-        cells = grid.Grid(axis, tuple(rows), curves)
-        run_ledgers.write_training(
-            settings, plan, campaign.trainings[studies[0].key][locator], folder
-        )
-        rate_tables.write_grid(folder / "ber.csv", {locator: cells})
-        rate_tables.write_paired(folder / "paired.csv", curves)
-        figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
-        tables = {
-            f"{axis}={at:g}": [row.table()]
-            for at, row in zip(cells.rows, curves, strict=True)
-        }
-        tensorboard.write_figures(settings, folder, figures, tables)
-    for row_curve in curves:
-        console.print(f"\n{row_curve.experiment}", highlight=False)
-        terminal.print_table(row_curve.table(), console)
-    places = [
-        ("table", "ber.csv"),
-        ("pairs", "paired.csv"),
-        ("receiver", "receiver.pt"),
-    ]
-    places += [("figure", f"{name}.png") for name in figures]
-    run_folder.print_places(console, folder, places, settings.tensorboard)

@@ -49,7 +49,7 @@ def test_everything_is_written(grid):
     }
     for told in (
         "dimming/ambient_lx=1000",
-        "dimming/ambient_lx=32000 is measured",
+        "led_luminance_cd_m2=8000: 8 frames",
         "ber.csv",
     ):
         assert told in out
