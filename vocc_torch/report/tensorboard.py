@@ -164,17 +164,15 @@ def write_boards(
         ...     sorted(run.name for run in Path(folder).iterdir())
         ['_summary', 'flda_3']
     """
-    named = [
-        (group, table) for group, some in tables.items() for table in some if len(table)
-    ]
     parts = [
         BoardPart(group, table, axis_steps(table.axis, table.values))
-        for group, table in named
+        for group, group_tables in tables.items()
+        for table in group_tables
+        if len(table)
     ]
+    names = (name for part in parts for name in part.table.receivers)
     # The sort is stable: those without a place keep their order.
-    receivers = list(
-        dict.fromkeys(name for _, table in named for name in table.receivers)
-    )
+    receivers = list(dict.fromkeys(names))
     receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
     try:
         with quiet_threads():
@@ -191,12 +189,9 @@ def write_boards(
                     writer.add_text(name, text)
                 for kind, pictures in {"figures": figures, "images": images}.items():
                     for name, shown in pictures.items():
-                        pixels = (
-                            plots.figure_pixels(shown)
-                            if isinstance(shown, plots.Figure)
-                            else shown
-                        )
-                        writer.add_image(f"{kind}/{name}", pixels, dataformats="HWC")
+                        if isinstance(shown, plots.Figure):
+                            shown = plots.figure_pixels(shown)
+                        writer.add_image(f"{kind}/{name}", shown, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 
@@ -307,17 +302,15 @@ def write_receiver(
     if len(parts) == 1:
         rates["all_points/lowest_BER"] = min(row.ber for _, row in rows)
         rates["all_points/highest_BER"] = max(row.ber for _, row in rows)
-    settings = {"receiver": receiver}
-    settings |= {
-        name: listed(getattr(row, name) for _, row in rows)
-        for name in ("locator", "experiment")
+    settings = {
+        "receiver": receiver,
+        "locator": listed(row.locator for _, row in rows),
+        "experiment": listed(row.experiment for _, row in rows),
     }
-    settings |= (
-        {"group": groups} if (groups := listed(group for group, _ in rows)) else {}
-    )
-    settings |= swept_keys()
+    if groups := listed(group for group, _ in rows):
+        settings["group"] = groups
     # The run's own folder: any other would make a run more.
-    writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
+    writer.add_hparams(settings | swept_keys(), {**rates, **numbers}, run_name=".")
 
 
 def write_guide(writer: SummaryWriter, parts: Sequence[BoardPart]) -> None:

@@ -363,37 +363,25 @@ class Batch:
         )
         return replace(self, context=context, bits=bits, centre_px=centre)
 
-    def taken(self, frames: slice | list[int], size: Size) -> Self:
+    def taken(self, frames: slice | Tensor, size: Size) -> Self:
         """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
-        context, keys = self.context, self.context.keys
-        keys = (
-            keys[frames]
-            if isinstance(frames, slice)
-            else [keys[frame] for frame in frames if keys]
-        )
-        rows = (
-            frames
-            if isinstance(frames, slice)
-            else torch.tensor(frames, device=self.bits.device)
-        )
-        origin = context.first_px[rows]
-        iso = None if context.iso is None else context.iso[rows]
+        context = self.context.taken(frames)
         if size != self.size:
-            inset = [
-                large // 2 - small // 2
-                for large, small in zip(self.size, size, strict=True)
-            ]
-            origin = origin + torch.tensor(inset[::-1], device=origin.device)
-        part = replace(
-            context, scene=context.scene[rows], keys=keys, origin_px=origin, iso=iso
-        )
+            top, left = inset(self.size, size)
+            moved = context.first_px + context.first_px.new_tensor([left, top])
+            context = replace(context, origin_px=moved)
         return replace(
             self,
-            context=part,
-            bits=self.bits[rows],
-            centre_px=self.centre_px[rows],
+            context=context,
+            bits=self.bits[frames],
+            centre_px=self.centre_px[frames],
             size=size,
         )
+
+
+def inset(large: Size, small: Size) -> Size:
+    """Rows above and columns left of a picture that lies in the middle of a larger one."""
+    return large[0] // 2 - small[0] // 2, large[1] // 2 - small[1] // 2
 
 
 def like_sized(
@@ -428,11 +416,9 @@ def like_sized(
     members: dict[float, list[int]] = {}
     distances = torch.where(apart, 0.0, scene.distance_m).tolist()
     for frame, distance in enumerate(distances):
-        step = (
-            math.floor(math.log(distance) / math.log(SIZE_STEP))
-            if distance
-            else -math.inf
-        )
+        step = -math.inf
+        if distance:
+            step = math.floor(math.log(distance) / math.log(SIZE_STEP))
         members.setdefault(step, []).append(frame)
     ordered = [members[step] for step in sorted(members, reverse=True)]
     nearest = [min(distances[frame] for frame in group) for group in ordered]
@@ -472,7 +458,7 @@ def in_groups(
     """
     order = [frame for frames, _ in groups for frame in frames]
     in_order = order == list(range(len(batch)))
-    batch = batch if in_order else batch.taken(order, batch.size)
+    batch = batch if in_order else batch.taken(torch.tensor(order), batch.size)
     drawn, begin = [], 0
     for frames, size in groups:
         chunk, end = max(1, CHUNK_PIXELS // math.prod(size)), begin + len(frames)
@@ -481,19 +467,14 @@ def in_groups(
             if size != batch.size:
                 # The panel lies in the middle, so that every corner is beyond its light.
                 larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
-                top, left = (
-                    large // 2 - small // 2
-                    for large, small in zip(batch.size, size, strict=True)
-                )
+                top, left = inset(batch.size, size)
                 larger[:, :, top : top + size[0], left : left + size[1]] = pictures
                 pictures = larger
             drawn.append(pictures)
         begin = end
     together = drawn[0] if len(drawn) == 1 else torch.cat(drawn)
-    return (
-        together
-        if in_order
-        else together[
-            torch.tensor(order).argsort().to(together.device, non_blocking=True)
-        ]
-    )
+    if in_order:
+        return together
+    return together[
+        torch.tensor(order).argsort().to(together.device, non_blocking=True)
+    ]

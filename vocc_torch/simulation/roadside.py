@@ -393,6 +393,7 @@ REACH_M: dict[Thing, float] = {
     sign: 7.0,
     display: 8.0,
     fence: 6.0,
+    lamp_post: 17.0,
+    tree: 18.0,
 }
-REACH_M |= {lamp_post: 17.0, tree: 18.0}
 """How far each thing reaches from the middle of its foot at most, m."""

@@ -39,8 +39,6 @@ __all__ = [
     "Effect",
     "Effects",
     "Parameters",
-]
-__all__ += [
     "Quantity",
     "build_effects",
     "check_chain",
@@ -49,26 +47,18 @@ __all__ += [
     "within",
 ]
 
-SURROUNDINGS: tuple[type[Effect], ...] = (
-    background.BackgroundTexture,
-    street.Scenery,
-    *backdrops.EFFECTS,
-)
-SURROUNDINGS += (
-    street.Clutter,
-    background.Lamps,
-    background.SecondPanel,
-    *housing.AROUND,
-)
-"""What stands behind the panel, the farthest first."""
-
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (
     *view.EFFECTS,
     *light.AT_THE_LEDS,
     *housing.AT_THE_LEDS,
-)
-PHYSICAL_ORDER += (
-    *SURROUNDINGS,
+    # What stands behind the panel, the farthest first.
+    background.BackgroundTexture,
+    street.Scenery,
+    *backdrops.EFFECTS,
+    street.Clutter,
+    background.Lamps,
+    background.SecondPanel,
+    *housing.AROUND,
     *light.ON_THE_WAY,
     *optics.EFFECTS,
     *sensor.EFFECTS,
@@ -119,14 +109,10 @@ def _named(kind: type[Effect], **stated: str | None) -> type[Effect]:
 
 def plug_ins(named: Mapping[str, object]) -> dict[str, PlugIn]:
     """Give the effects from outside, by name, as their settings describe them."""
-    described = {
-        name: description
-        for name, description in named.items()
-        if isinstance(description, Mapping) and TARGET in description
-    }
     return {
         name: PlugIn.of(f"scene.effects.{name}", description, str(name))
-        for name, description in described.items()
+        for name, description in named.items()
+        if isinstance(description, Mapping) and TARGET in description
     }
 
 
@@ -195,14 +181,11 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
 def _last_of(quantity: Quantity) -> str:
     """Name the effect of ours that one from outside follows by itself."""
     kinds = [kind for kind in PHYSICAL_ORDER if kind.takes == quantity]
-    keeping = [
-        kind
-        for kind in kinds
-        if kind.gives == quantity and kind.__module__ == kinds[0].__module__
-    ]
-    return (
-        keeping[-1] if keeping else PHYSICAL_ORDER[PHYSICAL_ORDER.index(kinds[0]) - 1]
-    ).name
+    before = PHYSICAL_ORDER[PHYSICAL_ORDER.index(kinds[0]) - 1]
+    for kind in kinds:
+        if kind.gives == quantity and kind.__module__ == kinds[0].__module__:
+            before = kind
+    return before.name
 
 
 def build_effects(named: Effects) -> tuple[Effect, ...]:
@@ -254,18 +237,18 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-def _built(kind: type[Effect], given: object) -> Effect:
+def _built(kind: type[Effect], settings: object) -> Effect:
     """Construct an effect from what a configuration gives it."""
     key = f"scene.effects.{kind.name}"
     read: dict[str, Any] = {}
-    if given is None:
+    if settings is None:
         raise VoccError(
             f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}"
         )
-    demand_kind(key, given, Mapping)
-    assert isinstance(given, Mapping)
+    demand_kind(key, settings, Mapping)
+    assert isinstance(settings, Mapping)
     signature = inspect.signature(kind).parameters
-    for parameter, value in given.items():
+    for parameter, value in settings.items():
         if kind.target and parameter in (TARGET, AFTER):
             continue
         if parameter not in signature:
@@ -287,7 +270,7 @@ def _built(kind: type[Effect], given: object) -> Effect:
         else:
             read[parameter] = value
     for parameter, declared in signature.items():
-        if declared.default is inspect.Parameter.empty and parameter not in given:
+        if declared.default is inspect.Parameter.empty and parameter not in settings:
             raise VoccError(f"{key}.{parameter} is missing: the effect needs it")
     with kind.blamed():
         return kind(**read)

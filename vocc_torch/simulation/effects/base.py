@@ -5,7 +5,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any, ClassVar, TypeVar
 
@@ -111,6 +111,19 @@ class Context:
             key.generator(f"effect.{stream}", of_scene=of_scene)
             for key in self.keys_for(stream)
         ]
+
+    def taken(self, frames: slice | Tensor) -> "Context":
+        """Take some frames, by a slice or by their numbers."""
+        keys = self.keys
+        return replace(
+            self,
+            scene=self.scene[frames],
+            keys=keys[frames]
+            if isinstance(frames, slice)
+            else [keys[frame] for frame in frames.tolist() if keys],
+            origin_px=self.first_px[frames],
+            iso=None if self.iso is None else self.iso[frames],
+        )
 
     def draws(
         self,

@@ -253,13 +253,10 @@ class Housing(street.Sketched):
         if rim and not bare:
             drawing.box(x + rim, -y - rim, y + rim, shade)
         elif rim:
-            for left, top, right, bottom in (
-                (-x, -y, x, -y),
-                (-x, y, x, y),
-                (-x, -y, -x, y),
-                (x, -y, x, y),
-            ):
-                drawing.box((left - rim, right + rim), top - rim, bottom + rim, shade)
+            for row in (-y, y):
+                drawing.box(x + rim, row - rim, row + rim, shade)
+            for column in (-x, x):
+                drawing.box((column - rim, column + rim), -y - rim, y + rim, shade)
         if not bare:
             drawing.box(x, -y, y, max(white * board, 1e-6))
         return drawing

@@ -46,6 +46,12 @@ def checked_reach(reach_px: float, cause: str) -> int:
     return int(reach_px)
 
 
+def bordered(plane: Tensor, across: int, down: int) -> Tensor:
+    """Continue a plane (H,W) beyond its border as it is there."""
+    margins = (across, across, down, down)
+    return nn.functional.pad(plane[None, None], margins, mode="replicate")[0, 0]
+
+
 def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     """Convolve one frame with a kernel that is symmetric from left to right and from top to bottom.
 
@@ -66,9 +72,7 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     reach = quarter.shape[-1] - 1
     if reach == 0:
         return plane * quarter[0, 0]
-    padded = nn.functional.pad(
-        plane[None, None], (reach, reach, reach, reach), mode="replicate"
-    )[0, 0]
+    padded = bordered(plane, reach, reach)
     fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
     rows = max(fit, 2 * reach + 1)
     columns = max(
@@ -130,9 +134,7 @@ def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
     height, width = plane.shape
     down = max((abs(row) for row, _, _ in taps), default=0)
     across = max((abs(column) for _, column, _ in taps), default=0)
-    padded = nn.functional.pad(
-        plane[None, None], (across, across, down, down), mode="replicate"
-    )[0, 0]
+    padded = bordered(plane, across, down)
     total = plane * middle
     for row, column, weight in taps:
         ahead = padded[

@@ -602,7 +602,8 @@ class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
         return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)
 
 
-ELECTRONS = (
+EFFECTS = (
+    Bayer,
     Photoelectrons,
     Prnu,
     DarkCurrent,
@@ -612,6 +613,6 @@ ELECTRONS = (
     Dsnu,
     RowNoise,
     ReadNoise,
+    Gain,
 )
-EFFECTS = (Bayer, *ELECTRONS, Gain)
 """In physical order."""

@@ -5,7 +5,7 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -244,11 +244,8 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
         every, layers, (height, width) = view.view_of(context), [], value.shape[-2:]
         for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
             row = slice(frame, frame + 1)
-            keys, origin = context.keys[row], context.first_px[row]
-            alone = replace(
-                context, scene=context.scene[row], keys=keys, origin_px=origin
-            )
-            (left, top) = origin[0].tolist()
+            alone = context.taken(row)
+            left, top = alone.first_px[0].tolist()
             camera_view = view.View(every.placement[row], alone, every.effects)
             layers.append(Layer(camera_view, (left, top, left + width, top + height)))
             self.draw(layers[-1], generator)
