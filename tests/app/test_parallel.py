@@ -96,26 +96,6 @@ main()
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_workers_end_with_a_killed_parent(stand_in):
-    """Those that work, and one that waits for a job."""
-    three = (*PARALLEL[:-1], "hydra.launcher.n_jobs=3")
-    with subprocess.Popen(
-        [sys.executable, "-m", "vocc_torch", *three, "seed=8,9", "name=two"],
-        cwd=stand_in,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as run:
-        begun = ""
-        while begun.count("waiting") < 2:
-            begun += run.stdout.readline()
-        run.kill()
-        # The pipe's end comes when the last worker is gone; their jobs take a minute.
-        run.communicate(timeout=40)
-
-
-@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
 def test_interrupted_jobs_end_with_their_parent(stand_in):
     """Ctrl-C reaches every process of the terminal: one line is said, and no empty folder stays."""
@@ -147,9 +127,3 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
     }
     ledger = {"two/1/.unfinished", "two/1/ledger.sqlite"}
     assert left == {"two", "two/multirun.yaml", "two/1", *ledger}
-
-
-# One after the other: the same care
-
-
-# What jobs leave

@@ -140,34 +140,15 @@ def test_three_nodes_one_killed_and_one_late_give_the_bytes_of_one_process(
         ).read_bytes()
 
 
-@pytest.fixture(scope="module")
-def two():
-    """A cluster of two nodes."""
-    with cluster(2) as (address, _):
-        yield address
-
-
-def test_two_experiments_share_a_cluster(app, two, tmp_path):
-    runs = [
-        begun(tmp_path, two, *TINY, f"seed={seed}", f"name=many{seed}")
-        for seed in (0, 1)
-    ]
-    for run in runs:
-        assert ended(run)[0] == 0
-    for seed in (0, 1):
-        assert app(*TINY, "workers=1", f"seed={seed}", f"name=one{seed}").status == 0
-        files = [tmp_path / f"runs/{name}{seed}/ber.csv" for name in ("one", "many")]
-        assert files[0].read_bytes() == files[1].read_bytes()
-
-
-def test_a_users_files_travel(app, two, tmp_path):
+def test_a_users_files_travel(app, tmp_path):
     """Named relative to where the run is started, which no node knows."""
     shutil.copy(
         Path(__file__).parents[2] / "examples/classifiers/nearest_mean.py",
         tmp_path / "mine.py",
     )
     words = (*TINY, "+classifiers.mean.build._target_=mine.py:NearestMean")
-    status, _, err = ended(begun(tmp_path, two, *words, "name=many"))
+    with cluster(2) as (address, _):
+        status, _, err = ended(begun(tmp_path, address, *words, "name=many"))
     assert (status, err) == (0, "")
     assert app(*words, "workers=1", "name=one").status == 0
     files = [tmp_path / f"runs/{name}/ber.csv" for name in ("one", "many")]
@@ -186,18 +167,3 @@ def test_a_node_with_another_version_of_the_package_is_refused(tmp_path):
     assert (status, err.count("\n")) == (2, 1)
     assert err.startswith("vocc-torch: error: node ")
     assert " of code " in err
-
-
-def test_a_task_that_runs_out_of_memory_is_one_line(tmp_path):
-    """Ray ends tasks where more of the machine's memory is in use than it is told to allow."""
-    limits = {
-        "RAY_memory_usage_threshold": "0.01",
-        "RAY_memory_monitor_refresh_ms": "100",
-        "RAY_task_oom_retries": "2",
-    }
-    with cluster(1, **limits) as (address, _):
-        status, _, err = ended(begun(tmp_path, address, *TINY, "name=x"))
-    assert status == 2
-    assert err.splitlines()[-1].startswith(
-        "vocc-torch: error: a cluster lost a task 3 times (OutOfMemoryError"
-    )

@@ -1,12 +1,10 @@
 """Effects and backdrops from outside in whole runs: workers, jobs, a kill between, and code that changed."""
 
-import os
 import shutil
-import signal
 from pathlib import Path
 
 import pytest
-from test_resume import RUN, assert_as, life, without_pictures
+from test_resume import without_pictures
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ("examples/effects/streak.py", "examples/backdrops/photograph.py")
@@ -63,18 +61,3 @@ def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_
         (tmp_path / name).write_bytes(before)
     said = app(*SHORT, *mine, "+scene.effects.smear.after=blooming").complaint
     assert "effects.smear.after was null, is blooming" in said
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="sends signals to groups of processes")
-def test_a_run_with_workers_that_is_killed_goes_on_to_the_same_end(
-    app, mine, tmp_path, monkeypatch
-):
-    words = (*mine, "budget.frames=256", "receiver.locator=truth")
-    killed = life(
-        tmp_path, 2, lambda pid: os.kill(pid, signal.SIGKILL), *words, "workers=2"
-    )
-    assert 2 <= len(killed["rows"]) < 8
-    assert app(*RUN, *words).status == 0
-    assert app(*RUN, *words, "name=y").status == 0
-    assert_as(tmp_path / "runs" / "x", tmp_path / "runs" / "y")

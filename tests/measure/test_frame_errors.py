@@ -21,9 +21,6 @@ def test_an_estimate_leaves_out_what_is_outside_its_interval():
     assert may_be_least(1, lambda *_: pytest.fail("nothing to compare")) == [0]
 
 
-# Counts
-
-
 def test_counts_and_pairs_are_those_of_the_decided_bits():
     """The definition, a frame at a time, in plain Python: half a missed panel's bits are wrong."""
     rng = torch.Generator().manual_seed(0)
@@ -57,6 +54,3 @@ def test_counts_and_pairs_are_those_of_the_decided_bits():
     )
     with pytest.raises(TypeError):
         _ = PairedCounts() + Counts()
-
-
-# The loop

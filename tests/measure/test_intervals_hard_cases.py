@@ -93,24 +93,9 @@ def test_squared_errors_that_64_bits_do_not_hold():
 # Intervals
 
 
-def test_a_thousand_errors_in_1e9_bits():
-    for successes, trials in (
-        (1000, 10**9),
-        (1000, 10**12),
-        (999, 10**12),
-        (1000, 3 * 10**7),
-    ):
-        interval = clopper_pearson(successes, trials)
-        assert ordered(interval.low, successes / trials, interval.high)
-        for end, upper in ((interval.low, True), (interval.high, False)):
-            assert binomial_tail(successes, trials, end, upper) == pytest.approx(
-                0.025, rel=1e-3
-            )
-
-
 def test_intervals_near_0_and_1():
-    for trials in (20, 10**6, 10**12, 10**13):
-        for successes in (1, trials // 1000, trials // 3, trials - 3):
+    for trials in (20, 10**6, 3 * 10**7, 10**12):
+        for successes in (1, 1000, trials // 3, trials - 3):
             if not 0 < successes < trials:
                 continue
             interval = clopper_pearson(successes, trials)

@@ -209,23 +209,6 @@ def test_with_a_store_known_blocks_are_not_counted_and_all_others_are_recorded(
             )
 
 
-@given(points=many_points(target=False), hands=HANDS, batch=BATCH)
-@FREE
-def test_nobody_waits_while_there_is_a_block_left_to_hand_out(points, hands, batch):
-    blocks = sum(len(list(parts_of(point.rule.frames))) for point in points)
-    waits, wait = [], hands.wait
-
-    def watched(futures, return_when):
-        waits.append(len(futures) == hands.window or len(hands.handed) == blocks)
-        return wait(futures, return_when)
-
-    hands.wait = watched
-    hands.run(points, batch)
-    assert waits
-    assert all(waits)
-    assert len(hands.handed) == blocks
-
-
 @given(points=many_points(target=False), hands=HANDS, data=st.data(), batch=BATCH)
 @FREE
 def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(

@@ -5,13 +5,12 @@ from itertools import pairwise
 
 import pytest
 import torch
-from one_point import banks, job_of, run_point, sweep_point
+from one_point import banks, job_of, sweep_point
 
 from vocc_torch.measure import sweep
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.runner import Part
-from vocc_torch.measure.sweep import Study
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.rng import BlockKey
@@ -89,18 +88,6 @@ def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, toge
     assert 32 < sum(found) < sum(all_found) == 64
     assert not any(misplaced)
     assert counted(plan, dict(reversed(banks(plan, fldas).items()))) == together
-
-
-def test_every_comparison_is_the_difference_of_two_counts(plan, fldas):
-    outcome = run_point(job_of(plan, banks(plan, fldas), 600.0), plan.budget)
-    found = sweep.measured(Study("", plan, BOTH), {600.0: outcome})
-    for curves in found.values():
-        assert len(curves.paired) == 6
-        for (a, b, value), pair in curves.paired.items():
-            assert (pair.frames, pair.bits) == (94, 64 * 94)
-            first, second = (curves.counts[name, value] for name in (a, b))
-            assert pair.half_difference == first.half_errors - second.half_errors
-            assert pair.a_worse >= first.frame_errors - second.frame_errors
 
 
 # What changes nothing
@@ -197,6 +184,3 @@ def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
         for low, high in pairwise(edges)
     }
     assert points == {value: frames for value, frames in by_hand.items() if frames}
-
-
-# Many studies in one run

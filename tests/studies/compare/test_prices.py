@@ -1,13 +1,10 @@
 """Operating points, their frontier and what is recommended are what their definitions give."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
@@ -139,34 +136,3 @@ def test_the_figure_numbers_every_setting_and_names_its_axes(prices):
     assert texts[0].get_text().startswith("1  Average greyscale")
     bold = [text for text in texts if text.get_fontweight() == "bold"]
     assert len(bold) == len(texts) - 1
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"locators": []}, "tradeoff.locators is empty"),
-        (
-            {"locators": ["gps"]},
-            "tradeoff.locators has 'gps': it must be of truth, paper, refined",
-        ),
-        ({"batch_sizes": [0]}, "tradeoff.batch_sizes has 0: it must be from 1 to 1024"),
-        (
-            {"frames": "halves"},
-            "tradeoff.frames is 'halves': it must be whole or crops",
-        ),
-        ({"repeats": 0}, "tradeoff.repeats is 0: it must be at least 1"),
-        ({"threads": -1}, "tradeoff.threads is -1: it must be at least 0"),
-    ],
-)
-def test_impossible_studies_are_refused(study, changes, said):
-    config = dataclasses.replace(study.config, **changes)
-    with pytest.raises(VoccError) as raised:
-        dataclasses.replace(study, config=config)
-    assert said in str(raised.value)
-
-
-def test_a_stop_rule_is_refused(study):
-    budget = dataclasses.replace(study.plan.budget, target_frame_errors=10)
-    said = r"budget\.target_frame_errors is 10: it must be null for task=tradeoff"
-    with pytest.raises(VoccError, match=said):
-        dataclasses.replace(study, plan=dataclasses.replace(study.plan, budget=budget))
