@@ -109,23 +109,25 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
 
 
 PAIRED_COLUMNS = (
-    *("experiment", "axis", "value", "locator", "a", "b", "frames"),
-    *(
-        "difference",
-        "difference_low",
-        "difference_high",
-        "real",
-        "a_worse",
-        "b_worse",
-        "sign_test_p",
-    ),
-    *(
-        "trainings",
-        "algorithm_difference",
-        "algorithm_low",
-        "algorithm_high",
-        "algorithm_real",
-    ),
+    "experiment",
+    "axis",
+    "value",
+    "locator",
+    "a",
+    "b",
+    "frames",
+    "difference",
+    "difference_low",
+    "difference_high",
+    "real",
+    "a_worse",
+    "b_worse",
+    "sign_test_p",
+    "trainings",
+    "algorithm_difference",
+    "algorithm_low",
+    "algorithm_high",
+    "algorithm_real",
 )
 """Columns of ``paired.csv``: ``difference`` is the bit error rate of a less that of b; ``real`` says whether
 its 95 % interval leaves out 0; ``a_worse`` and ``b_worse`` count frames. The last four are of all trainings,
@@ -155,8 +157,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found = paired_interval(paired)
-                    worse = (paired.a_worse, paired.b_worse)
-                    place = (
+                    line = [
                         curves.experiment,
                         curves.axis,
                         value,
@@ -164,20 +165,19 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         a,
                         b,
                         paired.frames,
-                    )
-                    numbers = (
                         found.value,
                         found.low,
                         found.high,
                         int(found.real),
-                        *worse,
+                        paired.a_worse,
+                        paired.b_worse,
                         sign_test(paired),
-                    )
+                    ]
                     trained: Cells = (1, None, None, None, None)
                     if (of := curves.trained_pair(a, b, value)) is not None:
                         count = len(curves.trained[a, value].counts)
                         trained = (count, of.value, of.low, of.high, int(of.real))
-                    lines.append((*place, *numbers, *trained))
+                    lines.append((*line, *trained))
     write_rows(path, lines, short=True)
 
 
@@ -198,11 +198,22 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
         VoccError: a file cannot be written.
     """
     axis = next(iter(grids.values())).row_axis
-    names = ("best_from_cd_m2", "best_to_cd_m2", "range_from_cd_m2", "range_to_cd_m2")
-    beyond = ("may_lie_below_grid", "may_lie_above_grid")
     points: list[Cells] = [(axis, *curve.COLUMNS)]
     bests: list[Cells] = [
-        ("receiver", "locator", axis, *names, "ber", "ber_low", "ber_high", *beyond)
+        (
+            "receiver",
+            "locator",
+            axis,
+            "best_from_cd_m2",
+            "best_to_cd_m2",
+            "range_from_cd_m2",
+            "range_to_cd_m2",
+            "ber",
+            "ber_low",
+            "ber_high",
+            "may_lie_below_grid",
+            "may_lie_above_grid",
+        )
     ]
     for grid in grids.values():
         sides = {name: grid.intervals(name) for name in grid.receivers}
@@ -213,23 +224,24 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
                     for side in sides[row.receiver]
                 )
                 points.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))
-        for best in (
-            best
-            for receiver in grid.receivers
-            for best in best_luminance(grid, receiver)
-        ):
-            ends = [
-                side[place]
-                for side in (best.least_cd_m2, best.candidates_cd_m2)
-                for place in (0, -1)
-            ]
-            edges = [
-                "yes" if edge else "no"
-                for edge in (best.reaches_lowest, best.reaches_highest)
-            ]
-            rates = (best.ber, best.ber_low, best.ber_high)
-            bests.append(
-                (best.receiver, grid.locator, best.ambient_lx, *ends, *rates, *edges)
-            )
+        for receiver in grid.receivers:
+            for best in best_luminance(grid, receiver):
+                least, alike = best.least_cd_m2, best.candidates_cd_m2
+                edges = best.reaches_lowest, best.reaches_highest
+                bests.append(
+                    (
+                        receiver,
+                        grid.locator,
+                        best.ambient_lx,
+                        least[0],
+                        least[-1],
+                        alike[0],
+                        alike[-1],
+                        best.ber,
+                        best.ber_low,
+                        best.ber_high,
+                        *("yes" if edge else "no" for edge in edges),
+                    )
+                )
     write_rows(path, points)
     write_rows(path.with_stem(f"{path.stem}_best"), bests)

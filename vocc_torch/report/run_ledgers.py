@@ -51,14 +51,14 @@ def open_ledger(
 
 
 def open_ledgers(
-    held: ExitStack, folder: Path, studies: Iterable[Study], console: Console
+    stack: ExitStack, folder: Path, studies: Iterable[Study], console: Console
 ) -> dict[str, Store]:
-    """Open the ledgers of many studies in a run's folder, by the study's key; ``held`` closes them."""
+    """Open the ledgers of many studies in a run's folder, by the study's key; ``stack`` closes them."""
     ledgers = {}
     for study in studies:
         path = folder / LEDGERS / f"{study.key}{SUFFIX}"
         opened = open_ledger(path, study.identity, console)
-        ledgers[study.key] = held.enter_context(opened)
+        ledgers[study.key] = stack.enter_context(opened)
     return ledgers
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
 from vocc_torch.report.folder import SAMPLES
-from vocc_torch.report.plots import LOOK, Figure, Pixels, save_figure, sheet
+from vocc_torch.report.plots import LOOK, Figure, Pixels, rows_of, save_figure, sheet
 from vocc_torch.report.styles import axis_label, count_text
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
@@ -126,12 +126,10 @@ def samples_figure(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Figure:
         tallest = max(crop.pixels.shape[0] / crop.pixels.shape[1] for _, crop in group)
         height_in = SETTINGS.caption_in + SETTINGS.cell_in * min(1.0, tallest)
         titles += [name, *[""] * (len(group) - 1)]
-        places = [*range(len(shown), len(shown) + len(group))]
+        rows = rows_of(range(len(shown), len(shown) + len(group)), columns)
+        layout += [[*row, *[-1] * (columns - len(row))] for row in rows]
+        heights_in += [height_in] * len(rows)
         shown += group
-        places += [-1] * (-len(places) % columns)
-        for start in range(0, len(places), columns):
-            layout.append(places[start : start + columns])
-            heights_in.append(height_in)
     size_in = SETTINGS.cell_in * columns + 0.3, sum(heights_in) + 0.5
     figure, axes = sheet(layout, size_in, "Scenes", height_ratios=heights_in)
     for place, (label, crop) in enumerate(shown):

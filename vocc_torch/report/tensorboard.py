@@ -102,7 +102,7 @@ def write_figures(
     folder: Path,
     figures: Mapping[str, plots.Figure],
     tables: Mapping[str, Sequence[BerTable]] = {},
-    **more: Mapping[str, Any],
+    **contents: Mapping[str, Any],
 ) -> None:
     """Write a run's figures as PNG files and, where it wants one, its board with figures and configuration.
 
@@ -111,16 +111,16 @@ def write_figures(
         folder: the run's folder.
         figures: by the name of the file, without its end.
         tables: as of :func:`write_boards`.
-        **more: ``texts``, ``images``, ``numbers`` and ``runs`` of :func:`write_boards`.
+        **contents: ``texts``, ``images``, ``numbers`` and ``runs`` of :func:`write_boards`.
     """
     for name, figure in figures.items():
         plots.save_figure(figure, folder / f"{name}.png")
     if settings.tensorboard:
-        more["texts"] = {
+        contents["texts"] = {
             "configuration": as_markdown(settings),
-            **more.get("texts", {}),
+            **contents.get("texts", {}),
         }
-        write_boards(folder / "tensorboard", tables, figures, **more)
+        write_boards(folder / "tensorboard", tables, figures, **contents)
 
 
 def write_boards(

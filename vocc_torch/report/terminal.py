@@ -250,9 +250,9 @@ class ProgressView:
         """Frames counted so far."""
         return self._task.completed
 
-    def advance(self, what: str, frames: float) -> None:
+    def advance(self, doing: str, frames: float) -> None:
         """Count frames that were run now, and name what is under way."""
-        self._bar.update(self._task.id, advance=frames, description=what)
+        self._bar.update(self._task.id, advance=frames, description=doing)
 
     def say(self, text: str) -> None:
         """Print a line that stays."""
@@ -365,11 +365,12 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
     frames, often = study.budget.training_frames, study.budget.trainings
     with ProgressView(frames * often, console, f"training on {frames} frames") as view:
 
-        def learnt(more: int) -> None:
+        def learnt(counted: int) -> None:
             # The classifiers learn once FLDA has seen its frames.
-            last = (view.done + more) % frames == 0 and study.receiver.classifiers
+            last = (view.done + counted) % frames == 0 and study.receiver.classifiers
             view.advance(
-                "training classifiers" if last else f"training on {frames} frames", more
+                "training classifiers" if last else f"training on {frames} frames",
+                counted,
             )
 
         training = train.train(study, learnt)

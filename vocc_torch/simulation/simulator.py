@@ -448,14 +448,14 @@ class Simulator:
 
     def _run(
         self,
-        seen: Seen,
+        pictures: Seen,
         effects: Sequence[Effect],
         context: Context,
         *,
         to_end: bool = False,
     ) -> Seen:
         """Apply effects in order, with the camera's own steps before each, or on to the grey values."""
-        value, current = seen
+        value, current = pictures
         for effect in [*effects, None] if to_end else effects:
             while current in chain.CAMERA_STEPS[:-1] and (
                 effect is None or current != effect.takes

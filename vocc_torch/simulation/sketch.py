@@ -273,11 +273,11 @@ class Drawing:
         self,
         begin: Integers,
         end: Integers,
-        seen: Integers,
+        visible: Integers,
         full: bool,
     ) -> Picture:
-        """Draw the polygons ``seen`` from one pixel to another: the share covered, and the light there."""
-        light, ground = (self.luminance[seen] * self.scale).tolist(), 0.0
+        """Draw the polygons ``visible`` from one pixel to another: the share covered, and the light there."""
+        light, ground = (self.luminance[visible] * self.scale).tolist(), 0.0
         (wide, high), first = (end - begin).tolist(), int(full)
         if full:
             ground, cover = light[0], np.ones((high, wide), np.float32)
@@ -285,7 +285,7 @@ class Drawing:
             lit = np.full((high, wide), ground, dtype=np.float32)
         else:
             image = Image.new("F", (wide * self.fine, high * self.fine), ground)
-            drawn = seen[first:]
+            drawn = visible[first:]
             pen = ImageDraw.Draw(image)
             at = self._corners(drawn[0], drawn[-1], begin).ravel().tolist()
             cuts = (

@@ -54,13 +54,13 @@ class Value(NamedTuple):
     @property
     def remark(self) -> str:
         """The comment that stands above it."""
-        told = (
+        parts = (
             self.note,
             f"+- {SURE * self.deviation:.2g} (95 %)"
             if math.isfinite(self.deviation)
             else "",
         )
-        return "; ".join(filter(None, told))
+        return "; ".join(filter(None, parts))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -143,11 +143,11 @@ class Findings:
             value for value in self.values if value.key.startswith(f"effects.{effect}.")
         ]
 
-    def tried(self, effect: str, gain: float, needed: float = 0.0) -> bool:
+    def tried(self, effect: str, gain: float, threshold: float = 0.0) -> bool:
         """Note an effect, and say whether the recording asks for it."""
         criterion, explains = WORDS["effects"][effect]
-        asked = gain > needed
-        self.effects.append(Named(effect, asked, criterion, gain, needed, explains))
+        asked = gain > threshold
+        self.effects.append(Named(effect, asked, criterion, gain, threshold, explains))
         return asked
 
     def judge(
@@ -190,12 +190,12 @@ class Findings:
             value = value._replace(deviation=math.nan, note=note)
         self.values.append(value)
 
-    def say(self, word: str, when: bool = True, **given: object) -> None:
+    def say(self, word: str, when: bool = True, **values: object) -> None:
         """Note a sentence of ``sentences.yaml``, where it is so: what is not told, or not explained."""
         if when:
             doubt = WORDS["doubts"].get(word)
             (self.doubts if doubt else self.unknown).append(
-                (doubt or WORDS["sentences"][word]).format(**given)
+                (doubt or WORDS["sentences"][word]).format(**values)
             )
 
     def asked(self, effect: str) -> bool:

@@ -64,7 +64,7 @@ def compression(greys: NDArray[Any]) -> tuple[int, float]:
         used = steps[(table >= 4) & (np.abs(steps) > 0.5)]
         if len(used) >= 100:
             score = float(np.cos(2 * np.pi * used).mean()) * math.sqrt(2 * len(used))
-            best = max(best, (quality, score), key=lambda one: one[1])
+            best = max(best, (quality, score), key=lambda candidate: candidate[1])
     return best
 
 

@@ -135,8 +135,8 @@ def by_level(fit: RecordingFit) -> Levels:
         calm = inside & (square < SETTINGS.calm * bulk)
         means = (values[calm].mean() for values in (square, near_whole))
         rows.append((light[inside].mean(), *means, calm.sum()))
-    mean_light, level_variance, whole, pixels = np.array(rows).reshape(-1, 4).T
-    return Levels(mean_light, level_variance, pixels, whole, still)
+    mean_light, level_variance, nearness, pixels = np.array(rows).reshape(-1, 4).T
+    return Levels(mean_light, level_variance, pixels, nearness, still)
 
 
 def transfer(fit: RecordingFit) -> TransferCurve:
@@ -158,7 +158,7 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         return float((count * (np.log(variance) + raw / variance)).sum())
 
     def best(used: list[int], share: float) -> tuple[Floats, float]:
-        def both(logs: Floats) -> Floats:
+        def noise_of(logs: Floats) -> Floats:
             noise = np.zeros(2)
             noise[used] = np.exp(logs)
             return noise
@@ -166,9 +166,12 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         options = {"xatol": 1e-5, "fatol": 1e-6}
         begun = np.log(first[used] * share)
         found = optimize.minimize(
-            lambda logs: loss(both(logs)), begun, method="Nelder-Mead", options=options
+            lambda logs: loss(noise_of(logs)),
+            begun,
+            method="Nelder-Mead",
+            options=options,
         )
-        return both(found.x), float(found.fun)
+        return noise_of(found.x), float(found.fun)
 
     none = np.zeros(2)
     ways = {

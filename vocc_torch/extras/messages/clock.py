@@ -176,7 +176,7 @@ class SymbolClock:
             )
         return states.reshape(len(llr), -1)
 
-    def _advance(self, seen: Singles, ahead: float) -> None:
+    def _advance(self, likelihood: Singles, ahead: float) -> None:
         """Go on by one frame that is expected so many symbols ahead."""
         bands, n, old = self.layout.bands, self.states, self._value
         low, high = math.floor(ahead), math.ceil(ahead)
@@ -197,7 +197,7 @@ class SymbolClock:
         top = int(old.argmax())
         jumps = value < old[top] - JUMP_COST
         value[jumps], back[jumps] = old[top] - JUMP_COST, top
-        self._value = value + seen
+        self._value = value + likelihood
         self._value -= self._value.max()
         self._back.append(back.astype(np.int32))
         self._steps.append(ahead * bands)

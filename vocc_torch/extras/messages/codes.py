@@ -1,7 +1,7 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -51,7 +51,6 @@ class Uncoded:
         return [np.packbits(word >= 0).tobytes() for word in llr]
 
 
-@dataclass(frozen=True)
 class ReedSolomon:
     """Shortened Reed-Solomon words over bytes, by reedsolo.
 
@@ -65,12 +64,7 @@ class ReedSolomon:
         info_bytes: of these.
     """
 
-    word_bytes: int
-    info_bytes: int
-    codec: Any = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        """Make the codec."""
+    def __init__(self, word_bytes: int, info_bytes: int) -> None:
         try:
             import reedsolo
         except ImportError:
@@ -78,8 +72,8 @@ class ReedSolomon:
                 "transmit.code is rs, which needs reedsolo: "
                 "install the extra with pip install 'vocc-torch[messages]', or give none"
             ) from None
-        codec = reedsolo.RSCodec(self.word_bytes - self.info_bytes, nsize=LONGEST_WORD)
-        object.__setattr__(self, "codec", codec)
+        self.info_bytes, self.check_bytes = info_bytes, word_bytes - info_bytes
+        self.codec: Any = reedsolo.RSCodec(self.check_bytes, nsize=LONGEST_WORD)
 
     def encode(self, info: Bytes) -> Bytes:
         """Append the check bytes, and give bits."""
@@ -98,9 +92,7 @@ class ReedSolomon:
         read = np.packbits(word >= 0).tobytes()
         weakest = np.argsort(np.abs(word).reshape(-1, 8).min(axis=1), kind="stable")
         for share in ERASED:
-            erased = weakest[
-                : int(share * (self.word_bytes - self.info_bytes))
-            ].tolist()
+            erased = weakest[: int(share * self.check_bytes)].tolist()
             try:
                 return bytes(self.codec.decode(read, erase_pos=erased)[0])
             except Exception as error:  # the library is imported where it is needed, and its errors with it
@@ -109,7 +101,6 @@ class ReedSolomon:
         return None
 
 
-@dataclass(frozen=True)
 class Ldpc:
     """The 5G code for data channels, decoded by belief propagation on soft values; by Sionna.
 
@@ -120,36 +111,30 @@ class Ldpc:
         info_bytes: bytes of information.
     """
 
-    word_bits: int
-    info_bytes: int
-    coders: Any = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        """Make encoder and decoder."""
-        fec = sionna()
+    def __init__(self, word_bits: int, info_bytes: int) -> None:
+        fec, self.info_bytes = sionna(), info_bytes
         try:
-            encoder = fec.LDPC5GEncoder(
-                8 * self.info_bytes, self.word_bits, device="cpu"
+            self.encoder: Any = fec.LDPC5GEncoder(
+                8 * info_bytes, word_bits, device="cpu"
             )
         except ValueError as error:
             raise VoccError(
                 f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}"
             ) from None
-        decoder = fec.LDPC5GDecoder(
-            encoder, num_iter=ITERATIONS, hard_out=True, device="cpu"
+        self.decoder: Any = fec.LDPC5GDecoder(
+            self.encoder, num_iter=ITERATIONS, hard_out=True, device="cpu"
         )
-        object.__setattr__(self, "coders", (encoder, decoder))
 
     def encode(self, info: Bytes) -> Bytes:
         """Encode bits."""
-        words = self.coders[0](torch.from_numpy(np.unpackbits(info, axis=1)).float())
+        words = self.encoder(torch.from_numpy(np.unpackbits(info, axis=1)).float())
         bits: Bytes = words.numpy().astype(np.uint8)
         return bits
 
     def decode(self, llr: Singles) -> list[bytes | None]:
         """Decode words together."""
         with torch.inference_mode():
-            bits = self.coders[1](torch.from_numpy(llr)).numpy().astype(np.uint8)
+            bits = self.decoder(torch.from_numpy(llr)).numpy().astype(np.uint8)
         return [word.tobytes() for word in np.packbits(bits, axis=1)]
 
 

@@ -28,10 +28,25 @@ from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
 
 COLUMNS = (
-    *("axis", "value", "receiver", "code", "recordings", "packets", "lost"),
-    *("packet_error_rate", "packet_error_low", "packet_error_high", "false_packets"),
-    *("raw_ber", "raw_ber_low", "raw_ber_high"),
-    *("kbit_s", "kbit_s_low", "kbit_s_high", "best", "frames"),
+    "axis",
+    "value",
+    "receiver",
+    "code",
+    "recordings",
+    "packets",
+    "lost",
+    "packet_error_rate",
+    "packet_error_low",
+    "packet_error_high",
+    "false_packets",
+    "raw_ber",
+    "raw_ber_low",
+    "raw_ber_high",
+    "kbit_s",
+    "kbit_s_low",
+    "kbit_s_high",
+    "best",
+    "frames",
 )
 """Columns of ``messages.csv``."""
 

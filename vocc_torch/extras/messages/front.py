@@ -111,7 +111,7 @@ class Front:
             self._size = self._size or float(decoded.scores[located].abs().median())
         return decoded, located
 
-    def values(self, decoded: Decoded, there: Tensor, soft: str) -> Singles:
+    def values(self, decoded: Decoded, located: Tensor, soft: str) -> Singles:
         """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
         if soft == "hard":
             llr = torch.where(decoded.bits, TYPICAL, -TYPICAL)
@@ -119,7 +119,7 @@ class Front:
             llr = decoded.scores * (TYPICAL / (self._size or 1.0))
         else:
             llr = decoded.llr
-        return (llr * there.view(-1, 1, 1)).float().cpu().numpy()
+        return (llr * located.view(-1, 1, 1)).float().cpu().numpy()
 
     def locate(self, greys: Sequence[Grey]) -> tuple[Frames, Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
@@ -231,7 +231,7 @@ class Front:
                 for start in starts
             ]
             if any(fits):
-                best = max(filter(None, fits), key=lambda one: one[2])
+                best = max(filter(None, fits), key=lambda fit: fit[2])
                 places.append(torch.from_numpy(best[0]))
                 found[row] = places[-1]
         self.looked += len(found)

@@ -156,5 +156,5 @@ class Assembly:
         """The messages: complete ones first, then by how many packets of them arrived."""
         return sorted(
             self.by_message.values(),
-            key=lambda one: (not one.complete, -len(one.parts)),
+            key=lambda message: (not message.complete, -len(message.parts)),
         )

@@ -17,8 +17,16 @@ UNSEEN = 0.1
 """Share of a packet's bits that no frame showed clearly, from which on it is the reason of a loss."""
 
 COLUMNS = (
-    *("block", "packet", "time_s", "frames", "unseen", "sequence", "arrived"),
-    *("corrected", "expected_errors", "why"),
+    "block",
+    "packet",
+    "time_s",
+    "frames",
+    "unseen",
+    "sequence",
+    "arrived",
+    "corrected",
+    "expected_errors",
+    "why",
 )
 """Columns of ``report.csv``."""
 

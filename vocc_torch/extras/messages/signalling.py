@@ -104,19 +104,19 @@ class MessagePlan:
         return str(yaml.safe_dump({**asdict(self.shape), **named}, sort_keys=False))
 
     @classmethod
-    def parsed(cls, given: Any, source: str = "plan") -> "MessagePlan":
+    def parsed(cls, content: Any, source: str = "plan") -> "MessagePlan":
         """Read what :attr:`text` wrote.
 
         Raises:
             VoccError: keys that are missing or unknown, or values out of their range.
         """
         known = {"rows", "columns", *FIELDS}
-        if not isinstance(given, dict) or {*given} != known:
+        if not isinstance(content, dict) or {*content} != known:
             raise VoccError(
                 f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}"
             )
         try:
-            remaining = dict(given)
+            remaining = dict(content)
             shape = PanelShape(remaining.pop("rows"), remaining.pop("columns"))
             return cls(shape, Signalling(**remaining))
         except (VoccError, TypeError) as error:

@@ -291,7 +291,7 @@ def learned(
 
 
 def weakest(
-    margins: Floats, failed: Bools, seen: PilotFrames
+    margins: Floats, failed: Bools, observed: PilotFrames
 ) -> Iterator[tuple[Integers, Floats]]:
     """Give the weakest LEDs of a receiver, those that are Off and those that are On, and their weights.
 
@@ -302,25 +302,25 @@ def weakest(
     Returns:
         Frame, row and column of each, (n,3), and the weights (n,).
     """
-    wrong = ((margins < 0) | ((margins == 0) & ~seen.bits)) & ~failed[:, None, None]
+    wrong = ((margins < 0) | ((margins == 0) & ~observed.bits)) & ~failed[:, None, None]
     shares = [
-        seen.weights @ (wrong & (seen.bits == lit)).sum(axis=(1, 2))
+        observed.weights @ (wrong & (observed.bits == lit)).sum(axis=(1, 2))
         for lit in (False, True)
     ]
     for lit in (False, True):
         if shares[lit] < 0.02 * sum(shares):
             continue
         weakest = np.where(
-            (seen.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf
+            (observed.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf
         )
-        count = max(WEAKEST, int(np.sum(wrong & (seen.bits == lit))))
+        count = max(WEAKEST, int(np.sum(wrong & (observed.bits == lit))))
         order = np.argsort(weakest, axis=None, kind="stable")[:count]
         places = np.stack(
             np.unravel_index(order[np.isfinite(weakest.ravel()[order])], weakest.shape),
             axis=1,
         )
         if len(places):
-            yield places, evened(seen.weights[places[:, 0]])
+            yield places, evened(observed.weights[places[:, 0]])
 
 
 def of_leds(
@@ -328,11 +328,11 @@ def of_leds(
     frames: int,
     leds: Integers,
     weights: Floats,
-    seen: PilotFrames,
+    observed: PilotFrames,
 ) -> Component:
     """Make a component of weak LEDs: their neighbourhoods, where they lie, and their scenes."""
     (frame, row, column), side = leds.T, 2 * REACH + 1
-    bits = seen.bits.astype(np.float64)
+    bits = observed.bits.astype(np.float64)
     wide = np.pad(
         bits, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=np.nan
     )
@@ -359,18 +359,18 @@ def of_leds(
         for side in CLASSES
     }
     return around_leds(
-        shape, frames, template, float(beyond), share, tilts(seen, frame, weights)
+        shape, frames, template, float(beyond), share, tilts(observed, frame, weights)
     )
 
 
-def relearned(component: Component, seen: PilotFrames) -> Component:
+def relearned(component: Component, observed: PilotFrames) -> Component:
     """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
-    frame = np.flatnonzero(seen.failed.any(axis=0))
+    frame = np.flatnonzero(observed.failed.any(axis=0))
     if len(frame) < 4:
         return component
-    sides = turned(seen.bits[frame])
+    sides = turned(observed.bits[frame])
     bits = np.concatenate(sides)
-    weights = np.tile(evened(seen.weights[frame]) / len(sides), len(sides))
+    weights = np.tile(evened(observed.weights[frame]) / len(sides), len(sides))
     ratios = component.log_ratios(bits)
     # How likely each frame came of each pattern.
     belongs = (
@@ -387,7 +387,7 @@ def relearned(component: Component, seen: PilotFrames) -> Component:
         component.frames,
         maps.clip(0.03, 0.97),
         places,
-        tilts(seen, frame, weights[: len(frame)]),
+        tilts(observed, frame, weights[: len(frame)]),
     )
 
 
@@ -409,10 +409,10 @@ def evened(weights: Floats) -> Floats:
     )
 
 
-def tilts(seen: PilotFrames, frame: Integers, weights: Floats) -> dict[str, Floats]:
+def tilts(observed: PilotFrames, frame: Integers, weights: Floats) -> dict[str, Floats]:
     """Give the share of each part of the values of chosen scenes, where these are not as all others."""
     count, found = effective(weights), {}
-    for name, placed in seen.placed.items():
+    for name, placed in observed.placed.items():
         share = (
             np.bincount(part_of(placed[frame]), weights, len(WIDTHS)) / weights.sum()
         )

@@ -332,10 +332,10 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
     return current if current not in CAMERA_STEPS else Quantity.GREY
 
 
-def _leads(verb: str, wanted: Quantity, current: Quantity) -> str:
+def _leads(verb: str, quantity: Quantity, current: Quantity) -> str:
     """Say which effects lead from the quantity at hand to the one that is wanted."""
     kinds = [kind for kind in PHYSICAL_ORDER if kind.takes != kind.gives]
-    makers = [kind.name for kind in kinds if kind.gives == wanted]
+    makers = [kind.name for kind in kinds if kind.gives == quantity]
     if current == Quantity.ELECTRONS:
         makers = [kind.name for kind in kinds if kind.takes == current]
     return f"scene.effects.{' or scene.effects.'.join(makers)} {verb}: name it too"

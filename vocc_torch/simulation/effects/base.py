@@ -152,7 +152,11 @@ class Context:
 
 
 def within(
-    low: float, high: float = math.inf, *, default: object = MISSING, **more: str | bool
+    low: float,
+    high: float = math.inf,
+    *,
+    default: object = MISSING,
+    **rules: str | bool,
 ) -> Any:
     """Declare a parameter of an effect with its range; values outside it are refused by name.
 
@@ -161,7 +165,7 @@ def within(
         high: the greatest value allowed; infinity itself is not a value.
         default: what holds where the parameter is left out; without one it must be given. None may stand for
             nothing given.
-        **more: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
+        **rules: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
             value is ``low``; ``whole``, whether it is a whole number.
     """
     rule = {
@@ -170,7 +174,7 @@ def within(
         "above": False,
         "hint": "",
         "whole": False,
-        **more,
+        **rules,
     }
     return field(default=default, metadata=rule)
 

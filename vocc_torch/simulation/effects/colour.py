@@ -168,11 +168,11 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
                 bits[i] = key.take == "on"
         return bits
 
-    def grey_of(self, seen: Tensor) -> Tensor:
+    def grey_of(self, channels: Tensor) -> Tensor:
         """What (B,3,H,W) becomes for receivers, (B,1,H,W)."""
         if self.grey == "luma":
-            return luma_of(seen)
-        return seen[:, [CHANNELS.index(self.grey)]]
+            return luma_of(channels)
+        return channels[:, [CHANNELS.index(self.grey)]]
 
     def shares(self, context: Context) -> Tensor:
         """What the context's channel sees of each frame's LEDs, (B,); without one, what luma does."""

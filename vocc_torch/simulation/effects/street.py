@@ -342,11 +342,11 @@ class Clutter(Sketched):
         # No surface is of one shade: dirt, and what it mirrors.
         layer.dirt = noise_nodes(generator, camera_view.context.camera.sensor_px)
 
-    def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
+    def placed(self, generator: Generator, camera_view: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
-        camera, panel = seen.context.camera, seen.context.panel
+        camera, panel = camera_view.context.camera, camera_view.context.panel
         focal, (height, width) = camera.focal_length_px, camera.sensor_px
-        panel_m = float(seen.context.scene.distance_m[0])
+        panel_m = float(camera_view.context.scene.distance_m[0])
         count = round(self.drawn("things", generator))
         kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
         depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
@@ -357,7 +357,7 @@ class Clutter(Sketched):
         slope = generator.uniform(-0.03, 0.03)
         carried = bool(generator.random() < self.carried)
         at = generator.uniform((-0.25, 0.3), (0.25, 0.75))
-        corners = seen.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
+        corners = camera_view.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
         centre = corners.mean(axis=0)
         extent = float(np.abs(corners - centre).max())
         road = plane_onto(camera, (1, 0, 0), (0, slope, 1), (0, 1.3, 0))
@@ -393,24 +393,26 @@ class Clutter(Sketched):
             least = panel.pitch_m * max(panel.shape.rows, panel.shape.columns)
             host = functools.partial(roadside.vehicle, least_m=least)
             reach = 12 * max(1.0, least) * focal / panel_m
-            behind = functools.partial(on_vehicle, seen, at)
+            behind = functools.partial(on_vehicle, camera_view, at)
             things.append(
                 (panel_m, host, behind, seeds[-2], (centre[0], centre[1]), reach)
             )
-        return iter(sorted(things, key=lambda one: -one[0]))
+        return iter(sorted(things, key=lambda thing_placed: -thing_placed[0]))
 
 
-def on_vehicle(seen: view.View, at: Floats, points: Floats) -> Floats:
+def on_vehicle(camera_view: view.View, at: Floats, points: Floats) -> Floats:
     """Map points of a vehicle onto the sensor, px: the panel is at shares of its width and height."""
     low, high = points.min(axis=0), points.max(axis=0)
-    return onto(seen, points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1])))
+    return onto(
+        camera_view, points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1]))
+    )
 
 
-def onto(seen: view.View, points: Floats) -> Floats:
+def onto(camera_view: view.View, points: Floats) -> Floats:
     """Map points (M,2) of one frame's panel, m, onto the sensor, px; NaN where some of them have no image."""
-    if not bool(seen.has_image(torch.from_numpy(points), 0.0).all()):
+    if not bool(camera_view.has_image(torch.from_numpy(points), 0.0).all()):
         return np.full_like(points, np.nan)
-    return seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
+    return camera_view.points_px(torch.from_numpy(points))[0].cpu().numpy()
 
 
 def plane_onto(
