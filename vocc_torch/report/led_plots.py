@@ -56,9 +56,7 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     return figure
 
 
-def status_histogram(
-    axes: Axes, values: Floats, bits: Bools, label: str, log: bool = False
-) -> None:
+def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str) -> None:
     """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
 
     Args:
@@ -66,21 +64,15 @@ def status_histogram(
         values: any shape.
         bits: of the same shape.
         label: of the horizontal axis, with its unit.
-        log: whether shares are on a logarithmic axis, so that few LEDs show too.
     """
     edges = np.histogram_bin_edges(values, bins=60)
-    least = 0.5 / bits.size if log else 0.0
     for status, name, colour in STATUS:
         chosen = values[bits == status]
         shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
-        axes.stairs(
-            shares, edges, color=colour, linewidth=1.6, label=name, baseline=least
-        )
+        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
+        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name)
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)
-    if log:
-        axes.set(yscale="log", ylim=(least, 1.0))
     quiet(axes, "y")
     axes.set(xlabel=label, ylabel="Share of LEDs")
 

@@ -407,8 +407,7 @@ def table_panel(
     table: BerTable,
     title: str = "",
     styles: Mapping[str, Style] | None = None,
-    stars: Mapping[str, Sequence[tuple[float, float]]] | None = None,
-    y_label: str = "Bit error rate",
+    stars: Mapping[str, Sequence[tuple[float, float]]] = {},
 ) -> Panel:
     """Make a panel of a table of bit error rates.
 
@@ -417,7 +416,6 @@ def table_panel(
         title: above the axes.
         styles: by receiver; the package's own by default.
         stars: quoted points by receiver.
-        y_label: what the rates are.
 
     Raises:
         VoccError: an empty table.
@@ -429,13 +427,11 @@ def table_panel(
         if rows := table.of(receiver):
             rates = [Estimate(row.ber, row.ber_low, row.ber_high) for row in rows]
             spread = [row.algorithm if row.ber_sd else None for row in rows]
-            quoted = (stars or {}).get(receiver, ())
-            curves.append(
-                Curve(style, [row.value for row in rows], rates, spread, quoted)
-            )
+            x, quoted = [row.value for row in rows], stars.get(receiver, ())
+            curves.append(Curve(style, x, rates, spread, quoted))
     # A contrast is a share of a whole.
     scale = "linear" if table.axis == "contrast" else ""
-    return Panel(curves, title, axis_label(table.axis), y_label, scale)
+    return Panel(curves, title, axis_label(table.axis), x_scale=scale)
 
 
 def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
@@ -468,45 +464,29 @@ Facets = Sequence[Mapping[str, BerTable | str]]
 """Rows of tables, or of why there is none, by the facet's title."""
 
 
-def facet_figure(
-    rows: Facets,
-    title: str,
-    footnote: str,
-    *,
-    axes_alike: bool = True,
-    styles: Mapping[str, Style] | None = None,
-    rate: str = "Bit error rate",
-) -> Figure:
-    """Draw tables in panels.
+def facet_figure(rows: Facets, title: str, footnote: str) -> Figure:
+    """Draw tables in panels, each with axes of its own.
 
     Args:
         rows: rows of facets, each a mapping of the facet's title to its table, or to why it has none.
         title: what the figure shows.
         footnote: what it rests on.
-        axes_alike: whether all tables have the same horizontal axis.
-        styles: by name in the tables; those of receivers by default.
-        rate: label of the vertical axis.
 
     Raises:
         VoccError: no facet, or a table without points.
     """
-    tables = [
-        facet for row in rows for facet in row.values() if isinstance(facet, BerTable)
-    ]
+    facets = [(name, facet) for row in rows for name, facet in row.items()]
+    tables = [facet for _, facet in facets if isinstance(facet, BerTable)]
     tables.sort(key=lambda table: -len(table.receivers))
-    styles = styles or receiver_styles(
-        name for table in tables for name in table.receivers
-    )
+    styles = receiver_styles(name for table in tables for name in table.receivers)
     panels = [
-        Panel(title=name, y_label=rate, reason=facet)
+        Panel(title=name, reason=facet)
         if isinstance(facet, str)
-        else table_panel(facet, name, styles, y_label=rate)
-        for row in rows
-        for name, facet in row.items()
+        else table_panel(facet, name, styles)
+        for name, facet in facets
     ]
-    return curve_figure(
-        panels, title, footnote, max(map(len, rows), default=1), axes_alike
-    )
+    columns = max(map(len, rows), default=1)
+    return curve_figure(panels, title, footnote, columns, alike=False)
 
 
 def interval_note(rows: Iterable[Row]) -> str:

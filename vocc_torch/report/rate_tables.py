@@ -157,7 +157,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found = paired_interval(paired)
-                    line = [
+                    line: Cells = [
                         curves.experiment,
                         curves.axis,
                         value,

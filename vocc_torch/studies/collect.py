@@ -397,7 +397,7 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
             [" \N{MIDDLE DOT} ".join(parts), interval_note(shown) if shown else ""],
         )
     )
-    return facet_figure(rows, title, note, axes_alike=False)
+    return facet_figure(rows, title, note)
 
 
 def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) -> None:
