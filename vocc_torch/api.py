@@ -399,7 +399,8 @@ def measure(
             for job in jobs
         )
         outcomes = dict(zip(axes.values, runner.count(points, Workers(1)), strict=True))
-    return Table(sweep.curves_of(experiment, axis, OWN, tuple(named), outcomes))
+    keys = {name: Key(OWN, name) for name in named}
+    return Table(sweep.curves_of(experiment, axis, keys, outcomes))
 
 
 OWN = "own"

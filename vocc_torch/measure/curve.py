@@ -3,13 +3,13 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.trainings import Trained, mean_difference
 
 
@@ -118,13 +118,15 @@ class Row(PointKey):
     @property
     def algorithm(self) -> Estimate | None:
         """The algorithm's rate with its interval, after several trainings."""
-        if (
-            self.ber_mean is None
-            or self.algorithm_low is None
-            or self.algorithm_high is None
-        ):
+        mean, low, high = self.ber_mean, self.algorithm_low, self.algorithm_high
+        if mean is None or low is None or high is None:
             return None
-        return Estimate(self.ber_mean, self.algorithm_low, self.algorithm_high)
+        return Estimate(mean, low, high)
+
+    @property
+    def rate(self) -> Estimate:
+        """The rate with its interval: the algorithm's after several trainings."""
+        return self.algorithm or Estimate(self.ber, self.ber_low, self.ber_high)
 
 
 COLUMNS = tuple(field.name for field in fields(Row))
@@ -165,39 +167,31 @@ class Point(PointKey):
         # The size comes from points whose panels may have more LEDs.
         size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
         interval = ber_interval(counts, errors_per_frame_error=size)
-        named = (
+        columns = dict(counts.columns)
+        if not columns and self.locator != "truth":
+            columns["location_share"] = counts.location_share
+        if (of := self.trained) is not None:
+            found = of.interval(errors_per_frame_error=size)
+            columns |= {"trainings": len(of.counts), "ber_mean": found.value}
+            columns |= {"algorithm_low": found.low, "algorithm_high": found.high}
+            columns |= {"ber_best": min(of.rates), "ber_worst": max(of.rates)}
+            columns["ber_sd"] = of.deviation
+        return Row(
             self.experiment,
             self.axis,
             float(self.value),
             self.receiver,
             self.locator,
-        )
-        rates = (counts.bit_errors, interval.value, interval.low, interval.high)
-        ends = (counts.frame_errors, counts.panels_missed, self.stopped_by)
-        row = Row(*named, counts.frames, counts.bits, *rates, *ends)
-        if counts.columns:
-            return replace(row, **counts.columns)
-        if self.locator != "truth":
-            row = replace(row, location_share=counts.location_share)
-        if (of := self.trained) is None:
-            return row
-        found, least, most = (
-            of.interval(errors_per_frame_error=size),
-            min(of.rates),
-            max(of.rates),
-        )
-        row = replace(
-            row,
-            trainings=len(of.counts),
-            ber_sd=of.deviation,
-            ber_best=least,
-            ber_worst=most,
-        )
-        return replace(
-            row,
-            ber_mean=found.value,
-            algorithm_low=found.low,
-            algorithm_high=found.high,
+            counts.frames,
+            counts.bits,
+            counts.bit_errors,
+            interval.value,
+            interval.low,
+            interval.high,
+            counts.frame_errors,
+            counts.panels_missed,
+            self.stopped_by,
+            **columns,
         )
 
 
@@ -382,3 +376,10 @@ class Curves:
         return mean_difference(
             self.trained[a, value], self.trained[b, value], pair, confidence
         )
+
+    def difference(
+        self, a: str, b: str, value: float, confidence: float = CONFIDENCE
+    ) -> Estimate:
+        """Give the rate of a less that of b at one value: the algorithms' after several trainings."""
+        trained = self.trained_pair(a, b, value, confidence)
+        return trained or paired_interval(self.pair(a, b, value), confidence)

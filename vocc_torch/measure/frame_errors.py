@@ -17,6 +17,8 @@ from vocc_torch.measure.estimate import (
 )
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 
+ARRAYS = ("half_errors", "found", "groups", "misplaced")
+
 
 @dataclass(frozen=True, slots=True)
 class Key:
@@ -33,7 +35,6 @@ class Key:
     training: int = 0
 
 
-@dataclass(frozen=True, eq=False)
 class FrameErrors:
     """What L receivers got wrong in each of the same N frames of one kind of scenes.
 
@@ -42,8 +43,8 @@ class FrameErrors:
             found, since every bit is then a coin toss.
         found: (L,N) bool, whether the receiver's locator found the panel.
         leds: bits in a frame, at least 1.
-        groups: (N,) int64, what the frames were sorted by, or None.
-        misplaced: (L,N) bool, whether the panel was missed or located off its place, or None if unknown.
+        groups: (N,) int64, what the frames were sorted by; all 0 by default.
+        misplaced: (L,N) bool, whether the panel was missed or located off its place; nowhere by default.
         keys: whose errors the rows are; none where rows are known by their places alone.
 
     Raises:
@@ -58,57 +59,45 @@ class FrameErrors:
         (2, 2)
     """
 
-    half_errors: NDArray[np.int64]
-    found: NDArray[np.bool_]
-    leds: int
-    groups: NDArray[np.int64] | None = None
-    misplaced: NDArray[np.bool_] | None = None
-    keys: tuple[Key, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Refuse more than 64 bits can count."""
-        frames = self.half_errors.shape[1]
-        if frames * (2 * int(self.leds)) ** 2 > np.iinfo(np.int64).max:
-            raise VoccError.of(
-                "leds",
-                self.leds,
-                f"less: squared errors of {frames} frames overflow 64 bits",
-            )
+    def __init__(
+        self,
+        half_errors: NDArray[np.int64],
+        found: NDArray[np.bool_],
+        leds: int,
+        groups: NDArray[np.int64] | None = None,
+        misplaced: NDArray[np.bool_] | None = None,
+        keys: Sequence[Key] = (),
+    ) -> None:
+        frames = half_errors.shape[1]
+        if frames * (2 * int(leds)) ** 2 > np.iinfo(np.int64).max:
+            rule = f"less: squared errors of {frames} frames overflow 64 bits"
+            raise VoccError.of("leds", leds, rule)
+        self.half_errors, self.found = half_errors, found
+        self.leds, self.keys = leds, tuple(keys)
+        self.groups = np.zeros(frames, np.int64) if groups is None else groups
+        self.misplaced = np.zeros_like(found) if misplaced is None else misplaced
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
         """Join parts with the same receivers, at least one: the frames of the first, then of the second."""
-        every = list(parts)
-        halves, found = (
-            [getattr(part, name) for part in every] for name in ("half_errors", "found")
+        first, *others = parts
+        halves, found, groups, misplaced = (
+            np.concatenate([getattr(part, name) for part in (first, *others)], axis=-1)
+            for name in ARRAYS
         )
-        groups = [part.groups for part in every if part.groups is not None]
-        sorted_by = np.concatenate(groups) if groups else None
-        misplaced = [part.misplaced for part in every if part.misplaced is not None]
-        off = np.concatenate(misplaced, axis=1) if misplaced else None
-        joined = np.concatenate(halves, axis=1), np.concatenate(found, axis=1)
-        return cls(*joined, every[0].leds, sorted_by, off, every[0].keys)
+        return cls(halves, found, first.leds, groups, misplaced, first.keys)
 
     @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:
-        """Join parts with the same frames, at least one: the receivers of the first, then of the second."""
+        """Join the rows of parts with the same frames, at least one."""
         halves = np.concatenate([part.half_errors for part in parts])
         found = np.concatenate([part.found for part in parts])
-        off = [part.misplaced for part in parts if part.misplaced is not None]
-        return cls(
-            halves,
-            found,
-            parts[0].leds,
-            parts[0].groups,
-            np.concatenate(off) if off else None,
-        )
+        return cls(halves, found, parts[0].leds)
 
     def packed(self) -> bytes:
         """Write the numbers as bytes; leds and keys are not among them."""
-        rows, frames = self.half_errors.shape
-        off = np.zeros((rows, frames)) if self.misplaced is None else self.misplaced
-        groups = np.zeros(frames) if self.groups is None else self.groups
-        table = np.vstack([self.half_errors, self.found, off, groups]).astype("<i4")
+        rows = [self.half_errors, self.found, self.misplaced, self.groups]
+        table = np.vstack(rows).astype("<i4")
         return zlib.compress(table.tobytes(), level=1)
 
     @classmethod
@@ -144,7 +133,7 @@ class FrameErrors:
             raise VoccError(f"counts have a frame with more wrong bits than its {leds}")
         found, off = flags.astype(bool).reshape(2, rows, frames)
         groups = numbers[-1].astype(np.int64)
-        return cls(halves.astype(np.int64), found, leds, groups, off, tuple(keys))
+        return cls(halves.astype(np.int64), found, leds, groups, off, keys)
 
     def of(
         self,
@@ -152,19 +141,13 @@ class FrameErrors:
         frames: slice | NDArray[np.bool_] = slice(None),
     ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
-        halves, found = (
-            self.half_errors[receivers][:, frames],
-            self.found[receivers][:, frames],
-        )
-        groups = None if self.groups is None else self.groups[frames]
-        off = None if self.misplaced is None else self.misplaced[receivers][:, frames]
-        rows = (
-            range(len(self.keys))[receivers]
-            if isinstance(receivers, slice)
-            else receivers
-        )
+        rows = np.arange(len(self.half_errors))[receivers]
+        halves = self.half_errors[rows][:, frames]
+        found = self.found[rows][:, frames]
+        misplaced = self.misplaced[rows][:, frames]
         keys = [self.keys[row] for row in rows if self.keys]
-        return type(self)(halves, found, self.leds, groups, off, tuple(keys))
+        groups = self.groups[frames]
+        return type(self)(halves, found, self.leds, groups, misplaced, keys)
 
     def place(self, key: Key) -> int:
         """Give the row of a receiver; one that learns nothing is the same after each training."""
@@ -172,13 +155,8 @@ class FrameErrors:
 
     def by_group(self) -> Iterator[tuple[int, Self]]:
         """Give the frames of each group that has some, by the group; those below 0 are in none."""
-        groups = (
-            np.zeros(self.half_errors.shape[1], np.int64)
-            if self.groups is None
-            else self.groups
-        )
-        for group in np.unique(groups[groups >= 0]).tolist():
-            yield group, self.of(frames=groups == group)
+        for group in np.unique(self.groups[self.groups >= 0]).tolist():
+            yield group, self.of(frames=self.groups == group)
 
     @classmethod
     def pooled(cls, trainings: Sequence[Self]) -> Self:
@@ -190,24 +168,16 @@ class FrameErrors:
         first = trainings[0]
         halves = np.sum([training.half_errors for training in trainings], axis=0)
         found = np.all([training.found for training in trainings], axis=0)
-        return cls(
-            halves,
-            found,
-            first.leds * len(trainings),
-            first.groups,
-            first.misplaced,
-            first.keys,
-        )
+        leds = first.leds * len(trainings)
+        return cls(halves, found, leds, first.groups, first.misplaced, first.keys)
 
     @cached_property
     def counts(self) -> list[Counts]:
         """Errors of each receiver, in the order of the rows."""
         frames = self.half_errors.shape[1]
         missed = frames - self.found.sum(axis=1, keepdims=True)
-        off = np.zeros_like(self.found) if self.misplaced is None else self.misplaced
-        of_location = np.stack(
-            [off.sum(axis=1), (self.half_errors * off).sum(axis=1)], axis=1
-        )
+        off = [self.misplaced, self.half_errors * self.misplaced]
+        of_location = np.sum(off, axis=2).T
         rows = np.hstack([_sums(self.half_errors), missed, of_location]).tolist()
         return [Counts(frames, frames * self.leds, *sums) for sums in rows]
 
@@ -232,9 +202,8 @@ class FrameErrors:
     def paired(self, a: int, b: int) -> PairedCounts:
         """Compare two receivers by their places, in either order."""
         if a == b:
-            return PairedCounts(
-                self.half_errors.shape[1], self.half_errors.shape[1] * self.leds
-            )
+            frames = self.half_errors.shape[1]
+            return PairedCounts(frames, frames * self.leds)
         return self.pairs[a, b] if a < b else self.pairs[b, a].swapped()
 
     def compared(self, a: int, b: int, confidence: float = CONFIDENCE) -> Estimate:

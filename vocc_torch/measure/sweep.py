@@ -76,7 +76,6 @@ def run_campaign(
     workers: Workers,
     stores: Mapping[str, Store],
     *,
-    trained: Callable[[], None] = lambda: None,
     advance: Callable[[Study, int], None] = lambda study, frames: None,
     finished: Callable[[Study, Measured], None] = lambda study, measured: None,
 ) -> Campaign:
@@ -86,7 +85,6 @@ def run_campaign(
         studies: the studies, of different keys.
         workers: who does it.
         stores: of every study, by its key.
-        trained: called when training is done.
         advance: called for each block as it is added, with its frames.
         finished: called with each study when its last point is there.
 
@@ -103,7 +101,6 @@ def run_campaign(
     trainings = {
         study.key: dict(zip(study.locators, every, strict=False)) for study in studies
     }
-    trained()
     banks, results = {}, {}
     for study in studies:
         names = study.plan.receiver.names
@@ -288,36 +285,42 @@ def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> Measured
         values, (sorted_outcome,) = axis_values(experiment), outcomes.values()
         outcomes = {values[group]: part for group, part in sorted_outcome.by_group()}
     place = experiment.name, experiment.axis
-    return {name: curves_of(*place, name, names, outcomes) for name in study.locators}
+    return {
+        locator: curves_of(
+            *place, {name: Key(locator, name) for name in names}, outcomes
+        )
+        for locator in study.locators
+    }
 
 
 def curves_of(
     experiment: str,
     axis: str,
-    locator: Locator,
-    names: Sequence[str],
+    receivers: Mapping[str, Key],
     outcomes: Mapping[float, runner.Outcome],
 ) -> curve.Curves:
-    """Put what was counted with one locator together.
+    """Put what was counted of some receivers together.
 
     Args:
         experiment: its name.
         axis: quantity that varies.
-        locator: where the panel's corners came from.
-        names: of the receivers, in the order of the results.
+        receivers: whose errors they are after the first training, by name, in the order of the results.
         outcomes: by the value of the axis, ascending.
     """
+    names = tuple(receivers)
     counts: dict[tuple[str, float], Counts] = {}
     pairs: dict[tuple[str, str, float], PairedCounts] = {}
     trained: dict[tuple[str, float], Trained] = {}
     trained_pairs: dict[tuple[str, str, float], PairedCounts] = {}
     for at, outcome in outcomes.items():
         errors = outcome.errors
-        trainings = [
-            errors.of([errors.place(Key(locator, name, number)) for name in names])
-            for number in range(1 + max(key.training for key in errors.keys))
-        ]
-        counts |= {(name, at): outcome.counts[Key(locator, name), 0] for name in names}
+        trainings = []
+        for number in range(1 + max(key.training for key in errors.keys)):
+            keys = [replace(key, training=number) for key in receivers.values()]
+            trainings.append(errors.of([errors.place(key) for key in keys]))
+        counts |= {
+            (name, at): outcome.counts[key, 0] for name, key in receivers.items()
+        }
         if outcome.comparable:
             pairs |= {
                 (names[a], names[b], at): pair
@@ -326,16 +329,24 @@ def curves_of(
         if len(trainings) > 1:
             pooled = FrameErrors.pooled(trainings)
             for row, name in enumerate(names):
-                trained[name, at] = Trained(
-                    tuple(of.counts[row] for of in trainings), pooled.counts[row]
-                )
+                of_each = tuple(errors.counts[row] for errors in trainings)
+                trained[name, at] = Trained(of_each, pooled.counts[row])
             trained_pairs |= {
                 (names[a], names[b], at): pair for (a, b), pair in pooled.pairs.items()
             }
     stopped = {at: outcome.stopped_by for at, outcome in outcomes.items()}
-    found = counts, pairs, stopped, trained, trained_pairs
+    locators = dict.fromkeys(key.locator for key in receivers.values())
     return curve.Curves(
-        experiment, axis, locator, tuple(names), tuple(outcomes), *found
+        experiment,
+        axis,
+        ", ".join(locators),
+        names,
+        tuple(outcomes),
+        counts,
+        pairs,
+        stopped,
+        trained,
+        trained_pairs,
     )
 
 

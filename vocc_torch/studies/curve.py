@@ -16,7 +16,6 @@ from vocc_torch.measure import (
     curve,
     executors,
     grid,
-    paired,
     runner,
     sweep,
     timing,
@@ -402,9 +401,7 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
     for name in others if reference in curves.receivers and curves.paired else ():
         places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
-            # Of the algorithms where there are several trainings.
-            found = curves.trained_pair(name, reference, value)
-            found = found or paired.paired_interval(curves.pair(name, reference, value))
+            found = curves.difference(name, reference, value)
             if found.real:
                 places["more errors" if found.value > 0 else "fewer errors"].append(
                     styles.value_text(value)

@@ -1,5 +1,7 @@
 """Operating points, their frontier and what is recommended are what their definitions give."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,13 +9,14 @@ from hypothesis import strategies as st
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.runner import Outcome
 from vocc_torch.measure.stage_times import STAGES, StageTimes
+from vocc_torch.measure.sweep import curves_of
 from vocc_torch.measure.train import Making
 from vocc_torch.studies.compare import TradeoffConfig, price_report
 from vocc_torch.studies.compare.prices import (
-    Errors,
     OperatingPoint,
     PriceList,
     Setting,
@@ -27,12 +30,18 @@ BIT_ERRORS = (900, 300, 200, 400, 40, 0)
 ALONE_MS = (3.0, 4.0, 4.5, 9.0, 10.5, 11.5)
 
 
-def errors(wrong, frames=FRAMES):
+def measured(names, *trainings):
     """One wrong bit a frame in the first frames: what the better ones get wrong, the others do too."""
-    half = np.zeros((len(wrong), frames), dtype=np.int64)
-    for row, count in enumerate(wrong):
-        half[row, :count] = 2
-    return FrameErrors(half, np.ones_like(half, dtype=bool), LEDS)
+    numbered = list(enumerate(trainings))
+    keys = [Key("truth", name, number) for number, _ in numbered for name in names]
+    half = np.zeros((len(keys), FRAMES), dtype=np.int64)
+    for row, count in zip(half, itertools.chain(*trainings), strict=True):
+        row[:count] = 2
+    errors = FrameErrors(half, half >= 0, LEDS, keys=keys)
+    counts = {(key, 0): of for key, of in zip(keys, errors.counts, strict=True)}
+    receivers = {name: Key("truth", name) for name in names}
+    outcomes = {50.0: Outcome(errors, counts, "frames")}
+    return curves_of("tradeoff", "distance_m", receivers, outcomes)
 
 
 def spent(total_ms):
@@ -58,7 +67,7 @@ def prices(study):
         for batch, factor in ((1, 1), (32, 2))
     }
     costs = dict.fromkeys(study.settings, Making(1.5, 1.0, 1000, 80, 1700))
-    made = Errors([errors(BIT_ERRORS)])
+    made = measured([setting.name for setting in study.settings], BIT_ERRORS)
     return PriceList(study, costs, made, times, "a machine", waited_share=0.2)
 
 
@@ -71,12 +80,12 @@ def test_the_frontier_is_what_nothing_beats(prices):
         )
     )
     def holds(pairs):
-        made = Errors([errors([wrong for _, wrong in pairs])])
+        settings = [Setting(str(row), "paper") for row in range(len(pairs))]
+        names = [setting.name for setting in settings]
+        made = measured(names, [wrong for _, wrong in pairs])
         points = [
-            OperatingPoint(
-                Setting(str(row), "paper"), 1, Estimate(ms, ms, ms), made.rate(row)
-            )
-            for row, (ms, _) in enumerate(pairs)
+            OperatingPoint(setting, 1, Estimate(ms, ms, ms), row.rate)
+            for setting, row, (ms, _) in zip(settings, made.table(), pairs, strict=True)
         ]
         for point, (ms, wrong) in zip(ranked(points, made), pairs, strict=True):
             beaten = any(
@@ -99,12 +108,15 @@ def test_points_have_the_counts_interval_and_the_best_batch(prices):
 
 
 def test_several_trainings_give_the_algorithms_rate(prices):
-    several = Errors([errors(BIT_ERRORS), errors((100, 500, 200, 400, 40, 0))])
-    rate = several.rate(1)
+    names = prices.errors.receivers
+    several = measured(names, BIT_ERRORS, (100, 500, 200, 400, 40, 0))
+    rate, single = (
+        table.of(names[1])[0].rate for table in (several.table(), prices.errors.table())
+    )
     assert rate.value == pytest.approx(400 / FRAMES / LEDS)
-    assert rate.high > prices.errors.rate(1).high
-    assert not several.surely_worse(0, 1)
-    assert prices.errors.surely_worse(0, 1)
+    assert rate.high > single.high
+    apart = several.difference(*names[:2], 50.0)
+    assert apart.low <= 0 < prices.errors.difference(*names[:2], 50.0).low
 
 
 def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices):

@@ -126,7 +126,7 @@ def price_rows(prices: PriceList) -> list[Row]:
     study = prices.study
     rows: list[Row] = []
     for batch in prices.batches:
-        for row, point in enumerate(prices.points(batch)):
+        for point in prices.points(batch):
             cells: Row = {
                 "receiver": point.setting.receiver,
                 "locator": point.setting.locator,
@@ -135,7 +135,7 @@ def price_rows(prices: PriceList) -> list[Row]:
                 "batch": batch,
                 **ends("ms", point.time_ms),
                 "scenes": study.scene_name,
-                "test_frames": prices.errors.counts(row).frames,
+                "test_frames": prices.frames,
                 **ends("ber", point.ber),
                 "rank": point.rank,
             }

@@ -1,23 +1,21 @@
 """What each receiver costs in time and makes in errors on the same frames."""
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from vocc_torch.errors import VoccError, demand_least
-from vocc_torch.measure import estimate, intervals, stage_times
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.measure import curve, estimate, stage_times
 from vocc_torch.measure.plan import OWN_LOCATORS, Plan
 from vocc_torch.measure.train import Making
-from vocc_torch.measure.trainings import Trained, mean_difference
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.compare import TradeoffConfig
 
 FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
 """How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
+
+
+Rank = Literal["frontier", "perhaps", "beaten"]
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,7 @@ class OperatingPoint:
     batch: int
     time_ms: estimate.Estimate
     ber: estimate.Estimate
-    rank: Literal["frontier", "perhaps", "beaten"] = "frontier"
+    rank: Rank = "frontier"
 
     @property
     def ms(self) -> float:
@@ -149,47 +147,6 @@ def most_accurate(points: Sequence[OperatingPoint]) -> OperatingPoint | None:
     return min(points, key=order, default=None)
 
 
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """What the same receivers got wrong on the same frames, after each training.
-
-    Args:
-        by_training: errors by frame, the first training's first.
-    """
-
-    by_training: Sequence[FrameErrors]
-
-    @cached_property
-    def pooled(self) -> FrameErrors:
-        """Errors of all trainings together: a frame holds the bits of all of them."""
-        return FrameErrors.pooled(self.by_training)
-
-    def counts(self, row: int) -> Counts:
-        """Give a receiver's counts after the first training."""
-        return self.by_training[0].counts[row]
-
-    def trained(self, row: int) -> Trained:
-        """Give a receiver's errors after each training."""
-        counts = tuple(errors.counts[row] for errors in self.by_training)
-        return Trained(counts, self.pooled.counts[row])
-
-    def rate(self, row: int) -> estimate.Estimate:
-        """Give a receiver's rate with its interval: the algorithm's after several trainings."""
-        if len(self.by_training) > 1:
-            return self.trained(row).interval()
-        return intervals.ber_interval(self.counts(row))
-
-    def surely_worse(self, a: int, b: int) -> bool:
-        """Whether a's rate is above b's, by intervals of all pairs that hold together at 95 %."""
-        pairs = estimate.all_pairs(len(self.pooled.counts))
-        confidence = estimate.joint_confidence(pairs)
-        if len(self.by_training) == 1:
-            return self.pooled.compared(a, b, confidence).low > 0
-        trained = self.trained(a), self.trained(b)
-        paired = self.pooled.paired(a, b)
-        return mean_difference(*trained, paired, confidence).low > 0
-
-
 @dataclass(frozen=True)
 class PriceList:
     """All that was measured.
@@ -197,7 +154,7 @@ class PriceList:
     Args:
         study: what was compared.
         costs: what it took to train each setting.
-        errors: in the order of the settings.
+        errors: of every setting by its name, at one value.
         times: the stages' times, by setting and batch.
         machine: what was measured on.
         waited_share: share of the time in which other work had the processor, 0 to 1.
@@ -205,7 +162,7 @@ class PriceList:
 
     study: TradeoffStudy
     costs: Mapping[Setting, Making]
-    errors: Errors
+    errors: curve.Curves
     times: Mapping[tuple[Setting, int], stage_times.StageTimes]
     machine: str
     waited_share: float = 0.0
@@ -213,7 +170,7 @@ class PriceList:
     @property
     def frames(self) -> int:
         """Frames that errors were counted on."""
-        return self.errors.counts(0).frames
+        return self.errors.total(self.study.settings[0].name).frames
 
     @property
     def batches(self) -> list[int]:
@@ -222,35 +179,42 @@ class PriceList:
 
     def points(self, batch: int | None = None) -> list[OperatingPoint]:
         """Give every setting's operating point with batches of a size, or with its quickest ones."""
-        points = []
-        for row, setting in enumerate(self.study.settings):
+        points, rates = [], {row.receiver: row.rate for row in self.errors.table()}
+        for setting in self.study.settings:
             totals = {
                 size: self.times[setting, size].total
                 for size in ([batch] if batch else self.batches)
             }
             best = min(totals, key=lambda size: totals[size].value)
-            rate = self.errors.rate(row)
+            rate = rates[setting.name]
             points.append(OperatingPoint(setting, best, totals[best], rate))
         return ranked(points, self.errors)
 
 
-def ranked(points: Sequence[OperatingPoint], errors: Errors) -> list[OperatingPoint]:
+def ranked(
+    points: Sequence[OperatingPoint], errors: curve.Curves
+) -> list[OperatingPoint]:
     """Say of each point whether another one beats it, and how surely.
 
     Args:
         points: in any order.
-        errors: whose rows are in that order.
+        errors: of every setting by its name, at one value.
     """
-    beaten: dict[int, bool] = {}
-    for worse, better in itertools.permutations(range(len(points)), 2):
-        if points[better].beats(points[worse]):
-            surely = errors.surely_worse(worse, better)
-            beaten[worse] = beaten.get(worse, False) or surely
-    ranks: dict[bool | None, Literal["frontier", "perhaps", "beaten"]]
-    ranks = {None: "frontier", False: "perhaps", True: "beaten"}
-    return [
-        OperatingPoint(
-            point.setting, point.batch, point.time_ms, point.ber, ranks[beaten.get(row)]
-        )
-        for row, point in enumerate(points)
-    ]
+    pairs = estimate.all_pairs(len(points))
+    confidence, (value,) = estimate.joint_confidence(pairs), errors.values
+    found = []
+    for point in points:
+        # By intervals of all pairs that hold together at 95 %.
+        surely = [
+            errors.difference(
+                point.setting.name, better.setting.name, value, confidence
+            ).low
+            > 0
+            for better in points
+            if better.beats(point)
+        ]
+        rank: Rank = "frontier"
+        if surely:
+            rank = "beaten" if any(surely) else "perhaps"
+        found.append(replace(point, rank=rank))
+    return found

@@ -85,8 +85,7 @@ class ReceiverComparison:
         """Give a receiver's rate at a point: the algorithm's where it was trained several times."""
         for row in self.tables[experiment].of(receiver):
             if row.value == value:
-                single = estimate.Estimate(row.ber, row.ber_low, row.ber_high)
-                return row.algorithm or single
+                return row.rate
         return None
 
     def ratio(

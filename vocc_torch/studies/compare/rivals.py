@@ -182,34 +182,19 @@ def compare_classifiers(
     for classifier in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(classifier.build, classifier.inputs)
-    # FLDA is always trained: the receiver that is saved is one.
-    learners = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))
-    trained = run.train(
-        [
-            replace(plan, receiver=replace(plan.receiver, names=learners))
-            for plan in study.plans.values()
-        ]
-    )
-    places = [
-        (experiment, bank.bank(names), value)
-        for experiment, bank in zip(study.studies, trained, strict=True)
-        for value in experiment.plan.experiment.values
-    ]
-    jobs = {
-        (experiment.key, value): point_job(experiment, bank, value, run)
-        for experiment, bank, value in places
-    }
-    budget = study.base.budget
-    counted = run.count([(job, budget) for job in jobs.values()], "bit error rates")
-    outcomes = dict(zip(jobs, counted, strict=True))
-    curves = {}
+    trained = run.train(list(study.plans.values()))
+    jobs = []
+    for experiment, training in zip(study.studies, trained, strict=True):
+        banks = {experiment.locators[0]: training.bank(names)}
+        for value in experiment.plan.experiment.values:
+            job = sweep.plain_job(experiment, banks, value, run.pool)
+            name = f"{experiment.key}/{job.point}"
+            jobs.append((replace(job, name=name), study.base.budget))
+    outcomes, curves = iter(run.count(jobs, "bit error rates")), {}
     for experiment in study.studies:
-        at = {
-            value: outcome
-            for (name, value), outcome in outcomes.items()
-            if name == experiment.key
-        }
-        measured = sweep.measured(experiment, at)
+        values = experiment.plan.experiment.values
+        points = dict(zip(values, outcomes, strict=False))
+        measured = sweep.measured(experiment, points)
         curves[experiment.key] = measured[experiment.locators[0]]
     transfers, lost_scenes = across_scenes(study.scene_plans, run)
     comparison = ReceiverComparison(
@@ -222,14 +207,6 @@ def compare_classifiers(
         {**study.left_out, **lost_scenes},
     )
     return comparison, trained[0]
-
-
-def point_job(
-    study: sweep.Study, bank: ReceiverBank, value: float, run: Run
-) -> runner.Job:
-    """Give what counts a point of an experiment, recorded under the experiment's own name."""
-    job = sweep.plain_job(study, {study.locators[0]: bank}, value, run.pool)
-    return replace(job, name=f"{study.key}/{job.point}")
 
 
 def across_scenes(

@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import link, runner, stage_times, timing
+from vocc_torch.measure import link, runner, stage_times, sweep, timing
 from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Budget, Settings
 from vocc_torch.measure.frame_errors import Key
@@ -20,7 +20,6 @@ from vocc_torch.studies.compare import TradeoffConfig, price_report
 from vocc_torch.studies.compare.prices import (
     FRAMINGS,
     TIMING,
-    Errors,
     PriceList,
     Setting,
     TradeoffStudy,
@@ -115,14 +114,12 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
         ]
         job = runner.Job(plan, plan.world.scene, POINT, runner.Banks(banks))
         (outcome,) = run.count([(job, Budget(plan.budget.frames))])
-    errors = outcome.errors
-    rows = [
-        [
-            errors.place(Key(setting.locator, setting.receiver, number))
-            for setting in study.settings
-        ]
-        for number in range(1 + max(key.training for key in errors.keys))
-    ]
+    receivers = {
+        setting.name: Key(setting.locator, setting.receiver)
+        for setting in study.settings
+    }
+    outcomes = {plan.experiment.values[0]: outcome}
+    errors = sweep.curves_of(POINT, plan.experiment.axis, receivers, outcomes)
     with run.stage("times", len(study.config.batch_sizes)) as advance:
         device = resolve_device(plan.world.device)
         with timing.threads(study.config.threads):
@@ -142,7 +139,7 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
             setting: trainings[setting.locator].making(setting.receiver)
             for setting in study.settings
         },
-        Errors([errors.of(row) for row in rows]),
+        errors,
         {
             (setting, batch): timed.by_receiver[setting.name]
             for batch, timed in timings.items()
