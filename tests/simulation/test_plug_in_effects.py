@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 from scipy.ndimage import uniform_filter1d
 from test_framing import SMALL, demand_same_pixels, shots
 
@@ -111,22 +110,6 @@ def test_the_streak_is_scipys_uniform_filter():
     np.testing.assert_allclose(
         Streak(share=0.3)(torch.from_numpy(light), None), smeared, rtol=1e-12
     )
-
-
-def test_a_photograph_stands_behind_the_panel(tmp_path):
-    """Its grey values times one number where no panel is; and in windows the frame's own part."""
-    grey = np.random.default_rng(0).integers(20, 256, (17, 30), dtype=np.uint8)
-    Image.fromarray(grey).save(tmp_path / "street.png")
-    target = f"{EXAMPLES}/backdrops/photograph.py:Photograph"
-    street = {"street": {"_target_": target, "file": str(tmp_path / "street.png")}}
-    full, near = (shots(street, panel_only=only) for only in (False, True))
-    ratio = full.grey[0, 0].double() / torch.from_numpy(
-        np.kron(grey, np.ones((16, 16)))
-    )
-    assert float((ratio[:, :150] / ratio[0, 0] - 1).abs().max()) < 1e-5
-    assert float((ratio[110:160, 215:265] / ratio[0, 0] - 1).abs().max()) > 0.1
-    assert near.grey.shape[-2:] < SMALL.sensor_px
-    demand_same_pixels(near, full, 0)
 
 
 class Passing(Effect):

@@ -32,7 +32,6 @@ class Rows:
         title: above the axes.
         scale: ``linear``, ``log`` or ``symlog``.
         linear: half the width of the linear part of ``symlog``.
-        texts: words at the right of a row.
         stars: quoted values by row.
     """
 
@@ -41,7 +40,6 @@ class Rows:
     title: str = ""
     scale: str = "linear"
     linear: float = 1e-3
-    texts: Sequence[str] = ()
     stars: Mapping[int, float] = field(default_factory=dict)
 
 
@@ -114,7 +112,6 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
     axes.tick_params(axis="y", length=0)
     if panel.scale == "symlog":
         axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
-    ends = [0.0] * count
     for number, (style, estimates) in enumerate(panel.series.values()):
         shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
         for row, estimate in enumerate(estimates):
@@ -132,11 +129,5 @@ def draw_rows(axes: Axes, panel: Rows, count: int) -> None:
                 marker=style.marker,
                 capsize=2,
             )
-            ends[row] = max(ends[row], estimate.high)
     if panel.stars:
         axes.plot(list(panel.stars.values()), list(panel.stars), **star("white"))
-    for row, text in enumerate(panel.texts):
-        at = max(ends[row], panel.stars.get(row, 0.0))
-        axes.annotate(
-            text, (at, row), (9, 0), textcoords="offset points", va="center", fontsize=9
-        )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -91,7 +91,7 @@ class RecordingJob:
         return self.place.value if self.place.axis == "ratio" else self.config.at_ratio
 
 
-@dataclass
+@dataclass(frozen=True)
 class RecordingResult:
     """What came of one recording.
 
@@ -103,9 +103,9 @@ class RecordingResult:
     """
 
     seconds: float
-    frames: int = 0
-    wrong: dict[str, tuple[int, int]] = field(default_factory=dict)
-    packets: dict[Variant, Packets] = field(default_factory=dict)
+    frames: int
+    wrong: dict[str, tuple[int, int]]
+    packets: dict[Variant, Packets]
 
 
 def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
@@ -168,16 +168,15 @@ def recorded(job: RecordingJob) -> RecordingResult:
     )
     shown = base.write(random)
     film = np.tile(shown, (config.blocks, 1, 1))
-    result = RecordingResult(len(film) / rate_hz)
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader = next(iter(fronts.values()))
     combiners = {name: Combiner(base) for name in fronts}
     blocks: dict[str, list[Block]] = {name: [] for name in fronts}
-    wrong = dict.fromkeys(fronts, 0)
+    wrong, taken = dict.fromkeys(fronts, 0), 0
     for part in filmed(job, film, key):
         count = len(part.symbols)
-        stamps = [(result.frames + i) / (job.ratio * rate_hz) for i in range(count)]
-        result.frames += count
+        stamps = [(taken + i) / (job.ratio * rate_hz) for i in range(count)]
+        taken += count
         truth = film[
             np.clip([number or 0 for number in part.symbols], 0, len(film) - 1)
         ]
@@ -192,14 +191,12 @@ def recorded(job: RecordingJob) -> RecordingResult:
                 blocks[name] += combiners[name].push(values, stamps)
     for name, combiner in combiners.items():
         blocks[name] += combiner.finish()
-    result.wrong = {
-        name: (errors, result.frames * shape.leds) for name, errors in wrong.items()
-    }
-    result.packets = {
+    packets = {
         variant: decode(variant, blocks[variant.receiver], job, shown, key)
         for variant in variants_of(job.plan, config)
     }
-    return result
+    rates = {name: (errors, taken * shape.leds) for name, errors in wrong.items()}
+    return RecordingResult(len(film) / rate_hz, taken, rates, packets)
 
 
 def filmed(job: RecordingJob, film: Bools, key: BlockKey) -> Iterator[Recorded]:
