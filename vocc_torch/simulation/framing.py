@@ -124,8 +124,11 @@ SIZE_STEP = 1.2
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
 
-GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 40_000, 10_000_000
-"""Pixels in whose time a CPU begins another group of frames, and an accelerator does."""
+GROUP_PIXELS = 40_000
+"""Pixels in whose time a CPU begins another group of frames."""
+
+GROUP_PIXELS_ELSEWHERE = 10_000_000
+"""Pixels in whose time an accelerator does."""
 
 
 def crop_size_px(

@@ -32,15 +32,15 @@ class Light:
         """Luminance of a matt surface; black is not quite black."""
         return max(self.daylight_cd_m2 * reflectance, 1e-6)
 
+    def matt(self, generator: Generator, low: float, high: float) -> float:
+        """Luminance of a matt surface of any reflectance between two."""
+        return self.of(generator.uniform(low, high))
+
     def lamp(
         self, generator: Generator, low: float, high: float, *, lit: bool = True
     ) -> float:
         """Luminance of a lamp, log-uniform cd/m2, or of its glass where it is off."""
-        return (
-            spread(generator, low, high)
-            if lit
-            else self.of(generator.uniform(0.08, 0.3))
-        )
+        return spread(generator, low, high) if lit else self.matt(generator, 0.08, 0.3)
 
 
 def spread(generator: Generator, low: float, high: float) -> float:
@@ -51,11 +51,11 @@ def spread(generator: Generator, low: float, high: float) -> float:
 def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     """Draw the back or the front of a car, a van or a lorry, at least ``least_m`` wide and high."""
     g, sketch = generator, Sketch()
-    boxy = bool(g.random() < 0.35)
+    boxy = g.random() < 0.35
     wide = g.uniform(2.0, 2.5) if boxy else g.uniform(1.6, 1.95)
     high = g.uniform(2.1, 3.6) if boxy else g.uniform(1.35, 1.75)
     wide, high = max(wide, 1.3 * least_m), max(high, 1.5 * least_m)
-    half, floor, rear = wide / 2, -0.28, bool(g.random() < 0.7)
+    half, floor, rear = wide / 2, -0.28, (g.random() < 0.7)
     paint = float(g.choice([0.04, 0.08, 0.15, 0.3, 0.5, 0.75])) * g.uniform(0.7, 1.1)
     belt = -high if boxy else -high * g.uniform(0.52, 0.66)
     sketch.box(half * 1.05, -0.1, 0.08, light.of(0.03))  # its shadow
@@ -69,7 +69,7 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
             [(-inset, -high), (inset, -high), (half, belt), (-half, belt)],
             light.of(paint),
         )
-    strips = int(g.integers(3, 9))
+    strips = g.integers(3, 9)
     edges = np.linspace(belt, floor, strips + 1)
     for top, bottom, gloss in zip(
         edges[:-1], edges[1:], g.uniform(0.7, 1.3, strips), strict=True
@@ -89,12 +89,12 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
             ],
             light.of(0.03),
         )
-        sky, cut = light.of(g.uniform(0.1, 1.2)), g.uniform(-0.6, 0.4, 2) * slope
+        sky, cut = light.matt(g, 0.1, 1.2), g.uniform(-0.6, 0.4, 2) * slope
         sketch.polygon(
             [(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky
         )
     if boxy and g.random() < 0.5:  # ribs, or a livery
-        count = int(g.integers(6, 30))
+        count = g.integers(6, 30)
         fill = g.uniform(0.2, 0.6)
         shade = g.uniform(0.4, 1.6)
         sketch.grid(
@@ -107,21 +107,21 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
             light.of(paint * shade),
         )
     if boxy and g.random() < 0.6:
-        size, words = g.uniform(0.12, 0.4), words_of(g, int(g.integers(4, 9)))
+        size, words = g.uniform(0.12, 0.4), words_of(g, g.integers(4, 9))
         sketch.text(
             words,
             -half * 0.8,
             -high * g.uniform(0.5, 0.9),
             size,
-            light.of(g.uniform(0, 0.9)),
+            light.matt(g, 0, 0.9),
         )
     if g.random() < 0.5:  # a grille
-        rows, columns = int(g.integers(3, 10)), int(g.choice([1, 1, 8, 16]))
+        rows, columns = g.integers(3, 10), int(g.choice([1, 1, 8, 16]))
         top = belt * g.uniform(0.55, 0.8)
         place = (half * 0.55, top, top + 0.25)
         sketch.box(*place, light.of(0.02))
         sketch.grid(
-            *place, rows, columns, g.uniform(0.3, 0.7), light.of(g.uniform(0.05, 0.8))
+            *place, rows, columns, g.uniform(0.3, 0.7), light.matt(g, 0.05, 0.8)
         )
     _vehicle_lamps(g, light, sketch, half, max(belt, -1.1), rear)
     plate = -g.uniform(0.42, 0.8)
@@ -129,12 +129,12 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
         0.27,
         plate,
         plate + 0.12,
-        light.of(g.uniform(0.5, 0.8)) + g.uniform(0, 30) * light.lit,
+        light.matt(g, 0.5, 0.8) + g.uniform(0, 30) * light.lit,
     )
     sketch.text(words_of(g, 8), -0.24, plate + 0.02, 0.08, light.of(0.03))
-    sketch.box(half, -0.34, floor, light.of(g.uniform(0.03, 0.3)))
+    sketch.box(half, -0.34, floor, light.matt(g, 0.03, 0.3))
     if g.random() < 0.4 and light.daylight_cd_m2 > 0:  # the sun in the chrome
-        at = g.uniform((-half, belt), (half, floor), (int(g.integers(1, 4)), 2))
+        at = g.uniform((-half, belt), (half, floor), (g.integers(1, 4), 2))
         sketch.dots(at, g.uniform(0.01, 0.05), light.of(spread(g, 3, 60)), round=True)
     return sketch
 
@@ -143,13 +143,13 @@ def _vehicle_lamps(
     g: Generator, light: Light, sketch: Sketch, half: float, belt: float, rear: bool
 ) -> None:
     """Draw lamps on both sides: glasses, discs or lattices of LEDs, and a third lamp of brakes."""
-    lit, tall = bool(g.random() < light.lit), g.uniform(0.1, 0.35)
+    lit, tall = (g.random() < light.lit), g.uniform(0.1, 0.35)
     range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
     lamp_light = light.lamp(g, *range_cd, lit=lit)
     glass = light.lamp(g, 1, 2, lit=False)
     wide = g.uniform(0.12, 0.4)
     top = belt * g.uniform(0.75, 0.95)
-    kind = int(g.integers(3))
+    kind = g.integers(3)
     rows, columns = (int(n) for n in g.integers((1, 3), (5, 9)))
     for side in (-1, 1):
         left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
@@ -173,14 +173,14 @@ def _vehicle_lamps(
                 round=True,
             )
     if rear and g.random() < 0.4:
-        braking = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5))
+        braking = light.lamp(g, 2000, 15_000, lit=lit and (g.random() < 0.5))
         top = belt * 1.15
         sketch.grid(
             0.25,
             top,
             top + 0.03,
             1,
-            int(g.integers(6, 20)),
+            g.integers(6, 20),
             0.7,
             braking,
             round=True,
@@ -191,7 +191,7 @@ def house(generator: Generator, light: Light) -> Sketch:
     """Draw a front of windows, some of them lit, with a shop and its sign or without."""
     g, sketch = generator, Sketch()
     wide, high = g.uniform(6, 30), g.uniform(5, 22)
-    sketch.box(wide / 2, -high, 0, light.of(g.uniform(0.08, 0.6)))
+    sketch.box(wide / 2, -high, 0, light.matt(g, 0.08, 0.6))
     rows = max(1, round(high / g.uniform(2.6, 3.5)))
     columns = max(2, round(wide / g.uniform(1.2, 4)))
     state = g.random(rows * columns)
@@ -203,13 +203,13 @@ def house(generator: Generator, light: Light) -> Sketch:
     windows = (wide / 2, -high, -1.2, rows, columns)
     inner = g.uniform(0.35, 0.8)
     if g.random() < 0.6:
-        sketch.grid(*windows, min(inner * 1.15, 0.95), light.of(g.uniform(0.2, 0.8)))
+        sketch.grid(*windows, min(inner * 1.15, 0.95), light.matt(g, 0.2, 0.8))
     sketch.grid(*windows, inner, np.maximum(glass + inside, 1e-6))
     if g.random() < 0.5:
-        lit = bool(g.random() < light.lit)
+        lit = g.random() < light.lit
         ground, ink = (light.lamp(g, 30, 2000, lit=lit) for _ in range(2))
         sketch.box(wide / 3, -3.2, -2.4, ground)
-        sketch.text(words_of(g, int(g.integers(4, 12))), -wide / 3.3, -3.1, 0.6, ink)
+        sketch.text(words_of(g, g.integers(4, 12)), -wide / 3.3, -3.1, 0.6, ink)
     return sketch
 
 
@@ -217,7 +217,7 @@ def sign(generator: Generator, light: Light) -> Sketch:
     """Draw a traffic sign, a direction sign or a poster with lettering, on a pole."""
     g, sketch = generator, Sketch()
     wide, high, up = g.uniform(0.6, 3.5), g.uniform(0.5, 1.6), g.uniform(1.5, 5)
-    sketch.box(0.05, -up, 0, light.of(g.uniform(0.1, 0.5)))
+    sketch.box(0.05, -up, 0, light.matt(g, 0.1, 0.5))
     ground, ink = (g.uniform(0.03, 0.15), g.uniform(0.6, 0.85))
     if g.random() < 0.5:
         ground, ink = ink, ground
@@ -225,11 +225,11 @@ def sign(generator: Generator, light: Light) -> Sketch:
         centre = np.array([[0.0, -up]])
         for share, shade in ((1.0, 0.12), (0.8, ink)):
             sketch.dots(centre, high / 2 * share, light.of(shade), round=True)
-        limit = str(int(g.integers(2, 13)) * 10)
+        limit = str(g.integers(2, 13) * 10)
         sketch.text(limit, -high * 0.25, -up - high * 0.2, high * 0.4, light.of(0.03))
         return sketch
     sketch.box(wide / 2, -up - high, -up, light.of(ground))
-    lines = int(g.integers(1, 5))
+    lines = g.integers(1, 5)
     for line in range(lines):
         step = high / lines
         words = words_of(
@@ -248,8 +248,8 @@ def sign(generator: Generator, light: Light) -> Sketch:
 def display(generator: Generator, light: Light) -> Sketch:
     """Draw a dot matrix that shows words or an arrow: over a road, on a bus, in a shop."""
     g, sketch = generator, Sketch()
-    lines = int(g.integers(1, 4))
-    length = int(g.integers(2, 11))
+    lines = g.integers(1, 4)
+    length = g.integers(2, 11)
     dot = spread(g, 0.01, 0.06)
     up, rim, fill = g.uniform(1.5, 5.5), g.uniform(1, 4) * dot, g.uniform(0.4, 0.95)
     wide, high = (6 * length + 1) * dot, 12 * lines * dot
@@ -257,11 +257,11 @@ def display(generator: Generator, light: Light) -> Sketch:
         wide / 2 + rim,
         -up - rim,
         -up + high + rim,
-        light.of(g.uniform(0.02, 0.2)),
+        light.matt(g, 0.02, 0.2),
     )
     lamp = light.led_cd_m2 * spread(g, 0.2, 3) + light.of(0.2)
     if g.random() < 0.3 and lines * length < 9:
-        dots, off = (12 * lines, 6 * length + 1), light.of(g.uniform(0.02, 0.3))
+        dots, off = (12 * lines, 6 * length + 1), light.matt(g, 0.02, 0.3)
         sketch.grid(wide / 2, -up, -up + high, *dots, fill, off, round=True)
     for line in range(lines):
         sketch.text(
@@ -281,9 +281,9 @@ def fence(generator: Generator, light: Light) -> Sketch:
     wide, high = g.uniform(1.5, 10), g.uniform(0.8, 3)
     pitch = spread(g, 0.04, 0.4)
     rows, columns = (max(2, min(24, round(side / pitch))) for side in (high, wide))
-    rows, columns = ((1, columns), (rows, 1), (rows, columns))[int(g.integers(3))]
+    rows, columns = ((1, columns), (rows, 1), (rows, columns))[g.integers(3)]
     if g.random() < 0.7:
-        sketch.box(wide / 2, -high, 0, light.of(g.uniform(0.03, 0.7)))
+        sketch.box(wide / 2, -high, 0, light.matt(g, 0.03, 0.7))
     shade = g.uniform(0.03, 0.8) * np.exp(
         g.normal(0, g.uniform(0, 0.25), rows * columns)
     )
@@ -297,7 +297,7 @@ def fence(generator: Generator, light: Light) -> Sketch:
         columns,
         fill,
         luminance,
-        round=bool(g.random() < 0.2),
+        round=(g.random() < 0.2),
     )
     return sketch
 
@@ -305,9 +305,9 @@ def fence(generator: Generator, light: Light) -> Sketch:
 def lamp_post(generator: Generator, light: Light) -> Sketch:
     """Draw a street lamp, traffic lights, a chain of lamps or a field of floodlights."""
     g, sketch = generator, Sketch()
-    up, kind, lit = g.uniform(2.5, 8), int(g.integers(4)), bool(g.random() < light.lit)
+    up, kind, lit = g.uniform(2.5, 8), g.integers(4), (g.random() < light.lit)
     lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
-    sketch.box(0.07, -up, 0, light.of(g.uniform(0.03, 0.3)))
+    sketch.box(0.07, -up, 0, light.matt(g, 0.03, 0.3))
     if kind == 0:
         centre = [[g.uniform(-1, 1), -up]]
         half = [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]
@@ -315,10 +315,10 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     elif kind == 1:
         sketch.box(0.18, -up, -up + 1.0, light.of(0.03))
         states = np.full(3, light.of(0.06))
-        states[int(g.integers(3))] = light.lamp(g, 2e3, 2e4)
+        states[g.integers(3)] = light.lamp(g, 2e3, 2e4)
         sketch.grid(0.18, -up + 0.02, -up + 0.98, 3, 1, 0.7, states, round=True)
     else:
-        rows = 1 if kind == 2 else int(g.integers(2, 6))
+        rows = 1 if kind == 2 else g.integers(2, 6)
         columns = int(g.integers(4, 25) if kind == 2 else g.integers(2, 7))
         wide = columns * g.uniform(0.15, 0.6)
         bright = lamp_light * np.exp(g.normal(0, 0.15, rows * columns))
@@ -332,7 +332,7 @@ def tree(generator: Generator, light: Light) -> Sketch:
     g, sketch = generator, Sketch()
     up, wide = g.uniform(2.5, 8), g.uniform(1, 3.5)
     sketch.box(0.15, -up, 0, light.of(0.07))
-    leaves = int(g.integers(40, 120))
+    leaves = g.integers(40, 120)
     at = g.normal((0, -up), (wide / 2, wide / 2.2), (leaves, 2))
     shade = light.daylight_cd_m2 * np.exp(
         g.uniform(math.log(0.02), math.log(0.3), leaves)
@@ -341,7 +341,7 @@ def tree(generator: Generator, light: Light) -> Sketch:
         at,
         g.uniform(0.1, 0.6, (leaves, 1)),
         np.maximum(shade, 1e-6),
-        round=bool(g.random() < 0.5),
+        round=(g.random() < 0.5),
     )
     return sketch
 
@@ -349,7 +349,7 @@ def tree(generator: Generator, light: Light) -> Sketch:
 def marks(generator: Generator, light: Light) -> Sketch:
     """Draw lane marks and a crossing on the ground: x right and y ahead of the camera."""
     g, sketch = generator, Sketch()
-    paint = light.of(g.uniform(0.3, 0.7))
+    paint = light.matt(g, 0.3, 0.7)
     dash = g.uniform(2, 6)
     lane = g.uniform(2.8, 3.8)
     start, first = g.uniform(3, 9), g.uniform(-2.5, -1)
@@ -366,7 +366,7 @@ def marks(generator: Generator, light: Light) -> Sketch:
             ahead,
             ahead + 4,
             1,
-            int(g.integers(8, 16)),
+            g.integers(8, 16),
             0.5,
             paint,
         )

@@ -31,14 +31,20 @@ EVEN = 0.02
 JUMP_COST = 15.0
 """What a jump to any place costs."""
 
-STUCK, MEMORY = 0.75, 64
-"""A cell that shows the same in more than this share of the last so many frames is hidden or dead."""
+STUCK = 0.75
+"""A cell that shows the same in more than this share of the last frames is hidden or dead."""
+
+MEMORY = 64
+"""How many frames these are."""
 
 DELAY = 256
 """Frames that are looked ahead before a frame's symbol is settled."""
 
-ENDS, BESIDE = 8, 32
-"""Frames at a recording's begin and end that only frames on one side speak for, and how many of those do."""
+ENDS = 8
+"""Frames at a recording's begin and end that only frames on one side speak for."""
+
+BESIDE = 32
+"""Frames beside them that do."""
 
 ASTRAY = 1.25
 """Symbols from where the others place it, from which on such a frame is astray."""
@@ -46,9 +52,12 @@ ASTRAY = 1.25
 BACK = 16
 """Symbols that a jump may lead back, from a place taken wrongly beside a gap; farther back is far ahead."""
 
-DOUBTFUL, NEAR = 12.0, 64
+DOUBTFUL = 12.0
 """By how much the frames beside a jump must together be likelier where they are taken to be than where the
-frames beyond the jump would have them, and how many of them are asked."""
+frames beyond the jump would have them."""
+
+NEAR = 64
+"""Frames beside a jump that are compared so."""
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,16 @@ from vocc_torch.extras.messages.layout import Layout
 MIXED_SHARE = 0.3
 """A band whose clock cell agrees less than this share of what is usual is taken to show two symbols."""
 
-DEAF_SHARE, NEARBY = 0.3, 32
-"""A clock cell whose agreement is less than this on average over so many frames is hidden or dead."""
+DEAF_SHARE = 0.3
+"""A clock cell whose agreement is less than this on average is hidden or dead."""
+
+NEARBY = 32
+"""Frames over which that is averaged."""
 
 STUCK_SYMBOLS = 16
 """A cell that decides alike in so many symbols in a row carries no scrambled data: it is hidden or dead."""
 
-LEAST_WORTH, MOST_WORTH = 0.01, 4.0
+WORTH_RANGE = (0.01, 4.0)
 """Bounds of what ratios are multiplied by."""
 
 WEAK = 0.1
@@ -73,11 +76,8 @@ class Block:
         def unlikely(scale: float) -> float:
             return float(np.logaddexp(0.0, -scale * agreement.astype(np.float64)).sum())
 
-        return float(
-            minimize_scalar(
-                unlikely, bounds=(LEAST_WORTH, MOST_WORTH), method="bounded"
-            ).x
-        )
+        found = minimize_scalar(unlikely, bounds=WORTH_RANGE, method="bounded")
+        return float(found.x)
 
 
 class Combiner:

@@ -18,16 +18,23 @@ from vocc_torch.types import Frames, Panels
 REMEMBERED = 5
 """Places of the panel of which the middle one is taken."""
 
-MOVED_CELLS, STEADY, CORNERS = 0.1, 0.2, 3
-"""A panel moves of which so many corners are farther than that from where the first of the remembered looks
-saw them, and came nearer to there in each step, by so much of its share: errors of location go to and fro,
-and a single look that errs makes one step."""
+MOVED_CELLS = 0.1
+"""Corners of a panel that moves are farther than this from where the first of the remembered looks saw them."""
+
+STEADY = 0.2
+"""Least part of its share of the way that a corner goes in each step: errors of location go to and fro."""
+
+CORNERS = 3
+"""Corners that must move so: a single look that errs makes one step."""
 
 WHOLE = 32
 """One look of so many is at the whole frame, the others are where the panel was last."""
 
-AROUND, LEAST_AROUND_PX = 0.5, 16
-"""Share of the panel's extent, and px beside, that are read around it."""
+AROUND = 0.5
+"""Share of the panel's extent that is read around it."""
+
+LEAST_AROUND_PX = 16
+"""What is read beyond that."""
 
 FADED_SHARE = 0.25
 """A frame whose contrast is less than this share of what is usual shows no panel."""

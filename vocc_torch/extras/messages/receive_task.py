@@ -24,8 +24,11 @@ from vocc_torch.recordings.reading import read_recording, readable
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console
 
-BATCH_FRAMES, BATCH_PIXELS = 64, 64_000_000
-"""Frames read at a time, and most pixels of them."""
+BATCH_FRAMES = 64
+"""Frames read at a time."""
+
+BATCH_PIXELS = 64_000_000
+"""Most pixels of them."""
 
 MOST_NAMED = 12
 """Ranges of missing packets that a refusal names, and incomplete messages that are written."""

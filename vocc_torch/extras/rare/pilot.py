@@ -35,8 +35,10 @@ from vocc_torch.types import PanelShape
 
 Banks = Mapping[Locator, ReceiverBank]
 
-NOMINAL, PATTERNS = 16, 16
-"""Frames of a block that are drawn as they are meant, and with patterns that locators may fail at."""
+NOMINAL = 16
+"""Frames of a block that are drawn as they are meant."""
+PATTERNS = 16
+"""Frames with patterns that locators may fail at."""
 LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
 """Blocks of each of the pilot's looks."""
 WEAKEST = 256

@@ -84,7 +84,7 @@ class Photographs(Backdrop):
                 min(max(height / sides[0], width / sides[1]), 1.0)
                 * 2 ** generator.random()
             )
-            starts, mirrored = generator.random(2), bool(generator.random() < 0.5)
+            starts, mirrored = generator.random(2), (generator.random() < 0.5)
             places = []
             for at, full, side, start in zip(
                 (y[i], x[i]), (height, width), sides, starts, strict=True
@@ -245,7 +245,7 @@ class Leaves(street.Sketched):
 
     def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
         """Draw one shape, about 1 in size; those that shine are small."""
-        drawing, lamp = Sketch(), bool(g.random() < self.lamps) and small
+        drawing, lamp = Sketch(), (g.random() < self.lamps) and small
         shade, ink = (
             max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6)
             for _ in range(2)
@@ -261,10 +261,10 @@ class Leaves(street.Sketched):
         if g.random() >= self.patterned:
             return drawing
         rows, columns = (int(n) for n in g.integers(2, 14, 2))
-        fill, round = g.uniform(0.3, 0.95), bool(g.random() < 0.5)
-        match int(g.integers(5)):
+        fill, round = g.uniform(0.3, 0.95), (g.random() < 0.5)
+        match g.integers(5):
             case 0:
-                for ring in np.linspace(0.9, 0.1, 2 * int(g.integers(1, 5))):
+                for ring in np.linspace(0.9, 0.1, 2 * g.integers(1, 5)):
                     shade, ink = ink, shade
                     drawing.dots(np.zeros((1, 2)), ring * 0.7, shade, round=round)
             case 1:

@@ -176,7 +176,7 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
             along, full = ((rows[:, None], height), (columns, width))[
                 int(generator.random() < 0.5)
             ]
-            mask = letters_mask(words_of(generator, int(generator.integers(8, 24))))
+            mask = letters_mask(words_of(generator, generator.integers(8, 24)))
             times = max(1, round(height * generator.uniform(0.01, 0.04) / len(mask)))
             x, y, white = *generator.random(2), 255.0 * (generator.random() < 0.8)
             y = (0.01 if y < 0.5 else 0.98) * (height - times * len(mask))

@@ -239,7 +239,7 @@ class Housing(street.Sketched):
         white = float(context.scene.ambient_lx[0]) / math.pi
         x, y = (n * panel.pitch_m / 2 for n in (panel.shape.columns, panel.shape.rows))
         rim, shade = rim * panel.pitch_m, max(white * reflectance, 1e-6)
-        bare = bool(generator.random() < self.boardless)
+        bare = generator.random() < self.boardless
         for _ in range(round(cables)):
             thick = generator.uniform(0.1, 0.8) * panel.pitch_m
             steps = np.arange(9) / 8 * generator.uniform(0.5, 3)

@@ -342,7 +342,7 @@ class Clutter(Sketched):
         # No surface is of one shade: dirt, and what it mirrors.
         layer.dirt = noise_nodes(generator, camera_view.context.camera.sensor_px)
 
-    def placed(self, generator: Generator, camera_view: view.View) -> Iterator[Placed]:
+    def placed(self, generator: Generator, camera_view: view.View) -> list[Placed]:
         """Place a frame's things, the farthest first."""
         camera, panel = camera_view.context.camera, camera_view.context.panel
         focal, (height, width) = camera.focal_length_px, camera.sensor_px
@@ -355,7 +355,7 @@ class Clutter(Sketched):
         along = generator.random(count) < 0.5
         seeds = generator.integers(1 << 62, size=count + 2).tolist()
         slope = generator.uniform(-0.03, 0.03)
-        carried = bool(generator.random() < self.carried)
+        carried = generator.random() < self.carried
         at = generator.uniform((-0.25, 0.3), (0.25, 0.75))
         corners = camera_view.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
         centre = corners.mean(axis=0)
@@ -364,13 +364,11 @@ class Clutter(Sketched):
         things: list[Placed] = [
             (1e9, roadside.marks, road, seeds[-1], (width / 2, height / 2), math.inf)
         ]
-        for i, (kind, depth, column) in enumerate(
-            zip(kinds, depths, columns, strict=True)
-        ):
+        places = zip(kinds, depths, columns, turns.tolist(), along, seeds, strict=False)
+        for kind, depth, column, (lean, tilt), beside, seed in places:
             thing = roadside.BESIDE[kind]
-            reach = roadside.REACH_M[roadside.BESIDE[kind]]
-            yaw, roll = 0.15 * float(turns[i, 0]), 0.03 * float(turns[i, 1])
-            if along[i] and thing is roadside.house:
+            rplaces, yaw, roll = roadside.REACH_M[thing], 0.15 * lean, 0.03 * tilt
+            if beside and thing is roadside.house:
                 yaw += math.copysign(0.9, width / 2 - column)
             across = (
                 math.cos(yaw) * math.cos(roll),
@@ -388,7 +386,7 @@ class Clutter(Sketched):
                 < reach + extent
             )
             if depth > panel_m or not before:
-                things.append((depth, thing, place, seeds[i], middle, reach))
+                things.append((depth, thing, place, seed, middle, reach))
         if carried:
             least = panel.pitch_m * max(panel.shape.rows, panel.shape.columns)
             host = functools.partial(roadside.vehicle, least_m=least)
@@ -397,7 +395,7 @@ class Clutter(Sketched):
             things.append(
                 (panel_m, host, behind, seeds[-2], (centre[0], centre[1]), reach)
             )
-        return iter(sorted(things, key=lambda thing_placed: -thing_placed[0]))
+        return sorted(things, key=lambda placed: -placed[0])
 
 
 def on_vehicle(camera_view: view.View, at: Floats, points: Floats) -> Floats:
