@@ -367,7 +367,7 @@ class Clutter(Sketched):
         places = zip(kinds, depths, columns, turns.tolist(), along, seeds, strict=False)
         for kind, depth, column, (lean, tilt), beside, seed in places:
             thing = roadside.BESIDE[kind]
-            rplaces, yaw, roll = roadside.REACH_M[thing], 0.15 * lean, 0.03 * tilt
+            reach, yaw, roll = roadside.REACH_M[thing], 0.15 * lean, 0.03 * tilt
             if beside and thing is roadside.house:
                 yaw += math.copysign(0.9, width / 2 - column)
             across = (
