@@ -43,6 +43,10 @@ Sides = float | tuple[float, float]
 """Left and right end of a shape, or half the width of one about the middle."""
 
 
+Whole = int | np.int64
+"""A whole number, which may be drawn."""
+
+
 def ends_of(sides: Sides) -> tuple[float, float]:
     """Give the left and the right end."""
     return sides if isinstance(sides, tuple) else (-sides, sides)
@@ -105,8 +109,8 @@ class Sketch:
         sides: Sides,
         top: float,
         bottom: float,
-        rows: int,
-        columns: int,
+        rows: Whole,
+        columns: Whole,
         fill: float,
         luminance: float | Floats,
         *,
@@ -154,7 +158,7 @@ def _font() -> ImageFont.ImageFont:
     return ImageFont.load_default_imagefont()
 
 
-def words_of(generator: Generator, length: int) -> str:
+def words_of(generator: Generator, length: Whole) -> str:
     """Draw a word of capitals and figures."""
     return "".join(generator.choice(LETTERS, size=length))
 
