@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 import torch
+from frame_keys import frame_keys
 from PIL import Image
 from scipy import integrate
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects.colour import (
     SENSITIVITIES_NM,
@@ -31,7 +31,7 @@ def shot(effects, batch=None, frames=2, **settings):
     """Frames of one scene each, bright enough to see colour."""
     scene = Scene.of(frames, ambient_lx=8000.0)
     bits = torch.rand(frames, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
-    keys = [FrameKey(BlockKey(0, "colour", 0), frame) for frame in range(frames)]
+    keys = frame_keys("colour", frames)
     simulator = Simulator(CAMERA, effects=effects, **settings)
     return simulator.render(scene, bits, keys=keys)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+from frame_keys import frame_keys
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
@@ -63,7 +64,7 @@ def build(name):
 def context_of(chain, frames=2, distance_m=(40.0, 47.0)):
     """Frames of a small sensor with keys of their own."""
     scene = Scene.cat([Scene.of(distance_m=d) for d in distance_m[:frames]])
-    keys = [FrameKey(BlockKey(0, "every", 0), frame) for frame in range(frames)]
+    keys = frame_keys("every", frames)
     return Context(
         scene, CAMERA, keys, torch.zeros(frames, 2, dtype=torch.int64), chain
     )

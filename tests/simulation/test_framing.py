@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from frame_keys import frame_keys
 from test_every_effect import KINDS, PARAMETERS, chain
 
 from vocc_torch import Simulator
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context, build_effects
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
@@ -20,7 +20,7 @@ from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 
 SMALL = Camera(width_px=480, height_px=272, sensor_width_mm=13.2 / 4)
-KEYS = [FrameKey(BlockKey(0, "framing", 0), frame) for frame in range(3)]
+KEYS = frame_keys("framing", 3)
 
 
 def shots(effects, **settings):

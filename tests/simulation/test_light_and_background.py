@@ -3,14 +3,15 @@
 import itertools
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from frame_keys import frame_keys
 from scipy import stats
 
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.background import (
     BackgroundTexture,
     Lamps,
@@ -34,12 +35,7 @@ SMALL = Camera(width_px=120, height_px=80, sensor_width_mm=13.2 / 16)
 BOARD = LedPanel(shape=PanelShape(rows=4, columns=6), board_reflectance=0.05)
 
 
-def keys(frames, *, take="frame", start=0):
-    names = range(start, start + frames)
-    return [
-        FrameKey(BlockKey(0, "traffic", index // 64), index % 64, take)
-        for index in names
-    ]
+keys = partial(frame_keys, "traffic")
 
 
 def context(

@@ -1,14 +1,15 @@
 """Rows exposed one after the other, against sampled time, hand-made phases and the binomial law."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from frame_keys import frame_keys
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.base import Context
 from vocc_torch.simulation.effects.light import RollingShutter
 from vocc_torch.types import Scene
@@ -19,11 +20,7 @@ SMALL = Camera(
 """Rows enough for a panel, and an exposure time for round numbers."""
 
 
-def keys(frames, *, take="frame", start=0):
-    names = range(start, start + frames)
-    return [
-        FrameKey(BlockKey(0, "rows", index // 64), index % 64, take) for index in names
-    ]
+keys = partial(frame_keys, "rows")
 
 
 def context(scene, *, camera=SMALL, take="frame", origin=None, start=0, panel=None):
@@ -86,9 +83,7 @@ def test_light_is_what_sampled_time_says():
                 np.floor((row * 0.009 + instants - start) / 0.13).astype(int) + truth
             )
             wanted = symbols[frame].numpy()[number].mean(axis=0)
-            np.testing.assert_allclose(
-                ours[frame, row].numpy(), wanted, atol=2.5 / 4000
-            )
+            np.testing.assert_allclose(ours[frame, row], wanted, atol=2.5 / 4000)
             tested += 1
     assert tested > 150
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from frame_keys import frame_keys
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -15,7 +16,6 @@ from scipy import stats
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.coding import Demosaicing, Jpeg
 from vocc_torch.simulation.effects.poisson import poisson_quantile
@@ -37,14 +37,8 @@ from vocc_torch.types import Scene
 DOUBLE = torch.float64
 
 
-def frame_keys(frames, *, seed=0, point="test", block=0, take="frame"):
-    return [
-        FrameKey(BlockKey(seed, point, block), frame, take) for frame in range(frames)
-    ]
-
-
 def run(value, *effects, keys=None, origin=None, camera=None):
-    keys = frame_keys(len(value)) if keys is None else keys
+    keys = frame_keys("test", len(value)) if keys is None else keys
     origin = None if origin is None else torch.tensor(origin).view(len(value), 2)
     context = Context(Scene.of(len(value)), camera or Camera(), keys, origin, effects)
     for effect in effects:
@@ -78,7 +72,7 @@ def test_the_photon_transfer_curve_is_emvas_line():
     conversion, read = Photoelectrons(0.6), 12.0
     exposures, moments = np.array([0.002, 0.005, 0.01, 0.02, 0.05, 0.1]), []
     for point, exposure in enumerate(exposures):
-        keys = frame_keys(4, point=f"ptc/{point}")
+        keys = frame_keys(f"ptc/{point}", 4)
         electrons = run(
             level(exposure, 4, 1, 250, 250),
             conversion,
@@ -209,7 +203,7 @@ def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
     assert stats.kstest(rows.ravel(), "norm").pvalue > 1e-3
     assert abs(np.corrcoef(rows[0], rows[1])[0, 1]) < 4 / math.sqrt(1000)
     assert not torch.equal(
-        run(value, RowNoise(2.0), keys=frame_keys(40, take="on")) - 50, offsets
+        run(value, RowNoise(2.0), keys=frame_keys("test", 40, take="on")) - 50, offsets
     )
 
 
@@ -247,7 +241,7 @@ def test_demosaicing_is_opencvs_bilinear_interpolation(origin, code):
         origin=[origin],
     )
     np.testing.assert_allclose(
-        ours[0, 0, 1:-1, 1:-1].numpy(), luma[1:-1, 1:-1], rtol=0, atol=0.5
+        ours[0, 0, 1:-1, 1:-1], luma[1:-1, 1:-1], rtol=0, atol=0.5
     )
 
 
@@ -342,9 +336,6 @@ def test_a_window_has_the_noise_of_the_full_frame(effect, window):
         full[..., 200:] *= 100
         seen = on_sensor(cut(full, origin, size), effect, origin=origin)
         assert torch.equal(seen, cut(on_sensor(full, effect), origin, size))
-
-
-# Tiles
 
 
 # The sensor's own patterns are kept

@@ -1,13 +1,14 @@
 """Streets: drawings against exact areas, looks of panels and their light, photographs, no panel at all."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from frame_keys import frame_keys
 from PIL import Image
 
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, sketch
 from vocc_torch.types import Scene
 
@@ -17,8 +18,7 @@ BARE = {"fill": 0.5, "square": 0, "invisible": 1}
 PLAIN = {"board": 0.3, "boardless": 0, "rim": 0, "cables": 0}
 
 
-def keys(frames, seed=0):
-    return [FrameKey(BlockKey(seed, "street", 0), frame) for frame in range(frames)]
+keys = partial(frame_keys, "street")
 
 
 def shot(effects, bits=None, scene=NEAR, panel_only=False, seed=0, camera=LINEAR):
@@ -29,7 +29,7 @@ def shot(effects, bits=None, scene=NEAR, panel_only=False, seed=0, camera=LINEAR
     )
     bits = torch.ones(len(scene), 8, 8, dtype=torch.bool) if bits is None else bits
     return simulator.render(
-        scene, bits, keys=keys(len(scene), seed), panel_only=panel_only
+        scene, bits, keys=keys(len(scene), seed=seed), panel_only=panel_only
     )
 
 

@@ -1,11 +1,12 @@
 """Air, veil, texture and lamps in rendered frames: what lies behind the panel, before it and on its way."""
 
 import math
+from functools import partial
 
 import pytest
 import torch
+from frame_keys import frame_keys
 
-from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.types import Scene
 
@@ -16,15 +17,14 @@ NEAR = Scene.of(2, distance_m=6.0, ambient_lx=6000.0, led_luminance_cd_m2=700.0)
 """Near enough for pixels wholly inside an LED: its diameter is 18 px."""
 
 
-def keys(frames, take="frame"):
-    return [FrameKey(BlockKey(0, "around", 0), frame, take) for frame in range(frames)]
+keys = partial(frame_keys, "around")
 
 
 def shot(effects, bits=None, scene=NEAR, take="frame", panel=None, **settings):
     settings = {"dtype": torch.float64, "camera": SMALL} | settings
     simulator = Simulator(effects=effects, panel=panel, **settings)
     bits = torch.ones(len(scene), 8, 8, dtype=torch.bool) if bits is None else bits
-    return simulator.render(scene, bits, keys=keys(len(scene), take))
+    return simulator.render(scene, bits, keys=keys(len(scene), take=take))
 
 
 def middle_of_an_led(frames, camera=SMALL):
