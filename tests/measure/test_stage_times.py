@@ -96,7 +96,7 @@ def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
     times, made = recorded
     corners = {}
     for key, one in RECEIVERS.items():
-        rounds = times.by_receiver[str(key)].rounds_ms
+        rounds = times[str(key)].rounds_ms
         numbers = {
             stage: round(rounds[stage][0] * BATCH / 1e3)
             for stage in STAGES

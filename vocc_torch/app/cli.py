@@ -143,7 +143,7 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
 
 
 @dataclass(frozen=True)
-class Job:
+class CommandJob:
     """One job.
 
     Args:
@@ -159,17 +159,17 @@ class Job:
     number: int | None = None
 
 
-def hydras_job(config: DictConfig) -> Job:
+def hydras_job(config: DictConfig) -> CommandJob:
     """Give the job that Hydra runs now."""
     about = HydraConfig.get()
     # As they were typed: what a word interpolates is not resolved here.
     words: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
     number = int(about.job.num) if about.mode == RunMode.MULTIRUN else None
     typed = [typed_word(str(word)) for word in words]
-    return Job(config, typed, Path(about.runtime.output_dir), number)
+    return CommandJob(config, typed, Path(about.runtime.output_dir), number)
 
 
-def composed_job(words: Sequence[str]) -> Job:
+def composed_job(words: Sequence[str]) -> CommandJob:
     """Compose the one job of a command line without flags: Hydra itself would compose it twice."""
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         config = compose(
@@ -179,10 +179,10 @@ def composed_job(words: Sequence[str]) -> Job:
     folder.mkdir(parents=True, exist_ok=True)
     with open_dict(config):
         del config["hydra"]
-    return Job(config, words, folder)
+    return CommandJob(config, words, folder)
 
 
-def run_job(job: Job, jobs: Jobs, heard: Sequence[int] = ()) -> None:
+def run_job(job: CommandJob, jobs: Jobs, heard: Sequence[int] = ()) -> None:
     """Run one job; what ends it is a result too, because raising would end a multirun with it."""
     one_of_many, folder, words = job.number is not None, job.folder, job.words
     number = job.number or 0
@@ -278,14 +278,12 @@ def run_jobs(jobs: Jobs) -> int:
         )
     failures = jobs.told("failed")
     if failures and jobs.parallel:
-        numbers, count = (
-            ", ".join(str(one["job"]) for one in failures),
-            len(jobs.folders()),
-        )
+        numbers = ", ".join(str(failure["job"]) for failure in failures)
+        count = len(jobs.folders())
         complain(
             f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why"
         )
-    if any(one["trace"] for one in failures):
+    if any(failure["trace"] for failure in failures):
         return 1
     return 2 if failures else 0
 
@@ -357,8 +355,8 @@ def own_scenes(words: Sequence[str]) -> list[str]:
     # No path, and nothing that is too long for one.
     names = [
         name
-        for one in chosen
-        for name in one.split(",")
+        for text in chosen
+        for name in text.split(",")
         if re.fullmatch(r"\w[\w.-]{0,99}", name)
     ]
     found = [

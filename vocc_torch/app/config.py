@@ -156,7 +156,7 @@ def described(plain: Mapping[str, Any], schema: type) -> str:
             if text := said.get(".".join(path)):
                 lines.append(f"{found[1]}# {text}")
         lines.append(line)
-    lists = [f"{what} by name: {known}" for what, known in NAMES.items()]
+    lists = [f"{kind} by name: {known}" for kind, known in NAMES.items()]
     # Hydra puts the text into a template of its own, where $ begins a placeholder.
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
 

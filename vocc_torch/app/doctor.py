@@ -88,14 +88,14 @@ def versions() -> Iterator[Check]:
 
 def extras() -> Iterator[Check]:
     """The extras of the package, each with the line that installs it."""
-    wanted: dict[str, list[Requirement]] = {}
+    by_extra: dict[str, list[Requirement]] = {}
     for text in requires(DISTRIBUTION) or ():
         requirement = Requirement(text)
         extra = re.search(r"extra == ['\"](\w+)", str(requirement.marker))
         if extra and extra[1] not in DEVELOPMENT:
-            wanted.setdefault(extra[1], []).append(requirement)
-    for name, requirements in wanted.items():
-        lacking = [str(one.name) for one in requirements if not is_there(one)]
+            by_extra.setdefault(extra[1], []).append(requirement)
+    for name, requirements in by_extra.items():
+        lacking = [str(part.name) for part in requirements if not is_there(part)]
         purpose = PURPOSES.get(name, "")
         found = f"without {', '.join(lacking)}" if lacking else "installed"
         advice = (

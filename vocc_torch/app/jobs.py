@@ -96,15 +96,15 @@ class Jobs:
 
     def to_go_on(self) -> str | None:
         """Give the name under which jobs of other processes go on that had counted something, or None."""
-        kept = [folder for folder in self.folders() if any(folder.rglob("*.sqlite"))]
-        if not kept or not self.parallel:
+        resumable = [
+            folder for folder in self.folders() if any(folder.rglob("*.sqlite"))
+        ]
+        if not resumable or not self.parallel:
             return None
-        where, runs = kept[0].parent, Path.cwd() / "runs"
-        return (
-            where.relative_to(runs).as_posix()
-            if where.is_relative_to(runs)
-            else str(where)
-        )
+        folder, runs = resumable[0].parent, Path.cwd() / "runs"
+        if folder.is_relative_to(runs):
+            return folder.relative_to(runs).as_posix()
+        return str(folder)
 
 
 def begin_again(folder: Path) -> bool:
@@ -185,10 +185,10 @@ class JobLines(io.TextIOBase):
 
     def write(self, text: str) -> int:
         """Pass on the lines that are whole."""
-        *whole, self._rest = (self._rest + text).split("\n")
-        if whole:
+        *lines, self._rest = (self._rest + text).split("\n")
+        if lines:
             self._under.write(
-                "".join(f"{self._prefix}{line}".rstrip() + "\n" for line in whole)
+                "".join(f"{self._prefix}{line}".rstrip() + "\n" for line in lines)
             )
             self._under.flush()
         return len(text)

@@ -36,8 +36,8 @@ def task_plain(root: DictConfig) -> dict[str, Any]:
     plain: Any = OmegaConf.to_container(root)
     plain.pop("hydra", None)
     schema = schema_of(str(plain["task"]))
-    whole: Any = OmegaConf.to_container(merge(schema, within(schema, plain, AppConfig)))
-    return dict(whole)
+    merged = merge(schema, within(schema, plain, AppConfig))
+    return dict[str, Any](OmegaConf.to_container(merged))  # type: ignore[arg-type]  # a mapping
 
 
 OmegaConf.register_new_resolver(
@@ -90,20 +90,20 @@ def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
         >>> hydra_words(["seed=1", "scene=night", "~scene.effects.blooming"])
         ['++seed=1', 'scene=night', '~scene.effects.blooming']
     """
-    given = []
+    taken = []
     for word, override in zip(words, parsed(words), strict=True):
         key = str(override.key_or_group)
         if override.is_sweep_override() and not sweeps:
             rule = "one value; -m runs several, and a list is written [a,b]"
             raise VoccError.of(key, word.partition("=")[2], rule)
         if key.startswith("hydra.") or override.is_delete():
-            given.append(word)
+            taken.append(word)
         elif is_choice(override):
             demand_option(override)
-            given.append(word)
+            taken.append(word)
         else:
-            given.append(f"++{word.lstrip('+')}")
-    return given
+            taken.append(f"++{word.lstrip('+')}")
+    return taken
 
 
 def demand_option(override: Override) -> None:
@@ -306,6 +306,6 @@ def ended_by(error: Exception, words: Sequence[str]) -> str | None:
     if isinstance(error, OSError):
         if refused := stdout_refusal(error):
             return refused
-        where = f" {error.filename}" if error.filename else ""
-        return f"cannot make the run's folder{where} ({error.strerror}): choose another with name="
+        place = f" {error.filename}" if error.filename else ""
+        return f"cannot make the run's folder{place} ({error.strerror}): choose another with name="
     return None

@@ -36,8 +36,8 @@ def without(section: str, schema: type, *names: str) -> tuple[str, ...]:
         >>> without("camera", Camera, "gamma")[:2]
         ('camera.focal_length_mm', 'camera.sensor_width_mm')
     """
-    kept = (item.name for item in fields(schema) if item.name not in names)
-    return tuple(f"{section}.{name}" for name in kept)
+    others = (item.name for item in fields(schema) if item.name not in names)
+    return tuple(f"{section}.{name}" for name in others)
 
 
 WORLD = ("seed", "device", "precision", "framing", "batch_frames", "scene")

@@ -320,21 +320,30 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     built = build_effects(plan.world.effects)
     effects = {effect.name: _plain(effect) for effect in built}
     outside = plug_ins(plan.world.effects)
-    for name, classifier in outside.items():
-        effects[name] |= {
-            TARGET: classifier.target,
-            AFTER: classifier.arguments.get(AFTER),
-        }
-    named = {f"effects.{name}": plug_in for name, plug_in in outside.items()}
-    named |= {
-        f"locators.{locator.name}": locator
-        for locator in plan.receiver.locators.values()
-    }
-    files = {
+    for name, part in outside.items():
+        effects[name] |= {TARGET: part.target, AFTER: part.arguments.get(AFTER)}
+    receiver = plan.receiver
+    named = {f"effects.{name}": part for name, part in outside.items()}
+    named |= {f"locators.{part.name}": part for part in receiver.locators.values()}
+    made_with: dict[str, Any] = {name: part.maker for name, part in named.items()}
+    made_with |= {
         f"{name}.{key}": digest
-        for name, plug_in in named.items()
-        for key, digest in plug_in.files.items()
+        for name, part in named.items()
+        for key, digest in part.files.items()
     }
+    made_with |= {
+        f"classifiers.{part.name}": part.build.maker for part in receiver.classifiers
+    }
+    made_with |= {f"features.{part.name}": part.maker for part in receiver.reader.more}
+    made_with |= {
+        f"effects.{effect.name}": effect.digest
+        for effect in built
+        if isinstance(effect, Photographs)
+    }
+    made_with["device"] = resolve_device(plan.world.device).type
+    for package in (torch, np):
+        release = str(package.__version__).split(".")
+        made_with[package.__name__] = ".".join(release[:2])
     return {
         "seed": plan.seed,
         "world": {**settings["world"], "effects": effects},
@@ -351,26 +360,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         "trainings": plan.budget.trainings,
         "sampling": plan.budget.sampling,
-        "made_with": {
-            "device": resolve_device(plan.world.device).type,
-            "torch": ".".join(torch.__version__.split(".")[:2]),
-            "numpy": ".".join(np.__version__.split(".")[:2]),
-            **{
-                f"classifiers.{classifier.name}": classifier.build.maker
-                for classifier in plan.receiver.classifiers
-            },
-            **{
-                f"features.{feature.name}": feature.maker
-                for feature in plan.receiver.reader.more
-            },
-            **{
-                f"effects.{effect.name}": effect.digest
-                for effect in built
-                if isinstance(effect, Photographs)
-            },
-            **{name: plug_in.maker for name, plug_in in named.items()},
-            **files,
-        },
+        "made_with": made_with,
     }
 
 

@@ -1,7 +1,6 @@
 """How long each stage of a receiver takes a frame; several receivers are timed in the same rounds."""
 
 import itertools
-import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self, TypeAlias
@@ -27,8 +26,6 @@ BIT_DETECTION = ("rectify", "features", "classify")
 _MEASURING = ("read", "rectify", "features")
 """What a frame of known bits goes through."""
 
-median_of = timing.median_of
-
 
 @dataclass(frozen=True)
 class StageTimes:
@@ -47,7 +44,7 @@ class StageTimes:
 
     def stage(self, name: str) -> estimate.Estimate:
         """Median of a stage with its quartiles, ms."""
-        return median_of(self.rounds_ms[name])
+        return timing.median_of(self.rounds_ms[name])
 
     def summed(self, stages: Sequence[str]) -> NDArray[np.float64]:
         """Add stages round by round, ms."""
@@ -56,7 +53,7 @@ class StageTimes:
     @property
     def total(self) -> estimate.Estimate:
         """Median of the whole time with its quartiles, ms: the stages are added round by round."""
-        return median_of(self.summed(STAGES))
+        return timing.median_of(self.summed(STAGES))
 
 
 @dataclass(frozen=True)
@@ -99,28 +96,13 @@ class Exposure:
         return cls(first, simulator.true_panels(scene, names), tuple(lit))
 
 
-@dataclass(frozen=True)
-class StageTimings:
-    """What timing some receivers in the same rounds gave.
-
-    Args:
-        by_receiver: the times by the receivers' names.
-        wall_s: how long it took, s.
-        processor_s: how long it had the processor, s.
-    """
-
-    by_receiver: Mapping[str, StageTimes]
-    wall_s: float
-    processor_s: float
-
-
 def time_stages(
     receivers: Mapping[str, StagedReceiver],
     exposure: Exposure,
     batch: int,
     repeats: int,
     device: torch.device,
-) -> StageTimings:
+) -> dict[str, StageTimes]:
     """Time every stage of every receiver on frames that lie one array each in the host's memory.
 
     Each stage starts from what the one before has made. It is timed by itself, right after an untimed call of
@@ -134,6 +116,9 @@ def time_stages(
         batch: frames at a time.
         repeats: timed rounds.
         device: where receivers work; they are copied there.
+
+    Returns:
+        By the receivers' names.
     """
     chains = {
         name: Chain(name, replace(receiver, bank=receiver.bank.to(device)), device)
@@ -153,9 +138,7 @@ def time_stages(
         str(key): map(stage, itertools.cycle(turns)).__next__
         for key, stage in stages.items()
     }
-    wall, processor = time.perf_counter(), time.thread_time()
     timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
-    wall, processor = time.perf_counter() - wall, time.thread_time() - processor
     times = {}
     for name, chain in chains.items():
         spent = dict.fromkeys(STAGES, np.zeros(repeats))
@@ -166,7 +149,7 @@ def time_stages(
         times[name] = StageTimes(
             {stage: tuple(ms.tolist()) for stage, ms in spent.items()}
         )
-    return StageTimings(times, wall, processor)
+    return times
 
 
 Intermediates: TypeAlias = dict[Hashable, Any]

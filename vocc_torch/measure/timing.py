@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,36 @@ def interleaved(
             if turn >= warm_up:
                 seconds[name].append(spent)
     return {name: tuple(durations) for name, durations in seconds.items()}
+
+
+@dataclass
+class Waiting:
+    """How much of a measurement other work had the processor.
+
+    Args:
+        share: of its time, 0 to 1; 0 on an accelerator, for which a process waits without it.
+    """
+
+    share: float = 0.0
+
+
+@contextmanager
+def watched(device: torch.device) -> Iterator[Waiting]:
+    """Measure in what share of a block's time this thread did not have the processor.
+
+    Example:
+        >>> with watched(torch.device("cpu")) as waiting:
+        ...     _ = sum(range(9))
+        >>> 0 <= waiting.share <= 1
+        True
+    """
+    waiting = Waiting()
+    wall_s, processor_s = time.perf_counter(), time.thread_time()
+    yield waiting
+    wall_s = time.perf_counter() - wall_s
+    processor_s = time.thread_time() - processor_s
+    if device.type == "cpu":
+        waiting.share = max(0.0, 1 - processor_s / wall_s)
 
 
 @contextmanager

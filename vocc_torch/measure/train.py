@@ -125,7 +125,9 @@ class Training:
         )
 
 
-def train(plan: Plan, progress: Progress = lambda frames: None) -> Training:
+def train(
+    plan: Plan, progress: Progress = lambda frames: None, *, flda: bool = True
+) -> Training:
     """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
     Each training has frames of its own. The first is the one that is kept, and does not depend on how many
@@ -134,16 +136,16 @@ def train(plan: Plan, progress: Progress = lambda frames: None) -> Training:
     Args:
         plan: the study.
         progress: called with the frames done since the last call.
+        flda: whether FLDA learns.
 
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
-    link = Link.of(plan)
-    first, *further = [
-        train_classifiers(plan, link, train_flda(plan, link, number, progress), number)
-        for number in range(plan.budget.trainings)
-    ]
-    return replace(first, further=tuple(further))
+    link, trainings = Link.of(plan), list[Training]()
+    for number in range(plan.budget.trainings):
+        training = train_flda(plan, link, number, progress) if flda else Training()
+        trainings.append(train_classifiers(plan, link, training, number))
+    return replace(trainings[0], further=tuple(trainings[1:]))
 
 
 def train_flda(
@@ -250,14 +252,7 @@ def _panels(plan: Plan) -> int:
 def train_part(plan: Plan) -> Training:
     """Train a receiver by itself on one thread: FLDA, or a plan's classifier."""
     with timing.threads(1):
-        if not plan.receiver.classifiers:
-            return train(plan)
-        link = Link.of(plan)
-        first, *further = [
-            train_classifiers(plan, link, Training(), number)
-            for number in range(plan.budget.trainings)
-        ]
-        return replace(first, further=tuple(further))
+        return train(plan, flda=not plan.receiver.classifiers)
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:

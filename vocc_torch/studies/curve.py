@@ -91,16 +91,16 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     with (
         run_ledgers.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        ExitStack() as held,
+        ExitStack() as ledgers_open,
         pool,
         timing.threads(1),
     ):
         if is_grid:
-            opened = run_ledgers.open_ledgers(held, folder, studies, console)
+            opened = run_ledgers.open_ledgers(ledgers_open, folder, studies, console)
         else:
             path, (study,) = folder / run_folder.LEDGER, studies
             ledger = run_ledgers.open_ledger(path, study.identity, console)
-            opened = {study.key: held.enter_context(ledger)}
+            opened = {study.key: ledgers_open.enter_context(ledger)}
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
         training, known = KeptTrainings(opened.values()).or_trained(

@@ -2,7 +2,6 @@
 
 import functools
 import itertools
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -62,17 +61,14 @@ def measure_costs(study: EffectStudy) -> Costs:
             nearest_m=study.model.nearest_m,
             panel_only=kind == "near",
         )
-    with timing.threads(1):
-        wall_s, processor_s = time.perf_counter(), time.thread_time()
+    with timing.threads(1), timing.watched(device) as waiting:
         timed = timing.interleaved(calls, study.config.repeats, device, warm_up=1)
-        wall_s = time.perf_counter() - wall_s
-        processor_s = time.thread_time() - processor_s
         machine = timing.describe_machine(device)
     times = {
         place: 1000 * np.array(spent) / count
         for (place, count), spent in zip(frames.items(), timed.values(), strict=True)
     }
-    return Costs(times, machine, max(0.0, 1 - processor_s / wall_s))
+    return Costs(times, machine, waiting.share)
 
 
 @dataclass

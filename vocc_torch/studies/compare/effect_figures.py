@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from vocc_torch.measure import curve, stage_times
+from vocc_torch.measure import curve, timing
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import plots, row_plots, styles
 from vocc_torch.report.plots import LOOK, Figure
@@ -79,7 +79,7 @@ def cost_series(
     for kind, style in COSTS.items():
         costs: list[Estimate | None] = []
         for row in rows:
-            cost = stage_times.median_of(row.costs[kind])
+            cost = timing.median_of(row.costs[kind])
             same = kind == "located" and not row.fills_sensor
             costs.append(None if same or cost.low <= 0 else cost)
         series[style.label] = style, costs

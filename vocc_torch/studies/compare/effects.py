@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vocc_torch.measure import config
-from vocc_torch.measure.stage_times import median_of
+from vocc_torch.measure.timing import median_of
 from vocc_torch.report import styles, terminal
 from vocc_torch.studies.compare import EffectsConfig, effect_figures
 from vocc_torch.studies.compare.effect_counts import measure_costs, measure_effects

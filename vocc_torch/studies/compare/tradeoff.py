@@ -122,17 +122,12 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
     errors = sweep.curves_of(POINT, plan.experiment.axis, receivers, outcomes)
     with run.stage("times", len(study.config.batch_sizes)) as advance:
         device = resolve_device(plan.world.device)
-        with timing.threads(study.config.threads):
+        with timing.threads(study.config.threads), timing.watched(device) as waiting:
             machine = timing.describe_machine(device)
             timings = {}
             for batch in study.config.batch_sizes:
                 timings[batch] = time_batch(study, trainings, batch, device)
                 advance(1)
-    waited = 0.0
-    if device.type == "cpu":  # an accelerator that is waited for takes no processor
-        processor_s = sum(timed.processor_s for timed in timings.values())
-        wall_s = sum(timed.wall_s for timed in timings.values())
-        waited = max(0.0, 1 - processor_s / wall_s)
     return PriceList(
         study,
         {
@@ -141,18 +136,18 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
         },
         errors,
         {
-            (setting, batch): timed.by_receiver[setting.name]
+            (setting, batch): timed[setting.name]
             for batch, timed in timings.items()
             for setting in study.settings
         },
         machine,
-        waited,
+        waiting.share,
     )
 
 
 def time_batch(
     study: TradeoffStudy, trainings: Trainings, batch: int, device: torch.device
-) -> stage_times.StageTimings:
+) -> dict[str, stage_times.StageTimes]:
     """Time every stage of every receiver on uint8 frames in the host's memory; rendering is not timed."""
     plan = study.plan
     finders = plan.receiver.finders(study.config.locators)

@@ -54,11 +54,9 @@ def processing_time(
     world = replace(plan.world, framing="filled")
     keys = [BlockKey(plan.seed, "figures/timing", 0)]
     exposure = stage_times.Exposure.of(world, world.scene, keys, preambles=True)
-    timed = stage_times.time_stages(receivers, exposure, 1, budget.rounds, device)
-    waited = 0.0
-    if device.type == "cpu":
-        waited = max(0.0, 1 - timed.processor_s / timed.wall_s)
-    numbers = time_numbers(timed.by_receiver, waited, budget)
+    with timing.watched(device) as waiting:
+        timed = stage_times.time_stages(receivers, exposure, 1, budget.rounds, device)
+    numbers = time_numbers(timed, waiting.share, budget)
     shares = [numbers[f"share_{name}"] for name in PAPER_SHARES]
     style = Style("", plots.LOOK.off, "o", "-")
     stars = dict(enumerate(PAPER_SHARES.values()))
@@ -88,7 +86,7 @@ def time_numbers(
     rounds = {f"share_{name}": value / panel for name, value in spent.items()}
     rounds["cost_of_ngr"] = three / two - 1
     rounds["cost_of_ngr_in_total"] = (three - two) / (panel + two)
-    found = {name: stage_times.median_of(value) for name, value in rounds.items()}
+    found = {name: timing.median_of(value) for name, value in rounds.items()}
     if waited <= budget.most_waited:
         return found
     return {name: Estimate(at.value, -np.inf, np.inf) for name, at in found.items()}
