@@ -21,7 +21,7 @@ def test_an_estimate_leaves_out_what_is_outside_its_interval():
     assert may_be_least(1, lambda *_: pytest.fail("nothing to compare")) == [0]
 
 
-def test_counts_and_pairs_are_those_of_the_decided_bits():
+def test_pairs_are_those_of_the_decided_bits():
     """The definition, a frame at a time, in plain Python: half a missed panel's bits are wrong."""
     rng = torch.Generator().manual_seed(0)
     sent = torch.rand((90, 3, 3), generator=rng) < 0.5
@@ -38,19 +38,12 @@ def test_counts_and_pairs_are_those_of_the_decided_bits():
         for bits, where in zip(decided, found, strict=True)
     ]
     assert halves.tolist() == wrong
-    counts, pairs = tallies(halves.numpy(), 9, torch.stack(found).numpy())
-    assert [(sums.half_errors, sums.frame_errors) for sums in counts] == [
-        (sum(halves), sum(half > 0 for half in halves)) for halves in wrong
-    ]
+    _, pairs = tallies(halves.numpy(), 9, torch.stack(found).numpy())
     assert list(pairs) == [(0, 1), (0, 2), (1, 2)]
     for (a, b), pair in pairs.items():
         apart = [x - y for x, y in zip(wrong[a], wrong[b], strict=True)]
         sides = [[max(d, 0) for d in apart], [max(-d, 0) for d in apart]]
         sums = [(sum(s), sum(d * d for d in s), sum(d > 0 for d in s)) for s in sides]
         assert pair == PairedCounts(90, 810, *sums[0], *sums[1])
-    assert (
-        sum((pairs[0, 1], pairs[0, 1]), PairedCounts()).half_difference
-        == 2 * pairs[0, 1].half_difference
-    )
     with pytest.raises(TypeError):
         _ = PairedCounts() + Counts()

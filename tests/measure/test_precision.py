@@ -1,14 +1,11 @@
 """Hard cases of precision, devices and torch's own settings: the whole link under each of them."""
 
 from contextlib import contextmanager
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
@@ -64,14 +61,6 @@ def setting(change, value, restored):
         yield
     finally:
         change(restored)
-
-
-def test_half_precision_in_the_configuration():
-    for name in ("bfloat16", "float16", "half"):
-        with pytest.raises(VoccError) as refused:
-            build_plan(SimpleNamespace(precision=name), Path())
-        wanted = f"precision is '{name}': it must be float32 or float64: half precision changes pixels and bits"
-        assert str(refused.value) == wanted
 
 
 def test_a_missing_device():

@@ -11,9 +11,8 @@ from contextlib import closing
 
 import pytest
 import yaml
-from hydra.core.global_hydra import GlobalHydra
+from paper_runs import run_in
 
-from vocc_torch.app import cli
 from vocc_torch.measure import runner
 from vocc_torch.studies import curve as testing
 
@@ -51,12 +50,7 @@ def without_pictures():
 def undisturbed(tmp_path_factory, without_pictures):
     """The folder of a run that nobody disturbed."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.setenv("HYDRA_FULL_ERROR", "1")
-        patch.setattr(sys, "argv", ["vocc-torch", *RUN])
-        GlobalHydra.instance().clear()
-        assert cli.run() == 0
+    assert run_in(folder, *RUN).status == 0
     return folder / "runs" / "x"
 
 
