@@ -171,6 +171,49 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
     raise VoccError.of(name, shown(value), allowed)
 
 
+def demand_within(
+    name: str,
+    value: object,
+    low: float,
+    high: float,
+    *,
+    above: bool = False,
+    null: bool = False,
+) -> None:
+    """Refuse by name what is no number from ``low``, or ``above`` it, to ``high``.
+
+    Args:
+        name: the key's.
+        value: what is given for it.
+        low: the least allowed, or what it must exceed.
+        high: the most.
+        above: whether ``low`` itself is refused.
+        null: whether None is allowed too.
+
+    Example:
+        >>> demand_within("record.fps", 0, 0, 1e6, above=True)
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: record.fps is 0: it must be above 0 and at most 1e+06
+    """
+    if null and value is None:
+        return
+    number = finite_number(name, value)
+    if number > high or number < low or (above and number == low):
+        rule = f"{'above' if above else 'at least'} {low:g} and at most {high:g}"
+        raise VoccError.of(name, f"{number:g}", rule + ", or null" * null)
+
+
+def demand_word(name: str, value: str, words: Iterable[str], hint: str = "") -> None:
+    """Refuse by name what is none of some words; the hint follows them.
+
+    Example:
+        >>> demand_word("receive.soft", "hard", ("scores", "hard"))
+    """
+    if value not in words:
+        raise VoccError.of(name, repr(value), f"one of {', '.join(words)}{hint}")
+
+
 def demand_least(section: str, owner: object, **least: int) -> None:
     """Refuse by name the first attribute that is no whole number, or too low; None is nothing given.
 

@@ -47,6 +47,13 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
         )
 
 
+def input_of(settings: config.Settings, needed: str) -> Path:
+    """Give the input, or refuse a run without one, by what the task needs."""
+    if settings.input is None:
+        raise VoccError(f"input is null: {needed}")
+    return Path(settings.input)
+
+
 def write_config(settings: config.Settings, folder: Path) -> None:
     """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
     write_atomically(folder / CONFIG, config.as_yaml(settings).encode())

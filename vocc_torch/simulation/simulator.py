@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.errors import VoccError, demand_kind, demand_word, finite_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
@@ -77,10 +77,7 @@ class Simulator:
         dtype: torch.dtype = torch.float32,
     ) -> None:
         """Build the named effects and no others."""
-        if framing not in get_args(Framing):
-            raise VoccError(
-                f"framing is {framing!r}: it must be one of {', '.join(get_args(Framing))}"
-            )
+        demand_word("framing", framing, get_args(Framing))
         if dtype not in (torch.float32, torch.float64):
             raise VoccError(
                 f"dtype is {dtype}: it must be torch.float32 or torch.float64"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import demand_within, demand_word, whole_number
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
 MOST_FRAMES = 256
@@ -36,23 +36,10 @@ class CalibrateConfig:
 
     def __post_init__(self) -> None:
         """Check the channel and the numbers."""
-        if self.channel not in CHANNELS:
-            raise VoccError.of(
-                "calibrate.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}"
-            )
-        if not 2 <= self.frames <= MOST_FRAMES:
-            raise VoccError.of(
-                "calibrate.frames", self.frames, f"from 2 to {MOST_FRAMES}"
-            )
+        demand_word("calibrate.channel", self.channel, CHANNELS)
+        whole_number("calibrate.frames", self.frames, 2, MOST_FRAMES)
         for key, most in (("ambient_lx", 1e9), ("fps", 1e6)):
             value = getattr(self, key)
-            if value is not None and not 0 < value <= most:
-                raise VoccError.of(
-                    f"calibrate.{key}", value, f"above 0 and at most {most:g}, or null"
-                )
-        if not 0 < self.quantum_efficiency <= 1:
-            raise VoccError.of(
-                "calibrate.quantum_efficiency",
-                self.quantum_efficiency,
-                "above 0 and at most 1",
-            )
+            demand_within(f"calibrate.{key}", value, 0, most, above=True, null=True)
+        efficiency = self.quantum_efficiency
+        demand_within("calibrate.quantum_efficiency", efficiency, 0, 1, above=True)

@@ -38,11 +38,10 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
             repr(settings.name),
             "another name than that of a scene that ships: the calibrated scene bears it",
         )
-    if settings.input is None:
-        raise VoccError(
-            "input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture"
-        )
-    panel, source = build_panel(settings.panel), Path(settings.input)
+    source = run_folder.input_of(
+        settings, "task=calibrate needs input=VIDEO, a folder of pictures or a picture"
+    )
+    panel = build_panel(settings.panel)
     receiver, console = receiver_plan(settings, panel), Console()
     locator = receiver.finders([receiver.locator])[receiver.locator]
     if locator is None:

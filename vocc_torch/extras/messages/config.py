@@ -4,7 +4,13 @@ import re
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from vocc_torch.errors import VoccError, finite_number, whole_number
+from vocc_torch.errors import (
+    VoccError,
+    demand_within,
+    demand_word,
+    finite_number,
+    whole_number,
+)
 from vocc_torch.extras.messages.signalling import Signalling
 from vocc_torch.measure.schema import whole
 
@@ -70,28 +76,19 @@ class RecordConfig:
 
     def __post_init__(self) -> None:
         """Check every range."""
+        for name, most in {"fps": 1e6, "readout_s": 1}.items():
+            demand_within(f"record.{name}", getattr(self, name), 0, most, above=True)
         ranges = {
-            "fps": (0, 1e6),
-            "readout_s": (0, 1),
             "drift": (-0.1, 0.1),
             "margin": (1, 100),
+            "dropped": (0, 0.999),
+            "repeated": (0, 0.999),
+            "black": (0, 0.999),
+            "speed_m_s": (-1000, 1000),
         }
-        ranges |= dict.fromkeys(("dropped", "repeated", "black"), (0, 0.999))
-        ranges |= {"speed_m_s": (-1000, 1000), "start_s": (0, 1e6)}
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if name == "start_s" and value is None:
-                continue
-            number = finite_number(f"record.{name}", value)
-            if not low <= number <= high or (
-                number == 0 and name in ("fps", "readout_s")
-            ):
-                least = (
-                    "above 0" if name in ("fps", "readout_s") else f"at least {low:g}"
-                )
-                raise VoccError.of(
-                    f"record.{name}", f"{number:g}", f"{least} and at most {high:g}"
-                )
+        for name, ends in ranges.items():
+            demand_within(f"record.{name}", getattr(self, name), *ends)
+        demand_within("record.start_s", self.start_s, 0, 1e6, null=True)
         whole_number("record.quality", self.quality, 0, 51)
         whole_number("record.burst_frames", self.burst_frames, 1, 10_000)
 
@@ -125,20 +122,16 @@ class ReceiveConfig:
     def __post_init__(self) -> None:
         """Check every range."""
         self.follow = self.follow.lower()  # true and false are written by YAML too
-        for name, known in (("channel", CHANNELS), ("soft", SOFT), ("follow", FOLLOWS)):
-            if getattr(self, name) not in known:
-                rule = f"one of {', '.join(known)}"
-                if getattr(self, name) == "auto":
-                    rule += "; task=decode decode.channel=auto says which of them suits the recording"
-                raise VoccError.of(f"receive.{name}", repr(getattr(self, name)), rule)
+        hint = (
+            "; task=decode decode.channel=auto says which of them suits the recording"
+        )
+        demand_word(
+            "receive.channel", self.channel, CHANNELS, hint * (self.channel == "auto")
+        )
+        demand_word("receive.soft", self.soft, SOFT)
+        demand_word("receive.follow", self.follow, FOLLOWS)
         whole_number("receive.locate_every", self.locate_every, 1, 10000)
-        if (
-            self.fps is not None
-            and not 0 < finite_number("receive.fps", self.fps) <= 1e6
-        ):
-            raise VoccError.of(
-                "receive.fps", f"{self.fps:g}", "above 0 and at most 1e6, or null"
-            )
+        demand_within("receive.fps", self.fps, 0, 1e6, above=True, null=True)
 
 
 AXES = ("distance_m", "ambient_lx", "ratio")

@@ -92,11 +92,10 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         VoccError: no input or plan; and, when everything is written, a message that is not whole.
     """
     run_folder.refuse_results(folder)
-    if settings.input is None:
-        raise VoccError(
-            "input is null: task=receive needs input=VIDEO, a folder of pictures or an array"
-        )
-    source, console = Path(settings.input), Console()
+    source = run_folder.input_of(
+        settings, "task=receive needs input=VIDEO, a folder of pictures or an array"
+    )
+    console = Console()
     beside = (source if source.is_dir() else source.parent) / PLAN
     plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
     reception = Reception(plan)

@@ -52,11 +52,9 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
         VoccError: no input, or one that task=transmit did not write.
     """
     run_folder.refuse_results(folder)
-    if settings.input is None:
-        raise VoccError(
-            "input is null: task=record needs input=FOLDER, that of task=transmit"
-        )
-    source = Path(settings.input)
+    source = run_folder.input_of(
+        settings, "task=record needs input=FOLDER, that of task=transmit"
+    )
     plan = MessagePlan.read(source / PLAN)
     film = np.array(read_npy(source / FRAMES, "input"))
     if (

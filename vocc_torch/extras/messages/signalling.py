@@ -6,7 +6,14 @@ from typing import Any
 
 import yaml
 
-from vocc_torch.errors import VoccError, demand_kind, finite_number, whole_number
+from vocc_torch.errors import (
+    VoccError,
+    demand_kind,
+    demand_within,
+    demand_word,
+    finite_number,
+    whole_number,
+)
 from vocc_torch.hardware import PanelShape
 from vocc_torch.yaml_text import read_yaml
 
@@ -50,22 +57,14 @@ class Signalling:
 
     def __post_init__(self) -> None:
         """Check what can be checked without the panel's shape."""
-        for name, least, most in (
-            ("symbol_rate_hz", 0.0, FASTEST_HZ),
-            ("code_rate", 0.0, 1.0),
-        ):
-            value = finite_number(f"transmit.{name}", getattr(self, name))
-            if not least < value <= most or (name, value) == ("code_rate", 1.0):
-                rule = (
-                    "above 0 and below 1"
-                    if name == "code_rate"
-                    else f"above 0 and at most {most:g}"
-                )
-                raise VoccError.of(f"transmit.{name}", f"{value:g}", rule)
-        if self.code not in CODES:
+        rate_hz = self.symbol_rate_hz
+        demand_within("transmit.symbol_rate_hz", rate_hz, 0, FASTEST_HZ, above=True)
+        code_rate = finite_number("transmit.code_rate", self.code_rate)
+        if not 0 < code_rate < 1:
             raise VoccError.of(
-                "transmit.code", repr(self.code), f"one of {', '.join(CODES)}"
+                "transmit.code_rate", f"{code_rate:g}", "above 0 and below 1"
             )
+        demand_word("transmit.code", self.code, CODES)
         if self.block_symbols not in ORDERS:
             raise VoccError.of(
                 "transmit.block_symbols", self.block_symbols, "32, 64, 128 or 256"

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.codes import code_of
 from vocc_torch.extras.messages.config import FRAMES, PLAN, TransmitConfig
 from vocc_torch.extras.messages.layout import Layout
@@ -40,9 +39,10 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
         VoccError: no input, one that cannot be read or is empty, or a plan that leaves no room.
     """
     run_folder.refuse_results(folder)
-    if settings.input is None:
-        raise VoccError("input is null: task=transmit needs input=FILE, the message")
-    message = read_file(settings.input, "input", LARGEST_BYTES)
+    source = run_folder.input_of(
+        settings, "task=transmit needs input=FILE, the message"
+    )
+    message = read_file(source, "input", LARGEST_BYTES)
     plan, console = plan_of(settings, config), Console()
     film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
     pictures = (np.where(symbol, LIT, DARK).astype(np.uint8) for symbol in film)

@@ -10,7 +10,7 @@ from numpy.random import SFC64, Generator
 from torch import Tensor
 
 from vocc_torch.arrays import Floats
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import demand_word
 from vocc_torch.simulation.effects.base import (
     Context,
     Effect,
@@ -138,12 +138,7 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     def __post_init__(self) -> None:
         """Check the ranges and the word."""
         Effect.__post_init__(self)
-        if self.grey not in ("luma", *CHANNELS):
-            raise VoccError.of(
-                f"scene.effects.{self.name}.grey",
-                repr(self.grey),
-                f"one of luma, {', '.join(CHANNELS)}",
-            )
+        demand_word(f"scene.effects.{self.name}.grey", self.grey, ("luma", *CHANNELS))
         for ordinal in FURTHER:
             if (
                 getattr(self, f"{ordinal}_nm") is None
