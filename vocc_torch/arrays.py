@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.files import MOST_BYTES, ordinary_file
 
+Numbers = NDArray[Any]
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]

@@ -97,8 +97,7 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                         )
                     except ValueError:
                         raise VoccError(
-                            f"{path}, line {reader.line_num}: "
-                            f"{name} is {cells[name]!r}: it must be a number"
+                            f"{path}, line {reader.line_num}: {name} is {cells[name]!r}: it must be a number"
                         ) from None
                 groups.setdefault((grid, cells[grid] or ""), []).append(
                     curve.Row(**parsed)

@@ -155,6 +155,5 @@ def captions(scene: Scene) -> tuple[str, str]:
         count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights
     )
     return (f"{float(scene.distance_m[0]):.3g} m, ambient {ambient} lx"), (
-        f"LED {led} cd/m\N{SUPERSCRIPT TWO}, "
-        f"background {float(scene.background_grey[0]):.0f}"
+        f"LED {led} cd/m\N{SUPERSCRIPT TWO}, background {float(scene.background_grey[0]):.0f}"
     )

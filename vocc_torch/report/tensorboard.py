@@ -75,8 +75,7 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
         step = round(LOG_FACTOR * math.log10(value) if logarithmic else value * factor)
         if (other := by_step.setdefault(step, value)) != value:
             raise VoccError(
-                f"{axis} is {other:g} and {value:g}: "
-                f"TensorBoard's steps are integers and both give {step}"
+                f"{axis} is {other:g} and {value:g}: TensorBoard's steps are integers and both give {step}"
             )
     return {value: step for step, value in by_step.items()}
 

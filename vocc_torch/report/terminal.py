@@ -331,8 +331,7 @@ class StudyView(ProgressView):
         for point in by_value.values():
             why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
             self.say(
-                f"{self._axis}={value_text(point.value)}: "
-                f"{point.counts.frames} frames, {why}"
+                f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}"
             )
 
     def _doing(self) -> str:

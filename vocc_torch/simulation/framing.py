@@ -12,6 +12,7 @@ from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context, Effect, view
+from vocc_torch.simulation.raster import Size as Size
 from vocc_torch.types import Scene
 
 LARGEST_LED_PX = 100_000
@@ -55,8 +56,8 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
             f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names
         )
         raise VoccError(
-            f"{values}: the panel's image must lie within {FARTHEST_PX:g} px"
-            f", and this reaches {float(farthest[far]):g}"
+            f"{values}: the panel's image must lie within {FARTHEST_PX:g} px, "
+            f"and this reaches {float(farthest[far]):g}"
         )
 
 
@@ -106,8 +107,6 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     ends = [(x + side * across, y + low * down) for side, low in view.CLOCKWISE]
     return torch.stack([torch.stack(end, -1) for end in ends], 1)
 
-
-Size = tuple[int, int]
 
 WINDOW_GRID_PX = 8
 """Where windows begin and end on sensors whose sides are multiples of it: JPEG's blocks, Bayer's cells."""
@@ -184,7 +183,7 @@ def crop_size_px(
     return height, width
 
 
-def demand_pixels(size: tuple[int, int]) -> None:
+def demand_pixels(size: Size) -> None:
     """Refuse by name frames or crops, of a height and width, that are too large.
 
     Raises:
@@ -196,8 +195,8 @@ def demand_pixels(size: tuple[int, int]) -> None:
     height, width = size
     if height * width > MOST_PIXELS:
         raise VoccError(
-            f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
-            f": they must hold at most {MOST_PIXELS} pixels ("
+            f"camera.width_px and camera.height_px lead to frames of {width} x {height} px: "
+            f"they must hold at most {MOST_PIXELS} pixels ("
             "give a smaller camera, or framing=crop, which draws the panel's surroundings only)"
         )
 
@@ -219,8 +218,8 @@ def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
 
 def crop_origins_px(
     centre_px: Tensor,
-    size_px: tuple[int, int],
-    sensor_px: tuple[int, int],
+    size_px: Size,
+    sensor_px: Size,
     *,
     grid_px: int = 1,
 ) -> Tensor:
@@ -283,13 +282,13 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
         )
         if bool((uneven & inside).any()):
             raise VoccError(
-                f"{' or '.join(names)} changes the border of a crop of {width} x {height} px"
-                ": reach_in_px must say how far it carries light, or leave that and fills_sensor out"
+                f"{' or '.join(names)} changes the border of a crop of {width} x {height} px: "
+                "reach_in_px must say how far it carries light, or leave that and fills_sensor out"
             )
 
 
 def lay_on_sensor(
-    value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]
+    value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: Size
 ) -> Tensor:
     """Lay each crop into a full frame of its surround, (B,C,h,w) to (B,C,H,W).
 

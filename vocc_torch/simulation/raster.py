@@ -17,6 +17,9 @@ import torch
 from torch import Tensor
 from torch.autograd.forward_ad import unpack_dual
 
+Size = tuple[int, int]
+"""Height and width, px."""
+
 GROUP_VALUES = 1_000_000
 """Numbers in a working array."""
 
@@ -48,7 +51,7 @@ def disc_grid_cover(
     radius: Tensor,
     size: int,
     *,
-    canvas_px: tuple[int, int],
+    canvas_px: Size,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Share of each pixel that the discs of upright grids cover: :func:`ellipse_cover`, many times faster.
 
@@ -107,7 +110,7 @@ def _patch(begin: Tensor, size: int, full: int) -> tuple[Tensor, int]:
 
 
 def by_size(
-    low_px: Tensor, high_px: Tensor, canvas_px: tuple[int, int], chosen: Tensor
+    low_px: Tensor, high_px: Tensor, canvas_px: Size, chosen: Tensor
 ) -> Iterator[tuple[Tensor, int]]:
     """Group shapes of about one size, so that each group's patches fit into the processor's memory.
 
@@ -198,7 +201,7 @@ def disc_quadrant_area(x: Tensor, y: Tensor) -> Tensor:
 
 
 def ellipse_cover(
-    centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: tuple[int, int]
+    centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: Size
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Share of each pixel that an ellipse covers, in a patch of pixels around each ellipse.
 

@@ -55,7 +55,7 @@ def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     wide = g.uniform(2.0, 2.5) if boxy else g.uniform(1.6, 1.95)
     high = g.uniform(2.1, 3.6) if boxy else g.uniform(1.35, 1.75)
     wide, high = max(wide, 1.3 * least_m), max(high, 1.5 * least_m)
-    half, floor, rear = wide / 2, -0.28, (g.random() < 0.7)
+    half, floor, rear = wide / 2, -0.28, g.random() < 0.7
     paint = float(g.choice([0.04, 0.08, 0.15, 0.3, 0.5, 0.75])) * g.uniform(0.7, 1.1)
     belt = -high if boxy else -high * g.uniform(0.52, 0.66)
     sketch.box(half * 1.05, -0.1, 0.08, light.of(0.03))  # its shadow
@@ -143,7 +143,7 @@ def _vehicle_lamps(
     g: Generator, light: Light, sketch: Sketch, half: float, belt: float, rear: bool
 ) -> None:
     """Draw lamps on both sides: glasses, discs or lattices of LEDs, and a third lamp of brakes."""
-    lit, tall = (g.random() < light.lit), g.uniform(0.1, 0.35)
+    lit, tall = g.random() < light.lit, g.uniform(0.1, 0.35)
     range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
     lamp_light = light.lamp(g, *range_cd, lit=lit)
     glass = light.lamp(g, 1, 2, lit=False)
@@ -297,7 +297,7 @@ def fence(generator: Generator, light: Light) -> Sketch:
         columns,
         fill,
         luminance,
-        round=(g.random() < 0.2),
+        round=g.random() < 0.2,
     )
     return sketch
 
@@ -305,7 +305,7 @@ def fence(generator: Generator, light: Light) -> Sketch:
 def lamp_post(generator: Generator, light: Light) -> Sketch:
     """Draw a street lamp, traffic lights, a chain of lamps or a field of floodlights."""
     g, sketch = generator, Sketch()
-    up, kind, lit = g.uniform(2.5, 8), g.integers(4), (g.random() < light.lit)
+    up, kind, lit = g.uniform(2.5, 8), g.integers(4), g.random() < light.lit
     lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(0.07, -up, 0, light.matt(g, 0.03, 0.3))
     if kind == 0:
@@ -341,7 +341,7 @@ def tree(generator: Generator, light: Light) -> Sketch:
         at,
         g.uniform(0.1, 0.6, (leaves, 1)),
         np.maximum(shade, 1e-6),
-        round=(g.random() < 0.5),
+        round=g.random() < 0.5,
     )
     return sketch
 

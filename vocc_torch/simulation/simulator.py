@@ -150,7 +150,7 @@ class Simulator:
         scene: Scene,
         bits: Tensor,
         origin_px: Tensor,
-        size_px: tuple[int, int],
+        size_px: framing.Size,
         keys: Sequence[FrameKey] = (),
     ) -> Frames:
         """Render a window of the sensor that stays where it is, wherever the panel is.
@@ -226,7 +226,7 @@ class Simulator:
             greys = [grey.clamp(max=255.0) for grey in greys]
         return ((greys[0] - greys[1]) / 255.0).to(self.device)
 
-    def crop_px(self, nearest_m: float) -> tuple[int, int]:
+    def crop_px(self, nearest_m: float) -> framing.Size:
         """Height and width of the crop for panels at ``nearest_m`` or farther."""
         return framing.crop_size_px(self.effects, self.camera, self.panel, nearest_m)
 

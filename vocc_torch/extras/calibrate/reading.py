@@ -4,14 +4,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import sparse
 
-from vocc_torch.arrays import Bools, Floats, Integers
+from vocc_torch.arrays import Bools, Floats, Integers, Numbers
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.receiver.locators import PanelLocator
@@ -49,7 +47,7 @@ class Footage:
         times_s: (B,) when each frame was taken, NaN where that is not known.
     """
 
-    greys: NDArray[Any]
+    greys: Numbers
     numbers: Integers
     corners_px: Floats
     read: int
@@ -57,7 +55,7 @@ class Footage:
     failures: list[str]
     times_s: Floats
 
-    def taken(self, rows: slice | NDArray[Any]) -> "Footage":
+    def taken(self, rows: slice | Numbers) -> "Footage":
         """Take some frames."""
         names = ("greys", "numbers", "corners_px", "times_s")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
@@ -67,8 +65,8 @@ class Footage:
         said, count = [], len(self)
         if count < 4:
             said.append(
-                f"{count} frame{'s' * (count > 1)} with the panel"
-                ": noise and what moves cannot be told; give a recording"
+                f"{count} frame{'s' * (count > 1)} with the panel: "
+                "noise and what moves cannot be told; give a recording"
             )
         if count < self.looked / 2:
             said.append(
@@ -102,8 +100,8 @@ def thinned(
         if chosen and frame.grey.shape != chosen[0].grey.shape:
             (h, w), (height, width) = frame.grey.shape, chosen[0].grey.shape
             raise VoccError(
-                f"input: {frame.source} is {w} x {h} px and {chosen[0].source} is {width} x {height}"
-                ": all frames must be of one camera and one size"
+                f"input: {frame.source} is {w} x {h} px and {chosen[0].source} is {width} x {height}: "
+                "all frames must be of one camera and one size"
             )
         if (number - 1) % step == 0:
             chosen.append(frame)

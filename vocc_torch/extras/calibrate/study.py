@@ -223,6 +223,5 @@ def demand_contrast(fit: RecordingFit) -> None:
     contrast = float(np.median(fit.value("on") - fit.value("off")))
     if (fit.bits == fit.bits[0, 0]).all() or contrast < SETTINGS.least_contrast:
         raise VoccError(
-            f"input: all LEDs look alike in all {len(fit.grey)} frames: "
-            "show symbols with LEDs On and LEDs Off"
+            f"input: all LEDs look alike in all {len(fit.grey)} frames: show symbols with LEDs On and LEDs Off"
         )

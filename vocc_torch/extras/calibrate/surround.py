@@ -3,14 +3,13 @@
 import io
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy import fft
 
-from vocc_torch.arrays import Bools, Floats
+from vocc_torch.arrays import Bools, Floats, Numbers
 from vocc_torch.extras.calibrate.drawing import PanelDrawing
 from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
 
@@ -31,14 +30,14 @@ def quantisation_table(quality: int) -> Floats:
         return np.array(coded.quantization[0], dtype=np.float64).reshape(8, 8)  # type: ignore[attr-defined]
 
 
-def tiled(planes: NDArray[Any], side: int) -> NDArray[Any]:
+def tiled(planes: Numbers, side: int) -> Numbers:
     """Cut (...,H,W) into square blocks, (...,rows,columns,side,side); what is left over is not in."""
     rows, columns = (length // side for length in planes.shape[-2:])
     cut = planes[..., : rows * side, : columns * side]
     return cut.reshape(*planes.shape[:-2], rows, side, columns, side).swapaxes(-3, -2)
 
 
-def compression(greys: NDArray[Any]) -> tuple[int, float]:
+def compression(greys: Numbers) -> tuple[int, float]:
     """Say at which JPEG quality frames were coded, and how sure that is.
 
     Cosine coefficients of coded blocks lie on multiples of their steps: the mean of ``cos(2 pi c / step)``
@@ -76,13 +75,11 @@ class Surround(NamedTuple):
         outside: (H,W) bool, where no frame has the panel.
     """
 
-    greys: NDArray[Any]
+    greys: Numbers
     outside: Bools
 
     @classmethod
-    def of(
-        cls, greys: NDArray[Any], corners_px: Floats, shape_cells: int
-    ) -> "Surround":
+    def of(cls, greys: Numbers, corners_px: Floats, shape_cells: int) -> "Surround":
         """Leave the panel out, with two cells and 8 px around it, in every frame."""
         outside = np.ones(greys.shape[1:], dtype=bool)
         low, high = corners_px.min(1), corners_px.max(1)

@@ -8,6 +8,9 @@ from itertools import pairwise
 
 from vocc_torch.errors import VoccError
 
+Name = tuple[int, int]
+"""Length in bytes and CRC-32 of a message, by which its packets know it."""
+
 HEADER = struct.Struct(">III")
 """Sequence number, bytes of the whole message, CRC-32 of the whole message."""
 
@@ -27,7 +30,7 @@ class Packet:
     """
 
     sequence: int
-    message: tuple[int, int]
+    message: Name
     payload: bytes
 
 
@@ -39,8 +42,8 @@ def payload_bytes(info_bytes: int) -> int:
     """
     if info_bytes <= OVERHEAD_BYTES:
         raise VoccError(
-            f"a packet of {info_bytes} bytes has no room beside {OVERHEAD_BYTES} of header and checksum"
-            ": raise transmit.code_rate or transmit.block_symbols"
+            f"a packet of {info_bytes} bytes has no room beside {OVERHEAD_BYTES} of header and checksum: "
+            "raise transmit.code_rate or transmit.block_symbols"
         )
     return info_bytes - OVERHEAD_BYTES
 
@@ -140,7 +143,7 @@ class Assembly:
     """
 
     payload: int
-    by_message: dict[tuple[int, int], Message] = field(default_factory=dict)
+    by_message: dict[Name, Message] = field(default_factory=dict)
     contradictions: int = 0
 
     def add(self, packet: Packet) -> None:

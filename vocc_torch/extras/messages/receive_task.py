@@ -231,8 +231,8 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
         if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
             return (
                 f"none of {sent} packets arrived: "
-                f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed"
-                "; come nearer or take a longer lens"
+                f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed; "
+                "come nearer or take a longer lens"
             )
         return f"none of {sent} packets arrived, so there is no message; report.csv says why"
     message = assembly.messages[0]

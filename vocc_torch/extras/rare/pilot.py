@@ -11,14 +11,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from vocc_torch.arrays import Bools, Floats, Integers
+from vocc_torch.arrays import Bools, Floats, Integers, Numbers
 from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes, part_of
 from vocc_torch.extras.rare.weights import WeightedCounts
 from vocc_torch.measure import runner, sweep
@@ -393,7 +391,7 @@ def relearned(component: Component, observed: PilotFrames) -> Component:
     )
 
 
-def turned(maps: NDArray[Any]) -> list[NDArray[Any]]:
+def turned(maps: Numbers) -> list[Numbers]:
     """Give maps (N,R,C) in all ways that look the same to receivers: mirrored, and turned if square."""
     ways = [maps, maps.transpose(0, 2, 1)] if maps.shape[1] == maps.shape[2] else [maps]
     return [

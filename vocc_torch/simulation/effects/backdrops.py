@@ -84,7 +84,7 @@ class Photographs(Backdrop):
                 min(max(height / sides[0], width / sides[1]), 1.0)
                 * 2 ** generator.random()
             )
-            starts, mirrored = generator.random(2), (generator.random() < 0.5)
+            starts, mirrored = generator.random(2), generator.random() < 0.5
             places = []
             for at, full, side, start in zip(
                 (y[i], x[i]), (height, width), sides, starts, strict=True
@@ -167,8 +167,7 @@ def light_of(
                 channel_plane.thumbnail((most_px, most_px))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         raise VoccError(
-            f"scene.effects.backdrop.folder "
-            f"holds {path.name}, which cannot be read ({error})"
+            f"scene.effects.backdrop.folder holds {path.name}, which cannot be read ({error})"
         ) from None
     light = (grey / np.float32(255)) ** np.float32(gamma)
     mean = max(float(light.mean()), 1e-9)
@@ -261,7 +260,7 @@ class Leaves(street.Sketched):
         if g.random() >= self.patterned:
             return drawing
         rows, columns = (int(n) for n in g.integers(2, 14, 2))
-        fill, round = g.uniform(0.3, 0.95), (g.random() < 0.5)
+        fill, round = g.uniform(0.3, 0.95), g.random() < 0.5
         match g.integers(5):
             case 0:
                 for ring in np.linspace(0.9, 0.1, 2 * g.integers(1, 5)):

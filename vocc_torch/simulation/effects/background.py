@@ -26,9 +26,7 @@ MOST_LAMPS = 1000
 """Most lamps in a frame."""
 
 
-def power_law_noise(
-    generator: Generator, size: tuple[int, int], beta: float
-) -> Singles:
+def power_law_noise(generator: Generator, size: raster.Size, beta: float) -> Singles:
     """Gaussian noise of mean 0 and variance 1 whose power falls with spatial frequency as ``1 / f^beta``.
 
     Each Fourier coefficient is drawn by itself and weighted by ``f^(-beta/2)``, f being the length of the
@@ -97,7 +95,7 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
     beta: float = within(0, 4, default=2.0)
     sampled = fills_sensor = True
 
-    def texture(self, generator: Generator, sensor_px: tuple[int, int]) -> Singles:
+    def texture(self, generator: Generator, sensor_px: raster.Size) -> Singles:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
         log_sigma = np.float32(math.sqrt(math.log1p(self.contrast**2)))
         texture: Singles = np.exp(
@@ -256,8 +254,7 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         ):
             raise VoccError(
                 f"scene.effects.{self.name}."
-                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
-                ": the panels overlap, "
+                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}: the panels overlap, "
                 f"one of the two must be at least {width_m:g} across or {height_m:g} down"
             )
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
@@ -339,7 +336,7 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
 def cell_patches(
     leds_m: Tensor,
     half_m: float | Tensor,
-    size: tuple[int, int],
+    size: raster.Size,
     context: Context,
     drawn: Tensor | None,
 ) -> Patches:

@@ -22,6 +22,7 @@ from vocc_torch.rng import sensor_generator
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.colour import CHANNELS
 from vocc_torch.simulation.effects.poisson import poisson_quantile
+from vocc_torch.simulation.raster import Size
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -151,8 +152,8 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
         if not fewest <= electrons <= most:
             raise VoccError(
                 f"scene.effects.photoelectrons "
-                f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
-                f": it must be {fewest:g} to {most:g}"
+                f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um: "
+                f"it must be {fewest:g} to {most:g}"
             )
         return electrons
 
@@ -179,7 +180,7 @@ class TilePart(NamedTuple):
     in_tile: tuple[slice, slice]
 
 
-def tile_parts(origin_px: tuple[int, int], size: tuple[int, int]) -> Iterator[TilePart]:
+def tile_parts(origin_px: tuple[int, int], size: Size) -> Iterator[TilePart]:
     """Cut a window of the sensor along the tiles.
 
     Args:
@@ -209,7 +210,7 @@ def _cuts(start: int, length: int) -> Iterator[tuple[int, slice, slice]]:
 
 
 def picture_tiles(
-    context: Context, stream: str, size: tuple[int, int]
+    context: Context, stream: str, size: Size
 ) -> Iterator[list[tuple[TilePart, Generator]]]:
     """Yield for each frame the tiles that it touches, each with the random stream of this picture there.
 

@@ -17,6 +17,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import colour, view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.raster import Size
 from vocc_torch.simulation.scene import Distribution
 
 STRIP_PX = 32
@@ -29,7 +30,7 @@ NODE_PX = 8
 """Distance of the nodes between which drawn textures run evenly, px."""
 
 
-def noise_nodes(generator: Generator, sensor_px: tuple[int, int]) -> Singles:
+def noise_nodes(generator: Generator, sensor_px: Size) -> Singles:
     """Draw noise of seven octaves of one variance each, as natural scenes have about, on nodes 8 px apart."""
     height, width = (-(-side // NODE_PX) + 2 for side in sensor_px)
     nodes = np.zeros((height, width), dtype=np.float32)
@@ -133,7 +134,7 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
         self,
         generator: Generator,
         left: int,
-        sensor_px: tuple[int, int],
+        sensor_px: Size,
         width: int,
         blue: float,
     ) -> Callable[[int, int], Singles]:

@@ -243,9 +243,8 @@ class LensDistortion(PointEffect):
         limit = math.sqrt(min(turns)) if turns else math.inf
         if turns and self._reach(limit) <= _corner(camera):
             raise VoccError(
-                f"{self._given}: "
-                f"the image turns back {self._reach(limit):.3g} focal lengths from the middle"
-                f", before the sensor's corner at {_corner(camera):.3g}"
+                f"{self._given}: the image turns back {self._reach(limit):.3g} focal lengths from the middle, "
+                f"before the sensor's corner at {_corner(camera):.3g}"
             )
         return limit
 
@@ -321,8 +320,8 @@ class LensDistortion(PointEffect):
         if limit < math.inf and square.numel() and not bool((square < limit**2).all()):
             raise VoccError(
                 f"{self._given}: "
-                f"a point of the panel lies {math.sqrt(float(square.max())):.3g} focal lengths out"
-                f", beyond {limit:.3g}, where the image turns back"
+                f"a point of the panel lies {math.sqrt(float(square.max())):.3g} focal lengths out, "
+                f"beyond {limit:.3g}, where the image turns back"
             )
         return arm, square
 
@@ -528,8 +527,8 @@ class View:
         """Refuse what has no image."""
         if depth_m.numel() and not bool((depth_m > 0).all()):
             raise VoccError(
-                f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m"
-                ": it must be above 0, before the camera (tilt less, or go farther away)"
+                f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m: "
+                "it must be above 0, before the camera (tilt less, or go farther away)"
             )
 
 
@@ -559,8 +558,8 @@ def view_of(context: Context) -> View:
     if before_m.numel() and not bool((before_m > 0).all()):
         frame = int(before_m.argmin())
         raise VoccError(
-            f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch"
-            ": yaw_deg, pitch_deg and the scene's offset must leave its face in view"
+            f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch: "
+            "yaw_deg, pitch_deg and the scene's offset must leave its face in view"
         )
     return View(
         placement,
