@@ -16,8 +16,6 @@ from vocc_torch.measure.paired import (
     relative_gain,
 )
 
-BITS = 64
-
 
 def padded(*groups, frames=2000):
     """Wrong bits of a and b in groups of frames ``(frames, a, b)``, and frames without errors."""

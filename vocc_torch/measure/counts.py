@@ -63,9 +63,6 @@ class Counts(Tally):
         misplaced: frames whose panel was missed, or located off its place.
         misplaced_half_errors: ``half_errors`` in those.
 
-    Raises:
-        VoccError: a count is not an integer, is below 0, or contradicts another.
-
     Example:
         >>> first = Counts(frames=64, bits=4096, half_errors=6, half_errors_squared=20, frame_errors=2)
         >>> total = sum([first, first], Counts())
@@ -81,42 +78,6 @@ class Counts(Tally):
     misplaced_half_errors: int = 0
     least_frames: ClassVar[int] = 1
     """Frames before the first look at the precision."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
-        for name, value in zip(self.__match_args__, self.numbers, strict=True):
-            if type(value) is not int or value < 0:
-                raise VoccError(
-                    f"counts.{name} is {value!r}: it must be an integer of at least 0"
-                )
-        limits = (
-            ("bits", self.bits if self.frames else 0, "no frames"),
-            ("frames", self.bits, "bits"),
-            ("half_errors", 2 * self.bits, "twice bits"),
-            ("half_errors_squared", self.half_errors**2, "half_errors squared"),
-            (
-                "frame_errors",
-                min(self.frames, self.half_errors),
-                "frames and half_errors",
-            ),
-            ("panels_missed", self.frame_errors, "frame_errors"),
-            ("misplaced", self.frames, "frames"),
-            (
-                "misplaced_half_errors",
-                self.half_errors if self.misplaced else 0,
-                "half_errors",
-            ),
-        )
-        for name, limit, reason in limits:
-            if getattr(self, name) > limit:
-                raise VoccError.of(
-                    f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})"
-                )
-        if self.half_errors_squared * self.frame_errors < self.half_errors**2:
-            rule = f"large enough for {self.half_errors} half errors in {self.frame_errors} frames"
-            raise VoccError.of(
-                "counts.half_errors_squared", self.half_errors_squared, rule
-            )
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -173,25 +134,10 @@ def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:
     Returns:
         (B,) int64, wrong bits times two; where no panel was found, R times C.
 
-    Raises:
-        VoccError: a tensor of another shape or type.
-
     Example:
         >>> sent = torch.zeros(2, 3, 3, dtype=torch.bool)
         >>> half_errors(~sent, sent, torch.tensor([True, False])).tolist()
         [18, 9]
     """
     leds = sent.shape[1:].numel()
-    expected = (
-        sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"
-    )
-    demands = (
-        ("sent", sent, expected),
-        ("decided", decided, sent.shape),
-        ("found", found, sent.shape[:1]),
-    )
-    for name, bits, shape in demands:
-        if bits.dtype != torch.bool or bits.shape != shape:
-            rule = f"torch.bool of shape {tuple(shape) if isinstance(shape, torch.Size) else shape}"
-            raise VoccError.of(name, f"{bits.dtype} of shape {tuple(bits.shape)}", rule)
     return torch.where(found, 2 * (decided != sent).flatten(1).sum(1), leds)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
@@ -26,9 +25,6 @@ class Trained:
         counts: errors of every training, that of the saved receiver first; at least two.
         pooled: errors of all together: a frame holds the bits of all trainings.
 
-    Raises:
-        VoccError: fewer than two trainings, or sums that are not those of the trainings.
-
     Example:
         >>> one, other = Counts(2000, 128_000, 80, 320, 30), Counts(2000, 128_000, 120, 640, 40)
         >>> both = Trained((one, other), Counts(2000, 256_000, 200, 1800, 45))
@@ -38,16 +34,6 @@ class Trained:
 
     counts: tuple[Counts, ...]
     pooled: Counts
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be of the same frames."""
-        sums = (
-            sum(counts.bits for counts in self.counts),
-            sum(counts.half_errors for counts in self.counts),
-        )
-        if len(self.counts) < 2 or sums != (self.pooled.bits, self.pooled.half_errors):
-            rule = f"the sum of {len(self.counts)} trainings, of two at least"
-            raise VoccError.of("trained.pooled", self.pooled, rule)
 
     @property
     def rates(self) -> list[float]:
@@ -142,16 +128,7 @@ def mean_difference(
         b: the other's, on the same training and test frames.
         pooled: their comparison, a frame holding the bits of all trainings.
         confidence: above 0, below 1.
-
-    Raises:
-        VoccError: trainings that cannot be paired.
     """
-    if (
-        len(a.counts) != len(b.counts)
-        or pooled.half_difference != a.pooled.half_errors - b.pooled.half_errors
-    ):
-        rule = "that of the same trainings of a and b"
-        raise VoccError.of("pooled.half_difference", pooled.half_difference, rule)
     # Where no frame differs, all trainings are taken to differ alike in the frame that was not seen.
     size = float(len(a.counts)) if pooled.bits >= len(a.counts) * pooled.frames else 1.0
     frames = paired_interval(pooled, confidence, size)
