@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from made_up_dimming import AMBIENT, BITS, LUMINANCE, paper_like_grid
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.report.heatmap import (
     dimming_figure,
@@ -79,12 +78,6 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
         least, candidates = one.least_cd_m2, one.candidates_cd_m2
         assert ranges == [least[0], least[-1], candidates[0], candidates[-1]]
         assert row["may_lie_above_grid"] == ("yes" if one.reaches_highest else "no")
-
-
-def test_a_receiver_that_is_not_in_the_grid_is_refused(grid):
-    for draw in (dimming_figure,):
-        with pytest.raises(VoccError, match="receiver is mlp"):
-            draw(grid, receivers=["mlp"])
 
 
 def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(
