@@ -123,34 +123,14 @@ def background(scene, panel, size=SMALL.sensor_px):
     return level.view(-1, 1, 1, 1).expand(-1, 1, *size).clone()
 
 
-def its_bits(frames, shape, *, take="frame"):
+def its_bits(frames, shape):
     """The second panel's bits: the first that its own stream gives."""
-    streams = (key.generator("effect.second_panel") for key in keys(frames, take=take))
-    return torch.from_numpy(
-        np.stack(
-            [
-                s.integers(2, size=(shape.rows, shape.columns), dtype=np.uint8)
-                for s in streams
-            ]
-        )
-    ).bool()
-
-
-def ours_there(scene, panel, effects, *, share=1.0, moved_m=(0.0, 0.0, 0.0)):
-    """Our own panel, drawn where the second one is to be, with the second one's bits."""
-    x, y, z = moved_m
-    moved = replace(
-        scene,
-        offset_x_m=scene.offset_x_m + x,
-        offset_y_m=scene.offset_y_m + y,
-        distance_m=scene.distance_m + z,
-        led_luminance_cd_m2=scene.led_luminance_cd_m2 * share,
-    )
-    simulator = Simulator(SMALL, panel, effects, framing="full", dtype=DOUBLE)
-    frames = simulator.render(
-        moved, its_bits(len(scene), panel.shape), keys=keys(len(scene))
-    )
-    return luminance(frames.grey, scene, panel)
+    size = shape.rows, shape.columns
+    drawn = [
+        key.generator("effect.second_panel").integers(2, size=size, dtype=np.uint8)
+        for key in keys(frames)
+    ]
+    return torch.from_numpy(np.stack(drawn)).bool()
 
 
 @pytest.mark.parametrize("panel", [LedPanel(), BOARD], ids=["see-through", "board"])
@@ -163,9 +143,17 @@ def test_it_is_the_picture_of_our_own_panel_at_that_place(panel, x, y, share):
     seen = SecondPanel(x, y, share)(
         background(scene, panel), context(scene, panel=panel)
     )
-    wanted = ours_there(scene, panel, {}, share=share, moved_m=(x, y, 0.0))
-    assert bool((wanted > 1.5 * background(scene, panel)).any())
-    torch.testing.assert_close(seen, wanted, rtol=1e-9, atol=1e-9)
+    moved = replace(
+        scene,
+        offset_x_m=scene.offset_x_m + x,
+        offset_y_m=scene.offset_y_m + y,
+        led_luminance_cd_m2=scene.led_luminance_cd_m2 * share,
+    )
+    simulator = Simulator(SMALL, panel, {}, framing="full", dtype=DOUBLE)
+    frames = simulator.render(moved, its_bits(5, panel.shape), keys=keys(5))
+    expected = luminance(frames.grey, scene, panel)
+    assert bool((expected > 1.5 * background(scene, panel)).any())
+    torch.testing.assert_close(seen, expected, rtol=1e-9, atol=1e-9)
 
 
 # Airlight
