@@ -164,6 +164,11 @@ class PanelShape:
         demand_ranges(self, "panel", {"rows": MOST_LEDS, "columns": MOST_LEDS}, {})
 
     @property
+    def sides(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    @property
     def leds(self) -> int:
         """Number of LEDs, that is of bits in a frame."""
         return self.rows * self.columns

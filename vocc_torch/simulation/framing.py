@@ -41,7 +41,7 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     Raises:
         VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
     """
-    half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
+    half_m = panel.pitch_m * max(panel.shape.sides) / 2
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
     farthest = (
@@ -164,9 +164,7 @@ def crop_size_px(
         raise VoccError(f"nearest_m is {nearest_m:g}: it must be above 0")
     demand_led_px(panel.led_diameter_m / nearest_m * camera.focal_length_px, nearest_m)
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
-    rows, columns = (
-        leds + 2 * margin_cells for leds in (panel.shape.rows, panel.shape.columns)
-    )
+    rows, columns = (leds + 2 * margin_cells for leds in panel.shape.sides)
     size = rows * pitch_px, columns * pitch_px
     reach = 2
     for effect in effects:

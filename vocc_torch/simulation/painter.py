@@ -18,7 +18,7 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity, of_kin
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
 
-Stamp = tuple[Tensor, Tensor, Tensor, Tensor]
+Stamp = tuple[Tensor, ...]
 """The cover (M,h,w) of some of a batch's LEDs, each in a patch of pixels of its frame; the patches' left
 columns and top rows (M,), and the LEDs' numbers (M,) of the batch's, frame by frame in raster order."""
 
@@ -54,16 +54,14 @@ def paint(
     behind, before = (
         taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT)
     )
-    reflectances = (
-        panel.background_reflectance,
-        panel.led_reflectance,
-        panel.board_reflectance or 0.0,
-    )
-    lit = (
+    background, surface, board = (
         photometry.reflected_luminance_cd_m2(scene.ambient_lx, share)
-        for share in reflectances
+        for share in (
+            panel.background_reflectance,
+            panel.led_reflectance,
+            panel.board_reflectance or 0.0,
+        )
     )
-    background, surface, board = lit
     panel_present, look = housing.present(context), housing.look(context)
     has_board = panel.board_reflectance is not None and not of_kind(
         context.effects, housing.Housing
@@ -81,16 +79,14 @@ def paint(
     else:
         under = canvas if behind else background.view(-1, 1, 1)
         boards = board_cover(context, size)
-        boards = (
-            boards if panel_present is None else boards * panel_present.view(-1, 1, 1)
-        )
+        if panel_present is not None:
+            boards = boards * panel_present.view(-1, 1, 1)
         canvas = canvas + boards * (board.view(-1, 1, 1) - under)
     stamps = list(led_stamps(context, size, look))
     if panel_present is not None:
-        present_stamps = [panel_present[stamp[-1] // leds] for stamp in stamps]
         stamps = [
-            (a[k], b[k], c[k], d[k])
-            for (a, b, c, d), k in zip(stamps, present_stamps, strict=True)
+            tuple(part[panel_present[stamp[-1] // leds]] for part in stamp)
+            for stamp in stamps
         ]
     added = surface - board if look is None else (surface - board) * look.visible
     if behind or before:

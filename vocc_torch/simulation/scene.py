@@ -57,7 +57,7 @@ class SceneModel:
             torch.from_numpy(draw.draw(generator, BLOCK_FRAMES))
             for draw, generator in draws
         )
-        size = (BLOCK_FRAMES, shape.rows, shape.columns)
+        size = (BLOCK_FRAMES, *shape.sides)
         bits = torch.from_numpy(
             key.generator("bits").integers(2, size=size, dtype=np.uint8)
         )

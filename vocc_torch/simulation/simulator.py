@@ -261,7 +261,7 @@ class Simulator:
         for key in keys:
             demand_kind("keys", key, FrameKey)
         scene, bits = self._checked(scene), tensor_of("bits", bits)
-        expected = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
+        expected = (len(scene), *self.panel.shape.sides)
         if tuple(bits.shape) != expected:
             raise VoccError(
                 f"bits has shape {tuple(bits.shape)}: it must be {expected}"
@@ -281,9 +281,7 @@ class Simulator:
             )
         unbounded = any(effect.unbounded for effect in self.effects)
         window = panel_only and self._filling is not None and not unbounded
-        if self._colour is not None and any(
-            isinstance(effect, Jpeg) for effect in self.effects
-        ):
+        if self._colour is not None and of_kind(self.effects, Jpeg):
             window = False  # the chroma's blocks are wider than a window's grid
         drawn_full = self._filling is not None and (
             self._colour is not None or self._filling.takes in DRAWN

@@ -105,7 +105,7 @@ class PanelDrawing:
         if self.corner_loss is not None:
             effects["vignetting"] = {"corner_loss": self.corner_loss}
         if weights is not None:
-            shape = len(by_frame), self.panel.shape.rows, self.panel.shape.columns
+            shape = len(by_frame), *self.panel.shape.sides
             effects["led_weights"] = LedWeights(torch.from_numpy(weights).view(shape))
         panel = replace(
             self.panel,
@@ -177,7 +177,7 @@ class PanelDrawing:
     ) -> Floats:
         """Render windows in linear light."""
         shape = self.panel.shape
-        lit = torch.ones(len(by_frame), shape.rows, shape.columns, dtype=torch.bool)
+        lit = torch.ones(len(by_frame), *shape.sides, dtype=torch.bool)
         frames = simulator.render_window(
             self.scene(by_frame, luminance), lit, self.origin_px, self.size_px
         )

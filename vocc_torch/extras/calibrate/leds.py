@@ -63,10 +63,7 @@ def start(
         bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
     """
     shape, frames = drawing.panel.shape, len(grey)
-    at = (
-        led_places(corners_px, shape.rows, shape.columns)
-        - drawing.origin_px.numpy()[:, None]
-    )
+    at = led_places(corners_px, *shape.sides) - drawing.origin_px.numpy()[:, None]
     x, y = (
         np.floor(at[..., i]).astype(int).clip(1, grey.shape[2 - i] - 2) for i in (0, 1)
     )
@@ -119,7 +116,7 @@ def likelier(fit: RecordingFit) -> Floats:
     rows = np.arange(len(at))
     weights = fit.trust / fit.predicted()[1]
     parts = [*fit.parts()]
-    numbers = np.arange(shape.leds).reshape(shape.rows, shape.columns)
+    numbers = np.arange(shape.leds).reshape(shape.sides)
     lit = fit.lit.copy()
     for i, j in np.ndindex(step, step):
         group = numbers[i::step, j::step].ravel()

@@ -65,9 +65,7 @@ def drawing_of(
     """
     grid, sensor = SETTINGS.grid_px, np.array([camera.width_px, camera.height_px])
     low, high = footage.corners_px.min(1), footage.corners_px.max(1)
-    cell = (high - low).max(1, keepdims=True) / max(
-        panel.shape.rows, panel.shape.columns
-    )
+    cell = (high - low).max(1, keepdims=True) / max(panel.shape.sides)
     extent = (high - low + 2 * (SETTINGS.margin_cells * cell + SETTINGS.margin_px)).max(
         0
     )
@@ -107,9 +105,7 @@ def calibrate(
     coarse = coarser(camera, times)
     used = binned(chosen, times)
     drawing, grey = drawing_of(used, coarse, panel)
-    around = Surround.of(
-        used.greys, used.corners_px, max(panel.shape.rows, panel.shape.columns)
-    )
+    around = Surround.of(used.greys, used.corners_px, max(panel.shape.sides))
     fall = falloff(around, drawing, coarse.gamma)
     shown = None if bits is None else bits[used.numbers.clip(max=len(bits) - 1)]
     begun = start(shaded(drawing, fall), grey, used.corners_px, shown)

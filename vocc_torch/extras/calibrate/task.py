@@ -86,11 +86,7 @@ def known_bits(path: Path, shape: PanelShape) -> Bools:
         VoccError: another file, or bits of another panel.
     """
     bits = np.array(read_npy(path, "calibrate.bits"))
-    if (
-        bits.dtype != np.bool_
-        or bits.shape[1:] != (shape.rows, shape.columns)
-        or not len(bits)
-    ):
+    if bits.dtype != np.bool_ or bits.shape[1:] != shape.sides or not len(bits):
         raise VoccError(
             f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be "
             f"bool of shape (N,{shape.rows},{shape.columns})"

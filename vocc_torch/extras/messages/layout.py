@@ -72,7 +72,7 @@ class Layout:
 
     def __init__(self, plan: MessagePlan) -> None:
         options = plan.signalling
-        (rows, columns) = (plan.shape.rows, plan.shape.columns)
+        rows, columns = plan.shape.sides
         self.plan, self.symbols, self.bands = plan, options.block_symbols, options.bands
         self._scrambles = options.scramble
         if self.bands > rows:

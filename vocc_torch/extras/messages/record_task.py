@@ -57,11 +57,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     )
     plan = MessagePlan.read(source / PLAN)
     film = np.array(read_npy(source / FRAMES, "input"))
-    if (
-        film.dtype != np.bool_
-        or film.shape[1:] != (plan.shape.rows, plan.shape.columns)
-        or not len(film)
-    ):
+    if film.dtype != np.bool_ or film.shape[1:] != plan.shape.sides or not len(film):
         raise VoccError(
             f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}"
         )

@@ -207,10 +207,10 @@ def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
 def patterns(shape: PanelShape, frames: int) -> Component:
     """Up to three rows or columns that are dark, neighbours or outer ones, and few or many LEDs On."""
     maps = []
-    for axis, lines in enumerate((shape.rows, shape.columns)):
+    for axis, lines in enumerate(shape.sides):
         for width in range(1, min(4, lines)):
             for first in range(lines - width + 1):
-                map_of_rates = np.full((shape.rows, shape.columns), 0.5)
+                map_of_rates = np.full(shape.sides, 0.5)
                 map_of_rates[(slice(None),) * axis + (slice(first, first + width),)] = (
                     0.05
                 )
@@ -220,12 +220,10 @@ def patterns(shape: PanelShape, frames: int) -> Component:
             top + bottom + left + right <= 3
             and 4 - (top, bottom, left, right).count(0) > 1
         ):
-            map_of_rates = np.full((shape.rows, shape.columns), 0.05)
+            map_of_rates = np.full(shape.sides, 0.05)
             map_of_rates[top : shape.rows - bottom, left : shape.columns - right] = 0.5
             maps.append(map_of_rates)
-    maps += [
-        np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)
-    ]
+    maps += [np.full(shape.sides, share) for share in (0.1, 0.25, 0.75, 0.9)]
     return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))
 
 
@@ -264,8 +262,7 @@ def around_leds(
 def sides(shape: PanelShape) -> Integers:
     """Count for each LED the sides of the panel that it lies at, (R,C); 2 is a corner."""
     rows, columns = (
-        np.isin(np.arange(n), (0, n - 1)).astype(np.int64)
-        for n in (shape.rows, shape.columns)
+        np.isin(np.arange(n), (0, n - 1)).astype(np.int64) for n in shape.sides
     )
     return rows[:, None] + columns
 

@@ -52,7 +52,7 @@ class Component:
     @classmethod
     def nominal(cls, frames: int, shape: PanelShape) -> "Component":
         """Draw the scenes as they are meant."""
-        return cls(frames, np.full((1, shape.rows, shape.columns), 0.5), np.ones(1))
+        return cls(frames, np.full((1, *shape.sides), 0.5), np.ones(1))
 
     def log_ratios(self, bits: Bools) -> Floats:
         """Give the logarithm of each map's share and probability of bits, over that of equally likely ones.
@@ -158,7 +158,7 @@ class TiltedScenes(SceneModel):
         }
         place = key.generator("rare.place").random(BLOCK_FRAMES)
         level = key.generator("rare.bits")
-        levels = level.random((BLOCK_FRAMES, shape.rows, shape.columns))
+        levels = level.random((BLOCK_FRAMES, *shape.sides))
         bits = np.empty(levels.shape, dtype=np.bool_)
         for number, component in enumerate(self.components):
             rows = np.flatnonzero(order == number)

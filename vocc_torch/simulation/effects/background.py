@@ -259,7 +259,7 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
             )
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         leds_m = (offset_m + view.led_centres_m(panel)).to(scene.distance_m.device)
-        size = panel.shape.rows, panel.shape.columns
+        size = panel.shape.sides
         bits = context.draws(
             self.name, lambda g: g.integers(2, size=size, dtype=np.uint8)
         )

@@ -156,7 +156,7 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     def sent(self, context: Context) -> Tensor:
         """Draw bits of the context's further LEDs, (B,R,C) bool; a preamble has them all On or all Off."""
         shape, stream = context.panel.shape, f"{self.name}.bits{context.leds}"
-        size = shape.rows, shape.columns
+        size = shape.sides
         bits = context.draws(stream, lambda g: g.integers(2, size=size)).bool()
         for i, key in enumerate(context.keys):
             if key.take in ("on", "off"):

@@ -389,7 +389,7 @@ class Clutter(Sketched):
             if depth > panel_m or not before:
                 things.append((depth, thing, place, seed, middle, reach))
         if carried:
-            least = panel.pitch_m * max(panel.shape.rows, panel.shape.columns)
+            least = panel.pitch_m * max(panel.shape.sides)
             host = functools.partial(roadside.vehicle, least_m=least)
             reach = 12 * max(1.0, least) * focal / panel_m
             behind = functools.partial(on_vehicle, camera_view, at)

@@ -356,10 +356,9 @@ def led_centres_m(panel: LedPanel) -> Tensor:
         >>> led_centres_m(LedPanel())[:2].tolist()
         [[-0.21, -0.21], [-0.15, -0.21]]
     """
-    sides = (panel.shape.rows, panel.shape.columns)
     rows, columns = (
         (torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * panel.pitch_m
-        for n in sides
+        for n in panel.shape.sides
     )
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1).view(-1, 2)
 
