@@ -21,9 +21,9 @@ FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 @pytest.fixture(scope="module")
 def grid():
     """Four receivers; flda_3 has cells without errors."""
-    made = paper_like_grid(FOUR, frames=512)
-    assert (made.ber("flda_3") == 0).any()
-    return made
+    measured = paper_like_grid(FOUR, frames=512)
+    assert (measured.ber("flda_3") == 0).any()
+    return measured
 
 
 def test_each_map_has_its_receivers_rates_at_their_places(grid):
@@ -31,7 +31,9 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid):
     for axes, name in zip(maps, FOUR, strict=True):
         assert axes.get_title(loc="left") == receiver_styles([name])[name].label
         rates, limits = grid.ber(name), grid.intervals(name)[1]
-        (mesh,) = (one for one in axes.collections if hasattr(one, "get_coordinates"))
+        (mesh,) = (
+            mesh for mesh in axes.collections if hasattr(mesh, "get_coordinates")
+        )
         shown = np.ma.filled(mesh.get_array(), 0.0).reshape(
             len(LUMINANCE), len(AMBIENT)
         )
@@ -43,7 +45,7 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid):
         for (row, column), rate in np.ndenumerate(rates):
             assert texts[row, column] == rate_or_limit(rate, limits[row, column])
     assert [text.get_text() for text in maps[0].get_yticklabels()] == [
-        f"{one:g}" for one in LUMINANCE
+        f"{value:g}" for value in LUMINANCE
     ]
 
 
@@ -66,18 +68,20 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
             *ends,
         ]
     stated = [best for name in FOUR for best in best_luminance(grid, name)]
-    for row, one in zip(best, stated, strict=True):
+    for row, best_point in zip(best, stated, strict=True):
         assert (row["receiver"], float(row["ambient_lx"])) == (
-            one.receiver,
-            one.ambient_lx,
+            best_point.receiver,
+            best_point.ambient_lx,
         )
         ranges = [
             float(row[f"{name}_cd_m2"])
             for name in ("best_from", "best_to", "range_from", "range_to")
         ]
-        least, candidates = one.least_cd_m2, one.candidates_cd_m2
+        least, candidates = best_point.least_cd_m2, best_point.candidates_cd_m2
         assert ranges == [least[0], least[-1], candidates[0], candidates[-1]]
-        assert row["may_lie_above_grid"] == ("yes" if one.reaches_highest else "no")
+        assert row["may_lie_above_grid"] == (
+            "yes" if best_point.reaches_highest else "no"
+        )
 
 
 def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(

@@ -26,8 +26,8 @@ def test_crops_are_parts_of_the_frames_that_are_counted(make_plan, effects):
     simulator, key = world.simulator(), BlockKey(0, "train", 0)
     scene, bits = world.scene.draw(key, world.panel.shape)
     keys = [FrameKey(key, frame) for frame in range(2)]
-    whole = make_plan(effects=world.effects, framing="full").world.simulator()
-    frames = whole.render(scene[:2], bits[:2], keys=keys).grey[:, 0].numpy()
+    full = make_plan(effects=world.effects, framing="full").world.simulator()
+    frames = full.render(scene[:2], bits[:2], keys=keys).grey[:, 0].numpy()
     for frame, crop in zip(
         frames, samples.crops(simulator, key, world.scene, 2), strict=True
     ):

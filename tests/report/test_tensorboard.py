@@ -87,7 +87,7 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
         clean = [row for row in rows if row.error_free]
         steps = axis_steps(table.axis, table.values)
         assert steps == {1000: 3000, 8000: 3903, 32000: 4505}
-        wanted = {
+        expected = {
             "BER": [(row.value, row.ber) for row in rows],
             "log10_BER": [(row.value, np.log10(row.ber)) for row in wrong],
             "log10_BER_lo": [(row.value, np.log10(row.ber_low)) for row in wrong],
@@ -103,7 +103,7 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
         )
         for name, rate in ends:
             assert events.Scalars(f"all_points/{name}")[0].value == pytest.approx(rate)
-        for name, points in wanted.items():
+        for name, points in expected.items():
             tag = f"{name}/ambient_lx"
             assert (tag in events.Tags()["scalars"]) == bool(points)
             if points:
@@ -167,20 +167,24 @@ def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
         for tag in read(tmp_path, receiver).Tags()["scalars"]
     }
     laid_out = categories(read(tmp_path, SUMMARY_RUN))
-    sections = [(group, one) for group, members in tables.items() for one in members]
+    sections = [
+        (group, table_of_axis)
+        for group, members in tables.items()
+        for table_of_axis in members
+    ]
     assert len(laid_out) == len(sections) == 8
-    for category, (group, one) in zip(laid_out, sections, strict=True):
-        assert category.title.startswith(f"{group} {one.experiment}: ")
+    for category, (group, table_of_axis) in zip(laid_out, sections, strict=True):
+        assert category.title.startswith(f"{group} {table_of_axis.experiment}: ")
         curves, intervals, *limits = category.chart
         # As TensorBoard matches: lines by regular expression, bands by name.
         (pattern,) = curves.multiline.tag
         assert [tag for tag in tags if re.match(pattern, tag)] == [
-            f"{group}/log10_BER/{one.axis}"
+            f"{group}/log10_BER/{table_of_axis.axis}"
         ]
         band = intervals.margin.series[0]
         names = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
         assert [band.value, band.lower, band.upper] == [
-            f"{group}/{name}/{one.axis}" for name in names
+            f"{group}/{name}/{table_of_axis.axis}" for name in names
         ]
         assert {band.value, band.lower, band.upper} <= tags
-        assert len(limits) == any(row.error_free for row in one)
+        assert len(limits) == any(row.error_free for row in table_of_axis)

@@ -25,14 +25,14 @@ OURS = [
 def console(width=80, terminal=False, encoding="utf-8"):
     raw = io.BytesIO()
     file = io.TextIOWrapper(raw, encoding=encoding, newline="", write_through=True)
-    made = Console(
+    screen_console = Console(
         file=file,
         width=width,
         height=24,
         force_terminal=terminal,
         _environ={"TERM": "xterm"},
     )
-    return made, lambda: raw.getvalue().decode(encoding)
+    return screen_console, lambda: raw.getvalue().decode(encoding)
 
 
 def crowd():

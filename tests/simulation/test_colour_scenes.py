@@ -48,8 +48,8 @@ def test_the_eyes_sensitivity_is_the_tabulated_one():
         610: 0.503,
         650: 0.107,
     }
-    told = luminous_efficiency(np.array(list(table), dtype=np.float64))
-    np.testing.assert_allclose(told, list(table.values()), atol=0.01)
+    ours = luminous_efficiency(np.array(list(table), dtype=np.float64))
+    np.testing.assert_allclose(ours, list(table.values()), atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -76,22 +76,22 @@ def test_shares_are_the_integrals_over_the_spectra(peak_nm, width_nm):
             lambda nm: math.prod(part(nm) for part in parts), 360, 780, limit=300
         )[0]
 
-    for sensitivity, told in zip(
+    for sensitivity, ours in zip(
         SENSITIVITIES_NM, channel_shares(peak_nm, width_nm), strict=True
     ):
 
         def seen(nm, sensitivity=sensitivity):
             return math.exp(-0.5 * ((nm - sensitivity[0]) / sensitivity[1]) ** 2)
 
-        wanted = over(seen, led) / over(eye, led) / (over(seen, day) / over(eye, day))
-        assert told == pytest.approx(wanted, rel=2e-3, abs=1e-6)
+        expected = over(seen, led) / over(eye, led) / (over(seen, day) / over(eye, day))
+        assert ours == pytest.approx(expected, rel=2e-3, abs=1e-6)
 
 
 def test_luma_is_pillows_to_the_last_bit():
     colour = np.random.default_rng(0).integers(256, size=(300, 300, 3), dtype=np.uint8)
-    told = luma_of(torch.from_numpy(colour).movedim(-1, 0).unsqueeze(0))
+    ours = luma_of(torch.from_numpy(colour).movedim(-1, 0).unsqueeze(0))
     assert np.array_equal(
-        told[0, 0].numpy(), np.asarray(Image.fromarray(colour).convert("L"))
+        ours[0, 0].numpy(), np.asarray(Image.fromarray(colour).convert("L"))
     )
 
 
@@ -144,9 +144,9 @@ def test_three_sensors_have_noise_of_their_own_and_one_mosaic_has_one():
     assert torch.allclose(corner.mean(1), corner.mean(), rtol=0.01)
     raw = shot(coloured | {"bayer": {}}, framing="full")
     assert raw.colour is None
-    one = shot({**NOISE, "bayer": {}}, framing="full")
+    mosaic = shot({**NOISE, "bayer": {}}, framing="full")
     # White LEDs before a mosaic: as without colour.
-    assert torch.equal(raw.grey, one.grey)
+    assert torch.equal(raw.grey, mosaic.grey)
 
 
 def test_a_mosaic_takes_of_each_channel_what_its_filter_lets_through():
@@ -160,8 +160,8 @@ def test_a_mosaic_takes_of_each_channel_what_its_filter_lets_through():
     ).grey[:, 0]
     filters = {(0, 0): (0, 0.5), (0, 1): (1, 1.0), (1, 0): (1, 1.0), (1, 1): (2, 0.625)}
     for (row, column), (channel, share) in filters.items():
-        wanted = planes[:, channel, row::2, column::2] * share ** (1 / CAMERA.gamma)
-        torch.testing.assert_close(raw[:, row::2, column::2], wanted)
+        expected = planes[:, channel, row::2, column::2] * share ** (1 / CAMERA.gamma)
+        torch.testing.assert_close(raw[:, row::2, column::2], expected)
     seen = shot(
         RAW | {"colour": {"peak_nm": 630}, "bayer": {}, "demosaicing": {}},
         framing="full",
@@ -176,8 +176,8 @@ def test_coded_colour_is_near_pillows():
     plain = shot(digital, framing="full").pixels
     coded = shot(digital | {"jpeg": {"quality": 85}}, framing="full").pixels
     for before, after in zip(plain, coded, strict=True):
-        held = io.BytesIO()
-        Image.fromarray(before).save(held, format="JPEG", quality=85)
-        theirs = np.asarray(Image.open(held), dtype=np.float64)
+        buffer = io.BytesIO()
+        Image.fromarray(before).save(buffer, format="JPEG", quality=85)
+        theirs = np.asarray(Image.open(buffer), dtype=np.float64)
         assert np.abs(after - theirs).mean() < 0.5
         assert np.abs(before - theirs).mean() > 0.05  # the coding changes something

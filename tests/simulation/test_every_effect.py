@@ -39,7 +39,9 @@ for _name, _own in {
 }.items():
     PARTS[_name][_name] |= _own
 PARAMETERS = {
-    name: own for part in (PAPER_EFFECTS, *PARTS.values()) for name, own in part.items()
+    name: parameters
+    for part in (PAPER_EFFECTS, *PARTS.values())
+    for name, parameters in part.items()
 }
 KINDS = {kind.name: kind for kind in PHYSICAL_ORDER}
 NO_GRADIENT = {"shot_noise", "quantization", "jpeg"}
@@ -70,7 +72,7 @@ def context_of(chain, frames=2, distance_m=(40.0, 47.0)):
     )
 
 
-def given(kind, frames=2, dtype=torch.float64):
+def sample_of(kind, frames=2, dtype=torch.float64):
     """Something that the effect takes, different in every element."""
     source = torch.Generator().manual_seed(3)
     if kind.takes == Quantity.PLACEMENT:
@@ -106,7 +108,7 @@ def test_an_effect_says_what_it_is(name):
 def test_an_effect_carries_the_gradient_of_light_or_says_that_it_does_not(name):
     """Along a random direction, against a central difference."""
     effect, chain = build(name)
-    value, context = given(KINDS[name]), context_of(chain)
+    value, context = sample_of(KINDS[name]), context_of(chain)
     if not value.is_floating_point():
         assert not effect(value, context).is_floating_point()
         return
@@ -135,9 +137,9 @@ def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their
     effect, chain = build(name)
     if not effect.sampled:
         return
-    value, of_sensor = given(KINDS[name]), name in ("prnu", "dsnu", "hot_pixels")
+    value, of_sensor = sample_of(KINDS[name]), name in ("prnu", "dsnu", "hot_pixels")
 
-    def seen(take="frame", start=0, **block):
+    def drawn_with(take="frame", start=0, **block):
         key = BlockKey(**{"seed": 0, "point": "every", "block": 0, **block})
         keys = [FrameKey(key, start + frame, take) for frame in range(2)]
         return effect(value, replace(context_of(chain), keys=keys))
@@ -150,10 +152,10 @@ def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their
         "rolling_shutter",
         "multiplexing",
     )
-    assert same(seen(), seen("on")) == (name not in anew)
+    assert same(drawn_with(), drawn_with("on")) == (name not in anew)
     for other in ({"start": 2}, {"block": 1}, {"point": "other"}):
-        assert (not same(seen(), seen(**other))) != of_sensor
-    assert not same(seen(), seen(seed=1))
+        assert (not same(drawn_with(), drawn_with(**other))) != of_sensor
+    assert not same(drawn_with(), drawn_with(seed=1))
 
 
 def same(one, other):
@@ -164,7 +166,7 @@ def same(one, other):
 @every
 def test_a_frame_does_not_depend_on_its_batch_and_what_is_given_stays_as_it_is(name):
     effect, effects = build(name)
-    value, context = given(KINDS[name]), context_of(effects)
+    value, context = sample_of(KINDS[name]), context_of(effects)
     before, together = value.clone(), effect(value, context)
     assert torch.equal(value, before)
     for row in (slice(0, 1), slice(1, 2)):
@@ -183,9 +185,9 @@ def test_an_effect_says_whether_it_draws_random_numbers(name):
     effect, effects = build(name)
     keyless = replace(context_of(effects), keys=[])
     if not effect.sampled:
-        effect(given(KINDS[name]), keyless)
+        effect(sample_of(KINDS[name]), keyless)
         return
     with pytest.raises(
         VoccError, match=rf"scene\.effects\.{name} draws random numbers"
     ):
-        effect(given(KINDS[name]), keyless)
+        effect(sample_of(KINDS[name]), keyless)

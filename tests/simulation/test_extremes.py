@@ -94,7 +94,7 @@ def paper():
     )
 
 
-def seen(changes):
+def observed_of(changes):
     """Every tensor that is read of two frames of a study."""
     plain = copy.deepcopy(paper())
     for key, value in changes.items():
@@ -119,10 +119,10 @@ def test_extreme_values_are_answered_or_refused(name, line, changes):
     values = {key: eval(value, {}) for key, _, value in words}
     with np.errstate(all="raise", under="ignore"):
         if line == "answered":
-            for value in seen(SMALL | values):
+            for value in observed_of(SMALL | values):
                 assert value.isfinite().all()
             return
         with pytest.raises(VoccError) as refused:
-            list(seen(SMALL | values))
+            list(observed_of(SMALL | values))
     assert str(refused.value).startswith(line)
     assert "\n" not in str(refused.value)

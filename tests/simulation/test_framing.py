@@ -127,7 +127,7 @@ def test_an_upright_panel_is_where_the_lens_puts_it(shape):
         ]
     )
     for camera in (Camera(), Camera(focal_length_mm=18, width_px=640, height_px=481)):
-        seen = view_of(Context(scene, camera))
+        perspective = view_of(Context(scene, camera))
         x, y = led_centres_px(scene, camera, panel)
         leds = torch.stack(
             [x.repeat(1, shape[0]), y.repeat_interleave(shape[1], dim=1)], dim=-1
@@ -139,7 +139,7 @@ def test_an_upright_panel_is_where_the_lens_puts_it(shape):
             (corners, panel_corners_m(panel)),
         ):
             torch.testing.assert_close(
-                ours, seen.points_px(points_m), rtol=0, atol=1e-9
+                ours, perspective.points_px(points_m), rtol=0, atol=1e-9
             )
         torch.testing.assert_close(middle, corners.mean(dim=1), rtol=0, atol=1e-9)
 

@@ -70,10 +70,12 @@ def panel_px(scene, frame):
 # Occlusion
 
 
-def hidden(effect, where, size=SMALL.sensor_px):
+def hidden(effect, placed, size=SMALL.sensor_px):
     """The share of each pixel that is hidden: what a black rectangle takes of an even light."""
     black = replace(effect, reflectance=0.0)
-    return 1 - black(torch.ones(len(where.scene), 1, *size, dtype=DOUBLE), where)[:, 0]
+    return (
+        1 - black(torch.ones(len(placed.scene), 1, *size, dtype=DOUBLE), placed)[:, 0]
+    )
 
 
 def test_a_rectangle_is_where_its_stream_says_with_sharp_level_sides():
@@ -294,11 +296,11 @@ def test_a_lamp_inside_the_sensor_has_exactly_its_area():
         key.generator("effect.lamps", of_scene=True).random((1, 2)) for key in keys(300)
     ]
     places = np.concatenate(places) * (120, 80)
-    whole = ((places > radius) & (places < np.array([120, 80]) - radius)).all(axis=1)
-    assert 200 < whole.sum() < 300
-    expected = np.full(int(whole.sum()), 500.0 * math.pi * radius**2)
+    inside = ((places > radius) & (places < np.array([120, 80]) - radius)).all(axis=1)
+    assert 200 < inside.sum() < 300
+    expected = np.full(int(inside.sum()), 500.0 * math.pi * radius**2)
     np.testing.assert_allclose(
-        added.sum(dim=(1, 2, 3)).numpy()[whole], expected, rtol=1e-12
+        added.sum(dim=(1, 2, 3)).numpy()[inside], expected, rtol=1e-12
     )
     # The middle of the light is uniform over the sensor.
     for axis, length in ((0, 120), (1, 80)):

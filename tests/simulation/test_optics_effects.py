@@ -102,11 +102,11 @@ def test_a_streaks_convolution_is_scipys(shift):
 
 @given(st.floats(0.0, 40.0))
 def test_a_disc_has_its_energy_and_its_second_moment(diameter):
-    energy, down, across, both = moments(disc(diameter))
+    energy, down, across, mixed = moments(disc(diameter))
     assert energy == pytest.approx(1, abs=1e-12)
     assert down == pytest.approx(diameter**2 / 16, abs=1e-8)
     assert across == pytest.approx(diameter**2 / 16, abs=1e-8)
-    assert both == pytest.approx(0, abs=1e-10)
+    assert mixed == pytest.approx(0, abs=1e-10)
 
 
 shifts = st.floats(-30, 30)
@@ -114,13 +114,13 @@ shifts = st.floats(-30, 30)
 
 @given(shifts, shifts)
 def test_a_streak_has_its_energy_and_its_second_moments(x, y):
-    energy, down, across, both = moments(dense(*streak_taps(x, y), 17))
+    energy, down, across, mixed = moments(dense(*streak_taps(x, y), 17))
     assert energy == pytest.approx(1, abs=1e-12)
     assert across == pytest.approx(x * x / 12, abs=1e-9)
     assert down == pytest.approx(y * y / 12, abs=1e-9)
     # Whole pixels show a slant only so well, but nowhere does it tip over.
-    assert both * x * y >= -1e-12
-    assert abs(both - x * y / 12) <= 0.26 * math.sqrt(abs(x * y)) + 1e-12
+    assert mixed * x * y >= -1e-12
+    assert abs(mixed - x * y / 12) <= 0.26 * math.sqrt(abs(x * y)) + 1e-12
 
 
 # Diffraction
@@ -176,12 +176,12 @@ def test_the_discs_diameter_is_the_thin_lenss(focus, distance, f_number, focal):
 
 def test_the_fall_off_is_the_fourth_power_of_the_cosine_at_every_pixel():
     camera = Camera(width_px=240, height_px=136, focal_length_mm=8.0)
-    ones = torch.ones(1, 1, 136, 240, dtype=DOUBLE)
+    even = torch.ones(1, 1, 136, 240, dtype=DOUBLE)
     y, x = np.mgrid[:136, :240] + 0.5
     pitch = 13.2 / 240
     angle = np.arctan(np.hypot((x - 120) * pitch, (y - 68) * pitch) / 8.0)
     np.testing.assert_allclose(
-        run(Vignetting(), ones, camera=camera)[0, 0], np.cos(angle) ** 4, rtol=1e-12
+        run(Vignetting(), even, camera=camera)[0, 0], np.cos(angle) ** 4, rtol=1e-12
     )
 
 

@@ -52,12 +52,12 @@ class Noise(Effect, on=Quantity.EXPOSURE):
     def __call__(self, value, context):
         (height, width), sides = value.shape[2:], context.camera.sensor_px
         drawn = [
-            torch.from_numpy(own.uniform(0.5, 1.5, sides))
-            for own in context.generators(self.name)
+            torch.from_numpy(generator.uniform(0.5, 1.5, sides))
+            for generator in context.generators(self.name)
         ]
         places = zip(drawn, context.first_px.tolist(), strict=True)
         return value * torch.stack(
-            [one[y : y + height, x : x + width] for one, (x, y) in places]
+            [image[y : y + height, x : x + width] for image, (x, y) in places]
         ).unsqueeze(1)
 
 
@@ -143,7 +143,8 @@ def test_by_itself_it_comes_last_of_its_quantity(row, monkeypatch):
     named |= {"attenuation": {"visibility_m": 99}, "airlight": {"visibility_m": 99}}
     named["second_panel"] = {"offset_x_m": 2}
     order = [
-        one.name for one in build_effects({"own": {"_target_": f"{HERE}.Own"}, **named})
+        effect.name
+        for effect in build_effects({"own": {"_target_": f"{HERE}.Own"}, **named})
     ]
     assert order[order.index("own") - 1] == before
 
@@ -152,7 +153,7 @@ def test_after_says_another_place_and_names_decide_within_one():
     placed = {name: {**STREAK, "after": "motion_blur"} for name in ("b", "a")}
     blur = {"blooming": {"sigma_px": 1}, "defocus": {"focus_distance_m": 9}}
     chain = build_effects({**placed, "c": STREAK, **blur})
-    assert [one.name for one in chain] == ["a", "b", "defocus", "blooming", "c"]
+    assert [effect.name for effect in chain] == ["a", "b", "defocus", "blooming", "c"]
     assert chain == build_effects(
         {**blur, "c": STREAK, **dict(reversed(placed.items()))}
     )

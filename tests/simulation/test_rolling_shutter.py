@@ -66,8 +66,8 @@ def test_light_is_what_sampled_time_says():
     """Each row's exposure in 4000 instants: which symbol shows then; ends are off by one instant."""
     scene, bits = scenes(6), random_bits(6)
     effect = RollingShutter(readout_s=0.9, symbol_s=0.13)
-    where = context(scene)
-    symbols, shares = effect(bits, where), effect.row_shares(where, 101)
+    placed = context(scene)
+    symbols, shares = effect(bits, placed), effect.row_shares(placed, 101)
     ours, truth = light(symbols, shares), symbols.shape[1] // 2
     instants = (np.arange(4000) + 0.5) / 4000 * SMALL.exposure_time_s
     tested = 0
@@ -82,8 +82,8 @@ def test_light_is_what_sampled_time_says():
             number = (
                 np.floor((row * 0.009 + instants - start) / 0.13).astype(int) + truth
             )
-            wanted = symbols[frame].numpy()[number].mean(axis=0)
-            np.testing.assert_allclose(ours[frame, row], wanted, atol=2.5 / 4000)
+            expected = symbols[frame].numpy()[number].mean(axis=0)
+            np.testing.assert_allclose(ours[frame, row], expected, atol=2.5 / 4000)
             tested += 1
     assert tested > 150
 
@@ -95,8 +95,8 @@ def test_a_symbol_shorter_than_the_exposure_is_refused_when_the_camera_is_known(
     effect = RollingShutter(readout_s=1.0, symbol_s=0.09)
     message = r"^scene\.effects\.rolling_shutter\.symbol_s is 0\.09: it must be at least camera\.exposure_time_s"
     for call in (
-        lambda where: effect(random_bits(1), where),
-        lambda where: effect.row_shares(where, 101),
+        lambda placed: effect(random_bits(1), placed),
+        lambda placed: effect.row_shares(placed, 101),
     ):
         with pytest.raises(VoccError, match=message + ", 0.1$"):
             call(context(Scene.of()))

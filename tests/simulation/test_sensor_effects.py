@@ -89,11 +89,11 @@ def test_the_photon_transfer_curve_is_emvas_line():
     assert np.all(error < [0.005, 3.0])
     assert np.all(abs(line - [1, read**2]) < 4 * error)
     context = Context(Scene.of(4), Camera(), effects=(conversion, Gain()))
-    seen = Gain()(electrons - 100, context)
+    shown = Gain()(electrons - 100, context)
     per_lx_s = conversion.electrons_per_lx_s(Camera())
     np.testing.assert_allclose(mean / per_lx_s, exposures, rtol=1e-3)
     torch.testing.assert_close(
-        seen, (electrons - 100).clamp(min=0) / per_lx_s, rtol=1e-12, atol=0
+        shown, (electrons - 100).clamp(min=0) / per_lx_s, rtol=1e-12, atol=0
     )
 
 
@@ -191,8 +191,8 @@ def test_hot_pixels_are_the_stated_share_with_the_stated_charge():
     hot = charge > 0
     assert charge[hot].unique().tolist() == [pytest.approx(1000.0)]
     assert stats.binomtest(int(hot.sum()), hot.numel(), 0.004).pvalue > 1e-3
-    more = run(cold, HotPixels(0.02, 1.5e6)) > 10
-    assert bool(more[hot].all())
+    larger = run(cold, HotPixels(0.02, 1.5e6)) > 10
+    assert bool(larger[hot].all())
 
 
 def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
@@ -211,7 +211,7 @@ def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
 
 
 def test_the_mosaic_is_red_green_green_blue():
-    seen = run(level(1, 1, 1, 5, 7), Bayer(red=0.25, green=0.5, blue=0.125))[
+    shown = run(level(1, 1, 1, 5, 7), Bayer(red=0.25, green=0.5, blue=0.125))[
         0, 0
     ].numpy()
     for (row, column), share in {
@@ -220,7 +220,7 @@ def test_the_mosaic_is_red_green_green_blue():
         (0, 1): 0.5,
         (1, 0): 0.5,
     }.items():
-        np.testing.assert_array_equal(seen[row::2, column::2], share)
+        np.testing.assert_array_equal(shown[row::2, column::2], share)
 
 
 @pytest.mark.parametrize(
@@ -334,8 +334,8 @@ def test_a_window_has_the_noise_of_the_full_frame(effect, window):
             np.random.default_rng(8).uniform(0, 12, (2, 1, 300, 420))
         ).to(dtype)
         full[..., 200:] *= 100
-        seen = on_sensor(cut(full, origin, size), effect, origin=origin)
-        assert torch.equal(seen, cut(on_sensor(full, effect), origin, size))
+        shown = on_sensor(cut(full, origin, size), effect, origin=origin)
+        assert torch.equal(shown, cut(on_sensor(full, effect), origin, size))
 
 
 # The sensor's own patterns are kept

@@ -165,11 +165,11 @@ def test_panel_across_the_border():
         (-90, -66.3, -48, -47.5, 31, 48, 60), (-70, -32, 0, 33.25)
     ):
         scene = Scene.of(distance_m=6.0, offset_x_m=x * metres, offset_y_m=y * metres)
-        cut, whole = (
+        cut, larger = (
             bare(camera, framing="full").render(scene, bits).grey[0, 0]
             for camera in (small, large)
         )
-        torch.testing.assert_close(cut, whole[64:128, 96:192], rtol=1e-12, atol=1e-12)
+        torch.testing.assert_close(cut, larger[64:128, 96:192], rtol=1e-12, atol=1e-12)
     far = Scene.of(distance_m=6.0, offset_x_m=1e3)
     assert Simulator(small).render(far, all_on(far)).grey.unique().tolist() == [102]
     assert float(Simulator(small).true_panels(far).corners_px[..., 0].min()) > 96
@@ -179,7 +179,7 @@ def test_panel_across_the_border():
 
 
 def test_plain_arguments():
-    made = {
+    makers = {
         Scene.of: ("scene", Scene.__slots__, 50.0),
         Camera: ("camera", (*CAMERA_RANGES, "width_px", "height_px"), 5),
         LedPanel: ("panel", ("led_diameter_m", "led_gap_m", "led_reflectance"), 0.5),
@@ -197,7 +197,7 @@ def test_plain_arguments():
         [1],
         torch.ones(1),
     )
-    for make, (section, names, right) in made.items():
+    for make, (section, names, right) in makers.items():
         for name, wrong in itertools.product(names, none):
             line = refusal(make, **{name: wrong})
             assert line.startswith(f"{section}.{name} is ")

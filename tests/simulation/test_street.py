@@ -43,9 +43,9 @@ def test_a_drawing_covers_the_polygons_exact_area():
         )
         corners = corners * reach + generator.uniform(25, 35, 2)
         exact = raster.polygon_cover(torch.from_numpy(corners)[None], 64, 64)[0].numpy()
-        made = sketch.Sketch()
-        made.polygon(corners, 7.0)
-        thing = sketch.Drawing.on_sensor(made.parts, lambda points: points)
+        drawing = sketch.Sketch()
+        drawing.polygon(corners, 7.0)
+        thing = sketch.Drawing.on_sensor(drawing.parts, lambda points: points)
         ((_, keep, light),) = sketch.composed([thing], (0, 0, 64, 64))
         drawn = 1 - keep
         assert light == pytest.approx(7 * drawn, abs=0.03)
@@ -61,10 +61,10 @@ def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():
     frames = shot({"led_look": BARE, "housing": PLAIN}, off)
     inside = frames.grey[:, 0, 80:120, 140:180]
     assert inside.numpy() == pytest.approx(102 * 0.3 / 0.18, rel=1e-3)
-    seen = shot(
+    shown = shot(
         {"led_look": BARE | {"invisible": 0, "reflectance": 0.6}, "housing": PLAIN}, off
     ).grey
-    assert float(seen.max()) == pytest.approx(102 * 0.6 / 0.18, rel=1e-3)
+    assert float(shown.max()) == pytest.approx(102 * 0.6 / 0.18, rel=1e-3)
 
 
 @pytest.mark.parametrize("pose", [{}, {"pose": {"roll_deg": 5}}])
@@ -76,9 +76,9 @@ def test_leds_have_the_area_and_the_light_that_their_look_says(square, share, po
     for fill in (0.25, 0.5, 0.9):
         frames = shot({"led_look": BARE | {"fill": fill, "square": square}} | pose)
         sums[fill] = float((frames.grey[0, 0] - 102).sum())
-    own = 102 * 900 / (5000 * 0.18 / math.pi)
+    led_grey = 102 * 900 / (5000 * 0.18 / math.pi)
     assert sums[0.5] == pytest.approx(
-        64 * share * (0.5 * pitch_px) ** 2 * own, rel=1e-6
+        64 * share * (0.5 * pitch_px) ** 2 * led_grey, rel=1e-6
     )
     assert sums[0.25] == pytest.approx(sums[0.5], rel=1e-6)
     assert sums[0.9] == pytest.approx(sums[0.5] * (0.9 / 0.5) ** 2, rel=1e-6)
@@ -93,10 +93,10 @@ def test_without_a_panel_the_street_is_the_same():
         "housing": {"cables": 0},
     }
     scene = Scene.of(3, distance_m=40.0, led_luminance_cd_m2=30_000.0)
-    there, gone = (
+    present, absent = (
         shot(street | more, scene=scene).grey for more in ({}, {"panel_absent": {}})
     )
-    changed = (there - gone).abs().amax((0, 1)) > 1e-9
+    changed = (present - absent).abs().amax((0, 1)) > 1e-9
     rows, columns = changed.nonzero().T
     assert 4 < int(rows.max() - rows.min()) < 80
     assert 4 < int(columns.max() - columns.min()) < 80
@@ -131,4 +131,4 @@ def test_a_photograph_stands_behind_in_the_light_that_it_shows(tmp_path):
     assert (high / low).numpy() == pytest.approx(3**2.2, rel=1e-5)
     assert ((low + high) / 2).numpy() == pytest.approx(51, rel=1e-5)
     # Crops of their own.
-    assert len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1
+    assert len({round(float(frame.mean()), 3) for frame in grey[~plain]}) > 1

@@ -36,14 +36,17 @@ def middle_of_an_led(frames, camera=SMALL):
 
 def test_in_fog_each_light_is_dimmed_once_and_auto_iso_meets_its_target():
     """The middle of an LED, On and Off, and the background, by Eqs 1, 20 and Koschmieder's law."""
-    kept = math.exp(-3.912 * 6 / 80)
-    air = 6000 / math.pi * (1 - kept)
-    ground, surface = (6000 * r / math.pi * kept + air for r in (0.18, 0.4))
+    transmitted = math.exp(-3.912 * 6 / 80)
+    air = 6000 / math.pi * (1 - transmitted)
+    ground, surface = (6000 * r / math.pi * transmitted + air for r in (0.18, 0.4))
     own = 700 * math.exp(-3.91 * 6 / 80)
     bits = torch.tensor([True, False]).view(2, 1, 1).expand(2, 8, 8)
     frames = shot(FOG, bits)
     assert frames.surround.tolist() == pytest.approx([102.0, 102.0], rel=1e-9)
-    expected = [102 * (seen / ground) ** (1 / 2.2) for seen in (surface + own, surface)]
+    expected = [
+        102 * (luminance / ground) ** (1 / 2.2)
+        for luminance in (surface + own, surface)
+    ]
     assert middle_of_an_led(frames).tolist() == pytest.approx(expected, rel=1e-5)
 
 

@@ -85,20 +85,20 @@ def by_opencv(points, pose, lens, camera, centre):
 def test_points_are_where_opencv_projects_them(pose, lens, camera):
     points = np.random.default_rng(3).uniform(-0.4, 0.4, (20, 2))
     for x, y, z in ((0.0, 0.0, 3.0), (0.7, -0.4, 5.0), (-6.0, 3.0, 40.0)):
-        seen = view(pose, lens, camera, offset_x_m=x, offset_y_m=y, distance_m=z)
-        image = seen.points_px(torch.from_numpy(points))[0].numpy()
+        posed_view = view(pose, lens, camera, offset_x_m=x, offset_y_m=y, distance_m=z)
+        image = posed_view.points_px(torch.from_numpy(points))[0].numpy()
         np.testing.assert_allclose(
             image, by_opencv(points, pose, lens, camera, (x, y, z)), rtol=0, atol=1e-9
         )
 
 
-def off_rim_px(seen, point, radius_m, count=4000):
+def off_rim_px(posed_view, point, radius_m, count=4000):
     """How far the ellipse of a disc is from the images of points of its rim, px, at most."""
     angle = torch.arange(count, dtype=torch.float64) * 2 * math.pi / count
     circle = torch.stack([angle.cos(), angle.sin()], dim=-1) * radius_m
     middle = torch.tensor([point], dtype=torch.float64)
-    centre, spread = seen.discs_px(middle, radius_m)
-    arm = (seen.points_px(circle + middle) - centre)[0].numpy()
+    centre, spread = posed_view.discs_px(middle, radius_m)
+    arm = (posed_view.points_px(circle + middle) - centre)[0].numpy()
     inverse = np.linalg.inv(spread[0, 0].numpy())
     beyond = np.sqrt(np.einsum("mi,ij,mj->m", arm, inverse, arm)) - 1
     return (np.abs(beyond) / np.linalg.norm(arm @ inverse, axis=1)).max()
@@ -111,9 +111,11 @@ def test_ellipses_of_discs_pass_through_the_images_of_their_rims():
         away = 10 ** rng.uniform(0, 3)
         x, y = away * rng.uniform((-0.2, -0.1), (0.2, 0.1))
         pose = rng.uniform(-65, 65, 3)
-        seen = view(pose, distance_m=away, offset_x_m=x, offset_y_m=y)
+        posed_view = view(pose, distance_m=away, offset_x_m=x, offset_y_m=y)
         radius_m = 10 ** rng.uniform(-4, -1.5)
-        assert off_rim_px(seen, rng.uniform(-0.2, 0.2, 2).tolist(), radius_m) < 1e-11
+        assert (
+            off_rim_px(posed_view, rng.uniform(-0.2, 0.2, 2).tolist(), radius_m) < 1e-11
+        )
 
 
 @pytest.mark.parametrize(
@@ -128,8 +130,8 @@ def test_distorted_ellipses_are_within_the_stated_error_of_the_rim(
     scale = camera.focal_length_px / 50
     reach = LensDistortion(*lens).corner_radius(camera) * 50 / math.hypot(960, 540)
     place = {"offset_x_m": 960 * reach, "offset_y_m": 540 * reach}
-    seen = view((), lens, camera, distance_m=50.0, **place)
-    off_px = off_rim_px(seen, (0.0, 0.0), radius_px / scale)
+    posed_view = view((), lens, camera, distance_m=50.0, **place)
+    off_px = off_rim_px(posed_view, (0.0, 0.0), radius_px / scale)
     assert rate / 2 < off_px / radius_px**2 < rate
 
 

@@ -142,10 +142,10 @@ def test_bits_are_decided_again_where_the_first_guess_is_wrong():
 def test_the_mean_of_noisy_greys_is_what_clipped_normal_numbers_have():
     draws, noise = np.random.default_rng(0), Noise(3e-3, 4e-4)
     for light in (1e-4, 0.01, 0.5, 5.4):
-        seen = light + math.sqrt(
+        noisy = light + math.sqrt(
             noise.slope * light + noise.floor
         ) * draws.standard_normal(400_000)
-        greys = (118 * seen.clip(0) ** (1 / 2.2)).clip(max=255).round()
+        greys = (118 * noisy.clip(0) ** (1 / 2.2)).clip(max=255).round()
         mean, variance = expected(np.array([light]), 2.2, noise)
         assert mean[0] == pytest.approx(greys.mean(), abs=0.4)
         assert variance[0] == pytest.approx(greys.var(), rel=0.12)
@@ -211,7 +211,7 @@ def study(recording):
 def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
     _, scene, bits, _ = recording
     assert (study.fit.bits == bits.flatten(1).numpy()).all()
-    found = {one.key: one for one in study.values}
+    found = {result.key: result for result in study.values}
     truth = {
         "effects.blooming.sigma_px": 1.3,
         "ambient_lx": 2000.0,
@@ -219,9 +219,9 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
     }
     truth |= {"effects.read_noise.electrons": 40.0, "led_luminance_cd_m2": 3000.0}
     for key, value in truth.items():
-        one = found[key]
-        assert abs(one.middle - value) < 4 * one.deviation, (key, one)
-        assert one.deviation < 0.2 * value, (key, one)
+        result = found[key]
+        assert abs(result.middle - value) < 4 * result.deviation, (key, result)
+        assert result.deviation < 0.2 * value, (key, result)
     away, own_, common = study.fit.derived(
         lambda values, _: study.fit.drawing.distance_m(values)
     )
@@ -231,7 +231,7 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
 
 @pytest.mark.slow
 def test_effects_that_were_there_are_named_and_no_others(study):
-    named = {one.effect for one in study.effects if one.asked}
+    named = {result.effect for result in study.effects if result.asked}
     assert named == set(EFFECTS)
 
 
@@ -285,10 +285,10 @@ def test_a_panel_that_jumps_is_refused_and_one_frame_is_not(tmp_path):
         read_footage(
             tmp_path / "5.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8)
         )
-    one = read_footage(
+    result = read_footage(
         tmp_path / "1.npy", CalibrateConfig(frames=16), Jumping(), PanelShape(8, 8)
     )
-    assert ["1 frame with the panel" in said for said in one.doubts()] == [True]
+    assert ["1 frame with the panel" in said for said in result.doubts()] == [True]
     few = Footage(
         np.zeros((4, 8, 8)),
         np.arange(4),

@@ -16,8 +16,8 @@ MESSAGE = np.random.default_rng(16).bytes(1000)
 FILM = film_of(MESSAGE, PLAN)
 
 
-def slowly(*given):
-    return pytest.param(*given, marks=pytest.mark.slow)
+def slowly(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 RATIOS = [
@@ -92,8 +92,8 @@ def dropped(times, draws):
 
 
 def repeated(times, draws):
-    again = np.flatnonzero(draws.random(len(times)) < 0.1)
-    times[again] = times[np.maximum(again - 1, 0)]
+    twice = np.flatnonzero(draws.random(len(times)) < 0.1)
+    times[twice] = times[np.maximum(twice - 1, 0)]
     return times
 
 
@@ -101,9 +101,9 @@ def received(llr, stamps, plan=PLAN):
     reception = Reception(plan)
     assembly = Assembly(reception.code.info_bytes - 16)
     got = through(reception, llr, stamps / 100)
-    for one in got:
-        if one.packet:
-            assembly.add(one.packet)
+    for received_packet in got:
+        if received_packet.packet:
+            assembly.add(received_packet.packet)
     return assembly, got, reception
 
 
@@ -112,7 +112,11 @@ def test_the_message_arrives_through_faulty_recordings(faults):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(4), faults=faults, begin=0.0)
     # The camera's own stamps know nothing of what was lost or repeated.
     assembly, _, reception = received(llr, stamps)
-    assert [one.content for one in assembly.messages if one.complete] == [MESSAGE]
+    assert [
+        received_packet.content
+        for received_packet in assembly.messages
+        if received_packet.complete
+    ] == [MESSAGE]
     assert (
         0.02
         < reception.combiner.passed_over
@@ -132,14 +136,18 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
         for b in range(len(FILM) // 128)
         if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1
     ]
-    whole = {4 * block + place for block in blocks for place in range(4)}
+    expected = {4 * block + place for block in blocks for place in range(4)}
     count = -(-len(MESSAGE) // (reception.code.info_bytes - 16))
     (message,) = assembly.messages
-    assert whole - {*range(count, 99)} <= set(message.parts)
+    assert expected - {*range(count, 99)} <= set(message.parts)
     assert message.complete == (len(message.parts) == count)
     for number, part in message.parts.items():
         assert part == MESSAGE[number * message.payload :][: message.payload]
-    assert all("no frame showed" in one.why for one in got if one.unseen > 0.5)
+    assert all(
+        "no frame showed" in received_packet.why
+        for received_packet in got
+        if received_packet.unseen > 0.5
+    )
 
 
 def test_nothing_is_received_where_nothing_was_sent():
@@ -151,4 +159,4 @@ def test_nothing_is_received_where_nothing_was_sent():
     ):
         assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
         assert not assembly.messages
-        assert all(one.why for one in got)
+        assert all(received_packet.why for received_packet in got)

@@ -43,9 +43,9 @@ def frames_of(speed_m_s):
         speed_m_s=speed_m_s,
         window=1.5,
     )
-    both = [([*part.frames.grey[:, 0].numpy()], part.symbols) for part in parts]
-    return [grey for greys, _ in both for grey in greys], [
-        n for _, symbols in both for n in symbols
+    taken = [([*part.frames.grey[:, 0].numpy()], part.symbols) for part in parts]
+    return [grey for greys, _ in taken for grey in greys], [
+        n for _, symbols in taken for n in symbols
     ]
 
 

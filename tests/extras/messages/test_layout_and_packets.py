@@ -32,20 +32,20 @@ def layout(*args, **options):
 )
 @pytest.mark.parametrize("code", ["rs", "none"])
 def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
-    own = layout(rows, columns, bands=bands, code=code)
-    cells, places = own.symbols * (own.kind == "data").sum(), own.places.ravel()
-    assert len(set(places)) == len(places) == own.packets * own.word_bits
-    assert cells - len(places) < 8 * own.packets + 8 * own.unit
-    assert own.word_bits % 8 == 0
-    assert own.word_bits <= 8 * 255
+    laid = layout(rows, columns, bands=bands, code=code)
+    cells, places = laid.symbols * (laid.kind == "data").sum(), laid.places.ravel()
+    assert len(set(places)) == len(places) == laid.packets * laid.word_bits
+    assert cells - len(places) < 8 * laid.packets + 8 * laid.unit
+    assert laid.word_bits % 8 == 0
+    assert laid.word_bits <= 8 * 255
     words = np.random.default_rng(0).integers(
-        2, size=(own.packets, own.word_bits), dtype=np.uint8
+        2, size=(laid.packets, laid.word_bits), dtype=np.uint8
     )
-    film = own.write(words)
-    assert ((own.read(2 * film.astype(np.float32) - 1) > 0) == words).all()
+    film = laid.write(words)
+    assert ((laid.read(2 * film.astype(np.float32) - 1) > 0) == words).all()
     corners = film[:, [0, 0, -1, -1], [0, -1, 0, -1]]
     assert corners.all()
-    clocks = film[:, own.kind == "clock"]
+    clocks = film[:, laid.kind == "clock"]
     assert clocks.shape[1] == bands
     assert (np.roll(clocks, 1, axis=0) != clocks).all()  # each symbol, round the block
 
@@ -162,8 +162,8 @@ def test_leds_that_are_too_near_each_other_are_the_reason_that_no_packet_arrived
 def coded(code):
     if code == "ldpc":
         pytest.importorskip("sionna")
-    own = layout(code=code)
-    return own, code_of(own)
+    laid = layout(code=code)
+    return laid, code_of(laid)
 
 
 def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_known_to_be_lost():
@@ -175,10 +175,10 @@ def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_kn
         (34, False, False),
         (58, True, True),
     ):
-        given = sure.copy().reshape(216, 8)
+        soft = sure.copy().reshape(216, 8)
         at = draws.permutation(216)[:wrong]
-        given[at] *= -0.01 if unsure else -1
-        decoded = code.decode(given.reshape(1, -1))[0]
+        soft[at] *= -0.01 if unsure else -1
+        decoded = code.decode(soft.reshape(1, -1))[0]
         assert (decoded == info.tobytes()) == right
 
 
@@ -191,17 +191,17 @@ def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_kn
     ],
 )
 def test_noise_is_no_packet(code, words):
-    own, coder = coded(code)
+    laid, coder = coded(code)
     draws = np.random.default_rng(2)
-    llr = (3 * draws.standard_normal((words, own.word_bits))).astype(np.float32)
+    llr = (3 * draws.standard_normal((words, laid.word_bits))).astype(np.float32)
     infos = [info for info in coder.decode(llr) if info is not None]
     assert [info for info in infos if unpacked(info)] == []
 
 
 def test_a_plan_reads_back_and_a_strange_one_is_refused(tmp_path):
     path = tmp_path / "plan.yaml"
-    path.write_text((own := plan(code="ldpc", bands=2)).text)
-    assert MessagePlan.read(path) == own
+    path.write_text((laid := plan(code="ldpc", bands=2)).text)
+    assert MessagePlan.read(path) == laid
     path.write_text("rows: 8")
     with pytest.raises(VoccError, match="is no plan of task=transmit"):
         MessagePlan.read(path)

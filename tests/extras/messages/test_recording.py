@@ -59,9 +59,9 @@ def test_drops_repeats_and_black_frames_are_told_and_batches_change_nothing():
     assert 0 < sum(dark) < 12
     assert ((grey == 0).flatten(1).all(dim=1).numpy() == dark).all()
     assert np.isnan(one[0].taken_s[dark]).all()
-    again = np.flatnonzero(np.diff(one[0].taken_s) == 0)
-    assert len(again)
-    assert all(torch.equal(grey[i], grey[i + 1]) for i in again)
+    repeats = np.flatnonzero(np.diff(one[0].taken_s) == 0)
+    assert len(repeats)
+    assert all(torch.equal(grey[i], grey[i + 1]) for i in repeats)
     assert 30 < len(grey) < 42
     assert (np.diff(one[0].taken_s[~np.array(dark)]) >= 0).all()
 

@@ -21,7 +21,7 @@ LAWS = {
 }
 
 
-def told(y, frames, confidence, unseen):
+def interval_of(y, frames, confidence, unseen):
     """Fay and Feuer's interval of a sum with its variance, widened by t, and some large frames more."""
     total, squares, fourths = y.sum(), (y**2).sum(), (y**4).sum()
     tail = (1 - confidence) / 2
@@ -60,7 +60,7 @@ def test_the_interval_is_the_gamma_law_s(law, unseen):
     for confidence in (0.5, 0.95):
         found = weighted_interval(counts, confidence, unseen)
         assert (found.value, found.low, found.high) == pytest.approx(
-            told(y, frames, confidence, unseen)
+            interval_of(y, frames, confidence, unseen)
         )
     assert weighted_interval(counts) == weighted_interval(counts, 0.95, 0.0)
 
@@ -74,5 +74,5 @@ def test_frames_as_they_are_meant_say_what_may_go_unseen(law):
         unseen = stats.beta.ppf(confidence, 1, frames / 4) / BITS
         found = ber_interval(counts, confidence)
         assert (found.low, found.high) == pytest.approx(
-            told(y, frames, confidence, unseen)[1:]
+            interval_of(y, frames, confidence, unseen)[1:]
         )
