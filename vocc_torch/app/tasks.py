@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 
 from vocc_torch.app.config import AppConfig
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_word
 from vocc_torch.extras.messages.config import MessagesConfig, RecordConfig
 from vocc_torch.extras.messages.signalling import Signalling
 from vocc_torch.hardware import Camera
@@ -184,8 +184,7 @@ def schema_of(task: str) -> type[AppConfig]:
     Raises:
         VoccError: nothing of that name.
     """
-    if task not in TASKS:
-        raise VoccError.of("task", repr(task), f"one of {', '.join(TASKS)}")
+    demand_word("task", task, TASKS)
     keys, part = TASKS[task].keys, TASKS[task].part
     if part is not None and not any(key.startswith(f"{part}.") for key in keys):
         keys = (*keys, part)

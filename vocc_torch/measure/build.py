@@ -1,6 +1,6 @@
 """From the settings to a study's plan, and from a classifier's settings to the classifier."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, demand_word, section
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import (
@@ -121,27 +121,12 @@ def receiver_plan(
         VoccError: a value outside its range, or a name that nobody knows, by its key.
     """
     receiver = settings.receiver
-    locators = {
-        name: PlugIn.of(f"locators.{name}", locator, name)
-        for name, locator in settings.locators.items()
-    }
-    outside = {
-        name: PlugIn.of(f"features.{name}", feature, name)
-        for name, feature in settings.features.items()
-    }
-    locator, chosen = receiver.locator, []
-    if is_target(locator):
-        plug_in = PlugIn.of("receiver.locator", locator)
-        locator, locators[plug_in.name] = plug_in.name, plug_in
-    for name in receiver.features:
-        if not isinstance(name, str):
-            raise VoccError.of(
-                "receiver.features", list(receiver.features), "a list of words", "has"
-            )
-        if is_target(name):
-            plug_in = PlugIn.of("receiver.features", name)
-            outside[plug_in.name] = plug_in
-        chosen.append(plug_in.name if is_target(name) else name)
+    locators = named_parts("locators", settings.locators)
+    features = named_parts("features", settings.features)
+    locator = part_name("receiver.locator", receiver.locator, locators)
+    chosen = [
+        part_name("receiver.features", name, features) for name in receiver.features
+    ]
     kernel = receiver.gradient
     if receiver.cells not in ("resampled", "pixels"):
         raise VoccError.of(
@@ -151,7 +136,7 @@ def receiver_plan(
         panel.shape,
         receiver.samples_per_led,
         kernel,  # type: ignore[arg-type]  # checked there
-        tuple(outside.values()),
+        tuple(features.values()),
         panel.led_diameter_m / panel.pitch_m if receiver.cells == "pixels" else None,
     )
     if not {*chosen} <= {*built.names} or len({*chosen}) < len(chosen) or not chosen:
@@ -175,12 +160,8 @@ def receiver_plan(
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
-    if save not in (
-        savable := (*bank.FLDA_FEATURES, *(plan.name for plan in plugged_in))
-    ):
-        raise VoccError(
-            f"receiver.save is {save!r}: it must be one of {', '.join(savable)}"
-        )
+    savable = *bank.FLDA_FEATURES, *(plan.name for plan in plugged_in)
+    demand_word("receiver.save", save, savable)
     rates = (
         {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}
     )
@@ -194,6 +175,28 @@ def receiver_plan(
         locators=locators,
         **rates,
     )
+
+
+def named_parts(section: str, parts: Mapping[str, Any]) -> dict[str, PlugIn]:
+    """Give the parts of a section by their names."""
+    return {
+        name: PlugIn.of(f"{section}.{name}", part, name) for name, part in parts.items()
+    }
+
+
+def part_name(key: str, text: str, parts: dict[str, PlugIn]) -> str:
+    """Give the name of a part; one that is given as FILE.py:NAME joins the others.
+
+    Raises:
+        VoccError: no word.
+    """
+    if not isinstance(text, str):
+        raise VoccError.of(key, [text], "a list of words", "has")
+    if not is_target(text):
+        return text
+    part = PlugIn.of(key, text)
+    parts[part.name] = part
+    return part.name
 
 
 def classifier_plan(

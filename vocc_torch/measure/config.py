@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import MISSING, OmegaConf
 
 from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
-from vocc_torch.errors import VoccError, demand_least
+from vocc_torch.errors import VoccError, demand_least, demand_word
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.plugins import DIRECTIVES, demand_plain
 from vocc_torch.receiver.limits import LocatorLimits
@@ -31,14 +31,14 @@ ARGUMENT = r"^ {4}\w+: .+(?:\n {8}.+)*"
 """An argument in a docstring, which the help shows."""
 
 
-def demand_word(key: str, name: str) -> None:
+def demand_file_word(key: str, name: str) -> None:
     """Refuse a name that could not be part of a file's name.
 
     Raises:
         VoccError: one with a slash, a blank or the like.
 
     Example:
-        >>> demand_word("experiment.name", "ambient")
+        >>> demand_file_word("experiment.name", "ambient")
     """
     if not re.fullmatch(r"\w[\w.-]*", name):
         raise VoccError.of(key, repr(name), "a word of letters, digits, _, - and .")
@@ -78,29 +78,35 @@ class Budget:
         demand_least(
             "budget.", self, frames=1, training_frames=2, target_frame_errors=1
         )
-        if not 1 <= self.trainings <= MOST_TRAININGS:
-            raise VoccError.of(
-                "budget.trainings", self.trainings, f"1 to {MOST_TRAININGS}"
-            )
         share, target = self.precision, self.target_frame_errors
-        if share is not None and not 0 < share < 1:
-            raise VoccError.of(
-                "budget.precision", share, "above 0 and below 1, or null"
-            )
-        if not 0 <= self.least_ber < 1:
-            raise VoccError.of(
-                "budget.least_ber", self.least_ber, "at least 0 and below 1"
-            )
-        if self.least_ber and share is None:
-            raise VoccError.of(
-                "budget.least_ber", self.least_ber, "0 unless budget.precision is given"
-            )
-        if self.sampling and (self.trainings > 1 or target is not None):
-            name = "trainings" if self.trainings > 1 else "target_frame_errors"
-            rule = (
-                f"{1 if self.trainings > 1 else 'null'} where budget.sampling is given"
-            )
-            raise VoccError.of(f"budget.{name}", getattr(self, name), rule)
+        trainings, least_ber = self.trainings, self.least_ber
+        demands = (
+            ("trainings", 1 <= trainings <= MOST_TRAININGS, f"1 to {MOST_TRAININGS}"),
+            (
+                "precision",
+                share is None or 0 < share < 1,
+                "above 0 and below 1, or null",
+            ),
+            ("least_ber", 0 <= least_ber < 1, "at least 0 and below 1"),
+            (
+                "least_ber",
+                share is not None or not least_ber,
+                "0 unless budget.precision is given",
+            ),
+            (
+                "trainings",
+                trainings == 1 or not self.sampling,
+                "1 where budget.sampling is given",
+            ),
+            (
+                "target_frame_errors",
+                target is None or not self.sampling,
+                "null where budget.sampling is given",
+            ),
+        )
+        for name, is_kept, rule in demands:
+            if not is_kept:
+                raise VoccError.of(f"budget.{name}", getattr(self, name), rule)
         if share is not None and target is not None:
             rules = f"budget.precision is {share} and budget.target_frame_errors is {target}"
             raise VoccError(f"{rules}: give one of them, null for the other")
@@ -143,25 +149,19 @@ class Experiment:
         for part in ("scene", "training"):
             parsed_scene(getattr(self, part), f"experiment.{part}")
         axes = (*SCENE_FIELDS, "contrast")
-        if self.axis not in axes:
-            raise VoccError.of(
-                "experiment.axis", repr(self.axis), f"one of {', '.join(axes)}"
-            )
+        demand_word("experiment.axis", self.axis, axes)
         if self.name.partition("/")[0] in ("", "train"):
             raise VoccError.of(
                 "experiment.name",
                 repr(self.name),
                 "a name, and train is training's own",
             )
-        binned, is_grid = (
-            self.axis == "contrast",
-            self.row_axis is not None or bool(self.rows),
-        )
+        binned = self.axis == "contrast"
+        is_grid = self.row_axis is not None or bool(self.rows)
         known = [name for name in SCENE_FIELDS if name != self.axis]
         if is_grid and self.row_axis not in known:
-            raise VoccError.of(
-                "experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}"
-            )
+            rule = f"one of {', '.join(known)}"
+            raise VoccError.of("experiment.row_axis", repr(self.row_axis), rule)
         for name, least in (("values", 1 + binned), ("rows", int(is_grid))):
             numbers = getattr(self, name)
             apart = 1 + 1e-5 * is_grid  # rows are named by six digits
@@ -437,7 +437,7 @@ class Settings(ReceiverParts, WorldSettings, RunSettings):
 
     def __post_init__(self) -> None:
         """Check the names."""
-        demand_word("experiment.name", self.experiment.name)
+        demand_file_word("experiment.name", self.experiment.name)
 
 
 def as_yaml(settings: Settings) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 import torch
 
 from vocc_torch import __version__, plugins
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_word
 from vocc_torch.measure import timing
 from vocc_torch.measure.config import Settings
 from vocc_torch.sources import package_digest
@@ -96,9 +96,7 @@ class Workers:
         if count is not None and not 0 <= count <= LIMITS.most_workers:
             rule = f"from 0 (one a core) to {LIMITS.most_workers}"
             raise VoccError.of("workers", count, rule)
-        if kind not in KINDS:
-            rule = f"one of {', '.join(KINDS)}"
-            raise VoccError.of("executor.kind", repr(kind), rule)
+        demand_word("executor.kind", kind, KINDS)
         if kind not in CLUSTERS and address != "auto":
             rule = f"auto for executor={kind}"
             raise VoccError.of("executor.address", address, rule)

@@ -145,7 +145,6 @@ class Link:
         *,
         preambles: bool,
         frames: int | None = None,
-        first: int = 0,
     ) -> Iterator[dict[str, Observation]]:
         """Run blocks through the link, rendered once and read with each of several locators.
 
@@ -155,23 +154,17 @@ class Link:
             keys: the blocks.
             preambles: whether to render the all-On and all-Off frames of each scene too.
             frames: how many frames of the blocks to use, from the first on; all by default.
-            first: how many of these to pass over.
         """
-        drawn = len(keys) * BLOCK_FRAMES
-        total, simulator = (
-            drawn if frames is None else min(frames, drawn),
-            self.simulator,
-        )
-        every = range(first, total, self.batch_frames)
+        drawn, simulator = len(keys) * BLOCK_FRAMES, self.simulator
+        total = drawn if frames is None else min(frames, drawn)
+        every = range(0, total, self.batch_frames)
         # Nobody who knows the corners looks anywhere else.
         panel_only = all(locator is None for locator in locators.values())
         for scene, bits, names, takes in rendered(
             simulator, model, keys, every, preambles, panel_only
         ):
-            observations, truth = (
-                {},
-                cache(partial(simulator.true_panels, scene, names, rendered=True)),
-            )
+            truth = cache(partial(simulator.true_panels, scene, names, rendered=True))
+            observations = {}
             for name, locator in locators.items():
                 with torch.autocast(simulator.device.type, enabled=False):
                     panels = (
@@ -234,14 +227,10 @@ def rendered(
         preambles: whether the all-On and the all-Off frame of each scene follow it.
         panel_only: whether the panel's corners are known to all that look.
     """
-    drawn, device = (
-        [model.draw(key, simulator.panel.shape) for key in keys],
-        simulator.device,
-    )
-    scenes, sent = (
-        Scene.cat([scene for scene, _ in drawn]),
-        torch.cat([bits for _, bits in drawn]),
-    )
+    drawn = [model.draw(key, simulator.panel.shape) for key in keys]
+    device = simulator.device
+    scenes = Scene.cat([scene for scene, _ in drawn])
+    sent = torch.cat([bits for _, bits in drawn])
     names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
     # Small crops are rendered together, which costs less; whole frames take by take, for their memory.
     far = any(
@@ -261,10 +250,8 @@ def rendered(
                 for take in some
                 for name in names[rows]
             ]
-            lit, many = (
-                torch.cat([shown[take] for take in some]),
-                Scene.cat([scene] * len(some)),
-            )
+            lit = torch.cat([shown[take] for take in some])
+            many = Scene.cat([scene] * len(some))
             with torch.autocast(device.type, enabled=False):
                 rendered = simulator.render(
                     many,

@@ -167,13 +167,12 @@ class Job:
         """The name of its rows in the store."""
         return self.name or self.point
 
-    def count(self, blocks: Iterable[int], frames: int, first: int = 0) -> FrameErrors:
+    def count(self, blocks: Iterable[int], frames: int) -> FrameErrors:
         """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
 
         Args:
             blocks: indices of the point's blocks.
             frames: how many frames of these to use, from the first on.
-            first: how many of them to pass over.
         """
         link, keys = (
             Link.of(self.plan),
@@ -183,7 +182,7 @@ class Job:
         finders, preambles = deciders.finders(self.plan), deciders.needs_preambles
         wrong, found, off, groups = [], [], [], []
         every = link.observe_each(
-            finders, self.model, keys, preambles=preambles, frames=frames, first=first
+            finders, self.model, keys, preambles=preambles, frames=frames
         )
         for views in every:
             decided = list(deciders(views))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from vocc_torch.measure.config import Experiment, SceneSettings, demand_word
+from vocc_torch.measure.config import Experiment, SceneSettings, demand_file_word
 
 
 @dataclass
@@ -52,7 +52,7 @@ class RivalsConfig:
         """Check the names, which ledgers and tables take; the study checks the rest."""
         for part in ("experiments", "scenes"):
             for name in getattr(self, part):
-                demand_word(f"rivals.{part}", name)
+                demand_file_word(f"rivals.{part}", name)
 
 
 @dataclass

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from vocc_torch.measure import config
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import rate_tables, run_ledgers, styles, terminal
+from vocc_torch.report import rate_tables, run_ledgers, terminal
 from vocc_torch.studies.compare import RivalsConfig, rival_figures
 from vocc_torch.studies.compare.rival_results import ReceiverComparison, ratio_text
 from vocc_torch.studies.compare.rivals import (
@@ -17,6 +17,7 @@ from vocc_torch.studies.compare.run import (
     counted,
     ends,
     numbers_of,
+    rate_texts,
     write_report,
 )
 
@@ -111,7 +112,8 @@ def print_table(found: ReceiverComparison, console: terminal.Console) -> None:
         row, cost = [receiver], found.costs[receiver]
         for name, value in found.points.items():
             ratio = found.ratio(name, receiver, value)
-            row.append(point_text(found, name, receiver, value))
+            rate = found.rate(name, receiver, value)
+            row.append("\n".join(rate_texts(rate)).rstrip())
             row.append("" if ratio is None else ratio_text(ratio))
         row.append(f"{cost.training_s:.1f}" if cost.frames else "")
         table.add_row(*map(terminal.Text, row))
@@ -120,15 +122,3 @@ def print_table(found: ReceiverComparison, console: terminal.Console) -> None:
     notes += [f"Left out: {name}, since {why}." for name, why in found.left_out.items()]
     for note in notes:
         console.print(terminal.Text(note, style="dim"), soft_wrap=True)
-
-
-def point_text(
-    found: ReceiverComparison, experiment: str, receiver: str, value: float
-) -> str:
-    """Write a rate with its interval below, or its limit."""
-    rate = found.rate(experiment, receiver, value)
-    if rate is None:
-        return ""
-    if rate.value == 0:
-        return f"< {styles.rate_text(rate.high)}"
-    return f"{styles.rate_text(rate.value)}\n{styles.ends_text(rate.low, rate.high)}"

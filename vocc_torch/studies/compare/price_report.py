@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib import ticker
 
-from vocc_torch.measure import estimate, stage_times
+from vocc_torch.measure import stage_times
 from vocc_torch.report import plots, styles, terminal
 from vocc_torch.report.plots import LOOK, Axes, Curve, Figure, Line2D
 from vocc_torch.report.styles import Style
@@ -19,7 +19,7 @@ from vocc_torch.studies.compare.prices import (
     Setting,
     most_accurate,
 )
-from vocc_torch.studies.compare.run import Row, ends
+from vocc_torch.studies.compare.run import Row, ends, rate_texts
 from vocc_torch.types import resolve_device
 
 LOCATED_BY = styles.Words(
@@ -49,18 +49,6 @@ def name_of(setting: Setting) -> str:
     """Name a receiver and what finds the panel for it."""
     label = styles.receiver_styles([setting.receiver])[setting.receiver].label
     return f"{label}, {LOCATED_BY[setting.locator]}"
-
-
-def rate_texts(rate: estimate.Estimate) -> tuple[str, str]:
-    """Write a rate and its interval, or its limit.
-
-    Example:
-        >>> rate_texts(estimate.Estimate(0.0, 0.0, 1e-4))
-        ('< 1.0e-4', '')
-    """
-    if rate.value == 0:
-        return f"< {styles.rate_text(rate.high)}", ""
-    return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
 
 
 def stated(point: OperatingPoint) -> str:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from vocc_torch.errors import VoccError, demand_least
+from vocc_torch.errors import VoccError, demand_least, demand_word, whole_number
 from vocc_torch.measure import curve, estimate, stage_times
-from vocc_torch.measure.plan import OWN_LOCATORS, Plan
+from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Making
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.compare import TradeoffConfig
@@ -75,18 +75,10 @@ class TradeoffStudy:
                 raise VoccError(
                     f"tradeoff.{name} is empty: it must hold at least one value"
                 )
-        known = (*OWN_LOCATORS, *self.plan.receiver.locators)
-        for locator in config.locators:
-            if locator not in known:
-                rule = f"of {', '.join(known)}"
-                raise VoccError.of("tradeoff.locators", repr(locator), rule, "has")
-        if config.frames not in FRAMINGS:
-            rule = " or ".join(FRAMINGS)
-            raise VoccError.of("tradeoff.frames", repr(config.frames), rule)
+        self.plan.receiver.demand_locators("tradeoff.locators", config.locators)
+        demand_word("tradeoff.frames", config.frames, FRAMINGS)
         for batch in config.batch_sizes:
-            if not 1 <= batch <= TIMING.most_batch:
-                rule = f"from 1 to {TIMING.most_batch}"
-                raise VoccError.of("tradeoff.batch_sizes", batch, rule, "has")
+            whole_number("tradeoff.batch_sizes", batch, 1, TIMING.most_batch)
         demand_least("tradeoff.", config, repeats=1, threads=0)
         why = "task=tradeoff, which compares receivers on the same frames"
         self.plan.budget.demand_no_stop_rule(why)

@@ -79,14 +79,10 @@ class ReceiverComparison:
         rows = (row for table in self.tables.values() for row in table)
         return max((row.trainings for row in rows), default=1)
 
-    def rate(
-        self, experiment: str, receiver: str, value: float
-    ) -> estimate.Estimate | None:
+    def rate(self, experiment: str, receiver: str, value: float) -> estimate.Estimate:
         """Give a receiver's rate at a point: the algorithm's where it was trained several times."""
-        for row in self.tables[experiment].of(receiver):
-            if row.value == value:
-                return row.rate
-        return None
+        rows = {row.value: row for row in self.tables[experiment].of(receiver)}
+        return rows[value].rate
 
     def ratio(
         self, experiment: str, receiver: str, value: float
@@ -101,8 +97,7 @@ class ReceiverComparison:
         if self.trainings > 1:
             rate = self.rate(experiment, receiver, value)
             reference = self.rate(experiment, self.reference, value)
-            usable = rate and reference and reference.value
-            return mover_ratio(rate, reference) if usable else None  # type: ignore[arg-type]
+            return mover_ratio(rate, reference) if reference.value else None
         curves = self.curves[experiment]
         return rate_ratio(
             curves.counts[self.reference, value],

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, demand_least, section
+from vocc_torch.errors import VoccError, demand_least, demand_word, section
 from vocc_torch.measure import build, config, runner, sweep
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Budget, Experiment, Plan
@@ -51,11 +51,8 @@ class ClassifierStudy:
                     "over contrast",
                     "over a value of a scene",
                 )
-        if self.config.reference not in self.base.receiver.names:
-            known = ", ".join(self.base.receiver.names)
-            raise VoccError.of(
-                "rivals.reference", repr(self.config.reference), f"one of {known}"
-            )
+        names = self.base.receiver.names
+        demand_word("rivals.reference", self.config.reference, names)
         for name, value in self.config.points.items():
             if name not in self.plans:
                 raise VoccError(

@@ -17,7 +17,7 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import Training, train_plans
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import run_ledgers, tensorboard
+from vocc_torch.report import run_ledgers, styles, tensorboard
 from vocc_torch.report.plots import Figure
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.rng import BLOCK_FRAMES
@@ -173,6 +173,18 @@ def ends(name: str, found: Estimate | None) -> Row:
     names = name, f"{name}_low", f"{name}_high"
     values = (found.value, found.low, found.high) if found else (None, None, None)
     return dict(zip(names, values, strict=True))
+
+
+def rate_texts(rate: Estimate) -> tuple[str, str]:
+    """Write a rate and its interval, or its limit.
+
+    Example:
+        >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
+        ('< 1.0e-4', '')
+    """
+    if rate.value == 0:
+        return f"< {styles.rate_text(rate.high)}", ""
+    return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
 
 
 def counted(counts: Counts) -> Row:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from vocc_torch.measure.config import Experiment, demand_word
+from vocc_torch.measure.config import Experiment, demand_file_word
 
 
 @dataclass
@@ -23,4 +23,4 @@ class FiguresConfig:
     def __post_init__(self) -> None:
         """Check the experiments' names, which ledgers take."""
         for name in self.experiments:
-            demand_word("figures.experiments", name)
+            demand_file_word("figures.experiments", name)

@@ -128,7 +128,7 @@ def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
                 repr(name),
                 "a name with why: and set: below it",
             )
-        config.demand_word(f"figures.readings: {path}", str(name))
+        config.demand_file_word(f"figures.readings: {path}", str(name))
     return dict(entries)
 
 
