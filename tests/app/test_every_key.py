@@ -276,10 +276,10 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
             refuse(settings, word)
             # The study reads it, or its section.
             if key in LATER:
-                done = any(
-                    f"{of}.{key.rpartition('.')[2]}" in source
-                    for of in ("settings", "config")
-                )
+                name = key.rpartition(".")[2]
+                uses = f"settings.{name}", f"config.{name}", f"{name}_of(settings"
+                words = " ".join(source.split()).replace("( ", "(")
+                done = any(use in words for use in uses)
                 done = done or key in ("name", "scene.name")
                 done = done or (
                     key.partition(".")[0] in WHO and "Workers.of(settings)" in source

@@ -296,17 +296,10 @@ FLAGS_OF_ONE_VALUE = (
 
 def for_hydra(arguments: Sequence[str]) -> list[str]:
     """Give a command line with flags as Hydra takes it."""
-    before = ["", *arguments]
-    flags = [
-        word
-        for last, word in zip(before, arguments, strict=False)
-        if word.startswith("-") or last in FLAGS_OF_ONE_VALUE
-    ]
-    words = [
-        word
-        for last, word in zip(before, arguments, strict=False)
-        if not word.startswith("-") and last not in FLAGS_OF_ONE_VALUE
-    ]
+    flags, words = list[str](), list[str]()
+    for last, word in zip(["", *arguments], arguments, strict=False):
+        is_flag = word.startswith("-") or last in FLAGS_OF_ONE_VALUE
+        (flags if is_flag else words).append(word)
     sweeps = bool({*MULTIRUN} & {*flags})
     return [*flags, *hydra_words(words, sweeps), *own_scenes(words)]
 
@@ -349,21 +342,14 @@ def own_scenes(words: Sequence[str]) -> list[str]:
 
     A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
-    chosen = [
-        word.removeprefix("scene=") for word in words if word.startswith("scene=")
-    ]
-    # No path, and nothing that is too long for one.
-    names = [
-        name
-        for text in chosen
-        for name in text.split(",")
-        if re.fullmatch(r"\w[\w.-]{0,99}", name)
-    ]
-    found = [
-        Path("runs", name)
-        for name in names
-        if Path("runs", name, "scene", f"{name}.yaml").is_file()
-    ]
+    found = []
+    for word in words:
+        key, _, names = word.partition("=")
+        for name in names.split(",") if key == "scene" else ():
+            # No path, and nothing that is too long for one.
+            is_name = re.fullmatch(r"\w[\w.-]{0,99}", name)
+            if is_name and Path("runs", name, "scene", f"{name}.yaml").is_file():
+                found.append(Path("runs", name))
     if not found or any(word.startswith("hydra.searchpath=") for word in words):
         return []
     paths = ",".join(quoted(f"file://{path}") for path in dict.fromkeys(found))

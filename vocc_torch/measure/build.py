@@ -261,14 +261,10 @@ def refuse_unused_recipe(config: ClassifierSettings, build: PlugIn) -> None:
         )
 
 
-EXTRAS = {"sklearn": "scikit-learn"}
-"""Packages that classifiers of the package's own configuration need, by the name that is imported."""
-
-
 def without_absent(
     receiver: plans.ReceiverPlan,
 ) -> tuple[plans.ReceiverPlan, dict[str, str]]:
-    """Leave out the classifiers whose package is an extra that is not installed, and say why.
+    """Leave out the classifiers of scikit-learn where that is not installed, and say why.
 
     Args:
         receiver: the receivers.
@@ -276,13 +272,13 @@ def without_absent(
     Returns:
         The receivers that can be built, and the reason for each other one by its name.
     """
-    left_out = {}
-    for classifier in receiver.classifiers:
-        for package, name in EXTRAS.items():
-            if package in classifier.build.packages and find_spec(package) is None:
-                left_out[classifier.name] = (
-                    f"{name} is not installed; pip install {name} adds it"
-                )
+    why = "scikit-learn is not installed; pip install scikit-learn adds it"
+    is_absent = find_spec("sklearn") is None
+    left_out = {
+        classifier.name: why
+        for classifier in receiver.classifiers
+        if is_absent and "sklearn" in classifier.build.packages
+    }
     classifiers = tuple(
         classifier
         for classifier in receiver.classifiers
