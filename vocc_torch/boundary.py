@@ -5,10 +5,19 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
 from types import GenericAlias, NoneType, UnionType
-from typing import Any, ParamSpec, TypeVar, get_args, get_origin
+from typing import (
+    Any,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from vocc_torch.errors import VoccError, shown, whole_number
 
@@ -22,6 +31,7 @@ WORDS = {
     int: "a whole number",
     float: "a finite number",
     str: "text",
+    bool: "true or false",
     Path: "a path",
     NoneType: "None",
     Callable: "a function",
@@ -61,6 +71,25 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
+def demand_fields(key: str, part: Any) -> None:
+    """Refuse a field of a dataclass, or of one within it, of another type than its annotation.
+
+    Args:
+        key: of the part, for refusals.
+        part: checks the ranges of its numbers itself.
+
+    Raises:
+        VoccError: there is one.
+    """
+    hints = get_type_hints(type(part))
+    for field in fields(part):
+        value, hint, name = getattr(part, field.name), hints[field.name], field.name
+        if is_dataclass(value):
+            demand_fields(f"{key}.{name}", value)
+        elif not isinstance(value, float) and not fits(value, hint):
+            raise VoccError.of(f"{key}.{name}", shown(value), allowed(hint))
+
+
 def fits(value: Any, hint: Any) -> bool:
     """Whether an annotation allows a value: a class, a union, a sequence, a mapping or a function.
 
@@ -73,6 +102,8 @@ def fits(value: Any, hint: Any) -> bool:
     kind, parts = get_origin(hint) or hint, get_args(hint)
     if isinstance(value, bool) and kind in NUMBERS:
         return False
+    if kind is Literal:
+        return value in parts
     if kind is float and isinstance(value, Real):
         return bool(abs(value) <= sys.float_info.max)  # type: ignore[operator]
     if kind is Sequence:
@@ -107,4 +138,6 @@ def allowed(hint: Any) -> str:
         return f"a list, each of it {allowed(parts[0])}"
     if kind is Mapping:
         return f"a mapping of {allowed(parts[0])} to {allowed(parts[1])}"
+    if kind is Literal:
+        return " or ".join(map(str, parts))
     return WORDS.get(kind, f"a {kind.__name__}")

@@ -20,7 +20,7 @@ from vocc_torch.measure.train import train, trained_receiver, training_key
 from vocc_torch.receiver.calibration import Calibration, calibration_error
 from vocc_torch.receiver.classifiers import FldaClassifier, Guarded, Inputs
 from vocc_torch.receiver.locators import PaperLocator
-from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.receiver.model_file import _checksum, read_model, write_model
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 
@@ -273,11 +273,44 @@ FORGED = {
         {"values": {"__class__": 1}},
         "__class__ is no attribute that it learns",
     ),
+    "an endless fit": (
+        {
+            "_target_": "vocc_torch.receiver.classifiers.TagPlanes",
+            "arguments": {"rounds": 10**12},
+        },
+        "rounds is 1000000000000",
+    ),
+    "an attribute of its arguments": (
+        {"values": {"classes": 10**12}},
+        "classes is no attribute that it learns",
+    ),
+    "a network beyond memory": (
+        {
+            "_target_": "vocc_torch.receiver.classifiers.Mlp",
+            "arguments": {"hidden": [10**12]},
+        },
+        "its arguments do not fit module.layers.0.weight",
+    ),
+    "a number for a choice": (
+        {"inputs": {"features": ["agr"], "patch": {"pitch": 10**9}}},
+        "inputs.patch.pitch is 1000000000: it must be true or false",
+    ),
+    "a text beyond a line": (
+        {"inputs": {"features": ["agr"] * 1000, "patch": None}},
+        " ...",
+    ),
     "unknown inputs": (
         {"inputs": {"features": ["colour"], "patch": None}},
         "inputs.features",
     ),
     "no mapping": ({"arguments": 3}, "damaged"),
+}
+ODD = {
+    "texts of numbers": {"calibration": {"off": [["0"], ["1"]], "on": [[0.0], [1.0]]}},
+    "a number beyond float64": {
+        "trained_on": {name: [0, 10**400] for name in ("pitch_px", "level", "contrast")}
+    },
+    "weights without a name": {"locator": {"name": "learned", "weights": 1}},
 }
 
 
@@ -288,6 +321,23 @@ def test_a_forged_model_is_refused_and_runs_nothing(kept, tmp_path, case):
     settings["classifier"] |= changes
     write_model(tmp_path / "forged.pt", settings, state)
     assert says in refused(tmp_path / "forged.pt")
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_values_of_another_kind_are_refused(kept, tmp_path, case):
+    settings, state = read_model(kept[0] / "lmmse.pt")
+    write_model(tmp_path / "forged.pt", settings | ODD[case], state)
+    refused(tmp_path / "forged.pt")
+
+
+@pytest.mark.parametrize("value", [-1, float("nan")])
+def test_numbers_that_an_array_cannot_hold_are_refused(kept, tmp_path, value):
+    content = json.loads((kept[0] / "lmmse.pt").read_text())
+    kind = "uint8" if value == -1 else "float64"
+    content["classifier"]["_centres"] = {"dtype": kind, "shape": [1], "values": [value]}
+    content["sha256"] = _checksum(content)
+    (tmp_path / "forged.pt").write_text(json.dumps(content))
+    refused(tmp_path / "forged.pt")
 
 
 def test_an_estimator_with_a_class_that_skops_does_not_trust(kept, mine, tmp_path):

@@ -50,9 +50,10 @@ class Calibration:
     def __post_init__(self) -> None:
         """Check what a file may have brought."""
         for distances, sizes in (self.off, self.on):
-            values = np.array([distances, sizes], dtype=np.float64)
+            values = np.array([distances, sizes])
             if (
                 not len(distances)
+                or values.dtype.kind not in "fi"
                 or not np.isfinite(values).all()
                 or (np.diff(values, axis=1) < 0).any()
             ):
@@ -100,7 +101,8 @@ class Calibration:
         """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
         with torch.inference_mode(False):  # normal tensors, for they are kept
             sides = [
-                torch.tensor(side, dtype=torch.float64) for side in (self.on, self.off)
+                torch.from_numpy(np.array(side, dtype=np.float64))
+                for side in (self.on, self.off)
             ]
             slopes = [
                 torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in sides

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, shown
 from vocc_torch.files import read_file, write_atomically
 
 FORMAT = "vocc_torch.receiver"
@@ -22,6 +22,16 @@ MOST_VALUES = 1 << 20
 _READABLE = (1, 2, FORMAT_VERSION)
 """Versions 1 and 2 wrote arrays as lists of numbers."""
 _DTYPES = ("float64", "float32", "float16", "int64", "uint8", "bool")
+
+UNFIT = (
+    LookupError,
+    TypeError,
+    ValueError,
+    RuntimeError,
+    AttributeError,
+    ArithmeticError,
+)
+"""What reading raises where a file holds values of another kind."""
 
 Settings = dict[str, Any]
 
@@ -108,7 +118,7 @@ def read_model(
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
         raise VoccError(
-            f"{what} {path} has format version {version}: this package reads versions {allowed}"
+            f"{what} {path} has format version {shown(version)}: this package reads versions {allowed}"
         )
     if not fits:
         raise VoccError(
@@ -118,21 +128,36 @@ def read_model(
         return dict(content["settings"]), {
             k: array_of(value) for k, value in content["classifier"].items()
         }
-    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise VoccError(
             f"{what} {path} is damaged ({type(error).__name__}): train it again"
         ) from None
 
 
 def parse_json(text: bytes) -> Any:
-    """Read JSON text of at most 2^20 values.
+    """Read JSON text of at most 2^20 values, whole numbers of at most 64 bits.
 
     Raises:
-        ValueError: more values, or no JSON.
+        ValueError: more values, a larger number, or no JSON.
     """
     if sum(map(text.count, (b",", b"[", b"{"))) > MOST_VALUES:
         raise ValueError(f"more than {MOST_VALUES} values")
-    return json.loads(text)
+    return json.loads(text, parse_int=whole)
+
+
+def whole(digits: str) -> int:
+    """Read a whole number of at most 64 bits.
+
+    Raises:
+        ValueError: a larger one.
+
+    Example:
+        >>> whole("-7")
+        -7
+    """
+    if abs(number := int(digits)) >> 64:
+        raise ValueError(f"a whole number of {len(digits)} digits")
+    return number
 
 
 def array_of(array: Mapping[str, Any]) -> torch.Tensor:
@@ -140,12 +165,11 @@ def array_of(array: Mapping[str, Any]) -> torch.Tensor:
     if (name := array["dtype"]) not in _DTYPES:
         raise ValueError
     kind = np.dtype(name)
-    if "base64" not in array:
-        return torch.from_numpy(
-            np.array(array["values"], dtype=kind).reshape(array["shape"])
-        )
-    raw = base64.b64decode(array["base64"], validate=True)
-    flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
+    if "base64" in array:
+        raw = base64.b64decode(array["base64"], validate=True)
+        flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
+    else:
+        flat = np.array(array["values"], dtype=kind)
     if not np.isfinite(flat).all():
         raise ValueError
     return torch.from_numpy(flat.reshape(array["shape"]))

@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import torch
 
 from vocc_torch import __version__
-from vocc_torch.boundary import checked
+from vocc_torch.boundary import checked, demand_fields
 from vocc_torch.errors import VoccError, demand_kind, shown, whole_number
 from vocc_torch.files import demand_folder
 from vocc_torch.plugins import PlugIn
@@ -19,10 +19,13 @@ from vocc_torch.receiver.classifiers.inputs import demand_features
 from vocc_torch.receiver.deciders import FldaDecider, decider_of, flda_decider
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
-from vocc_torch.receiver.model_file import Settings, read_model, write_model
+from vocc_torch.receiver.model_file import UNFIT, Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.sources import package_digest
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
+
+MOST_LETTERS = 400
+"""Most letters of a refusal that a model file brings about: it may quote the file."""
 
 
 class Decoded(NamedTuple):
@@ -386,6 +389,7 @@ class Receiver(torch.nn.Module):
                 locator_from(settings["locator"], plug_ins),
                 settings["name"],
             )
+            demand_fields("receiver.locator", locator)
             scale, ranges = (
                 settings.get("calibration"),
                 settings.get("trained_on") or {},
@@ -403,16 +407,12 @@ class Receiver(torch.nn.Module):
                 else plugged.loaded(classifier, state, plug_ins)
             )
             return cls(name, locator, reader, decider, calibration, trained_on)
-        except (
-            LookupError,
-            TypeError,
-            ValueError,
-            RuntimeError,
-            AttributeError,
-        ) as error:
+        except UNFIT as error:
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            if len(reason) > MOST_LETTERS:
+                reason = f"{reason[:MOST_LETTERS]} ..."
             if isinstance(error, VoccError):
-                raise VoccError(f"model {path}: {error}") from None
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+                raise VoccError(f"model {path}: {reason}") from None
             raise VoccError(
                 f"model {path} is damaged ({reason}): train it again"
             ) from None

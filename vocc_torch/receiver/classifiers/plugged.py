@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from vocc_torch.boundary import demand_fields
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers import adapters
@@ -35,6 +36,9 @@ SHIPPED = tuple(
     )
 )
 """The classifiers that ship: a model file may name them without permission."""
+
+MOST_LETTERS = 1000
+"""Most letters of the arguments of a classifier that ships, as text."""
 
 NUMPY = "numpy"
 """The name under which it is said which arrays are NumPy's."""
@@ -221,11 +225,15 @@ def restored(
             packed = arrays[SKOPS].numpy().tobytes()
             estimator = adapters.SklearnClassifier(unpacked(packed, io, trusts))
             return Guarded(plug_in.name, estimator, inputs, plug_in)
+        if plug_in.target in SHIPPED:
+            demand_size(plug_in, inputs, arrays)
         guarded = classifier_of(plug_in, inputs)
         classifier: Any = guarded.classifier
         if callable(getattr(classifier, "load_state_dict", None)):
             classifier.load_state_dict(dict(arrays))
             return guarded
+        if plug_in.target in SHIPPED:
+            demand_learned(vars(classifier), values, arrays)
         for name, value in {**values, **arrays}.items():
             if name.startswith("__") or callable(getattr(classifier, name, None)):
                 raise VoccError(f"{name} is no attribute that it learns")
@@ -243,6 +251,49 @@ def restored(
         ) from error
 
 
+def demand_size(
+    plug_in: PlugIn, inputs: Inputs, arrays: Mapping[str, torch.Tensor]
+) -> None:
+    """Refuse a network of other sizes than its arrays, before it takes memory.
+
+    Raises:
+        VoccError: arguments that make other arrays.
+    """
+    if sum(map(len, map(str, plug_in.arguments.values()))) > MOST_LETTERS:
+        raise VoccError("its arguments are too long")
+    with torch.device("meta"):
+        sketch: Any = classifier_of(plug_in, inputs).classifier
+    if isinstance(sketch, adapters.TorchClassifier):
+        for name, value in sketch.module.state_dict(prefix="module.").items():
+            if name not in arrays or arrays[name].shape != value.shape:
+                raise VoccError(f"its arguments do not fit {name}")
+
+
+def demand_learned(
+    begun: Mapping[str, object],
+    values: Mapping[str, Any],
+    arrays: Mapping[str, torch.Tensor],
+) -> None:
+    """Refuse attributes that a classifier that ships does not learn: its arguments say the others.
+
+    Args:
+        begun: attributes before it learns; what it learns is None.
+        values: numbers and texts of a file.
+        arrays: tensors of a file.
+
+    Raises:
+        VoccError: there is one.
+    """
+    strays = [
+        name
+        for name, value in values.items()
+        if name not in begun or begun[name] != value
+    ]
+    strays += [name for name in arrays if begun.get(name, name) is not None]
+    if strays:
+        raise VoccError(f"{strays[0]} is no attribute that it learns")
+
+
 def loaded(
     settings: Mapping[str, Any],
     arrays: Mapping[str, torch.Tensor],
@@ -253,10 +304,11 @@ def loaded(
     Raises:
         VoccError: as :func:`admitted` and :func:`restored`.
     """
-    input_settings, patch = settings["inputs"], settings["inputs"]["patch"]
-    inputs = Inputs(
-        tuple(input_settings["features"]), None if patch is None else Patch(**patch)
-    )
+    input_settings, described = settings["inputs"], settings["inputs"]["patch"]
+    patch = None if described is None else Patch(**described)
+    if patch is not None:
+        demand_fields("inputs.patch", patch)
+    inputs = Inputs(tuple(input_settings["features"]), patch)
     return restored(
         admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays
     )

@@ -5,11 +5,14 @@ from typing import Self
 
 import torch
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.receiver import discriminant, foreground
 from vocc_torch.receiver.classifiers.protocol import Batches
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.levels import two_levels
+
+MOST_ROUNDS = 100
+"""Most rounds of a fit: after a few nothing changes."""
 
 
 class _Scored:
@@ -246,7 +249,10 @@ class TagPlanes(_Untrained):
 
     Args:
         sharpening: weight of the Laplacian, at least 0.
-        rounds: how often the planes are fitted, at least 1.
+        rounds: how often the planes are fitted, 1 to 100.
+
+    Raises:
+        VoccError: a value outside its range.
 
     Example:
         >>> grey = torch.tensor([0.2, 0.2, 0.6, 0.7]).view(1, 2, 2, 1)
@@ -255,6 +261,8 @@ class TagPlanes(_Untrained):
     """
 
     def __init__(self, sharpening: float = 0.25, rounds: int = 2) -> None:
+        finite_number("sharpening", sharpening)
+        whole_number("rounds", rounds, 1, MOST_ROUNDS)
         self.sharpening, self.rounds = sharpening, rounds
 
     def decision_function(self, x: torch.Tensor) -> torch.Tensor:
