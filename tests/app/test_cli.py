@@ -69,24 +69,9 @@ def test_default_run_writes_everything(app, tmp_path):
             "paper",
         )
         assert (row["frames"], row["bits"], row["stopped_by"]) == ("2", "128", "frames")
-        assert (
-            0
-            <= float(row["ber_low"])
-            <= float(row["ber"])
-            <= float(row["ber_high"])
-            <= 1
-        )
     with Image.open(folder / "ber.png") as figure:
         assert figure.format == "PNG"
     assert Receiver.load(folder / "receiver.pt").name == "flda_3"
-    settings = yaml.safe_load((folder / "config.yaml").read_text())
-    spent = {"frames": 2, "training_frames": 16, "target_frame_errors": None}
-    assert settings["budget"] == spent | {
-        "precision": None,
-        "least_ber": 0.0,
-        "trainings": 1,
-        "sampling": None,
-    }
     runs = {run.name for run in (folder / "tensorboard").iterdir()}
     assert runs == {"_summary", *names}
     assert all(

@@ -156,25 +156,6 @@ def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
     assert low < DOUBTFUL_SCORE < min(high)
 
 
-def test_one_bad_picture_is_named_and_the_others_are_kept(
-    decode, model, photo, photo_bits, tmp_path
-):
-    (tmp_path / "pictures").mkdir()
-    for name, size in (("[red]a.png", -1), ("b.png", 1000), ("c.png", -1)):
-        (tmp_path / "pictures" / name).write_bytes(photo.read_bytes()[:size])
-    with pytest.raises(
-        VoccError, match=r"b.png cannot be read .*; bits.csv has the 2 frames"
-    ):
-        decode("pictures", f"model={model}")
-    with (tmp_path / "out" / "bits.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [(row["source"], row["bits"]) for row in rows] == [
-        ("[red]a.png", photo_bits),
-        ("c.png", photo_bits),
-    ]
-    assert len(list((tmp_path / "out" / "annotated").iterdir())) == 2
-
-
 RECORDINGS = {
     "no.png": "input no.png does not exist",
     "text.png": "text.png cannot be read as a picture (not a known picture format)",

@@ -113,31 +113,6 @@ def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     assert path.read_bytes() == before
 
 
-# Resuming.
-
-
-@pytest.mark.parametrize("target", [None, 150])
-@pytest.mark.parametrize("batch_frames", [64, 192])
-def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, batch_frames):
-    """Known blocks lie before, between and behind those that are missing."""
-    rule = Budget(1000, target_frame_errors=target)
-    undisturbed = ends(run_point(job(), rule))
-    assert undisturbed[1] == ("frames" if target is None else "frame_errors")
-    filled(path, blocks=2)
-    asked, parts = [], list(parts_of(1000))
-    with Store.open(path, SETTINGS) as store:
-        for block in (9, 6, 4):
-            store.add(POINT, block, 64, content(parts[block]))
-        assert (
-            ends(run_point(job(asked), rule, store=store, batch_frames=batch_frames))
-            == undisturbed
-        )
-        assert not {0, 1, 4, 6, 9} & set(asked)
-        assert len(set(asked)) == len(asked)
-        known = MadeUp(WRONG, POINT, broken=tuple(range(16)))
-        assert ends(run_point(known, rule, store=store)) == undisturbed
-
-
 # Damage, strangers, other versions, other settings: refused, and the file stays as it was.
 
 
