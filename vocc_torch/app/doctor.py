@@ -68,6 +68,8 @@ def versions() -> Iterator[Check]:
     """Versions of Python and of the libraries, the device and its threads."""
     import torch
 
+    from vocc_torch.measure.timing import usable_cores
+
     system = (
         f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     )
@@ -75,8 +77,7 @@ def versions() -> Iterator[Check]:
     names = ("kornia", "numpy", "hydra-core")
     libraries = ", ".join(f"{name} {version(name)}" for name in names)
     yield Check("libraries", True, f"torch {torch.__version__}, {libraries}")
-    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
-    threads = f"{torch.get_num_threads()} threads of torch on {cores} cores"
+    threads = f"{torch.get_num_threads()} threads of torch on {usable_cores()} cores"
     if torch.cuda.is_available():
         gigabytes = torch.cuda.get_device_properties(0).total_memory / 2**30
         name = f"cuda, {torch.cuda.get_device_name(0)}, {gigabytes:.0f} GiB"

@@ -11,11 +11,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.estimate import (
-    CONFIDENCE,
-    Estimate,
-)
-from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.paired import PairedCounts
 
 ARRAYS = ("half_errors", "found", "groups", "misplaced")
 
@@ -198,23 +194,6 @@ class FrameErrors:
             (a, b): PairedCounts(frames, frames * self.leds, *sums)
             for a, b, sums in places
         }
-
-    def paired(self, a: int, b: int) -> PairedCounts:
-        """Compare two receivers by their places, in either order."""
-        if a == b:
-            frames = self.half_errors.shape[1]
-            return PairedCounts(frames, frames * self.leds)
-        return self.pairs[a, b] if a < b else self.pairs[b, a].swapped()
-
-    def compared(self, a: int, b: int, confidence: float = CONFIDENCE) -> Estimate:
-        """Estimate the rate of receiver ``a`` less that of ``b``, by their places.
-
-        Args:
-            a: a row of ``half_errors``.
-            b: another one.
-            confidence: of the interval, above 0, below 1.
-        """
-        return paired_interval(self.paired(a, b), confidence)
 
 
 def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -150,7 +150,7 @@ class SceneErrors:
             # Where panels are located, the frame that has not come yet may be one whose panel is lost.
             lost = 1.0 if locator == "truth" else stacked.leds / 2
             for row, name in enumerate(names):
-                wrong = stacked.paired(row, row + len(names))
+                wrong = stacked.pairs[row, row + len(names)]
                 change = paired_interval(wrong, errors_per_discordant_frame=lost)
                 counts = stacked.counts[row], stacked.counts[row + len(names)]
                 changes[reading, name] = Change(*counts, change)
