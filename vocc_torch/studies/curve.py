@@ -123,22 +123,10 @@ def run_test(settings: config.Settings, folder: Path) -> None:
             view.show(points)
 
         points = sweep.run_studies(studies, banks, opened, pool, show, prepare)
-        curves = []
-        for study in studies:
-            outcomes: dict[float, runner.Outcome] = {}
-            values = sweep.monte_carlo_values(study.plan)
-            table = None if is_grid else folder / "ber.csv"
-            with (view := views[study.key]), interrupted_keeps(table, view):
-                for _, at, done in itertools.islice(points, len(values)):
-                    outcomes[at] = done
-                    counted = done.counts, done.stopped_by
-                    view.finish(sweep.points_of(study.plan, locator, at, *counted))
-            curves.append(sweep.measured(study, outcomes)[locator])
-            if not curves[-1].values:
-                fault = (
-                    "no frame fell into any contrast bin: widen the bins or the scenes"
-                )
-                raise VoccError(f"experiment.values: {fault}")
+        table = None if is_grid else folder / "ber.csv"
+        curves = [
+            watched_curve(study, points, views[study.key], table) for study in studies
+        ]
         figures = write_results(settings, plan, training, curves, folder)
     for measured in curves:
         if is_grid:
@@ -156,6 +144,37 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     places += [("figure", f"{name}.png") for name in figures]
     places.append(("receiver", "receiver.pt"))
     run_folder.print_places(console, folder, places, settings.tensorboard)
+
+
+def watched_curve(
+    study: sweep.Study,
+    points: Iterator[tuple[sweep.Study, float, runner.Outcome]],
+    view: terminal.StudyView,
+    table: Path | None,
+) -> curve.Curves:
+    """Take a study's points as they are finished, and show them.
+
+    Args:
+        study: with one locator.
+        points: its own come next.
+        view: shows them.
+        table: where they are kept when Ctrl-C ends the run, or None.
+
+    Raises:
+        VoccError: no frame in any contrast bin.
+    """
+    (locator,), outcomes = study.locators, dict[float, runner.Outcome]()
+    values = sweep.monte_carlo_values(study.plan)
+    with view, interrupted_keeps(table, view):
+        for _, at, done in itertools.islice(points, len(values)):
+            outcomes[at] = done
+            counted = done.counts, done.stopped_by
+            view.finish(sweep.points_of(study.plan, locator, at, *counted))
+    curves = sweep.measured(study, outcomes)[locator]
+    if not curves.values:
+        fault = "no frame fell into any contrast bin: widen the bins or the scenes"
+        raise VoccError(f"experiment.values: {fault}")
+    return curves
 
 
 def demand_steps(experiment: config.Experiment) -> None:
