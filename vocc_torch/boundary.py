@@ -86,7 +86,7 @@ def demand_fields(key: str, part: Any) -> None:
         value, hint, name = getattr(part, field.name), hints[field.name], field.name
         if is_dataclass(value):
             demand_fields(f"{key}.{name}", value)
-        elif not isinstance(value, float) and not fits(value, hint):
+        elif (hint, type(value)) != (float, float) and not fits(value, hint):
             raise VoccError.of(f"{key}.{name}", shown(value), allowed(hint))
 
 

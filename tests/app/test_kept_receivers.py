@@ -311,6 +311,7 @@ ODD = {
         "trained_on": {name: [0, 10**400] for name in ("pitch_px", "level", "contrast")}
     },
     "weights without a name": {"locator": {"name": "learned", "weights": 1}},
+    "weights of no text": {"locator": {"name": "learned", "weights": 0.5}},
 }
 
 

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pillow_heif
 import pytest
+import torch
 from PIL import Image
 
 from vocc_torch.errors import VoccError
@@ -197,6 +198,21 @@ def test_arrays_and_pictures_in_memory(frames, kind):
     }
     read = [frame.grey for frame in read_source(sources[kind], "luma")]
     assert np.array_equal(read, frames if kind in ("batch", "colours") else frames[:1])
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        torch.ones(4, 4).to_sparse(),
+        torch.ones(4, 4, device="meta"),
+        torch.ones(4, 4, dtype=torch.bfloat16),
+        "a" * 5000,
+    ],
+    ids=["sparse", "meta", "bfloat16", "long"],
+)
+def test_tensors_without_numbers_and_names_too_long_are_refused(source):
+    with pytest.raises(VoccError, match=r"no array of numbers|does not exist"):
+        next(read_source(source, "luma"))
 
 
 def test_what_is_no_input_is_refused():

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from vocc_torch.errors import VoccError, shown
+from vocc_torch.errors import VoccError, printable, shown
 from vocc_torch.files import read_file, write_atomically
 
 FORMAT = "vocc_torch.receiver"
@@ -102,8 +103,9 @@ def read_model(
     Raises:
         VoccError: a file that is missing, damaged, of another kind or of another version.
     """
-    if not path.exists():
-        raise VoccError(f"{what} {path} does not exist: give {wanted}")
+    # Path.exists raises where a name is too long for the system.
+    if not os.path.exists(path):  # noqa: PTH110
+        raise VoccError(f"{what} {printable(str(path))} does not exist: give {wanted}")
     try:
         content = parse_json(read_file(path, what, MOST_BYTES))
         fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)

@@ -1,5 +1,6 @@
 """Any input as frames: a path, an array, a picture in memory or a live source."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,8 @@ def read_recording(
     Raises:
         VoccError: an input that is missing or empty, at once; at the end, what cannot be read.
     """
-    if not path.exists():
+    # Path.exists raises where a name is too long for the system.
+    if not os.path.exists(path):  # noqa: PTH110
         raise VoccError(f"input {path} does not exist: {ALLOWED}")
     if path.is_dir():
         return read_folder(path, channel)
@@ -73,11 +75,17 @@ def read_source(source: object, channel: str) -> Iterator[RecordedFrame]:
     if isinstance(source, Image.Image):
         colour, _ = to_colour(source)
         return read_array(colour, channel)
-    array: Any = source.detach().cpu() if hasattr(source, "detach") else source
-    if not hasattr(array, "__array__"):
-        allowed = "a path, a picture, an array (H,W), (H,W,3), (B,H,W) or (B,H,W,3), or a live source"
+    allowed = "a path, a picture, an array (H,W), (H,W,3), (B,H,W) or (B,H,W,3), or a live source"
+    if not hasattr(source, "__array__"):
         raise VoccError.of("the input", shown(source), allowed)
-    return read_array(np.asarray(array), channel)
+    try:
+        array: Any = source.detach().cpu() if hasattr(source, "detach") else source
+        numbers = np.asarray(array)
+    except (TypeError, ValueError, RuntimeError) as error:
+        # Such as tensors that are sparse, nested, without values or of a type that NumPy lacks.
+        reason = " ".join(str(error).split())[:100]
+        raise VoccError(f"the input is no array of numbers ({reason})") from None
+    return read_array(numbers, channel)
 
 
 def readable(
