@@ -172,7 +172,7 @@ def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
     )
 
 
-def _places(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+def grid_places(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """Map the grid of cell coordinates x (w,) by y (h,), or (n,w) and (n,h), to pixels, (n,2,h,w).
 
     From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
@@ -192,7 +192,7 @@ def _read(
     x: Tensor,
     y: Tensor,
 ) -> Tensor:
-    """Read frames ``rows`` (n,) bilinearly at cell coordinates x by y, as :func:`_places` has them: (n,h,w).
+    """Read frames ``rows`` (n,) bilinearly at cell coordinates x by y, as :func:`grid_places` has them: (n,h,w).
 
     Positions count from a whole sensor pixel at the panel, so a crop and the full frame give the same values
     to the last bit. Beyond the frame its border pixels go on. All but the frames is on the host, and so is
@@ -213,7 +213,7 @@ def _read(
         moved, begin, x, y = (
             one.to(device, non_blocking=True) for one in (moved, begin, x, y)
         )
-        at = _places(moved, x, y).unbind(1)
+        at = grid_places(moved, x, y).unbind(1)
     else:
         at = (
             (moved[:, 0, :1] * x + moved[:, 0, 2:])[:, None],
@@ -479,7 +479,9 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
         for leds in (shape.columns, shape.rows)
     )
     height, width = frames.grey.shape[-2:]
-    place = _places(homography, *middles).floor() - frames.origin_px.view(-1, 2, 1, 1)
+    place = grid_places(homography, *middles).floor() - frames.origin_px.view(
+        -1, 2, 1, 1
+    )
     # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
     column, row = (
         place[:, 0].clamp(0, width - 1).long(),

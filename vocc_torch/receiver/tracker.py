@@ -10,28 +10,116 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.receiver.frame_fit import (
-    BLURS,
-    LEAST_TO_BEGIN,
-    SAMPLES,
-    Corners,
-    area,
-    cell_levels,
-    fit,
-    read_cells,
-    spot_energy,
-)
+from vocc_torch.receiver.detector.nearby import LEAST_LOG_ODDS, Surroundings
+from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.locators.detector import networks_of
 from vocc_torch.receiver.resample import cell_size_px
-from vocc_torch.receiver.track import STANDS, Track
 from vocc_torch.types import Frames, PanelShape, StatedPanels
 
-# Of less likely candidates so many are watched at a time.
-_WATCHED = 3
-# A panel that so many full searches pass over for others is none.
-_MOST_DOUBTS = 2
-# Cells up to which what a search and a fit say of the corners is the same.
-_CLOSE = 0.5
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """When a panel is followed, and how much is learned anew from each frame."""
+
+    clear_log_odds: float = 4.0  # from which on no wide search is worth its time
+    fallen: float = 3.0  # below what they were, from which on it is
+    shape_kept: float = 0.3  # share of a new size and shape that is believed
+    spread_learned: float = 0.2  # share of how far a panel is off
+    noise_cells2: float = 0.02  # squared cells by which a placed panel is off
+    per_cell: float = 2.0  # log odds that a cell off the expected place costs
+    motion_learned: float = 0.5  # share of a panel's motion
+    growth_learned: float = 0.1  # share of the motion of its size and shape
+    odds_learned: float = 0.2  # share of the log odds
+    slip_forgotten: float = 0.3  # share of the evidence of slips
+    slip: float = 4.0  # log odds by which a moved lattice must be likelier
+    soon: int = 3  # frames to the next search where a panel is missed
+    most_doubts: int = 2  # searches that find others alone, and a panel is none
+    least_pitch_px: float = 1.0  # of a panel that is followed
+
+
+SETTINGS = TrackerSettings()
+
+SLIPS = torch.tensor([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+"""Cells, across and down, by which a followed lattice may have slipped; the first is none."""
+
+
+@dataclass(eq=False)
+class Track:
+    """A panel that is followed.
+
+    Args:
+        number: its own, from 0.
+        corners: (4,2) float64 px where it was seen last.
+        score: of the last full search that was sure of it.
+        false_alarms: stated by that search, for a frame without a panel.
+        log_odds: by the placer, over some frames.
+        motion: (4,2) px a frame.
+        slips: (5,) evidence for :data:`SLIPS`, log odds over some frames.
+        spread: squared cells by which it is off from where it is expected.
+        misses: frames since it was seen.
+        doubts: full searches since one met it that found others.
+    """
+
+    number: int
+    corners: Tensor
+    score: float
+    false_alarms: float
+    log_odds: float
+    motion: Tensor = field(default_factory=lambda: torch.zeros(4, 2).double())
+    slips: Tensor = field(default_factory=lambda: torch.zeros(len(SLIPS)))
+    spread: float = 0.1
+    misses: int = 0
+    doubts: int = 0
+
+    def follow(self, networks: Networks, grey: Tensor, shape: PanelShape) -> bool:
+        """Look in a frame (H,W) uint8 where the motion leads, and say whether the panel is there."""
+        self.misses += 1
+        expected = self.corners + self.motion * self.misses
+        around = Surroundings.of(networks, grey, expected, shape)
+        corners, odds = around.place(expected)
+        if odds < min(SETTINGS.clear_log_odds, self.log_odds - SETTINGS.fallen):
+            other, others_odds = around.place(expected, wide=True)
+            far = float((other - expected).mean(0).norm()) / around.pitch_px(expected)
+            others_odds -= SETTINGS.per_cell * far
+            if others_odds > odds:
+                corners, odds = other, others_odds
+        limits = corners.new_tensor([grey.shape[1], grey.shape[0]])
+        inside = bool(((corners.mean(0) >= 0) & (corners.mean(0) <= limits)).all())
+        if odds < LEAST_LOG_ODDS or not inside:
+            return False
+        place, shaped = parts(corners - expected)
+        off = float(place.norm()) / around.pitch_px(expected)
+        self.spread += SETTINGS.spread_learned * (off**2 - self.spread)
+        kept = self.spread / (self.spread + SETTINGS.noise_cells2)
+        corners = expected + kept * place + SETTINGS.shape_kept * shaped
+        evidence = around.odds_of(corners, SLIPS)
+        self.slips = (1 - SETTINGS.slip_forgotten) * self.slips + evidence
+        slipped = int(self.slips.argmax())
+        if self.slips[slipped] > self.slips[0] + SETTINGS.slip:
+            corners = around.moved(corners - around.origin, SLIPS[slipped, None])[0]
+            corners = corners + around.origin
+            self.slips = torch.zeros(len(SLIPS))
+        self.meet(corners, odds)
+        return True
+
+    def meet(self, corners: Tensor, odds: float) -> None:
+        """Take corners (4,2) px for those of the panel in this frame."""
+        place, shaped = parts(
+            (corners - self.corners) / max(self.misses, 1) - self.motion
+        )
+        self.motion = self.motion + SETTINGS.motion_learned * place
+        self.motion = self.motion + SETTINGS.growth_learned * shaped
+        self.log_odds += SETTINGS.odds_learned * (odds - self.log_odds)
+        self.corners, self.misses = corners, 0
+
+    def lies_on(self, corners: Tensor) -> bool:
+        """Whether a panel at corners (4,2) px would overlap it."""
+        expected = self.corners + self.motion * self.misses
+        side = float(
+            (corners[0] - corners[2]).norm() + (corners[1] - corners[3]).norm()
+        )
+        return float((expected.mean(0) - corners.mean(0)).norm()) < side / 6
 
 
 @dataclass
@@ -39,9 +127,7 @@ class Tracker:
     """Follow panels from frame to frame of one recording.
 
     A full search begins, goes on while nothing is seen, and comes again every ``every`` frames: it finds new
-    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost, and one
-    beyond whose side lights change as its LEDs do is dropped at once: it was not the whole of it. While
-    there is none, candidates that a search is not sure of are watched: panels once their LEDs change.
+    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost.
 
     Args:
         locator: does the full search; of one that finds several every panel is followed, else the best.
@@ -72,6 +158,11 @@ class Tracker:
                     f"follow.{name}", value, "a whole number of at least 1"
                 )
 
+    @property
+    def networks(self) -> Networks:
+        """The detector's networks: those of the locator where it has some."""
+        return networks_of(self.locator, torch.device("cpu"))
+
     def __call__(self, frame: NDArray[np.uint8] | Tensor) -> list[Track]:
         """Take the recording's next frame (H,W) uint8, and give the panels that are seen in it.
 
@@ -81,40 +172,35 @@ class Tracker:
         frames = Frames.of(frame, "frame")
         if len(frames) != 1:
             raise VoccError.of("frame", f"{len(frames)} frames", "one at a time, (H,W)")
-        plane: NDArray[np.uint8] = frames.grey[0, 0].cpu().numpy()
-        followed = [track for track in self.tracks if track.follow(plane, self.shape)]
-        for track in followed:
-            if track.sure and track.number < 0:
-                self._admit(track)
-        followed = _apart([track for track in followed if track.sure])
-        # What is watched stays while it is followed and there is no panel; panels while not missed for long.
+        with torch.inference_mode():
+            return self._next(Frames.whole(frames.grey.cpu()))
+
+    def _next(self, frame: Frames) -> list[Track]:
+        """Follow in one frame, and search where it is due."""
+        grey = frame.grey[0, 0]
+        seen = [
+            track
+            for track in self.tracks
+            if track.follow(self.networks, grey, self.shape)
+        ]
+        seen = _apart(seen)
         self.tracks = [
             track
             for track in self.tracks
-            if track in followed
-            or (
-                0 < track.misses <= self.patience
-                if track.sure
-                else not (followed or track.misses)
-            )
+            if track in seen or 0 < track.misses <= self.patience
         ]
         self._since += 1
-        # All the time while nothing is followed, and soon where something is missed.
-        missed = len(followed) < sum(track.sure for track in self.tracks)
-        if not followed or self._since >= self.every or (missed and self._since >= 3):
+        missed = len(seen) < len(self.tracks) and self._since >= SETTINGS.soon
+        if not seen or self._since >= self.every or missed:
             self._since, self.searches = 0, self.searches + 1
-            met = [self._anchored(plane, *track) for track in self._found(plane)]
+            met = [self._met(grey, *found) for found in self._found(frame)]
             for track in self.tracks:
-                track.doubts = 0 if not any(met) or track in met else track.doubts + 1
+                track.doubts = 0 if not met or track in met else track.doubts + 1
             self.tracks = [
-                track for track in self.tracks if track.doubts <= _MOST_DOUBTS
+                track for track in self.tracks if track.doubts <= SETTINGS.most_doubts
             ]
-            followed = [
-                track
-                for track in self.tracks
-                if track.sure and (track in followed or track in met)
-            ]
-        return sorted(followed, key=lambda track: track.number)
+            seen = [track for track in self.tracks if track in seen or track in met]
+        return sorted(seen, key=lambda track: track.number)
 
     def panels(
         self, greys: Tensor, most: int = 1
@@ -126,114 +212,61 @@ class Tracker:
             frame without a panel has one that was not found. And the panels, with the score and false alarms
             of the last search that was sure of them.
         """
+        none = Track(0, torch.zeros(4, 2).double(), 0.0, math.nan, 0.0)
         rows = []
-        for i, plane in enumerate(greys):
+        for number, plane in enumerate(greys):
             tracks = self(plane)
-            answers = [
-                (
-                    track.number,
-                    True,
-                    track.corners.copy(),
-                    track.score,
-                    track.false_alarms,
-                )
-                for track in tracks
-            ]
-            none = (0, False, np.zeros((4, 2)), 0.0, math.nan)
-            rows += [(i, len(tracks), *answer) for answer in answers[:most] or [none]]
-        whose, many, numbers, found, corners, *judged = zip(*rows, strict=True)
-        score, alarms = (torch.tensor(answer, dtype=torch.float64) for answer in judged)
-        places = torch.from_numpy(np.stack(corners)), torch.tensor(found)
-        return (
-            list(whose),
-            list(numbers),
-            StatedPanels(*places, score, torch.tensor(many), alarms),
-        )
+            for track in tracks[:most] or [none]:
+                row = (track.corners, bool(tracks), track.score, len(tracks))
+                rows.append((number, track.number, *row, track.false_alarms))
+        whose, numbers, corners, found, score, many, alarms = zip(*rows, strict=True)
+        scores, stated = (torch.tensor(part).double() for part in (score, alarms))
+        places = torch.stack(corners), torch.tensor(found)
+        panels = StatedPanels(*places, scores, torch.tensor(many), stated)
+        return list(whose), list(numbers), panels
 
-    def _admit(self, track: Track) -> None:
-        """Take for a panel what was watched, or is begun."""
-        track.flicker, track.number = math.inf, self.number
-        self.number += 1
-
-    def _found(
-        self, plane: NDArray[np.uint8]
-    ) -> Iterator[tuple[Corners, float, float, bool]]:
-        """Search a whole frame: corners, score, false alarms, and whether it is surely a panel."""
-        frames = Frames.whole(torch.from_numpy(plane))
-        found = self.locator.locate(frames, self.shape)
+    def _found(self, frame: Frames) -> Iterator[tuple[Tensor, float, float]]:
+        """Search a whole frame: corners, score and false alarms of what is surely a panel."""
+        found = self.locator.locate(frame, self.shape)
         if not self.locator.finds_several:
             found = found[:1]
-        sure = ~(found.false_alarms > self.locator.most_false_alarms)
-        columns = (part.tolist() for part in (found.score, found.false_alarms, sure))
-        rows = zip(found.corners_px.cpu().numpy(), *columns, strict=True)
-        for corners, score, alarms, good in sorted(rows, key=lambda row: not row[3]):
-            cell = min(
-                float(size)
-                for size in cell_size_px(torch.from_numpy(corners)[None], self.shape)
-            )
-            if cell >= 1:
-                yield corners, score, alarms, good
+        found = found[~(found.false_alarms > self.locator.most_false_alarms)]
+        pitch = torch.stack(cell_size_px(found.corners_px, self.shape)).amin(0)
+        found = found[pitch >= SETTINGS.least_pitch_px]
+        corners = found.corners_px.cpu().double()
+        columns = corners, found.score.tolist(), found.false_alarms.tolist()
+        yield from zip(*columns, strict=True)
 
-    def _anchored(
-        self,
-        plane: NDArray[np.uint8],
-        corners: Corners,
-        score: float,
-        alarms: float,
-        good: bool,
-    ) -> Track | None:
-        """Correct the track that a search met, or begin one, where a lattice explains what is there.
-
-        What is not ``good`` corrects nothing, and is watched while there is no panel.
-        """
-        watched = sum(track.flicker > STANDS for track in self.tracks)
-        if not good and any(track.sure for track in self.tracks):
-            return None
-        fits = (fit(plane, corners, self.shape, blur) for blur in BLURS)
-        fitted, blur, share = max(fits, key=lambda one: one[2])
-        cell = math.sqrt(abs(area(corners)) / self.shape.leds)
-        if np.abs(fitted - corners).max() < _CLOSE * cell:
-            corners = fitted
-        middle, reach = corners.mean(0), math.sqrt(abs(area(corners))) / 2
-        if share < LEAST_TO_BEGIN:
-            return None
-        for track in self.tracks:
-            expected = track.corners + track.motion * track.misses
-            if float(np.linalg.norm(expected.mean(0) - middle)) < reach:
-                if good:
-                    track.score, track.false_alarms = score, alarms
-                if not good or (
-                    not track.misses
-                    and np.abs(track.corners - corners).max() < _CLOSE * cell
-                ):
-                    return track
-                track.corners, track.misses, track.on = corners, 0, track.on[:0]
-                break
-        else:
-            if not good and watched >= _WATCHED:
-                return None
-            alarms = alarms if good else math.nan
-            track = Track(
-                -1, corners, score, blur, share, false_alarms=alarms, flicker=0.0
-            )
+    def _met(self, grey: Tensor, corners: Tensor, score: float, alarms: float) -> Track:
+        """Correct the track that a search met, or begin one."""
+        around = Surroundings.of(self.networks, grey, corners, self.shape)
+        near = [track for track in self.tracks if track.lies_on(corners)]
+        if not near:
+            odds = float(around.odds_of(corners, SLIPS[:1]))
+            track = Track(self.number, corners, score, alarms, odds)
+            self.number += 1
             self.tracks.append(track)
-        if good and track.number < 0:
-            self._admit(track)
-        light = read_cells(plane, track.corners, self.shape, 2)
-        track.watch(cell_levels(light, self.shape)[..., SAMPLES, SAMPLES])
-        track.energy = spot_energy(light)
-        track.blur, track.share = blur, share
+            return track
+        track, *_ = near
+        track.score, track.false_alarms = score, alarms
+        odds = float(around.odds_of(corners, SLIPS[:1]))
+        before = float(around.odds_of(track.corners, SLIPS[:1]))
+        if track.misses or odds > before + SETTINGS.slip:
+            track.slips = torch.zeros(len(SLIPS))
+            track.meet(corners, odds)
         return track
+
+
+def parts(moves: Tensor) -> tuple[Tensor, Tensor]:
+    """Part moves (4,2) of corners into that of the place (1,2), and the rest."""
+    place = moves.mean(0, keepdim=True)
+    return place, moves - place
 
 
 def _apart(tracks: list[Track]) -> list[Track]:
     """Leave of tracks that lie on one panel the one of the lowest number."""
     distinct: list[Track] = []
-    for track in sorted(tracks, key=lambda one: (one.doubts, one.number)):
-        middle, reach = track.corners.mean(0), math.sqrt(abs(area(track.corners))) / 2
-        if all(
-            np.linalg.norm(other.corners.mean(0) - middle) >= reach
-            for other in distinct
-        ):
+    for track in sorted(tracks, key=lambda track: (track.doubts, track.number)):
+        if not any(other.lies_on(track.corners) for other in distinct):
             distinct.append(track)
     return distinct

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from vocc_torch.arrays import Singles
 from vocc_torch.receiver.calibration import APPEARANCE
-from vocc_torch.receiver.frame_fit import settled
+from vocc_torch.receiver.detector.nearby import LEAST_LOG_ODDS, Surroundings
+from vocc_torch.receiver.locators.detector import networks_of
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import Grey
@@ -81,9 +82,7 @@ class Front:
         self._places: deque[Tensor] = deque(maxlen=REMEMBERED)
         self._looks: deque[Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
-        self._lattice: tuple[float, float] | None = (
-            None  # blur, and what it explains of the picture
-        )
+        self._placed = False  # whether the last search met what the placer knows
 
     def __call__(self, greys: Sequence[Grey]) -> Singles:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
@@ -167,8 +166,7 @@ class Front:
         for row, plane in enumerate(greys):
             searches, tracks = self.tracker.searches, self.tracker(np.asarray(plane))
             if tracks:
-                corners[row] = torch.from_numpy(tracks[0].corners)
-                self.corners_px = corners[row]
+                corners[row] = self.corners_px = tracks[0].corners
             self.looked += self.tracker.searches - searches
             self.found += bool(tracks) and self.tracker.searches > searches
         return corners
@@ -217,30 +215,33 @@ class Front:
         self.looked += len(rows)
         self.found += len(found)
         for row, place in found.items():
-            if fitted := settled(
-                np.asarray(greys[row]), place.numpy(), self.receiver.shape
-            ):
-                found[row], self._lattice = torch.from_numpy(fitted[0]), fitted[1:]
+            fitted, odds = self._placed_near(greys[row], place)
+            self._placed = odds >= LEAST_LOG_ODDS
+            if self._placed:
+                found[row] = fitted
         return found
+
+    def _placed_near(self, grey: Grey, corners: Tensor) -> tuple[Tensor, float]:
+        """Put corners (4,2) right in a frame, and give the log odds of the panel."""
+        plane = torch.from_numpy(np.array(grey))
+        networks = networks_of(self.receiver.locator, plane.device)
+        near = Surroundings.of(networks, plane, corners, self.receiver.shape)
+        return near.place(corners)
 
     def _found_near(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, Tensor]:
         """Look for the panel where it was last, and give its corners where it is still."""
         found: dict[int, Tensor] = {}
-        if self._lattice is None:
+        if not self._placed:
             return found
         places = deque(self._places, maxlen=REMEMBERED)
         for row in rows:
             # The last place follows a panel that moves; the median one does not stray in noise.
             starts = places[-1], torch.stack([*places]).median(dim=0).values
-            grey = np.asarray(greys[row])
-            fits = [
-                settled(grey, start.numpy(), self.receiver.shape, self._lattice)
-                for start in starts
-            ]
-            if any(fits):
-                best = max(filter(None, fits), key=lambda fit: fit[2])
-                places.append(torch.from_numpy(best[0]))
-                found[row] = places[-1]
+            fits = [self._placed_near(greys[row], start) for start in starts]
+            corners, odds = max(fits, key=lambda fit: fit[1])
+            if odds >= LEAST_LOG_ODDS:
+                places.append(corners)
+                found[row] = corners
         self.looked += len(found)
         self.found += len(found)
         return found

@@ -1,5 +1,6 @@
 """The judge: a network that sees a candidate by its corners, scores it and finds the panel's corners."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -19,6 +20,8 @@ class JudgeSettings:
     """What the judge sees of a candidate."""
 
     samples: int = 2  # along a side of one of the parts of SQUARE
+    leds: int = 8  # for which a picture is large enough
+    most_grown: int = 4  # times, that a picture is larger
     margin: int = 5  # parts around the candidate
     most: float = 4.0  # standard deviations, beyond which grey values are cut
     grain: float = 4.0  # variance of grey values, that counts as no contrast
@@ -39,6 +42,22 @@ class JudgeSettings:
 SETTINGS = JudgeSettings()
 
 
+def grown(shape: PanelShape) -> tuple[int, int]:
+    """Say how many times higher and wider than a square the pictures of candidates are, powers of 2.
+
+    Example:
+        >>> grown(PanelShape(4, 8)), grown(PanelShape(8, 16)), grown(PanelShape(32, 32))
+        ((1, 1), (1, 2), (2, 2))
+    """
+    down, across = (
+        2 ** max(0, round(math.log2(leds / SETTINGS.leds)))
+        for leds in (shape.rows, shape.columns)
+    )
+    while down * across > SETTINGS.most_grown:
+        down, across = (down // 2, across) if down > across else (down, across // 2)
+    return down, across
+
+
 class Judge(nn.Module):
     """Convolutions at strides 2, 4 and 8: a score, and a map for each corner of where it is.
 
@@ -55,15 +74,14 @@ class Judge(nn.Module):
         self.mid = nn.ModuleList([nn.Conv2d(coarse, coarse, 3, 1, 1) for _ in range(3)])
         self.deep = nn.Conv2d(coarse, coarse, 3, 2, 1)
         self.deep2 = nn.Conv2d(coarse, coarse, 3, 1, 1)
-        self.up = nn.Conv2d(coarse, fine, 1)
-        self.fine = nn.Conv2d(fine, fine, 3, 1, 1)
         self.heat = nn.Conv2d(fine, 4, 1)
+        self.coarse_heat = nn.Conv2d(coarse, 4 * SETTINGS.heat_px**2, 1)
         self.score = nn.Sequential(
             nn.Linear(2 * coarse, fine), nn.ReLU(), nn.Linear(fine, 1)
         )
 
     def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """Score pictures (n,S,S) of candidates, (n,), and map their corners, (n,4,S/2,S/2) logits."""
+        """Score pictures (n,H,W) of candidates, (n,), and map their corners, (n,4,H/2,W/2) logits."""
         spread, mean = torch.var_mean(pictures.flatten(1), 1, correction=0)
         contrast = (spread + SETTINGS.grain).sqrt()[:, None, None]
         light = ((pictures - mean[:, None, None]) / contrast).clamp(
@@ -76,9 +94,9 @@ class Judge(nn.Module):
         deep = self.deep2(self.deep(coarse).relu()).relu()
         logit = self.score(torch.cat([deep.mean((2, 3)), deep.amax((2, 3))], 1))[:, 0]
         coarse = coarse + functional.interpolate(deep, scale_factor=2.0)
-        coarse = self.up(self.mid[2](coarse).relu())
-        fine = fine + functional.interpolate(coarse, scale_factor=2.0)
-        return logit, self.heat(self.fine(fine).relu())
+        coarse = self.coarse_heat(self.mid[2](coarse).relu())
+        maps = self.heat(fine) + functional.pixel_shuffle(coarse, SETTINGS.heat_px)
+        return logit, maps
 
 
 def corners_of(maps: Tensor) -> Tensor:
@@ -114,13 +132,24 @@ def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
     return pitch.nan_to_num(1.0).clamp(0.3, 300)
 
 
-def pictures_of(pyramid: Pyramid, quads: Tensor) -> Tensor:
-    """Read the pictures (n,S,S) of candidates (n,4,2) px, in which each is a square."""
-    return pyramid.read_cells(quads, SQUARE, SETTINGS.samples, SETTINGS.margin)
+def pictures_of(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
+    """Read the pictures (n,H,W) of candidates (n,4,2) px, in which each is a rectangle."""
+    down, across = grown(shape)
+    samples = SETTINGS.samples * down, SETTINGS.samples * across
+    return pyramid.read_cells(quads, SQUARE, samples, SETTINGS.margin)
 
 
-def judged(net: Judge, pyramid: Pyramid, quads: Tensor) -> tuple[Tensor, Tensor]:
+def judged(
+    net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
     """Judge candidates (n,4,2) float64 px: logits (n,), and the corners (n,4,2) that the judge sees."""
-    logit, maps = net(pictures_of(pyramid, quads))
-    parts = corners_of(maps).double() / SETTINGS.samples - SETTINGS.margin
-    return logit, map_points(quads, parts, SQUARE)
+    logit, maps = net(pictures_of(pyramid, quads, shape))
+    return logit, map_points(quads, parts_of(corners_of(maps), shape), SQUARE)
+
+
+def parts_of(places: Tensor, shape: PanelShape) -> Tensor:
+    """Give places (n,4,2) px of candidates' pictures in parts of SQUARE, float64."""
+    down, across = grown(shape)
+    return places.double() / places.new_tensor([across, down]) / SETTINGS.samples - (
+        SETTINGS.margin
+    )

@@ -18,13 +18,13 @@ from vocc_torch.types import Frames, PanelShape
 class DetectorSettings:
     """How many candidates go how far."""
 
-    judged: tuple[int, ...] = (8, 5)  # left after each look of the judge
-    rounds: int = 3  # of the placer
+    judged: tuple[int, ...] = (6, 4, 3)  # left after each look of the judge
+    placed: tuple[int, ...] = (3, 2)  # left after each look of the placer
     sure_logit: float = 6.0  # a candidate placed so well has not slipped
-    least_logit: float = -2.0  # of the judge, of a candidate that may have slipped
-    slipped: int = 2  # candidates that are looked at again
+    least_logit: float = -2.0  # of the judge, of a best candidate that may have slipped
     tried: int = 4  # slips that are placed again
-    rounds_again: int = 2
+    rounds_again: int = 3
+    likelier: float = 1.0  # log odds by which a slip must be better than what is there
     least_pitch_px: float = 1.0  # of LEDs that can be told apart
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
@@ -68,21 +68,23 @@ def candidates(
     options = SETTINGS
     quads, logit = propose(networks.scout, pyramid)
     for count in options.judged:
-        logit, quads = judged(networks.judge, pyramid, quads)
+        logit, quads = judged(networks.judge, pyramid, quads, shape)
         order = logit.argsort(descending=True, stable=True)[:count]
         quads, logit = quads[order], logit[order]
-    quads, odds = placed_well(networks, pyramid, quads, shape, options.rounds)
-    panel, _ = judged(networks.judge, pyramid, quads)
-    doubtful = (panel > options.least_logit) & (odds < options.sure_logit)
-    rows = panel.masked_fill(~doubtful, -torch.inf).argsort(descending=True)
-    rows = rows[: min(options.slipped, int(doubtful.sum()))]
-    if not len(rows) or bool((odds >= options.sure_logit).any()):
+    start, likely = quads[:1], logit[0]
+    for count in options.placed:
+        odds, moved = placed(networks.placer, pyramid, quads, shape)
+        quads = moved[odds.argsort(descending=True, stable=True)[:count]]
+    odds, _ = placed(networks.placer, pyramid, quads, shape)
+    best = odds.amax()
+    if likely < options.least_logit or best >= options.sure_logit:
         return quads, odds
-    again = slips(quads[rows], shape)
+    again = slips(start, shape)
     score, _ = placed(networks.placer, pyramid, again, shape)
     again = again[score.argsort(descending=True, stable=True)[: options.tried]]
-    more = placed_well(networks, pyramid, again, shape, options.rounds_again)
-    return torch.cat([quads, more[0]]), torch.cat([odds, more[1]])
+    again, score = placed_well(networks, pyramid, again, shape, options.rounds_again)
+    better = score > best + options.likelier
+    return torch.cat([quads, again[better]]), torch.cat([odds, score[better]])
 
 
 def placed_well(

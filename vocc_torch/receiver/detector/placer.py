@@ -110,7 +110,8 @@ def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
 
 def patches_of(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
     """Read the patches (n,(R+2M)K,(C+2M)K) of candidates (n,4,2) px."""
-    return pyramid.read_cells(quads, shape, SETTINGS.samples, SETTINGS.margin)
+    samples = SETTINGS.samples, SETTINGS.samples
+    return pyramid.read_cells(quads, shape, samples, SETTINGS.margin)
 
 
 def placed(

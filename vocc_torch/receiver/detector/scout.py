@@ -1,5 +1,6 @@
 """The scout: a fully convolutional network that proposes where panels are, at any level of a pyramid."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -128,10 +129,11 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
         pyramid: of the frame.
         gated: whether only the tiles that the gate chooses are looked at in large levels.
     """
+    levels = pyramid.levels
+    large = sum(gated and level.numel() > SETTINGS.gated_px for level in levels)
+    parts = [*_in_tiles(net, levels[:large]), *_in_canvas(net, levels[large:])]
     quads, scores = [], []
-    for number, plane in enumerate(pyramid.levels):
-        tiles = gated and plane.numel() > SETTINGS.gated_px
-        corners, score = _in_tiles(net, plane) if tiles else _in_level(net, plane)
+    for number, (corners, score) in enumerate(parts):
         quads.append(corners.double() * 2.0**number)
         scores.append(score)
     corners, score = torch.cat(quads), torch.cat(scores)
@@ -139,38 +141,80 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
     return corners[rows], score[rows]
 
 
-def _in_level(net: Scout, plane: Tensor) -> tuple[Tensor, Tensor]:
-    """Look at all of a level (H,W), with a margin of its mean grey value around."""
-    high, wide = (
-        -(-(side + 2 * SETTINGS.margin_px) // 16) * 16 for side in plane.shape
-    )
-    canvas = plane.mean().expand(1, 1, high, wide).contiguous()
-    margin = SETTINGS.margin_px
-    canvas[0, 0, margin : margin + plane.shape[0], margin : margin + plane.shape[1]] = (
-        plane
-    )
-    _, quads, score = peaks(net(canvas), 2 * SETTINGS.candidates)
-    return quads - margin, score
+def _in_canvas(net: Scout, levels: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
+    """Look at all of levels (H,W) in one picture, with margins of their mean grey value around."""
+    if not levels:
+        return []
+    stride, most = SETTINGS.stride_px, 2 * SETTINGS.candidates
+    sides = [tuple(level.shape) for level in levels]
+    origins, size = canvas_of(sides)
+    mean = levels[-1].float().mean().round().byte()
+    canvas = mean.expand(1, 1, *size).contiguous()
+    for level, (high, wide), (top, left) in zip(levels, sides, origins, strict=True):
+        canvas[0, 0, top : top + high, left : left + wide] = level
+    outputs = net(canvas)
+    parts = []
+    for (high, wide), (top, left) in zip(sides, origins, strict=True):
+        rows = slice(top // stride - 1, -(-(top + high) // stride) + 1)
+        columns = slice(left // stride - 1, -(-(left + wide) // stride) + 1)
+        _, quads, score = peaks(outputs[:, :, rows, columns], most)
+        parts.append((quads - stride, score))
+    return parts
 
 
-def _in_tiles(net: Scout, plane: Tensor) -> tuple[Tensor, Tensor]:
-    """Look at the tiles of a level (H,W) that the gate chooses."""
+def canvas_of(
+    sides: Sequence[tuple[int, ...]],
+) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Put levels into one picture, the first on the left, the others one below the other beside it.
+
+    Args:
+        sides: (height, width) of the levels, the largest first.
+
+    Returns:
+        (top, left) of each level, and (height, width) of the picture.
+
+    Example:
+        >>> canvas_of([(50, 100), (25, 50), (12, 25)])
+        ([(16, 16), (16, 144), (64, 144)], (96, 224))
+    """
+    step, margin = 2 * SETTINGS.stride_px, SETTINGS.margin_px
+    beyond = [
+        tuple(-(-side // step) * step + margin for side in size) for size in sides
+    ]
+    left = margin + beyond[0][1]
+    origins, top = [(margin, margin)], margin
+    for high, _ in beyond[1:]:
+        origins.append((top, left))
+        top += high
+    wide = max((wide for _, wide in beyond[1:]), default=0)
+    return origins, (max(top, margin + beyond[0][0]), left + wide)
+
+
+def _in_tiles(net: Scout, levels: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
+    """Look at the tiles of levels (H,W) that the gate chooses."""
+    if not levels:
+        return []
     tile, margin = pyramids.SETTINGS.tile_px, pyramids.SETTINGS.margin_px
-    row, column = gate(plane).unbind(1)
-    high, wide = (-(-side // tile) * tile for side in plane.shape)
-    beyond = (
-        margin,
-        margin + wide - plane.shape[1],
-        margin,
-        margin + high - plane.shape[0],
-    )
-    canvas = functional.pad(plane, beyond, value=float(plane.mean()))
     side = tile + 2 * margin
-    views = canvas.unfold(0, side, tile).unfold(1, side, tile)
-    outputs = net(views[row, column][:, None])
+    tiles, places = [], []
+    for level in levels:
+        row, column = gate(level).unbind(1)
+        high, wide = (-(-length // tile) * tile for length in level.shape)
+        beyond = (wide - level.shape[1], high - level.shape[0])
+        around = (margin, margin + beyond[0], margin, margin + beyond[1])
+        mean = int(level[::margin, ::margin].float().mean())
+        canvas = functional.pad(level, around, value=mean)
+        views = canvas.unfold(0, side, tile).unfold(1, side, tile)
+        tiles.append(views[row, column][:, None])
+        places.append(torch.stack([column, row], 1) * tile - margin)
+    outputs = net(torch.cat(tiles))
     edge = margin // SETTINGS.stride_px
     outputs[:, 0, :edge] = outputs[:, 0, -edge:] = -torch.inf
     outputs[:, 0, :, :edge] = outputs[:, 0, :, -edge:] = -torch.inf
-    picture, quads, score = peaks(outputs, 2 * SETTINGS.candidates)
-    origin = torch.stack([column[picture], row[picture]], 1) * tile - margin
-    return quads + origin[:, None].to(quads), score
+    parts = []
+    for output, origin in zip(
+        outputs.split(list(map(len, tiles))), places, strict=True
+    ):
+        picture, quads, score = peaks(output, 2 * SETTINGS.candidates)
+        parts.append((quads + origin[picture, None].to(quads), score))
+    return parts

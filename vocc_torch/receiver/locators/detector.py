@@ -161,3 +161,10 @@ class DetectorLocator(PanelLocator):
             for name in names
         }
         return Candidates(**joined)
+
+
+def networks_of(locator: object, device: torch.device) -> Networks:
+    """Give the networks of a locator that is a detector, and those that ship for any other."""
+    if isinstance(locator, DetectorLocator):
+        return locator.networks(device)
+    return load_networks(None, device)

@@ -104,7 +104,7 @@ def locator_from(
     demand_plain("receiver.locator", values)
     name = values.pop("name", PaperLocator.name)
     if name not in LOCATORS:
-        raise ValueError(f"its locator is {name!r}")
+        raise ValueError(f"its locator is {name!r}, none of {', '.join(LOCATORS)}")
     return LOCATORS[name].from_settings(values)
 
 

@@ -49,7 +49,7 @@ def best_of_frames(found: Proposals, most: int) -> Proposals:
     order = found.score.argsort(descending=True, stable=True)
     order = order[found.frame[order].argsort(stable=True)]
     found = found.rows(order)
-    parts, start = [], 0
+    parts, start = [order[:0]], 0
     for count in torch.unique_consecutive(found.frame, return_counts=True)[1].tolist():
         rows = slice(start, start + min(count, 4 * most))
         start += count
@@ -71,18 +71,19 @@ def best_of_frames(found: Proposals, most: int) -> Proposals:
     return found.rows(torch.cat(parts))
 
 
-def judge_all(net: Judge, pool: Pool, found: Proposals) -> Proposals:
-    """Judge candidates, and move their corners."""
-    side, edge = judging.SETTINGS.side_px, judging.SETTINGS.edge_px
-    square = corner_cells(SQUARE)[None] * judging.SETTINGS.samples + edge
-    parts = []
-    for rows in torch.split(torch.arange(len(found.frame)), SETTINGS.batch):
-        some = found.rows(rows.to(found.frame.device))
+def judge_all(net: Judge, pool: Pool, found: Proposals, shape: PanelShape) -> Proposals:
+    """Judge candidates in pictures of a shape, and move their corners."""
+    options, grown = judging.SETTINGS, judging.grown(shape)
+    size = options.side_px * grown[0], options.side_px * grown[1]
+    square = (corner_cells(SQUARE)[None] + options.margin) * options.samples
+    square = square * torch.tensor(grown[::-1])
+    parts = [found.rows(slice(0))]
+    for rows in found.parts(SETTINGS.batch):
+        some = found.rows(rows)
         places = square.to(some.quads).expand_as(some.quads)
-        seen = pictures(pool, some.frame, some.quads, places, (side, side))
-        logit, maps = net(seen)
-        cut = corners_of(maps).double() / judging.SETTINGS.samples
-        moved = map_points(some.quads, cut - judging.SETTINGS.margin, SQUARE)
+        logit, maps = net(pictures(pool, some.frame, some.quads, places, size))
+        cut = judging.parts_of(corners_of(maps), shape)
+        moved = map_points(some.quads, cut, SQUARE)
         parts.append(some._replace(quads=moved.float(), score=logit))
     return Proposals(*map(torch.cat, zip(*parts, strict=True)))
 
@@ -91,9 +92,9 @@ def place_all(
     net: Placer, pool: Pool, found: Proposals, shape: PanelShape
 ) -> Proposals:
     """Place candidates of one shape, and move their corners."""
-    parts = []
-    for rows in torch.split(torch.arange(len(found.frame)), SETTINGS.batch):
-        some = found.rows(rows.to(found.frame.device))
+    parts = [found.rows(slice(0))]
+    for rows in found.parts(SETTINGS.batch):
+        some = found.rows(rows)
         seen = read_patches(pool, some.frame, some.quads, shape, None)
         logit, moves = net(seen, shape)
         cells = corner_cells(shape).to(some.quads) + moves

@@ -32,6 +32,8 @@ class Looks:
     fill: tuple[float, float] = (0.15, 0.95)  # width of an LED, cells
     square: float = 0.3  # share of panels with square LEDs
     lit: tuple[float, float] = (0.2, 0.8)  # share of LEDs that are On
+    pictured: float = 0.25  # share of panels whose On LEDs stand together
+    together: float = 0.35  # of their share, in the mean of 3 x 3 random numbers
     unequal: float = 0.3  # share of panels whose LEDs differ
     scatter: tuple[float, float] = (0.05, 0.5)  # of the logarithm of their light
     uneven: float = 0.35  # share of panels that are brighter on one side
@@ -42,12 +44,23 @@ class Looks:
     bright_board: float = 0.3  # share of boards up to the brighter limit
     board: tuple[float, float] = (70.0, 200.0)
     margin_cells: tuple[float, float] = (1.3, 2.0)  # of a board, most and added most
+    uneven_margin: float = 0.3  # share of boards with another margin on each side
     lip: float = 0.25  # share of boards with a frame of another brightness
     dark_off: float = 0.6  # share of panels whose Off LEDs differ from the board
     off: tuple[float, float] = (-30.0, 60.0)
-    contrast: tuple[float, float] = (20.0, 500.0)  # of On LEDs
+    contrast: tuple[float, float] = (30.0, 500.0)  # of On LEDs
     as_bright: float = 0.75  # share of panels whose small LEDs are brighter
     least_soft_cells: float = 0.06  # of an LED's edge
+    cored: float = 0.35  # share of panels whose LEDs are brighter inside
+    core: float = 0.8  # of their light that is lost at the edge, at most
+    core_off: float = 0.3  # of an LED's width, by which its core is off, at most
+    glowing: float = 0.4  # share of panels with light around On LEDs
+    glow: tuple[float, float] = (0.05, 0.5)  # of an LED's light
+    glow_cells: tuple[float, float] = (0.3, 0.9)  # its standard deviation
+    glow_px: tuple[float, float] = (0.5, 3.0)  # the least and the most
+    modular: float = 0.4  # share of panels of several modules that lie apart
+    module: int = 8  # LEDs
+    gap_cells: float = 0.4  # between modules, at most
 
 
 LOOKS = Looks()
@@ -75,13 +88,16 @@ class Finish:
 
     gain: tuple[float, float] = (-0.7, 0.4)  # logarithm
     offset: tuple[float, float] = (-12.0, 25.0)
-    grain: tuple[float, float, float] = (0.3, 1.5, 9.0)  # least, usual and most
+    grain: tuple[float, float, float] = (0.3, 1.5, 7.0)  # least, usual and most
     gamma: tuple[float, float] = (0.45, 0.9)
     grainy: float = 0.35  # share of pictures with more grain than is usual
     curved: float = 0.35  # share of pictures with a gamma
     cut: float = 0.12  # share of pictures beyond whose margins a frame's edges go on
     margin: float = 0.2  # of a side, at most, that lies beyond a frame
     reach_px: int = 4  # of a blur
+    sharp: float = 0.2  # share of pictures that are sharpened
+    sharpness: float = 1.0  # at most
+    sharp_px: float = 1.0  # standard deviation
 
 
 FINISH = Finish()
@@ -206,7 +222,11 @@ def bits_of(draws: Draws) -> Tensor:
     """Draw how bright LEDs are, (B,N,N): 0 for Off ones, about 1 for On ones."""
     size = MOST_LEDS
     lit = draws.uniform(*LOOKS.lit, 1, 1)
-    light = (draws.uniform(0, 1, size, size) < lit).float()
+    noise = draws.uniform(0, 1, size, size)
+    mean = functional.avg_pool2d(noise, 3, 1, 1, count_include_pad=False)
+    together = mean < 0.5 + LOOKS.together * (lit - 0.5)
+    pictured = draws.coin(LOOKS.pictured)[..., None]
+    light = torch.where(pictured, together, noise < lit).float()
     spread = draws.coin(LOOKS.unequal) * draws.uniform(*LOOKS.scatter, 1)
     light = light * (spread[..., None] * draws.normal(size, size)).exp()
     least, most = LOOKS.groups
@@ -277,29 +297,30 @@ def with_panels(
     behind = pictures.flatten(1)
     rows, columns = shapes[:, :1], shapes[:, 1:]
     across, down = cells_of(quads, shapes, *pictures.shape[1:]).unbind(1)
-    column, row = across.floor(), down.floor()
 
-    def within(margin: Tensor | float) -> Tensor:
-        return (
-            (across >= -margin)
-            & (across < columns + margin)
-            & (down >= -margin)
-            & (down < rows + margin)
-        )
+    def within(margins: Tensor) -> Tensor:
+        left, top, right, below = torch.split(margins, 1, 1)
+        wide = (across >= -left) & (across < columns + right)
+        inside: Tensor = wide & (down >= -top) & (down < rows + below)
+        return inside
 
-    inside = within(0.0)
+    inside = within(shapes.new_zeros(len(shapes), 4))
+    gap = draws.uniform(0, LOOKS.gap_cells, 1) * draws.coin(LOOKS.modular)
+    gap = gap * (likeness is None)
+    (column, off_x), (row, off_y) = (
+        module_cells(places, leds, gap)
+        for places, leds in ((across, columns), (down, rows))
+    )
     place = row.clamp(0, MOST_LEDS - 1) * MOST_LEDS + column.clamp(0, MOST_LEDS - 1)
     place = place.long()
-    off_x, off_y = across - column - 0.5, down - row - 0.5
     if likeness is not None:
         moved = likeness.off_cells.flatten(2).gather(
             2, place[:, None].expand(-1, 2, -1)
         )
         off_x, off_y = off_x - moved[:, 0], off_y - moved[:, 1]
-    off_x, off_y = off_x.abs(), off_y.abs()
     radius = torch.where(
         draws.coin(LOOKS.square),
-        torch.maximum(off_x, off_y),
+        torch.maximum(off_x.abs(), off_y.abs()),
         (off_x.square() + off_y.square()).sqrt(),
     )
     cell_px = (quads - quads.roll(1, 1)).norm(dim=2).mean(1) / shapes.mean(1)
@@ -314,6 +335,8 @@ def with_panels(
     board = torch.where(draws.coin(LOOKS.bright_board), bright, dark)
     margin = draws.uniform(0, LOOKS.margin_cells[0], 1)
     margin = margin + draws.coin(0.2) * draws.uniform(0, LOOKS.margin_cells[1], 1)
+    added = draws.uniform(0, LOOKS.margin_cells[1], 4)
+    margin = margin + draws.coin(LOOKS.uneven_margin) * added
     lip = draws.coin(LOOKS.lip) & ~unseen & within(margin + draws.uniform(0.1, 0.5, 1))
     flat = torch.where(lip, draws.uniform(0, 230, 1), behind)
     flat = torch.where(within(margin) & ~unseen, board, flat)
@@ -329,8 +352,33 @@ def with_panels(
     fall = slope[:, :1] * (across / columns - 0.5) + slope[:, 1:] * (down / rows - 0.5)
     shown = under + (shown - under) * (1 + 2 * fall).clamp(min=0.1)
     shown = torch.where(light > 0, shown * bright, shown)
+    core = draws.uniform(-1, 1, 2, 1) * (LOOKS.core_off * fill[..., None])
+    inner = (off_x - core[:, 0]).square() + (off_y - core[:, 1]).square()
+    lost = draws.coin(LOOKS.cored) * draws.uniform(0, LOOKS.core, 1)
+    shown = under + (shown - under) * (1 - lost * inner / fill.square()).clamp(0)
     hidden = draws.coin(0.25) & (light == 0)
-    return torch.where(hidden, flat, flat + (shown - flat) * spot).view_as(pictures)
+    laid = torch.where(hidden, flat, flat + (shown - flat) * spot).view_as(pictures)
+    excess = ((shown - under) * spot * (light > 0)).clamp(0).view_as(pictures)
+    sigma = cell_px[:, None] * draws.uniform(*LOOKS.glow_cells, 1)
+    glow = draws.coin(LOOKS.glowing) * draws.geometric(*LOOKS.glow, 1)
+    halo = blurred(excess, sigma.clamp(*LOOKS.glow_px)[:, 0])
+    return laid + glow[..., None] * halo
+
+
+def module_cells(places: Tensor, leds: Tensor, gap: Tensor) -> tuple[Tensor, Tensor]:
+    """Give the numbers of cells at places (B,P), 0 to the count of LEDs (B,1), and the way from their middles.
+
+    Modules lie apart by gaps (B,1), cells.
+    """
+    side = LOOKS.module
+    modules = (leds / side).floor().clamp(min=1)
+    gap = torch.where(leds % side == 0, gap, 0.0)
+    at = places * (1 + gap * (modules - 1) / leds)
+    module = (at / (side + gap)).floor().clamp(min=0).minimum(modules - 1)
+    at = at - module * gap
+    last = torch.where(module == modules - 1, torch.inf, side * module + side - 1)
+    number = at.floor().minimum(last)
+    return number, at - number - 0.5
 
 
 def blurred(pictures: Tensor, sigma_px: Tensor) -> Tensor:
@@ -358,6 +406,9 @@ def finished(
     low, high = draws.uniform(least, usual, 1), draws.uniform(usual, most, 1)
     grain = torch.where(draws.coin(FINISH.grainy), high, low)
     noise = grain[..., None] * draws.normal(*pictures.shape[1:])
+    edge = pictures - blurred(pictures, draws.uniform(FINISH.sharp_px, FINISH.sharp_px))
+    sharp = draws.coin(FINISH.sharp) * draws.uniform(0, FINISH.sharpness, 1)
+    pictures = pictures + sharp[..., None] * edge
     light = pictures * gain + draws.uniform(*FINISH.offset, 1, 1) + noise
     light = light.clamp(0, 255)
     if edges:

@@ -1,5 +1,6 @@
 """Training of the judge, on pictures of candidates near and far from panels."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from vocc_torch.studies.train_detector.candidates import (
     unit,
     with_truth,
 )
+from vocc_torch.studies.train_detector.composition import SHAPES as COMPOSED
 from vocc_torch.studies.train_detector.composition import (
     Draws,
     finished,
@@ -31,6 +33,7 @@ from vocc_torch.studies.train_detector.crops import (
 )
 from vocc_torch.studies.train_detector.pool import Pool
 from vocc_torch.studies.train_detector.scout_training import Proposals
+from vocc_torch.types import PanelShape
 
 
 @dataclass(frozen=True)
@@ -62,35 +65,84 @@ class JudgeTraining:
     corner_beta_px: float = 0.5
     mined_of_frame: int = 16
     mined_again: int = 8  # of a frame, after the judge has moved them
+    shape_shares: tuple[float, ...] = (0.6, 0.15, 0.17, 0.08)
 
 
 SETTINGS = JudgeTraining()
 
 
+SHAPES = ((8, 8), (8, 16), (16, 16), (8, 32))
+"""Rows and columns, one of them a batch; half of the batches are turned by a quarter."""
+
+
 class JudgePictures(NamedTuple):
-    """JudgePictures (B,S,S) of candidates, panels' corners (B,4,2) px in them, and whether they show one (B,)."""
+    """Pictures (B,H,W) of candidates, panels' corners (B,4,2) px in them, and whether they show one (B,)."""
 
     grey: Tensor
     quads: Tensor
     panel: Tensor
 
 
-def off_candidates(draws: Draws) -> Tensor:
+@dataclass(frozen=True)
+class Canvas:
+    """The pictures of candidates of one kind of shapes.
+
+    Args:
+        shape: one of :data:`SHAPES`.
+    """
+
+    shape: PanelShape
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of a picture, px."""
+        down, across = judging.grown(self.shape)
+        return judging.SETTINGS.side_px * down, judging.SETTINGS.side_px * across
+
+    @property
+    def square(self) -> bool:
+        """Whether quarter turns leave it as it is."""
+        return self.size[0] == self.size[1]
+
+    @property
+    def share(self) -> float:
+        """Pictures in the time of one of the smallest."""
+        return judging.SETTINGS.side_px**2 / math.prod(self.size)
+
+    def shows(self, shapes: Tensor) -> Tensor:
+        """Say which of panels' shapes (N,2) have such pictures, (N,) bool."""
+        sizes = [
+            judging.grown(PanelShape(rows, columns)) == judging.grown(self.shape)
+            for rows, columns in shapes.clamp(min=1).tolist()
+        ]
+        return (shapes[:, 0] > 0) & torch.tensor(sizes, device=shapes.device)
+
+    def lengths(self, like: Tensor) -> Tensor:
+        """Width and height (2,) px."""
+        return like.new_tensor(self.size[::-1])
+
+    def places(self, square: Tensor) -> Tensor:
+        """Put corners (B,4,2) of unit squares where candidates lie, px."""
+        edge = judging.SETTINGS.edge_px / judging.SETTINGS.side_px
+        return (square * (1 - 2 * edge) + edge) * self.lengths(square)
+
+
+def off_candidates(draws: Draws, canvas: Canvas) -> Tensor:
     """Draw where panels' corners (B,4,2), px, lie in pictures of candidates that are off."""
     options = SETTINGS
-    edge, side = judging.SETTINGS.edge_px, judging.SETTINGS.side_px
     rough = torch.tensor(options.rough, device=draws.device)
     shares = torch.tensor(options.rough_shares, device=draws.device)
     scale = rough[draws.chosen(shares)][:, None, None]
-    square = unit(torch.zeros(draws.count, 4, 2, device=draws.device)) - 0.5
+    quads = unit(torch.zeros(draws.count, 4, 2, device=draws.device)) - 0.5
     size = options.size * draws.normal(1, 1) + options.aspect * draws.normal(1, 2)
-    quads = square * (scale * size).exp()
+    lengths = canvas.lengths(quads)
+    quads = quads * (scale * size).exp() * lengths
     wild = options.wild_turn * draws.coin(options.wild) * draws.normal(1)
     turn = scale[:, 0] * (options.turn * draws.normal(1) + wild)
     (x, y), sine, cosine = quads.unbind(2), turn.sin(), turn.cos()
-    quads = torch.stack([x * cosine - y * sine, x * sine + y * cosine], 2)
+    quads = torch.stack([x * cosine - y * sine, x * sine + y * cosine], 2) / lengths
     moved = options.shift * draws.normal(1, 2) + options.bend * draws.normal(4, 2)
-    return (quads + scale * moved) * (side - 2 * edge) + side / 2
+    return canvas.places(quads + scale * moved + 0.5)
 
 
 class PictureSampler:
@@ -103,80 +155,120 @@ class PictureSampler:
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
-        self.panels = pool.readable.nonzero()[:, 0]
-        self.near: Found | None = None
-        self.clutter: Found | None = None
+        self.canvases = [Canvas(PanelShape(*shape)) for shape in SHAPES]
+        self.of_canvas = [canvas.shows(pool.shapes) for canvas in self.canvases]
+        shapes = torch.tensor(COMPOSED, device=pool.buffer.device)
+        self.composable = [shapes[canvas.shows(shapes)] for canvas in self.canvases]
+        self.near: list[Found] = []
+        self.clutter: list[Found] = []
 
     def batch(self, generator: torch.Generator) -> JudgePictures:
-        """Draw a batch of pictures."""
-        parts = [self.composed(generator), self.rendered(generator)]
-        if self.near is not None and len(self.near.frame):
-            parts.append(self.taken(generator, self.near, SETTINGS.proposed))
+        """Draw a batch of pictures of one size."""
+        shares = torch.tensor(SETTINGS.shape_shares, device=generator.device)
+        kind = int(torch.multinomial(shares, 1, generator=generator))
+        parts = [self.composed(generator, kind)]
+        panels = (self.of_canvas[kind] & self.pool.readable).nonzero()[:, 0]
+        if len(panels):
+            parts.append(self.rendered(generator, kind, panels))
+        if self.near and len(self.near[kind].frame):
+            near = self.near[kind]
+            parts.append(self.taken(generator, kind, near, SETTINGS.proposed))
         found = sum(len(quads) for _, quads in parts)
-        draws = Draws(generator, self.scale * SETTINGS.empty)
-        empty = finished(empty_crops(self.pool, draws, judging.SETTINGS.side_px), draws)
-        parts.append((empty, torch.zeros_like(off_candidates(draws))))
-        if self.clutter is not None and len(self.clutter.frame):
-            parts.append(self.taken(generator, self.clutter, SETTINGS.mined))
+        draws = self.draws(generator, kind, SETTINGS.empty)
+        empty = finished(self.behind(draws, kind), draws)
+        parts.append((empty, empty.new_zeros(len(empty), 4, 2)))
+        if self.clutter and len(self.clutter[kind].frame):
+            clutter = self.clutter[kind]
+            parts.append(self.taken(generator, kind, clutter, SETTINGS.mined))
         grey, quads = (torch.cat(part) for part in zip(*parts, strict=True))
-        return JudgePictures(
-            grey, quads, torch.arange(len(grey), device=grey.device) < found
-        )
+        panel = torch.arange(len(grey), device=grey.device) < found
+        if bool(draws.coin(0.5)[0]):
+            grey, quads = grey.mT, ordered(quads.flip(2))
+        return JudgePictures(grey, quads, panel)
 
-    def composed(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def draws(self, generator: torch.Generator, kind: int, count: int) -> Draws:
+        """Give the draws of some pictures; there are fewer of larger ones."""
+        count = round(self.scale * count * self.canvases[kind].share)
+        return Draws(generator, max(1, count))
+
+    def behind(self, draws: Draws, kind: int) -> Tensor:
+        """Cut pictures without a panel."""
+        high, wide = self.canvases[kind].size
+        crops = empty_crops(self.pool, draws, max(high, wide))
+        return crops[:, :high, :wide].contiguous()
+
+    def composed(self, generator: torch.Generator, kind: int) -> tuple[Tensor, Tensor]:
         """Lay panels into pictures."""
-        draws = Draws(generator, self.scale * SETTINGS.composed)
-        quads = off_candidates(draws)
-        behind = empty_crops(self.pool, draws, judging.SETTINGS.side_px)
-        laid = with_panels(behind, quads, draws.shapes(), draws, SETTINGS.soft_px)
+        draws = self.draws(generator, kind, SETTINGS.composed)
+        quads = off_candidates(draws, self.canvases[kind])
+        shapes = self.composable[kind]
+        shapes = shapes[draws.below(len(shapes))].float()
+        behind = self.behind(draws, kind)
+        laid = with_panels(behind, quads, shapes, draws, SETTINGS.soft_px)
         return finished(laid, draws, SETTINGS.blur_px), quads
 
-    def rendered(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def rendered(
+        self, generator: torch.Generator, kind: int, panels: Tensor
+    ) -> tuple[Tensor, Tensor]:
         """Read rendered panels so that their corners lie where they are asked for."""
-        draws = Draws(generator, self.scale * SETTINGS.rendered)
-        frame = self.panels[draws.below(len(self.panels))]
-        corners = turned(draws, ordered(self.pool.corners_px[frame].float()))
-        quads, side = off_candidates(draws), judging.SETTINGS.side_px
-        seen = pictures(self.pool, frame, corners, quads, (side, side))
+        draws = self.draws(generator, kind, SETTINGS.rendered)
+        canvas, frame = self.canvases[kind], panels[draws.below(len(panels))]
+        corners = ordered(self.pool.corners_px[frame].float())
+        corners = turned(draws, corners, canvas.square)
+        quads = off_candidates(draws, canvas)
+        seen = pictures(self.pool, frame, corners, quads, canvas.size)
         return finished(seen, draws), quads
 
     def taken(
-        self, generator: torch.Generator, found: Found, count: int
+        self, generator: torch.Generator, kind: int, found: Found, count: int
     ) -> tuple[Tensor, Tensor]:
         """Read candidates, moved a little; corners are zeros where no panel is."""
-        draws = Draws(generator, self.scale * count)
-        side, edge = judging.SETTINGS.side_px, judging.SETTINGS.edge_px
+        draws, canvas = self.draws(generator, kind, count), self.canvases[kind]
         rows = found.rows(draws.below(len(found.frame)))
-        corners = turned(draws, rows.quads)
-        square = unit(corners) + SETTINGS.small * draws.normal(1, 2)
-        places = square * (side - 2 * edge) + edge
-        seen = pictures(self.pool, rows.frame, corners, places, (side, side))
+        corners = turned(draws, rows.quads, canvas.square)
+        places = canvas.places(unit(corners) + SETTINGS.small * draws.normal(1, 2))
+        seen = pictures(self.pool, rows.frame, corners, places, canvas.size)
         truth = mapped(homography(corners, places), rows.truth.mT).mT
         # In a mirrored picture the panel begins at its own top left.
         truth = torch.where(rows.truth.any(2, keepdim=True), ordered(truth), 0.0)
         return finished(seen, draws), truth
 
-    def mine(self, net: Judge, found: Proposals) -> Proposals:
-        """Take candidates, also after the judge has moved them once and twice; give the last."""
-        first = best_of_frames(found, SETTINGS.mined_of_frame)
-        second = best_of_frames(judge_all(net, self.pool, first), SETTINGS.mined_again)
-        third = judge_all(net, self.pool, second)
-        parts = [with_truth(self.pool, one) for one in (first, second, third)]
-        self.near, self.clutter = (
-            Found(*map(torch.cat, zip(*kind, strict=True)))
-            for kind in zip(*parts, strict=True)
-        )
-        return third
+    def mine(self, net: Judge, found: Proposals) -> list[Proposals]:
+        """Take candidates, also after the judge has moved them once and twice; give the last of each size."""
+        found = best_of_frames(found, SETTINGS.mined_of_frame)
+        self.near, self.clutter, last = [], [], []
+        for kind, canvas in enumerate(self.canvases):
+            first = found.rows(self.mined_by(kind, found.frame))
+            second = judge_all(net, self.pool, first, canvas.shape)
+            second = best_of_frames(second, SETTINGS.mined_again)
+            third = judge_all(net, self.pool, second, canvas.shape)
+            parts = [with_truth(self.pool, one) for one in (first, second, third)]
+            near, clutter = (
+                Found(*map(torch.cat, zip(*some, strict=True)))
+                for some in zip(*parts, strict=True)
+            )
+            self.near.append(near)
+            self.clutter.append(clutter)
+            last.append(third)
+        return last
+
+    def mined_by(self, kind: int, frame: Tensor) -> Tensor:
+        """Say which frames (n,) are for pictures of a size: of its panels, and its part of the empty ones."""
+        part = frame % len(SHAPES) == kind
+        empty = (self.pool.shapes[frame, 0] == 0) & (part | (kind == 0))
+        return self.of_canvas[kind][frame] | empty
 
 
 def judge_loss(logit: Tensor, maps: Tensor, pictures: JudgePictures) -> Tensor:
     """Give the losses of scores, of maps and of the corners in them."""
-    side, wide = judging.SETTINGS.side_px, maps.shape[3]
-    inside = ((pictures.quads > 1) & (pictures.quads < side - 1)).all(2)
+    wide = maps.shape[3]
+    most = pictures.quads.new_tensor([wide, maps.shape[2]])
+    far = judging.SETTINGS.heat_px * most - 1
+    inside = ((pictures.quads > 1) & (pictures.quads < far)).all(2)
     inside &= pictures.panel[:, None]
     # Each corner is shared among the four places around it.
     place = pictures.quads / judging.SETTINGS.heat_px - 0.5
-    place = place.clamp(0, wide - 1.001)
+    place = place.clamp(min=0).minimum(most - 1.001)
     first = place.floor().long()
     part = place - first
     likely = maps.flatten(2).log_softmax(2)

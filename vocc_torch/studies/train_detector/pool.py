@@ -11,11 +11,10 @@ from typing import NamedTuple, Self
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from vocc_torch.api import load_scene, simulate
 from vocc_torch.receiver.detector import pyramid as pyramids
-from vocc_torch.receiver.detector.pyramid import Pyramid
+from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, halved
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.studies.train_detector.clutter import mosaics
 from vocc_torch.types import Frames, PanelShape
@@ -199,33 +198,15 @@ class Pool:
         start = int(self.starts[number]) + frame * high * wide
         return self.buffer[start : start + high * wide].view(high, wide).float()
 
-    def pyramid(self, frame: int) -> Pyramid:
-        """Give the halvings of a frame."""
-        return Pyramid(tuple(self.level(k, frame) for k in range(len(self.sizes))))
-
     def read(self, frame: Tensor, level: Tensor, at: Tensor) -> Tensor:
         """Read (B,P) of frames (B,) bilinearly in levels (B,) at places (B,2,P) px of the frame.
 
         Beyond a frame its edges go on.
         """
-        high, wide = self.sizes[level].unbind(1)
-        base = self.starts[level] + frame * high * wide
-        scale = 2.0 ** -level.double()
-        x, y = (
-            (at[:, axis].double().nan_to_num() * scale[:, None] - 0.5)
-            .clamp(min=0)
-            .minimum(side[:, None] - 1.001)
-            for axis, side in ((0, wide), (1, high))
-        )
-        left, top = x.long(), y.long()
-        x, y = (x - left).float(), (y - top).float()
-        first = base[:, None] + top * wide[:, None] + left
-        below = first + wide[:, None]
-        upper, lower = (
-            torch.lerp(self.buffer[row].float(), self.buffer[row + 1].float(), x)
-            for row in (first, below)
-        )
-        return torch.lerp(upper, lower, y)
+        high, wide = self.sizes[level, :, None].unbind(1)
+        start = self.starts[level, None] + frame[:, None] * high * wide
+        places = at.double().nan_to_num() * 0.5 ** level[:, None, None]
+        return bilinear(self.buffer, start, high, wide, places)
 
 
 def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
@@ -237,11 +218,9 @@ def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tenso
         starts.append(start)
         sizes.append(level.shape[2:])
         start += level.numel()
-        halves = [
-            functional.avg_pool2d(one.to(device).float(), 2).round().byte()
-            for one in torch.split(level, SETTINGS.frames)
-        ]
-        level = torch.cat(halves)
+        level = torch.cat(
+            [halved(some) for some in torch.split(level, SETTINGS.frames)]
+        )
     numbers = torch.tensor(starts, device=device), torch.tensor(sizes, device=device)
     return torch.cat(parts), *numbers
 
@@ -257,7 +236,7 @@ def contrast(
     if not bool(inside.all()) or bits.all() or not bits.any():
         return 0.0
     side = SETTINGS.samples
-    cells = Pyramid.of(grey).read_cells(corners_px[None], shape, side, 0)[0]
+    cells = Pyramid.of(grey).read_cells(corners_px[None], shape, (side, side), 0)[0]
     cells = cells.view(shape.rows, side, shape.columns, side)[:, 1:-1, :, 1:-1]
     means = cells.mean((1, 3))
     on, off = means[bits], means[~bits]

@@ -188,7 +188,9 @@ class PlacerTrainer:
         found = scout_training.proposals(
             networks.scout, self.pool, frames, options.mined_of_level
         )
-        self.sampler.mine(networks.placer, self.judged.mine(networks.judge, found))
+        parts = self.judged.mine(networks.judge, found)
+        joined = scout_training.Proposals(*map(torch.cat, zip(*parts, strict=True)))
+        self.sampler.mine(networks.placer, joined)
 
     def loss(self, generator: torch.Generator) -> Tensor:
         """Give the loss of a batch."""

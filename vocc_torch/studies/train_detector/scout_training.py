@@ -64,9 +64,14 @@ class Proposals(NamedTuple):
     quads: Tensor
     score: Tensor
 
-    def rows(self, chosen: Tensor) -> "Proposals":
+    def rows(self, chosen: Tensor | slice) -> "Proposals":
         """Give some of them."""
         return Proposals(*(part[chosen] for part in self))
+
+    def parts(self, count: int) -> list[slice]:
+        """Part them."""
+        starts = range(0, len(self.frame), count)
+        return [slice(start, start + count) for start in starts]
 
 
 def proposals(net: scout.Scout, pool: Pool, frames: Tensor, of_level: int) -> Proposals:

@@ -1,0 +1,94 @@
+"""Panels whose corners are nearly known: their corners put right, and the log odds that they are there."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from vocc_torch.receiver.detector.judge import pitch_of
+from vocc_torch.receiver.detector.pipeline import placed_well
+from vocc_torch.receiver.detector.placer import placed
+from vocc_torch.receiver.detector.pyramid import Pyramid
+from vocc_torch.receiver.detector.weights import Networks
+from vocc_torch.receiver.resample import corner_cells, map_points
+from vocc_torch.types import PanelShape
+
+
+@dataclass(frozen=True)
+class NearbySettings:
+    """How far from known corners a panel is looked for."""
+
+    margin_cells: float = 5.0  # of the crop around the corners
+    rounds: int = 2  # of the placer
+    reach_cells: float = 1.2  # between starts of a wide search
+    reaches: int = 2  # starts to either side
+
+
+SETTINGS = NearbySettings()
+
+LEAST_LOG_ODDS = 0.0
+"""Log odds of a panel that is known to be near, below which it is not there."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A frame about some corners.
+
+    Args:
+        networks: of the detector.
+        pyramid: of the crop.
+        origin: (2,) px of the crop.
+        shape: rows and columns of the panel.
+    """
+
+    networks: Networks
+    pyramid: Pyramid
+    origin: Tensor
+    shape: PanelShape
+
+    @classmethod
+    def of(
+        cls, networks: Networks, grey: Tensor, corners: Tensor, shape: PanelShape
+    ) -> "Surroundings":
+        """Crop a frame (H,W) uint8 about corners (4,2) px."""
+        limits = corners.new_tensor([grey.shape[1], grey.shape[0]])
+        low, high = corners.amin(0), corners.amax(0)
+        room = (
+            SETTINGS.margin_cells * (high - low).amax() / min(shape.rows, shape.columns)
+        )
+        low = (low - room).floor().clamp(min=0).minimum(limits - 1)
+        high = (high + room).ceil().minimum(limits).maximum(low + 1)
+        (left, top), (right, below) = low.long().tolist(), high.long().tolist()
+        crop = grey[top:below, left:right]
+        return cls(networks, Pyramid.of(crop[None, None]), low, shape)
+
+    def place(self, corners: Tensor, wide: bool = False) -> tuple[Tensor, float]:
+        """Put corners (4,2) px right that are off by up to a cell, by some more in a wide search.
+
+        Returns:
+            (4,2) corners and the log odds of a panel there.
+        """
+        starts = (corners - self.origin)[None]
+        if wide:
+            reach = SETTINGS.reaches
+            steps = torch.arange(-reach, reach + 1) * SETTINGS.reach_cells
+            starts = self.moved(starts[0], torch.cartesian_prod(steps, steps))
+        quads, odds = placed_well(
+            self.networks, self.pyramid, starts, self.shape, SETTINGS.rounds
+        )
+        best = int(odds.argmax())
+        return quads[best] + self.origin, float(odds[best])
+
+    def pitch_px(self, corners: Tensor) -> float:
+        """Give the mean distance of LEDs of a panel at corners (4,2) px."""
+        return float(pitch_of(corners[None], self.shape))
+
+    def odds_of(self, corners: Tensor, cells: Tensor) -> Tensor:
+        """Give the log odds (n,) of a panel at corners (4,2) px moved by cells (n,2), across and down."""
+        quads = self.moved(corners - self.origin, cells)
+        return placed(self.networks.placer, self.pyramid, quads, self.shape)[0]
+
+    def moved(self, corners: Tensor, cells: Tensor) -> Tensor:
+        """Move corners (4,2) by cells (n,2) along their own lines, (n,4,2)."""
+        places = corner_cells(self.shape).to(corners) + cells.to(corners)[:, None]
+        return map_points(corners.expand(len(cells), 4, 2), places, self.shape)
