@@ -200,7 +200,10 @@ def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(app, monkeypatch):
             raise AttributeError("half of an object") from None
 
     monkeypatch.setattr(cli, "run_task", broken)
+    # What starts in the background of a shell ignores Ctrl-C.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     ran = app(*QUICK)
+    signal.signal(signal.SIGINT, before)
     assert (ran.status, ran.err) == (130, "vocc-torch: interrupted\n")
 
 

@@ -22,6 +22,7 @@ from vocc_torch.types import Frames, PanelShape, StatedPanels
 class TrackerSettings:
     """When a panel is followed, and how much is learned anew from each frame."""
 
+    least_log_odds: float = 2.0  # over some frames; a few lamps have less
     clear_log_odds: float = 4.0  # from which on no wide search is worth its time
     fallen: float = 3.0  # below what they were, from which on it is
     shape_kept: float = 0.3  # share of a new size and shape that is believed
@@ -101,7 +102,7 @@ class Track:
             corners = corners + around.origin
             self.slips = torch.zeros(len(SLIPS))
         self.meet(corners, odds)
-        return True
+        return self.log_odds >= SETTINGS.least_log_odds
 
     def meet(self, corners: Tensor, odds: float) -> None:
         """Take corners (4,2) px for those of the panel in this frame."""

@@ -223,7 +223,7 @@ class Front:
 
     def _placed_near(self, grey: Grey, corners: Tensor) -> tuple[Tensor, float]:
         """Put corners (4,2) right in a frame, and give the log odds of the panel."""
-        plane = torch.from_numpy(np.array(grey))
+        plane = torch.from_numpy(np.asarray(grey).copy())
         networks = networks_of(self.receiver.locator, plane.device)
         near = Surroundings.of(networks, plane, corners, self.receiver.shape)
         return near.place(corners)
