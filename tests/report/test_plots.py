@@ -75,3 +75,14 @@ def test_histograms_are_shares_of_each_kind_of_led():
         torch.ones(10, 4), torch.arange(10) % 2 == 0, list("abcd")
     )
     assert [axes.get_xlabel() for axes in constant.axes] == list("abcd")
+
+
+def test_titles_stay_above_their_own_axes():
+    """Titles of two columns, measured by Matplotlib."""
+    text = "job 0: focal_length_mm=18, board_reflectance=0.1"
+    figure = plots.facet_figure(
+        [{text: "no panel", f"{text}1": "no panel"}], "Jobs", ""
+    )
+    figure.canvas.draw()
+    left, right = (axes._left_title.get_window_extent() for axes in figure.axes)
+    assert left.x1 < right.x0

@@ -238,10 +238,22 @@ def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     axes.set_axisbelow(True)
 
 
+LETTERS_PER_INCH = 8.5
+"""Letters of a title to an inch of a column, its margins left out."""
+
+
 def head(axes: Axes, text: str) -> None:
-    """Write what axes show above them."""
+    """Write what axes show above them, in lines that are no wider than their column."""
+    place = axes.get_subplotspec()
+    columns = 1 if place is None else place.get_gridspec().ncols
+    width_px = axes.figure.bbox.width / columns
+    letters = int(width_px / axes.figure.dpi * LETTERS_PER_INCH)
     axes.set_title(
-        text, loc="left", fontsize=10.5, fontweight="bold", color=LOOK.ink, wrap=True
+        textwrap.fill(text, max(letters, 20)),
+        loc="left",
+        fontsize=10.5,
+        fontweight="bold",
+        color=LOOK.ink,
     )
 
 
