@@ -169,3 +169,14 @@ def test_a_second_panel_is_seen_at_the_next_full_search(approach):
         seen.append([one.number for one in tracker(np.ascontiguousarray(plane))])
     assert seen[7] == [0]
     assert seen[15] == [0, 1]
+
+
+def test_a_lattice_that_begins_a_row_too_low_is_put_back(approach):
+    grey, corners = approach
+    row = (corners[0, 3] - corners[0, 0]) / SHAPE.rows
+    locator = Told(corners + row)
+    tracker = Tracker(locator, SHAPE, every=100)
+    tracker(grey[0])
+    locator.corners = None
+    errors = errors_cells(tracker, locator, grey[:12], corners)
+    assert errors[-1] < 0.25

@@ -241,16 +241,19 @@ class Tracker:
     def _met(self, grey: Tensor, corners: Tensor, score: float, alarms: float) -> Track:
         """Correct the track that a search met, or begin one."""
         around = Surroundings.of(self.networks, grey, corners, self.shape)
+        odds = float(around.odds_of(corners, SLIPS[:1]))
+        if odds < LEAST_LOG_ODDS:
+            other, others_odds = around.place(corners, wide=True)
+            if others_odds > odds + SETTINGS.slip:
+                corners, odds = other, others_odds
         near = [track for track in self.tracks if track.lies_on(corners)]
         if not near:
-            odds = float(around.odds_of(corners, SLIPS[:1]))
             track = Track(self.number, corners, score, alarms, odds)
             self.number += 1
             self.tracks.append(track)
             return track
         track, *_ = near
         track.score, track.false_alarms = score, alarms
-        odds = float(around.odds_of(corners, SLIPS[:1]))
         before = float(around.odds_of(track.corners, SLIPS[:1]))
         if track.misses or odds > before + SETTINGS.slip:
             track.slips = torch.zeros(len(SLIPS))
