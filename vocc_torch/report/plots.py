@@ -247,9 +247,9 @@ def head(axes: Axes, text: str) -> None:
     place = axes.get_subplotspec()
     columns = 1 if place is None else place.get_gridspec().ncols
     width_px = axes.figure.bbox.width / columns
-    letters = int(width_px / axes.figure.dpi * LETTERS_PER_INCH)
+    letters = max(int(width_px / axes.figure.dpi * LETTERS_PER_INCH), 20)
     axes.set_title(
-        textwrap.fill(text, max(letters, 20)),
+        "\n".join(textwrap.fill(line, letters) for line in text.split("\n")),
         loc="left",
         fontsize=10.5,
         fontweight="bold",
