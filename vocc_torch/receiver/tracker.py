@@ -98,8 +98,7 @@ class Track:
         self.slips = (1 - SETTINGS.slip_forgotten) * self.slips + evidence
         slipped = int(self.slips.argmax())
         if self.slips[slipped] > self.slips[0] + SETTINGS.slip:
-            corners = around.moved(corners - around.origin, SLIPS[slipped, None])[0]
-            corners = corners + around.origin
+            corners = around.moved(corners, SLIPS[slipped, None])[0]
             self.slips = torch.zeros(len(SLIPS))
         self.meet(corners, odds)
         return self.log_odds >= SETTINGS.least_log_odds

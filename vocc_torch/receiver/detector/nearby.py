@@ -68,11 +68,12 @@ class Surroundings:
         Returns:
             (4,2) corners and the log odds of a panel there.
         """
-        starts = (corners - self.origin)[None]
+        starts = corners[None]
         if wide:
             reach = SETTINGS.reaches
             steps = torch.arange(-reach, reach + 1) * SETTINGS.reach_cells
-            starts = self.moved(starts[0], torch.cartesian_prod(steps, steps))
+            starts = self.moved(corners, torch.cartesian_prod(steps, steps))
+        starts = starts - self.origin
         quads, odds = placed_well(
             self.networks, self.pyramid, starts, self.shape, SETTINGS.rounds
         )
@@ -85,7 +86,7 @@ class Surroundings:
 
     def odds_of(self, corners: Tensor, cells: Tensor) -> Tensor:
         """Give the log odds (n,) of a panel at corners (4,2) px moved by cells (n,2), across and down."""
-        quads = self.moved(corners - self.origin, cells)
+        quads = self.moved(corners, cells) - self.origin
         return placed(self.networks.placer, self.pyramid, quads, self.shape)[0]
 
     def moved(self, corners: Tensor, cells: Tensor) -> Tensor:

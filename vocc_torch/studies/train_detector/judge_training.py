@@ -72,7 +72,7 @@ SETTINGS = JudgeTraining()
 
 
 SHAPES = ((8, 8), (8, 16), (16, 16), (8, 32))
-"""Rows and columns, one of them a batch; half of the batches are turned by a quarter."""
+"""Rows and columns, one of them a batch; half of the batches are mirrored, so that rows are columns."""
 
 
 class JudgePictures(NamedTuple):
