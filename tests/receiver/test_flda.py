@@ -192,11 +192,17 @@ def compiled(flda):
     return torch.compile(flda, fullgraph=True, backend="eager")
 
 
+def exported(flda):
+    return torch.export.export(flda, (torch.ones(64, 3),)).module()
+
+
 TRANSFORMS = {
     "vmap": torch.vmap,
     "compile": compiled,
     "compile after load_state_dict": lambda flda: compiled(copied(flda)),
     "compile after a move": lambda flda: compiled(flda.to("cpu")),
+    "compile after a merge": lambda flda: compiled(FLDA(3).merge(flda)),
+    "export after a merge": lambda flda: exported(FLDA(3).merge(flda)),
 }
 
 
@@ -204,6 +210,12 @@ TRANSFORMS = {
 def test_transforms_score_alike(learner, transform):
     flda, x = learner
     assert torch.equal(TRANSFORMS[transform](flda)(x), flda(x))
+
+
+@pytest.mark.parametrize("transform", [compiled, exported])
+def test_no_solution_is_refused_within_a_graph(transform):
+    with pytest.raises(Exception, match="FLDA has no solution to compile"):
+        transform(FLDA(3))(torch.ones(64, 3))
 
 
 def test_predict_works_under_vmap(learner):

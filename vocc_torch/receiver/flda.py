@@ -32,7 +32,7 @@ class FLDA(torch.nn.Module):
     ("the mean of the projections of all") say the same only for equally many Off and On samples.
 
     The statistics are float64 buffers and stay so under ``.half()`` or ``.to(dtype)``: a device must know
-    float64. The solution follows from them on first use after each change, with an error of about the
+    float64. The solution follows from them after each change, with an error of about the
     condition number (of the within-class covariance, features in units of their deviations) times 2e-16, and
     whatever the pieces were in which the samples came. Features may be up to 1e140; a spread below 1e-150, or
     below 2e-15 of a feature's mean, counts as none. Where the condition number is above 1e12, or the
@@ -72,6 +72,7 @@ class FLDA(torch.nn.Module):
         for name in _PARTS:
             self.register_buffer(name, getattr(start, name))
         self._solution: Discriminant | None = None
+        self._complaint = ""
 
     @property
     def n_features(self) -> int:
@@ -216,22 +217,36 @@ class FLDA(torch.nn.Module):
         for name in _PARTS:
             setattr(self, name, getattr(here, name))
         self._solution = None
+        if bool((self.count > 0).all()):
+            # Statistics that are none are refused where they are used.
+            with suppress(VoccError):
+                self._solve()  # here, for nothing can be solved within a graph
+
+    def _solve(self) -> Discriminant:
+        """Solve for the present statistics; a complaint about them waits for the first use."""
+        # Normal tensors even inside inference_mode, so that the kept solution can serve autograd later.
+        # Solved on the host: a few numbers, and the same direction on whatever device scores are wanted.
+        with torch.inference_mode(False), torch.no_grad():
+            statistics = self.statistics.to(torch.device("cpu")).checked()
+            _require_both(statistics)
+            solution, self._complaint = Discriminant.of(statistics)
+        self._solution = Discriminant(
+            *(value.to(self.mean.device) for value in solution)
+        )
+        return self._solution
 
     def _solved(self) -> Discriminant:
-        """Return the solution of the present statistics, solving it where they have changed."""
-        if self._solution is None:
-            # Normal tensors even inside inference_mode, so that the kept solution can serve autograd later.
-            # Solved on the host: a few numbers, and the same direction on whatever device scores are wanted.
-            with torch.inference_mode(False), torch.no_grad():
-                statistics = self.statistics.to(torch.device("cpu")).checked()
-                _require_both(statistics)
-                solution, complaint = Discriminant.of(statistics)
-            if complaint:
-                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
-            self._solution = Discriminant(
-                *(value.to(self.mean.device) for value in solution)
-            )
-        return self._solution
+        """Return the solution of the present statistics, and warn once where they do not determine it."""
+        if torch.compiler.is_compiling():
+            if self._solution is None:
+                first = "call fit or update with both Off and On samples first"
+                raise VoccError(f"FLDA has no solution to compile: {first}")
+            return self._solution
+        solution = self._solution or self._solve()
+        complaint, self._complaint = self._complaint, ""
+        if complaint:
+            warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
+        return solution
 
     def _apply(
         self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
@@ -263,11 +278,8 @@ class FLDA(torch.nn.Module):
                 state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + smaller
         super()._load_from_state_dict(state, prefix, *rest)
         self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
-        self.scatter, self._solution = self.scatter.to(torch.float64), None
-        if bool((self.count > 0).all()):
-            # Statistics that are none are refused where they are used.
-            with suppress(VoccError):
-                self._solved()  # here, for nothing can be solved within a graph
+        self.scatter = self.scatter.to(torch.float64)
+        self._store(self.statistics)
 
 
 def _require_both(seen: ClassScatter) -> None:
