@@ -1,20 +1,16 @@
-"""What tests of several floors use: the command line in this process, and in one of its own."""
+"""What tests of several floors use."""
 
 import gc
 import os
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import torch
-from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hypothesis import settings
 from matplotlib.text import Text
+from running import run_apart, run_here
 
-from vocc_torch.app import cli
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.train import train
 from vocc_torch.simulation import Distribution, LedPanel
@@ -41,24 +37,6 @@ def pytest_configure(config):
         torch.set_num_threads(1)
 
 
-@dataclass(frozen=True)
-class Ran:
-    """What a command left."""
-
-    status: int
-    out: str
-    err: str
-
-    @property
-    def complaint(self):
-        """The one line of an error, checked to be just that."""
-        assert self.status == 2, (self.status, self.err)
-        assert self.err.count("\n") == 1, self.err
-        assert self.err.startswith("vocc-torch: error: "), self.err
-        assert "Traceback" not in self.out + self.err
-        return self.err.removeprefix("vocc-torch: error: ").rstrip("\n")
-
-
 @pytest.fixture(autouse=True)
 def without_a_job():
     """Forget Hydra's last job, which a process keeps."""
@@ -66,38 +44,10 @@ def without_a_job():
 
 
 @pytest.fixture
-def app(tmp_path, monkeypatch, capsys):
+def app(tmp_path, monkeypatch):
     """Run the command line in this process, from an empty folder."""
     monkeypatch.chdir(tmp_path)
-    # So that the command line's own setting is undone.
-    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
-
-    def run(*arguments):
-        GlobalHydra.instance().clear()
-        monkeypatch.setattr(sys, "argv", ["vocc-torch", *map(str, arguments)])
-        capsys.readouterr()
-        try:
-            status = cli.run()
-        finally:
-            GlobalHydra.instance().clear()
-        return Ran(status, *capsys.readouterr())
-
-    return run
-
-
-def command(*arguments, cwd, code=None, environment=None):
-    """Run ``python -m vocc_torch`` from ``cwd``; ``code`` is run instead of ``-m vocc_torch``."""
-    start = ["-m", "vocc_torch"] if code is None else ["-c", code]
-    done = subprocess.run(
-        [sys.executable, *start, *map(str, arguments)],
-        cwd=cwd,
-        env={**os.environ, "OMP_NUM_THREADS": "1", **(environment or {})},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    return Ran(done.returncode, done.stdout, done.stderr)
+    return run_here
 
 
 @pytest.fixture(scope="session")
@@ -117,10 +67,10 @@ def shown_texts():
     return listed
 
 
-@pytest.fixture(name="command")
-def command_fixture():
+@pytest.fixture
+def command():
     """Run ``python -m vocc_torch`` in a process of its own."""
-    return command
+    return run_apart
 
 
 @pytest.fixture(scope="session")

@@ -23,17 +23,17 @@ LITTLE = (
         "workers=1",
         "tensorboard=false",
         "budget.frames=32",
-        "budget.training_frames=64",
+        "budget.training_frames=32",
     ),
     *(
-        "experiment.values=[1000,4000]",
+        "experiment.values=[1000]",
         "receiver.names=[average_greyscale,flda_gri,flda_3]",
     ),
     *(f"classifier=[{','.join(SHIPPED)}]",),
     *(
         f"classifiers.{name}.training.{value}"
         for name in NETWORKS
-        for value in ("frames=64", "epochs=1")
+        for value in ("frames=32", "epochs=1")
     ),
 )
 """All that is shipped, at a small budget."""

@@ -99,7 +99,7 @@ def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
     assert "blooming" not in wanted.effects
     hydra = GlobalHydra.instance().hydra
     with ThreadPoolExecutor(8) as pool:
-        loaded = list(pool.map(lambda _: vt.load_scene("night", *words), range(64)))
+        loaded = list(pool.map(lambda _: vt.load_scene("night", *words), range(16)))
     assert all(world == wanted for world in loaded)
     assert GlobalHydra.instance().hydra is hydra
 

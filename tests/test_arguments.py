@@ -69,14 +69,14 @@ def test_numbers_may_be_of_any_library():
         assert fits(values, Sequence[float])
 
 
-@pytest.mark.parametrize("batch", [1, 48, 64, 100])
-def test_frames_without_end_begin_at_once_and_are_those_of_a_few(batch):
-    few = torch.cat([part.bits for part in vt.simulate("paper", 200, batch=batch)])
-    endless = vt.simulate("paper", 2**40, batch=batch)
-    parts = [next(endless).bits for _ in range(len(few) // batch)]
-    assert torch.equal(torch.cat(parts), few[: len(parts) * batch])
-    whole = torch.cat([part.bits for part in vt.simulate("paper", 200, batch=200)])
-    assert torch.equal(few, whole)
+def test_frames_without_end_begin_at_once_and_are_those_of_a_few():
+    whole = next(vt.simulate("paper", 140, batch=140)).bits
+    for batch in (1, 48, 100):
+        few = torch.cat([part.bits for part in vt.simulate("paper", 140, batch=batch)])
+        assert torch.equal(few, whole)
+        endless = vt.simulate("paper", 2**40, batch=batch)
+        parts = torch.cat([next(endless).bits for _ in range(2)])
+        assert torch.equal(parts[:140], whole[: len(parts)])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import sys
 import pytest
 import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
-from paper_runs import white
 
 from vocc_torch.measure import sweep as sweep_module
 from vocc_torch.receiver.classifiers.adapters import TorchClassifier
@@ -24,7 +23,7 @@ COMMANDS = {
             "experiment=classifiers",
             "device=cpu",
             "workers=1",
-            "budget.frames=32",
+            "budget.frames=16",
             "tensorboard=false",
         ),
         *(
@@ -37,7 +36,7 @@ COMMANDS = {
             "classifiers.mlp_features.training.epochs=1",
         ),
         *(
-            "rivals.scene_training_frames=64",
+            "rivals.scene_training_frames=32",
             "rivals.scene_frames=32",
         ),
         *(
@@ -52,20 +51,13 @@ COMMANDS = {
 }
 
 
-@pytest.fixture
-def undrawn(app, monkeypatch):
-    """Run the command line without drawing, and without timing a call more often than once."""
-    monkeypatch.setattr("vocc_torch.report.plots.save_figure", white)
-    return app
-
-
 # Trained on frames it is tested on
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_training_and_tests_have_no_frame_in_common(undrawn, monkeypatch, name):
+def test_training_and_tests_have_no_frame_in_common(app, monkeypatch, name):
     watch = Watch(monkeypatch)
-    ran = undrawn(*COMMANDS[name], "name=x")
+    ran = app(*COMMANDS[name], "name=x")
     assert ran.status == 0, ran.err
     assert watch.leaks() == set()
     assert (
@@ -111,7 +103,7 @@ LEAKS = {
 
 
 @pytest.mark.parametrize("leak", LEAKS, ids=lambda leak: leak.__name__)
-def test_a_leak_made_on_purpose_is_found(undrawn, monkeypatch, leak):
+def test_a_leak_made_on_purpose_is_found(app, monkeypatch, leak):
     watch = Watch(monkeypatch)
     leak(monkeypatch)
     few = (
@@ -120,7 +112,7 @@ def test_a_leak_made_on_purpose_is_found(undrawn, monkeypatch, leak):
         "classifier=lmmse",
         "name=x",
     )
-    ran = undrawn(*ONE, *few)
+    ran = app(*ONE, *few)
     assert ran.status == 0, ran.err
     assert watch.leaks() - {"frames of calibration"} == LEAKS[leak]
 
@@ -170,15 +162,15 @@ def rows_of(path):
         return {row["receiver"]: row for row in csv.DictReader(file)}
 
 
-def test_a_receiver_that_only_remembers_tosses_coins(undrawn, tmp_path):
-    assert memory_ber(undrawn, tmp_path, "x") == pytest.approx(0.5, abs=0.05)
+def test_a_receiver_that_only_remembers_tosses_coins(app, tmp_path):
+    assert memory_ber(app, tmp_path, "x") == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(
-    undrawn, tmp_path, monkeypatch
+    app, tmp_path, monkeypatch
 ):
     draws_without_names(monkeypatch)
-    assert memory_ber(undrawn, tmp_path, "x") < 0.01
+    assert memory_ber(app, tmp_path, "x") < 0.01
 
 
 HOARDER = """
@@ -194,7 +186,7 @@ class Hoarder:
 """
 
 
-def hoarded(undrawn, tmp_path, monkeypatch):
+def hoarded(app, tmp_path, monkeypatch):
     """What a classifier was ever handed, and who watched."""
     watch = Watch(monkeypatch)
     (tmp_path / "hoarder.py").write_text(HOARDER)
@@ -203,7 +195,7 @@ def hoarded(undrawn, tmp_path, monkeypatch):
         "classifiers.own.file=hoarder.py",
         "classifiers.own.build._target_=Hoarder",
     )
-    ran = undrawn(*ONE, "receiver.names=[flda_3]", *own, "name=x")
+    ran = app(*ONE, "receiver.names=[flda_3]", *own, "name=x")
     assert ran.status == 0, ran.err
     (name,) = (
         one for one in list(sys.modules) if one.startswith("vocc_torch_file_hoarder")
@@ -212,10 +204,10 @@ def hoarded(undrawn, tmp_path, monkeypatch):
 
 
 def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(
-    undrawn, tmp_path, monkeypatch
+    app, tmp_path, monkeypatch
 ):
     """Labels come with ``fit`` and at no other time; no memory lies beside what is handed over."""
-    kept, watch = hoarded(undrawn, tmp_path, monkeypatch)
+    kept, watch = hoarded(app, tmp_path, monkeypatch)
     assert [what for what, *_ in kept][:2] == ["fit", "decision_function"]
     assert {what for what, *_ in kept[1:]} == {"decision_function"}
     (_, (x, bits), named) = kept[0]

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from importlib.metadata import version
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,8 @@ from composing import built, composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import example, given
 from hypothesis import strategies as st
-from paper_runs import contents_of, rows_of
 from PIL import Image
+from run_files import contents_of, rows_of
 
 import vocc_torch as vt
 from vocc_torch.app import cli
@@ -47,7 +48,7 @@ LEARN = ("task=train", "budget.training_frames=16")
 
 def test_default_run_writes_everything(app, tmp_path):
     """``vocc-torch`` with a small budget, far from the repository."""
-    ran = app(*TINY)
+    ran = app(*TINY, drawn=True)
     assert (ran.status, ran.err) == (0, "")
     (folder,) = (tmp_path / "runs" / "test" / "ambient").iterdir()
     written = {path.name for path in folder.iterdir()}
@@ -281,7 +282,7 @@ def test_full_disk(app, tmp_path, monkeypatch, limit, failing):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:
-        complaint = app(*QUICK, "tensorboard=true", "name=x").complaint
+        complaint = app(*QUICK, "tensorboard=true", "name=x", drawn=True).complaint
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert failing in complaint
@@ -396,24 +397,37 @@ def test_the_version_is_the_packages_and_hydras(command, tmp_path):
     assert said == f"vocc-torch {vt.__version__}, hydra-core {version('hydra-core')}\n"
 
 
-SHIPPED = sorted(
-    f"{path.parent.name}={path.stem}" for path in (ROOT / "conf").glob("*/*.yaml")
-)
-OF_TEMPLATES = {
-    "classifier=own": (
+TOGETHER = ("scene", "panel", "camera", "executor")
+"""Groups whose options do not touch each other."""
+OPTIONS = {
+    folder.name: sorted(path.stem for path in folder.glob("*.yaml"))
+    for folder in (ROOT / "conf").iterdir()
+    if folder.is_dir() and folder.name != "__pycache__"
+}
+SHIPPED = [
+    *(
+        [f"{group}={name}"]
+        for group, names in OPTIONS.items()
+        if group not in (*TOGETHER, "classifier")
+        for name in names
+    ),
+    *(
+        [f"{group}={name}" for group, name in zip(TOGETHER, names, strict=True) if name]
+        for names in zip_longest(*(OPTIONS[group] for group in TOGETHER))
+    ),
+    [
+        f"classifier=[{','.join(OPTIONS['classifier'])}]",
+        # What a user adds to the options that name no class.
         f"classifiers.own.file={ROOT / 'examples/classifiers/nearest_mean.py'}",
         "classifiers.own.build._target_=NearestMean",
-    ),
-    "classifier=sklearn": (
         "classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB",
-    ),
-}
-"""What a user adds to the options that name no class."""
+    ],
+]
 
 
-@pytest.mark.parametrize("option", SHIPPED)
-def test_every_shipped_option_is_accepted(option):
-    settings = composed(option, *OF_TEMPLATES.get(option, ()))
+@pytest.mark.parametrize("words", SHIPPED, ids=" ".join)
+def test_every_shipped_option_is_accepted(words):
+    settings = composed(*words)
     built(settings)
     # A key of the schema that no file gives would be ??? at the user's.
     assert "???" not in str(settings)

@@ -150,7 +150,10 @@ def test_a_whole_frame_is_read_in_a_graph_by_a_locator_of_tensors_alone(exported
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("logistic", "decides by scikit-learn"), ("panel_otsu", "fits no ONNX graph")],
+    [
+        ("logistic", "decides by scikit-learn"),
+        pytest.param("panel_otsu", "fits no ONNX graph", marks=pytest.mark.slow),
+    ],
 )
 def test_a_receiver_that_no_graph_holds_is_refused_by_its_name(name, reason, tmp_path):
     given = next(crops(study_of(*EXPORT), 2))

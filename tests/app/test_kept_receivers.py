@@ -80,7 +80,7 @@ def mine(tmp_path_factory):
 def learned(mine):
     """Every classifier that ships, and one from outside, trained: the plan and the training."""
     brief = [
-        f"++classifiers.{name}.training={{frames: 32, epochs: 1}}" for name in NETWORKS
+        f"++classifiers.{name}.training={{frames: 16, epochs: 1}}" for name in NETWORKS
     ]
     own = (
         f"+classifiers.level.build._target_={mine}:Level",
@@ -93,7 +93,7 @@ def learned(mine):
         *brief,
         *own,
     )
-    plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=32")
+    plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=16")
     return plan, train(plan)
 
 

@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from test_resume import without_pictures
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ("examples/effects/streak.py", "examples/backdrops/photograph.py")
@@ -20,9 +19,6 @@ SHORT += (
     "tensorboard=false",
     "name=x",
 )
-
-
-pytestmark = pytest.mark.usefixtures(without_pictures.__name__)
 
 
 @pytest.fixture

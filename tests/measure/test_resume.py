@@ -11,7 +11,7 @@ from contextlib import closing
 
 import pytest
 import yaml
-from paper_runs import run_in
+from running import run_in
 
 from vocc_torch.measure import runner
 from vocc_torch.studies import curve as testing
@@ -35,19 +35,8 @@ RUN = (
 RESULTS = ("ber.csv", "paired.csv")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def without_pictures():
-    """Half of a short run's time goes into pictures, which have tests of their own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(testing.led_plots, "feature_histograms", lambda *_: None)
-        for name in ("ber_figure", "save_figure"):
-            patch.setattr(testing.plots, name, lambda *_: None)
-        patch.setattr(testing.samples, "write_samples", lambda *_: None)
-        yield
-
-
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory, without_pictures):
+def undisturbed(tmp_path_factory):
     """The folder of a run that nobody disturbed."""
     folder = tmp_path_factory.mktemp("undisturbed")
     assert run_in(folder, *RUN).status == 0

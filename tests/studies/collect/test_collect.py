@@ -6,7 +6,6 @@ import os
 
 import pytest
 import yaml
-from paper_runs import white
 from PIL import Image
 from rich.console import Console
 
@@ -24,7 +23,7 @@ from vocc_torch.studies.collect import (
 )
 
 QUICK = (
-    *("budget.frames=64", "budget.training_frames=64", "tensorboard=false"),
+    *("budget.frames=16", "budget.training_frames=16", "tensorboard=false"),
     *("receiver.names=[flda_2,flda_3]", "receiver.locator=truth"),
 )
 
@@ -70,9 +69,8 @@ def rows_of(path):
 # The whole way
 
 
-def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
+def test_a_multirun_is_collected(app, tmp_path):
     """One job and one mistake: every point is there once, beside what tells the jobs apart."""
-    monkeypatch.setattr("vocc_torch.studies.collect.save_figure", white)
     assert (
         app(
             *QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1"

@@ -10,8 +10,8 @@ import time
 import cv2
 import numpy as np
 import pytest
-from paper_runs import run_in
 from pycocotools.coco import COCO
+from running import run_in
 
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies.export import run as export

@@ -2,7 +2,8 @@
 
 import pytest
 import yaml
-from paper_runs import files_in, head_of, rows_of, run_in
+from run_files import files_in, head_of, rows_of
+from running import run_in
 
 from vocc_torch.measure.curve import COLUMNS
 

@@ -2,7 +2,7 @@
 
 import pytest
 from composing import composed
-from paper_runs import run_in
+from running import run_in
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import LedPanel

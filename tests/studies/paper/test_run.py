@@ -1,7 +1,8 @@
 """task=figures at a tiny budget: what it writes, what it judges, that it goes on, and what it refuses."""
 
 import pytest
-from paper_runs import contents_of, files_in, rows_of, run_in
+from run_files import contents_of, files_in, rows_of
+from running import run_in
 
 from vocc_torch import Receiver
 from vocc_torch.measure.curve import COLUMNS
