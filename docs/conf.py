@@ -12,6 +12,7 @@ warnings.filterwarnings("ignore", module="torch")
 
 project = "vocc_torch"
 author = "The vocc_torch authors"
+GALLERY = ["effects", "locators", "bits", "measure", "plug_ins", "extras"]
 extensions = ["myst_parser", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
 html_theme = "furo"
 html_title = "vocc_torch"
@@ -26,65 +27,78 @@ copybutton_prompt_text = ">>> "
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "gallery",
-    "filename_pattern": r"\.py$",
+    "subsection_order": ["../examples/gallery/" + name for name in GALLERY],
     "within_subsection_order": "FileNameSortKey",
-    "image_scrapers": ("matplotlib",),
-    "reset_modules": ("matplotlib",),
+    "filename_pattern": r"\.py$",
     "capture_repr": (),
     "abort_on_example_error": True,
-    "remove_config_comments": True,
-    "min_reported_time": 10,
-    "show_memory": False,
 }
-NAVIGATION = {
-    "Learn": [
-        "concepts",
-        "tutorials/measure",
-        "tutorials/decode",
-        "tutorials/plug-in",
-        "tutorials/network",
-        "tutorials/question",
-        "gallery/index",
-    ],
-    "How-to": [
-        "scenes",
-        "locators",
-        "classifiers",
-        "sweeps",
-        "cluster",
-        "export",
-        "live",
-        "dashboards",
-        "trouble",
-    ],
-    "Reference": [
-        "reference/keys",
-        "reference/columns",
-        "reference/effects",
-        "reference/api",
-        "glossary",
-    ],
-    "Explanation": [
-        "paper",
-        "assumptions",
-        "statistics",
-        "detector",
-        "architecture",
-        "numerics",
-        "performance",
-        "measurements",
-    ],
-    "Extras": ["messages", "calibration", "rare"],
-    "Project": ["contributing"],
-}
+NAVIGATION = """
+
+```{toctree}
+:hidden:
+:caption: Learn
+concepts
+tutorials/measure
+tutorials/decode
+tutorials/plug-in
+tutorials/network
+tutorials/question
+gallery/index
+```
+```{toctree}
+:hidden:
+:caption: How-to
+scenes
+locators
+classifiers
+sweeps
+cluster
+export
+live
+dashboards
+trouble
+```
+```{toctree}
+:hidden:
+:caption: Reference
+reference/keys
+reference/columns
+reference/effects
+reference/api
+glossary
+```
+```{toctree}
+:hidden:
+:caption: Explanation
+paper
+assumptions
+statistics
+detector
+architecture
+numerics
+performance
+measurements
+```
+```{toctree}
+:hidden:
+:caption: Extras
+messages
+calibration
+rare
+```
+```{toctree}
+:hidden:
+:caption: Project
+contributing
+```
+"""
 
 
 def navigation(app: Sphinx, page: str, source: list[str]) -> None:
     """Append the tables of contents to the home page, which stays plain Markdown."""
     if page == app.config.root_doc:
-        for caption, pages in NAVIGATION.items():
-            lines = [":hidden:", f":caption: {caption}", *pages]
-            source[0] += "\n".join(["\n\n```{toctree}", *lines, "```"])
+        source[0] += NAVIGATION
 
 
 def formula(translator: object, node: Element) -> None:
