@@ -1,14 +1,8 @@
 """Settings of the documentation site: ``sphinx-build -W docs site``."""
 
-import os
-import warnings
-
 from docutils.nodes import Element, SkipNode
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-warnings.filterwarnings("ignore", module="torch")
 
 project = "vocc_torch"
 author = "The vocc_torch authors"

@@ -7,7 +7,12 @@ import matplotlib.pyplot as plt
 import pytest
 
 GALLERY = Path(__file__).resolve().parent.parent / "examples/gallery"
-QUICK = ("effects/c_leds", "effects/g_fog", "bits/b_flda_alone", "plug_ins/a_effect")
+QUICK = (
+    "effects/i_rolling_shutter",
+    "effects/g_fog",
+    "bits/b_flda_alone",
+    "plug_ins/a_effect",
+)
 MOST_LINES = 40
 
 EXAMPLES = [

@@ -1,8 +1,6 @@
 """
-A network against Fisher's discriminant
-=======================================
-
-A network sees the picture of a panel, FLDA three numbers per LED. Both train on the same 640 panels.
+A network against FLDA, trained on the same 640 panels
+======================================================
 """
 
 import matplotlib.pyplot as plt
