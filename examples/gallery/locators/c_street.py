@@ -1,8 +1,8 @@
 """
-Panels in a street
-==================
+Panels in clutter
+=================
 
-The receiver that ships with the package searches whole frames for a panel among vehicles, houses and signs.
+The receiver that ships with the package searches whole frames. The clutter is of a kind that was kept for tests.
 Green is the true panel, red is where the receiver found it.
 """
 

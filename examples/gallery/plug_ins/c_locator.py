@@ -14,15 +14,9 @@ import vocc_torch as vt
 BRIGHTEST = f"{Path(__file__).parents[2]}/locators/brightest.py:Brightest"
 
 receiver = vt.train("paper", locator=BRIGHTEST, frames=64)
-scene = vt.load_scene("paper", "scene.distance_m=20")
-batch = next(vt.simulate(scene, frames=4))
+batch = next(vt.simulate(vt.load_scene("paper", "scene.distance_m=20"), frames=1))
 found = receiver(batch.frames).corners_px
-figure, axes = plt.subplots(1, 4, figsize=(9, 2.4), layout="constrained")
-for frame, ax in enumerate(axes):
-    ax.imshow(batch.frames.grey[frame, 0], cmap="gray")
-    for corners, color in ((batch.corners_px, "lime"), (found, "red")):
-        ax.fill(
-            *(corners - batch.frames.origin_px[:, None])[frame].T, fill=False, ec=color
-        )
-    ax.set(xticks=[], yticks=[])
+plt.imshow(batch.frames.grey[0, 0], cmap="gray")
+plt.fill(*(batch.corners_px - batch.frames.origin_px)[0].T, fill=False, ec="lime")
+plt.fill(*(found - batch.frames.origin_px)[0].T, fill=False, ec="red")
 plt.show()
