@@ -27,7 +27,7 @@ layers += [nn.Conv2d(24, 24, 3), nn.ReLU(), nn.Conv2d(24, 1, 1), nn.Flatten(0, 1
 network = nn.Sequential(*layers)
 optimiser = torch.optim.Adam(network.parameters(), lr=5e-3)
 flda, wrong, training = vt.FLDA(3), 0, list(panels_of(640, seed=1))
-for patches, features, bits in training * 30:
+for patches, features, bits in training * 20:
     nn.functional.soft_margin_loss(network(patches), 2.0 * bits - 1).backward()
     optimiser.step()
     optimiser.zero_grad()
