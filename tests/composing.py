@@ -1,9 +1,12 @@
 """The command line's way from words to what a task builds before it works, without running it."""
 
+from copy import deepcopy
 from pathlib import Path
 
 from hydra import compose, initialize_config_module
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
@@ -28,18 +31,27 @@ REFUSALS = (
     OverflowError,
     RecursionError,
 )
-ours = None
+CHOSEN = {}
+"""What Hydra composed, by the choices of groups."""
+
+
+def chosen(choices):
+    """The configuration of some choices of groups, which Hydra composes once; a copy."""
+    if choices not in CHOSEN:
+        GlobalHydra.instance().clear()
+        register()
+        with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+            CHOSEN[choices] = compose("config", overrides=list(choices))
+    return deepcopy(CHOSEN[choices])
 
 
 def composed(*words, raw=False):
-    """The settings of a command line, or its bare configuration; Hydra reads its files once."""
-    global ours
-    if ours is None or GlobalHydra.instance().hydra is not ours:
-        GlobalHydra.instance().clear()
-        register()
-        initialize_config_module("vocc_torch.conf", version_base="1.3")
-        ours = GlobalHydra.instance().hydra
-    config = compose("config", overrides=hydra_words(words))
+    """The settings of a command line, or its bare configuration; Hydra sets the values."""
+    taken = hydra_words(words)
+    config = chosen(tuple(word for word in taken if not word.startswith("++")))
+    values = [word for word in taken if word.startswith("++")]
+    parsed = OverridesParser.create().parse_overrides(values)
+    ConfigLoaderImpl._apply_overrides_to_config(parsed, config)
     return config if raw else resolved(config, words)
 
 
