@@ -89,7 +89,8 @@ def refuse(settings, word):
 
 def of(task):
     """A task's settings; of effects, scenes and classifiers some alone, because a study builds each."""
-    settings = composed(f"task={task}")
+    few = ["figures.readings=[board]"] if task == "figures" else []
+    settings = composed(f"task={task}", *few)
     kept = {"defocus", "night", "ambient", "distance", "dimming", "lmmse"}
     several = {
         "effects": ("parts", "severity"),
