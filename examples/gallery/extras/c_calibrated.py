@@ -25,7 +25,7 @@ height, width = recorded.shape[1:]
 camera = [f"camera.width_px={width}", f"camera.height_px={height}"]
 camera += [f"camera.sensor_width_mm={13.2 * width / 1920}"]
 command = [sys.executable, "-m", "vocc_torch", "task=calibrate", "input=recording.npy"]
-command += [*camera, "scene.distance_m=25", "name=mine"]
+command += [*camera, "name=mine"]
 subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 mine = vt.load_scene("runs/mine/scene/mine.yaml", *camera)

@@ -14,9 +14,12 @@ import vocc_torch as vt
 
 NEAREST_MEAN = f"{Path(__file__).parents[2]}/classifiers/nearest_mean.py:NearestMean"
 
-receivers = {
-    name: vt.train("paper", classifier=classifier, frames=256)
-    for name, classifier in (("flda_3", "flda_3"), ("nearest_mean", NEAREST_MEAN))
-}
-vt.measure(receivers, "paper", "distance_m", [40, 50, 60, 70], frames=256).plot()
+for classifier in ("flda_3", NEAREST_MEAN):
+    receiver = vt.train("paper", classifier=classifier, frames=256)
+    table = vt.measure(receiver, "paper", "distance_m", [40, 50, 60, 70], frames=256)
+    points = [(row.value, row.ber) for row in table.rows]
+    plt.semilogy(*zip(*points, strict=True), "o-", label=receiver.name)
+plt.xlabel("distance (m)")
+plt.ylabel("bit error rate")
+plt.legend()
 plt.show()
