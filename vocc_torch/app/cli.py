@@ -1,6 +1,7 @@
 """The command line: one Hydra application, errors in one line, status 2 for a user's mistake."""
 
 import contextlib
+import gc
 import io
 import os
 import re
@@ -106,7 +107,15 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     section = [] if task.part is None else [getattr(settings, task.part)]
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     run_it = getattr(import_module(f"vocc_torch.{module}"), name)
+    collect_again()
     run_it(settings, *section, folder)
+
+
+def collect_again() -> None:
+    """Begin to collect garbage where that has waited for modules to load, whose objects all stay."""
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
 
 
 def discard_if_empty(folder: Path) -> None:
