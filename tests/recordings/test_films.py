@@ -14,7 +14,7 @@ from test_pictures import read_to_the_end
 from vocc_torch.errors import VoccError
 from vocc_torch.recordings.films import read_film
 from vocc_torch.recordings.frames import FilmGrey
-from vocc_torch.recordings.reading import read_recording
+from vocc_torch.recordings.reading import expected_frames, read_recording
 from vocc_torch.recordings.streams import CAMERA_QUEUE_FRAMES, LiveStream
 
 
@@ -67,6 +67,18 @@ def test_a_film_frame_by_frame(frames, tmp_path, name, grey_only):
         < 4
     )
     assert isinstance(read[0].grey, FilmGrey) == grey_only
+
+
+def test_the_frames_of_a_film_and_of_a_folder_are_known_before_they_are_read(
+    frames, tmp_path
+):
+    write_film(tmp_path / "film.mp4", frames)
+    assert expected_frames(tmp_path / "film.mp4") == len(frames)
+    (tmp_path / "no film.mp4").write_bytes(b"text")
+    assert expected_frames(tmp_path / "no film.mp4") == 0
+    for number, grey in enumerate(frames):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), grey)
+    assert expected_frames(tmp_path) == len(frames)
 
 
 @pytest.mark.parametrize("degrees", [90, 180, 270])

@@ -2,6 +2,7 @@
 
 import io
 import re
+from itertools import islice
 
 import pytest
 from made_up_points import made_up_point
@@ -10,7 +11,7 @@ from rich.console import Console
 
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.report.styles import rate_text
-from vocc_torch.report.terminal import StudyView, print_table
+from vocc_torch.report.terminal import ProgressView, StudyView, print_table
 
 OURS = [
     "center_greyscale",
@@ -89,6 +90,16 @@ def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twi
         f"ambient_lx={value}: 2000 frames, the whole budget"
         for value in (1000, 8000, 32000)
     ]
+
+
+def test_counted_items_show_the_share_done_and_the_time_left():
+    screen, text = console(terminal=True)
+    with ProgressView(4, screen) as view:
+        passed = [*islice(view.counted("abcd", "decoding"), 3)]
+        view._bar.refresh()
+        during = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text())
+    assert passed == ["a", "b", "c"]
+    assert re.search(r"decoding .* 50 % .* left", during)
 
 
 def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():

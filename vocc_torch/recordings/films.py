@@ -81,6 +81,16 @@ def read_film(
         raise VoccError(f"input {path} is a video without frames")
 
 
+def promised_frames(path: Path) -> int:
+    """Number of frames that the header of a film speaks of; 0 where it cannot be read."""
+    av = av_library(str(path))
+    try:
+        with av.open(f"file:{path.absolute()}") as container:
+            return declared_frames(container, container.streams.video[0], av.time_base)
+    except (av.error.FFmpegError, IndexError, ValueError):
+        return 0
+
+
 def declared_frames(container: Any, stream: Any, ticks_per_s: int) -> int:
     """Number of frames that a film's header speaks of, or that follow from its length and rate."""
     length_s = (stream.duration or 0) * float(stream.time_base or 0)

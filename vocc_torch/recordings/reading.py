@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from vocc_torch.errors import VoccError, shown
-from vocc_torch.files import VIDEO_SUFFIXES
-from vocc_torch.recordings.films import read_film
+from vocc_torch.files import PICTURE_SUFFIXES, VIDEO_SUFFIXES
+from vocc_torch.recordings.films import promised_frames, read_film
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.pictures import (
     read_array,
@@ -55,6 +55,13 @@ def read_recording(
     if path.suffix.lower() == ARRAY_SUFFIX:
         return read_greys(path)
     return read_picture(path, channel)
+
+
+def expected_frames(path: Path) -> int:
+    """Number of frames that a recording most likely has: those of a film, or the pictures of a folder."""
+    if path.is_dir():
+        return sum(part.suffix.lower() in PICTURE_SUFFIXES for part in path.iterdir())
+    return promised_frames(path) if path.suffix.lower() in VIDEO_SUFFIXES else 1
 
 
 def read_source(source: object, channel: str) -> Iterator[RecordedFrame]:

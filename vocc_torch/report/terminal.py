@@ -1,11 +1,11 @@
 """What the terminal shows: progress while a run goes on, and the table of its rates at the end."""
 
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Self
+from typing import Any
 
-from rich import box, progress
+from rich import box
 from rich.console import Console as Console
 from rich.table import Table
 from rich.text import Text as Text
@@ -14,6 +14,8 @@ from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.report import page
 from vocc_torch.report.folder import say
+from vocc_torch.report.progress import Below as Below
+from vocc_torch.report.progress import ProgressView as ProgressView
 from vocc_torch.report.styles import (
     LOOKS,
     axis_label,
@@ -23,9 +25,6 @@ from vocc_torch.report.styles import (
 )
 
 Values = Sequence[float]
-
-Below = Callable[[], Table]
-"""Draws what stands under a bar."""
 
 
 def plain_table(*heads: str, **look: Any) -> Table:
@@ -126,34 +125,6 @@ def ber_table(
     return candidate
 
 
-class _Bar(progress.Progress):
-    """A bar over what stands under it: a terminal too low for all loses the end."""
-
-    below: Below | None = None
-
-    def get_renderables(self) -> Iterator[Any]:
-        yield from super().get_renderables()
-        if self.below is not None:
-            yield self.below()
-
-
-class _Speed(progress.ProgressColumn):
-    """Units a second over the last while.
-
-    Args:
-        unit: name of a unit; empty for no speed.
-    """
-
-    def __init__(self, unit: str) -> None:
-        self._unit = unit
-        super().__init__()
-
-    def render(self, task: progress.Task) -> Text:
-        speed = task.finished_speed or task.speed
-        text = "" if speed is None or not self._unit else f"{speed:,.0f} {self._unit}/s"
-        return Text(text, style="progress.data.speed")
-
-
 def print_table(table: BerTable, console: Console | None = None) -> None:
     """Print the finished table; without colours or control codes where the output is no terminal.
 
@@ -189,74 +160,6 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     about, *lines = text.splitlines()
     console.print(Text(about, style="dim"))
     say(console, *lines)
-
-
-class ProgressView:
-    """A progress bar over all frames of a run, as a context manager; without a terminal, lines alone.
-
-    Args:
-        frames: how many in all.
-        console: where to draw; standard output by default.
-        doing: what is done first.
-        below: draws what stands under the bar.
-        unit: what is counted; empty for no speed.
-
-    Example:
-        >>> with ProgressView(128, Console(width=60)) as view:
-        ...     view.advance("ambient", 128)
-        ...     view.say("ambient is measured")
-        ambient is measured
-    """
-
-    def __init__(
-        self,
-        frames: float,
-        console: Console | None = None,
-        doing: str = "training",
-        below: Below | None = None,
-        unit: str = "frames",
-    ) -> None:
-        """Prepare the view; nothing is drawn before the context is entered."""
-        self.console = console or Console()
-        drawn = self.console.is_terminal and not self.console.is_dumb_terminal
-        self._bar = _Bar(
-            "{task.description}",
-            progress.BarColumn(None),
-            "{task.percentage:>3.0f} %",
-            _Speed(unit),
-            progress.TimeRemainingColumn(),
-            "left",
-            console=self.console,
-            disable=not drawn,
-            refresh_per_second=4,
-            transient=True,
-            expand=True,
-        )
-        self._bar.below = below
-        self._bar.add_task(doing, total=frames)
-        (self._task,) = self._bar.tasks
-
-    def __enter__(self) -> Self:
-        """Start drawing, where there is a terminal to draw on."""
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Clear the live view; what was printed around it stays."""
-        self._bar.stop()
-
-    @property
-    def done(self) -> float:
-        """Frames counted so far."""
-        return self._task.completed
-
-    def advance(self, doing: str, frames: float) -> None:
-        """Count frames that were run now, and name what is under way."""
-        self._bar.update(self._task.id, advance=frames, description=doing)
-
-    def say(self, text: str) -> None:
-        """Print a line that stays."""
-        say(self.console, text)
 
 
 class StudyView(ProgressView):

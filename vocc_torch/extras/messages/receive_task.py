@@ -20,9 +20,9 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for, settings_used
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame
-from vocc_torch.recordings.reading import read_recording, readable
+from vocc_torch.recordings.reading import expected_frames, read_recording, readable
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report.terminal import Console
+from vocc_torch.report.terminal import Console, ProgressView
 
 BATCH_FRAMES = 64
 """Frames read at a time."""
@@ -123,10 +123,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
 
     try:
         # The other cores decode: torch's threads would spin there.
-        with timing.threads(1):
-            take(
-                receive(receiver, reception, front, chain(first, recording), config.fps)
-            )
+        with timing.threads(1), ProgressView(expected_frames(source), console) as view:
+            frames = view.counted(chain(first, recording), "receiving")
+            take(receive(receiver, reception, front, frames, config.fps))
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
         take(reception.finish())

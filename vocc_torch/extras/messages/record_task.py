@@ -17,7 +17,7 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import PanelSettings, Settings
 from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report.terminal import Console
+from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.effects.coding import Quantization
@@ -114,8 +114,10 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     with (
         atomic_file(folder / "recording.npy") as temporary,
         temporary.open("wb") as file,
+        ProgressView(count, doing="recording") as view,
     ):
-        write_video(folder / "recording.mp4", pictures(), config.fps, config.quality)
+        frames = view.counted(pictures(), "recording")
+        write_video(folder / "recording.mp4", frames, config.fps, config.quality)
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
     for name, sent in further_films(simulator, torch.from_numpy(film), key).items():

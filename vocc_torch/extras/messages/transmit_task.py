@@ -14,7 +14,7 @@ from vocc_torch.files import atomic_file, read_file, write_atomically
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.config import Settings
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report.terminal import Console
+from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
 
 LARGEST_BYTES = 1 << 24
@@ -50,7 +50,9 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
         np.kron(picture, np.ones((config.cell_px, config.cell_px), np.uint8))
         for picture in pictures
     )
-    write_video(folder / "film.mp4", large, config.symbol_rate_hz)
+    with ProgressView(len(film), console, "writing") as view:
+        frames = view.counted(large, "writing")
+        write_video(folder / "film.mp4", frames, config.symbol_rate_hz)
     with atomic_file(folder / FRAMES) as temporary:
         np.save(temporary, film)
     write_atomically(folder / PLAN, plan.text.encode())

@@ -1,8 +1,8 @@
 """``task=decode``: the command's layer over :mod:`vocc_torch.studies.decode.decoder`."""
 
 import shutil
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from itertools import chain, islice
 from pathlib import Path
@@ -15,7 +15,12 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED
 from vocc_torch.recordings.frames import RecordedFrame, turned
-from vocc_torch.recordings.reading import ALLOWED, read_recording, readable
+from vocc_torch.recordings.reading import (
+    ALLOWED,
+    expected_frames,
+    read_recording,
+    readable,
+)
 from vocc_torch.recordings.streams import LiveStream, is_stream
 from vocc_torch.report.folder import (
     print_places,
@@ -79,18 +84,21 @@ def run_files(
     receiver, recording, choice = receiver_of(settings, config, folder, recording)
     if choice is not None:
         print_line(console, str(choice))
-    decoding = readings_of(receiver, recording, config)
-    print_line(console, decoding.channel)
     summary = Summary()
     album = Album(folder, config.scale)
     viewer = Viewer() if config.show else None
+    total = expected_frames(Path(settings.input or ""))
     try:
-        for reading in decoding.readings:
-            summary.add(reading)
-            if reading.found and config.annotate and reading.frame.time_s is None:
-                album.add(reading)
-            if viewer is not None:
-                viewer.show(reading)
+        with progress(total, console) as advance:
+            decoding = readings_of(receiver, recording, config)
+            print_line(console, decoding.channel)
+            for reading in decoding.readings:
+                summary.add(reading)
+                advance(summary.frames)
+                if reading.found and config.annotate and reading.frame.time_s is None:
+                    album.add(reading)
+                if viewer is not None:
+                    viewer.show(reading)
     except BaseException:
         shutil.rmtree(album.folder, ignore_errors=True)
         raise
@@ -113,6 +121,19 @@ def run_files(
     if failures:
         rest = f"bits.csv has the {summary.frames} frames that could be read"
         raise VoccError(f"{failures[0]}; {rest}")
+
+
+@contextmanager
+def progress(total: int, console: Console) -> Iterator[Callable[[int], None]]:
+    """Show how many frames are decoded, and the time left, where there are several."""
+    if total < 2:
+        yield lambda frames: None
+        return
+    # Loaded here because a single picture needs no bar.
+    from vocc_torch.report.progress import ProgressView
+
+    with ProgressView(total, console, "decoding") as view:
+        yield lambda frames: view.advance("decoding", frames - view.done)
 
 
 def run_live(

@@ -1,0 +1,118 @@
+"""A progress bar with the time left, on a terminal alone."""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Self, TypeVar
+
+from rich import progress
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from vocc_torch.report.folder import say
+
+T = TypeVar("T")
+
+Below = Callable[[], Table]
+"""Draws what stands under a bar."""
+
+
+class _Bar(progress.Progress):
+    """A bar over what stands under it: a terminal too low for all loses the end."""
+
+    below: Below | None = None
+
+    def get_renderables(self) -> Iterator[Any]:
+        yield from super().get_renderables()
+        if self.below is not None:
+            yield self.below()
+
+
+class _Speed(progress.ProgressColumn):
+    """Units a second over the last while.
+
+    Args:
+        unit: name of a unit; empty for no speed.
+    """
+
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
+        super().__init__()
+
+    def render(self, task: progress.Task) -> Text:
+        speed = task.finished_speed or task.speed
+        text = "" if speed is None or not self._unit else f"{speed:,.0f} {self._unit}/s"
+        return Text(text, style="progress.data.speed")
+
+
+class ProgressView:
+    """A progress bar over all frames of a run, as a context manager; without a terminal, lines alone.
+
+    Args:
+        frames: how many in all.
+        console: where to draw; standard output by default.
+        doing: what is done first.
+        below: draws what stands under the bar.
+        unit: what is counted; empty for no speed.
+
+    Example:
+        >>> with ProgressView(128, Console(width=60)) as view:
+        ...     view.advance("ambient", 128)
+        ...     view.say("ambient is measured")
+        ambient is measured
+    """
+
+    def __init__(
+        self,
+        frames: float,
+        console: Console | None = None,
+        doing: str = "training",
+        below: Below | None = None,
+        unit: str = "frames",
+    ) -> None:
+        """Prepare the view; nothing is drawn before the context is entered."""
+        self.console = console or Console()
+        drawn = self.console.is_terminal and not self.console.is_dumb_terminal
+        self._bar = _Bar(
+            "{task.description}",
+            progress.BarColumn(None),
+            "{task.percentage:>3.0f} %",
+            _Speed(unit),
+            progress.TimeRemainingColumn(),
+            "left",
+            console=self.console,
+            disable=not drawn,
+            refresh_per_second=4,
+            transient=True,
+            expand=True,
+        )
+        self._bar.below = below
+        self._bar.add_task(doing, total=frames)
+        (self._task,) = self._bar.tasks
+
+    def __enter__(self) -> Self:
+        """Start drawing, where there is a terminal to draw on."""
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Clear the live view; what was printed around it stays."""
+        self._bar.stop()
+
+    @property
+    def done(self) -> float:
+        """Frames counted so far."""
+        return self._task.completed
+
+    def advance(self, doing: str, frames: float) -> None:
+        """Count frames that were run now, and name what is under way."""
+        self._bar.update(self._task.id, advance=frames, description=doing)
+
+    def counted(self, items: Iterable[T], doing: str) -> Iterator[T]:
+        """Pass items on, each counted when the next one is asked for."""
+        for item in items:
+            yield item
+            self.advance(doing, 1)
+
+    def say(self, text: str) -> None:
+        """Print a line that stays."""
+        say(self.console, text)
