@@ -4,7 +4,6 @@ import gc
 import os
 import signal
 import sys
-from importlib.metadata import version
 
 from vocc_torch import __version__
 from vocc_torch.errors import stdout_refusal
@@ -54,6 +53,8 @@ def main() -> None:
 def answer() -> int:
     """Answer the process's arguments and give the exit status."""
     if "--version" in sys.argv[1:]:
+        from importlib.metadata import version
+
         print(f"vocc-torch {__version__}, hydra-core {version('hydra-core')}")
         return 0
     if sys.argv[1:] == ["doctor"]:

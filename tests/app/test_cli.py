@@ -1,6 +1,7 @@
 """The command line as a user meets it: what runs write, and one line for every mistake."""
 
 import csv
+import gc
 import os
 import re
 import resource
@@ -506,3 +507,14 @@ def test_a_sweep_of_inputs_stays_one(tmp_path, monkeypatch):
     Path("a,b.png").touch()
     assert cli.with_quoted_input("input=a,b.png", sweeps=True) == "input='a,b.png'"
     assert cli.with_quoted_input("seed=[1,2]", sweeps=False) == "seed=[1,2]"
+
+
+def test_garbage_is_collected_again_once_all_is_loaded():
+    gc.disable()
+    try:
+        cli.collect_again()
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.enable()
+        gc.unfreeze()
