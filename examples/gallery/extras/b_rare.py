@@ -19,6 +19,7 @@ BUDGETS = {"counted": "budget.frames=4096", "weighted": "budget=rare"}
 os.chdir(tempfile.mkdtemp())
 command = [sys.executable, "-m", "vocc_torch", "receiver.locator=truth"]
 command += ["receiver.names=[flda_3]", "experiment.values=[1800]"]
+command += ["panel.rows=4", "panel.columns=4", "budget.training_frames=256"]
 runs = [
     subprocess.Popen([*command, budget, f"name={name}"], stdout=subprocess.DEVNULL)
     for name, budget in BUDGETS.items()

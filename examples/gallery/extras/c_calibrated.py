@@ -2,8 +2,7 @@
 A calibrated scene
 ==================
 
-``task=calibrate`` fits a scene to a recording, here to simulated frames whose values are known.
-The calibrated scene then simulates frames that look like those of the recording.
+``task=calibrate`` fits a scene to a recording, here to simulated frames whose blooming is known.
 """
 
 import os
@@ -16,13 +15,15 @@ import numpy as np
 
 import vocc_torch as vt
 
+PANEL = ["panel.rows=4", "panel.columns=4"]
+
 os.chdir(tempfile.mkdtemp())
 effects = {"blooming": {"sigma_px": 2.2}, "saturation": {}, "quantization": {}}
-scene = vt.load_scene({"distance_m": 25, "offset_x_m": 0, "effects": effects})
-recorded = next(vt.simulate(scene, frames=8)).frames.grey[:, 0]
+scene = vt.load_scene({"distance_m": 20, "effects": effects}, *PANEL)
+recorded = next(vt.simulate(scene, frames=4)).frames.grey[:, 0]
 np.save("recording.npy", recorded)
 height, width = recorded.shape[1:]
-camera = [f"camera.width_px={width}", f"camera.height_px={height}"]
+camera = [*PANEL, f"camera.width_px={width}", f"camera.height_px={height}"]
 camera += [f"camera.sensor_width_mm={13.2 * width / 1920}"]
 command = [sys.executable, "-m", "vocc_torch", "task=calibrate", "input=recording.npy"]
 command += [*camera, "name=mine"]
