@@ -23,9 +23,9 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("path", EXAMPLES)
-def test_examples_draw_a_picture(path, monkeypatch, tmp_path):
+def test_examples_draw_a_picture(path, monkeypatch):
     pytest.importorskip("sklearn")
-    monkeypatch.chdir(tmp_path)  # and back, where an example goes elsewhere
+    monkeypatch.chdir(path.parent)  # and back, where an example goes elsewhere
     plt.switch_backend("agg")
     plt.close("all")
     runpy.run_path(str(path))

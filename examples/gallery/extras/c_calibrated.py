@@ -29,7 +29,7 @@ command = [sys.executable, "-m", "vocc_torch", "task=calibrate", "input=recordin
 command += [*camera, "name=mine"]
 subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
-mine = vt.load_scene("runs/mine/scene/mine.yaml", *camera)
+mine = vt.load_scene("runs/mine/scene/mine.yaml", *PANEL)
 plt.figure(figsize=(7, 3.6), layout="constrained")
 plt.subplot(1, 2, 1, title="recorded, blooming 2.2 px")
 plt.imshow(recorded[0], cmap="gray", vmin=0, vmax=255)

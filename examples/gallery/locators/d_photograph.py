@@ -5,13 +5,11 @@ Bits of a photograph
 ``decode`` reads a photograph of a real panel with the receiver that ships with the package.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 
 import vocc_torch as vt
 
-photograph = Path(__file__).parents[3] / "tests/data/led-panel-8x8-photo.png"
+photograph = "../../../tests/data/led-panel-8x8-photo.png"
 reading = next(vt.decode(photograph))
 
 plt.figure(figsize=(7, 3.4), layout="constrained")

@@ -6,13 +6,11 @@ An effect of your own
 its file and class.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 
 import vocc_torch as vt
 
-STREAK = f"{Path(__file__).parents[2]}/effects/streak.py:Streak"
+STREAK = "../../effects/streak.py:Streak"
 
 figure, axes = plt.subplots(1, 3, figsize=(9, 3.2), layout="constrained")
 for ax, share in zip(axes, (0.01, 0.3, 0.6), strict=True):

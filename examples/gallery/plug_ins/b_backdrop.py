@@ -5,14 +5,12 @@ A backdrop of your own
 ``examples/backdrops/photograph.py`` stretches a photograph over the sensor, behind the panel.
 """
 
-from pathlib import Path
-
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 
 import vocc_torch as vt
 
-PHOTOGRAPH = f"{Path(__file__).parents[2]}/backdrops/photograph.py:Photograph"
+PHOTOGRAPH = "../../backdrops/photograph.py:Photograph"
 
 file = f"{mpl.get_data_path()}/sample_data/grace_hopper.jpg"
 street = {"_target_": PHOTOGRAPH, "file": file}

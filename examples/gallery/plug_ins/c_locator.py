@@ -5,13 +5,11 @@ A locator of your own
 ``examples/locators/brightest.py`` takes the box around the brightest pixels (red). The true panel is green.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 
 import vocc_torch as vt
 
-BRIGHTEST = f"{Path(__file__).parents[2]}/locators/brightest.py:Brightest"
+BRIGHTEST = "../../locators/brightest.py:Brightest"
 
 receiver = vt.train("paper", locator=BRIGHTEST, frames=64)
 batch = next(vt.simulate(vt.load_scene("paper", "scene.distance_m=20"), frames=1))

@@ -6,13 +6,11 @@ A classifier of your own
 It is measured on the frames of ``flda_3``.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 
 import vocc_torch as vt
 
-NEAREST_MEAN = f"{Path(__file__).parents[2]}/classifiers/nearest_mean.py:NearestMean"
+NEAREST_MEAN = "../../classifiers/nearest_mean.py:NearestMean"
 
 for classifier in ("flda_3", NEAREST_MEAN):
     receiver = vt.train("paper", classifier=classifier, frames=256)

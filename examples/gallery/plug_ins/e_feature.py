@@ -6,13 +6,11 @@ A feature of your own
 LED stands out. FLDA takes it beside the paper's features.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 
 import vocc_torch as vt
 
-DEVIATION = f"{Path(__file__).parents[2]}/features/cell_deviation.py:cell_deviation"
+DEVIATION = "../../features/cell_deviation.py:cell_deviation"
 
 scene = vt.load_scene("paper", "scene.distance_m=30")
 features = ["agr", "gri", "ngr", DEVIATION]
