@@ -1,17 +1,16 @@
-"""Calibrate the locators that state false alarms: greatest scores on streets without a panel, to a table.
+"""Calibrate the detector: greatest scores of street frames without a panel, to a table.
 
-    python benchmarks/false_alarms.py --frames 3000
-    python benchmarks/false_alarms.py --first 3000 --frames 1000 --locators learned --shapes 8x8
+    python benchmarks/false_alarms.py --shapes 4x4 8x8 16x16 --frames 3000
+    python benchmarks/false_alarms.py --first 3000 --frames 3000
     python benchmarks/false_alarms.py --frames 0
 
-The frames are of the scenes ``street`` and ``street_night``, eight of each in turn, with no panel in them,
-under a key that nothing else uses. Each is drawn once for all locators and shapes, and its greatest scores go
-to docs/results/false_alarms at once: what stands there is not done again, so a run that was killed goes on,
-and several may do ranges apart from one another. At the end, or with no frames at once, the package's table
-is written anew from all that stands there, and docs/results/false_alarms.csv, which says how good it is:
-bounds of 95 % about one false alarm in 1000 frames, by the tail and by counting, and whether the tail is
-exponential: the shape of a generalized Pareto tail (0, or below: then the table says too many), and Anderson
-and Darling's statistic (1.32 and more has a chance of 5 %).
+The frames are of the scenes ``street`` and ``street_night``, eight of each in turn, under keys that nothing else
+uses. A frame is drawn once, and one pyramid of it serves every shape. Greatest scores are appended to a file in
+docs/results/false_alarms that is named by the digest of the weights: an interrupted run goes on, and several
+processes may do ranges. At the end the package's table is written from all scores of these weights, and
+docs/results/false_alarms.csv says how good it is: 95 % bounds about one false alarm in 1000 frames, by the tail
+and by counting, the shape of a generalized Pareto tail (0 is exponential; below, the table says too many), and
+Anderson and Darling's statistic (1.32 and more has a chance of 5 %).
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-from collections.abc import Callable, Iterator
 from functools import lru_cache
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -29,47 +28,28 @@ from scipy.stats import genpareto
 
 import vocc_torch as vt
 from vocc_torch import PanelShape
+from vocc_torch.files import file_digest
 from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.measure.link import rendered
 from vocc_torch.measure.plan import World
-from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, read_table, write_table
-from vocc_torch.receiver.locators.learned import LearnedLocator, sighted
+from vocc_torch.receiver.detector.pipeline import candidates, with_surround
+from vocc_torch.receiver.detector.pyramid import Pyramid
+from vocc_torch.receiver.detector.weights import SHIPPED, Networks, load_networks
+from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, write_table
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import Frames
 
+LOCATOR = "detector"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 SCORES = RESULTS / "false_alarms"
 WORLDS = (("street", "calibration"), ("street_night", "calibration by night"))
 """Scenes, and the keys of their frames: by one key a street by night would be that of a day, in the dark."""
-BATCH, NONE, CHECKED = 8, -99.0, 6
+BATCH = 8
 STATED = 1e-3
 HEAD = (
-    "locator",
-    "rows",
-    "columns",
-    "frames",
-    "score",
-    "greatest",
-    "tail_frames",
-    "low",
-    "high",
-    "above",
+    "locator,rows,columns,frames,score,greatest,tail_frames,low,high,above,"
+    "above_low,above_high,pareto_shape,shape_low,shape_high,anderson_darling"
 )
-HEAD += (
-    "above_low",
-    "above_high",
-    "pareto_shape",
-    "shape_low",
-    "shape_high",
-    "anderson_darling",
-)
-Key = tuple[str, PanelShape]
-
-
-def scores(name: str) -> Callable[[Frames, PanelShape], torch.Tensor]:
-    """Give what scores the panels that one frame may show, as the table takes them."""
-    net = LearnedLocator().net(torch.device("cpu"))
-    return lambda frame, shape: sighted(net, frame, shape)[1]
 
 
 @lru_cache
@@ -81,163 +61,113 @@ def empty(scene: str) -> World:
 def drawn(batch: int) -> Frames:
     """Draw a batch of panel-free frames: eight of a scene, then eight of the other, and on."""
     scene, point = WORLDS[batch % 2]
-    world, at = empty(scene), batch // 2 * BATCH
-    block, rows = (
-        BlockKey(0, point, at // BLOCK_FRAMES),
-        range(at % BLOCK_FRAMES, BLOCK_FRAMES, BATCH),
-    )
+    world, start = empty(scene), batch // 2 * BATCH
+    block = BlockKey(0, point, start // BLOCK_FRAMES)
+    rows = range(start % BLOCK_FRAMES, BLOCK_FRAMES, BATCH)
     return next(rendered(world.simulator(), world.scene, [block], rows, False))[-1][0]
 
 
-def path_of(key: Key) -> Path:
-    """Name the file of a locator's scores for a shape."""
-    return SCORES / f"{key[0]}_{key[1].rows}x{key[1].columns}.csv"
+def scores_file() -> Path:
+    """Name the file of scores of the weights that ship."""
+    weights = resources.files("vocc_torch.receiver.detector") / SHIPPED
+    return SCORES / f"{LOCATOR}_{file_digest(str(weights))[:12]}.csv"
 
 
-def read_scores(key: Key) -> dict[int, float]:
-    """Read each frame's greatest score."""
-    if not path_of(key).exists():
+def read_scores(path: Path) -> dict[tuple[int, str], float]:
+    """Read greatest scores by frame and shape; minus infinity where a frame has no candidate."""
+    if not path.exists():
         return {}
-    with path_of(key).open(newline="", encoding="utf-8") as file:
-        return {
-            int(row[0]): float(row[1])
-            for row in list(csv.reader(file))[1:]
-            if len(row) == 2 and row[1]
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.reader(file) if len(row) == 3]
+    return {(int(frame), shape): float(score) for frame, shape, score in rows}
+
+
+def greatest(networks: Networks, frame: Frames, shapes: list[str]) -> dict[str, float]:
+    """Score the best candidate of one frame for each shape."""
+    pyramid = Pyramid.of(with_surround(frame)[0])
+    found = {}
+    for text in shapes:
+        _, odds = candidates(networks, pyramid, shape_of(text))
+        found[text] = max(odds.tolist(), default=-math.inf)
+    return found
+
+
+def shape_of(text: str) -> PanelShape:
+    """Read a shape, rows x columns."""
+    return PanelShape(*map(int, text.split("x")))
+
+
+def score(path: Path, frames: range, shapes: list[str]) -> None:
+    """Append the scores that are missing of a range of frames."""
+    networks, known = load_networks(None, torch.device("cpu")), read_scores(path)
+    path.parent.mkdir(exist_ok=True)
+    for batch in range(frames.start // BATCH, math.ceil(frames.stop / BATCH)):
+        first = batch * BATCH
+        numbers = range(max(first, frames.start), min(first + BATCH, frames.stop))
+        missing = {
+            number: [text for text in shapes if (number, text) not in known]
+            for number in numbers
         }
+        if not any(missing.values()):
+            continue
+        drawing, lines = drawn(batch), []
+        for number, some in missing.items():
+            frame = drawing[number - first : number - first + 1]
+            for text, best in greatest(networks, frame, some).items():
+                lines.append(f"{number},{text},{best:.4f}\n")
+        with path.open("a", encoding="utf-8") as file:
+            file.write("".join(lines))
+        print(f"{numbers.stop - frames.start} of {len(frames)}", flush=True)
 
 
-def append_scores(key: Key, found: dict[int, float]) -> None:
-    """Add frames' greatest scores, in one piece."""
-    path, text = (
-        path_of(key),
-        "".join(f"{frame},{score:.4f}\n" for frame, score in found.items()),
-    )
-    start = "" if path.exists() and path.read_bytes().endswith(b"\n") else "\n"
-    with path.open("a", encoding="utf-8") as file:
-        file.write(("" if path.stat().st_size else "frame,score") + start + text)
-
-
-def greatest(
-    score: Callable[[Frames, PanelShape], torch.Tensor],
-    frame: Frames,
-    shape: PanelShape,
-) -> float:
-    """Score one frame's best place."""
-    return max(score(frame, shape).tolist(), default=NONE)
-
-
-def scored(keys: list[Key], frames: range) -> Iterator[int]:
-    """Score what is missing of frames, and yield how many are done.
-
-    Raises:
-        SystemExit: scores stand there that the locator does not give any more.
-    """
-    judges = {name: scores(name) for name in {name for name, _ in keys}}
-    done = {key: read_scores(key) for key in keys}
-    SCORES.mkdir(exist_ok=True)
-    with torch.inference_mode():
-        for key, known in done.items():
-            some = [one for one, score in known.items() if score > NONE]
-            for frame in some[:: max(1, len(some) // CHECKED)][:CHECKED]:
-                now = greatest(
-                    judges[key[0]], drawn(frame // BATCH)[frame % BATCH :][:1], key[1]
-                )
-                if abs(now - known[frame]) > 1e-3:
-                    told = f"frame {frame} has {known[frame]:g} there and {now:g} now: delete the file"
-                    raise SystemExit(
-                        f"{path_of(key)} holds scores of another locator: {told}"
-                    )
-        for batch in range(frames.start // BATCH, math.ceil(frames.stop / BATCH)):
-            wanted = range(
-                max(batch * BATCH, frames.start), min((batch + 1) * BATCH, frames.stop)
-            )
-            missing = {
-                key: [one for one in wanted if one not in known]
-                for key, known in done.items()
-            }
-            if any(missing.values()):
-                seen = drawn(batch)
-                for key, some in missing.items():
-                    rows = [(one, seen[one % BATCH :][:1]) for one in some]
-                    append_scores(
-                        key,
-                        {
-                            one: greatest(judges[key[0]], row, key[1])
-                            for one, row in rows
-                        },
-                    )
-            yield wanted.stop - frames.start
-
-
-def judged(row: FalseAlarms, found: torch.Tensor) -> list[str]:
+def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     """Say how good a table's row is, as ``HEAD`` has it."""
     at, floor = row.score_at(STATED), row.floors[-1]
     excess = found[found > floor].sub(floor).sort().values.numpy()
     above = int((found >= at).sum())
-    counted, bent = (
-        clopper_pearson(above, len(found)),
-        float(genpareto.fit(excess, floc=0)[0]),
-    )
+    counted = clopper_pearson(above, len(found))
+    bent = float(genpareto.fit(excess, floc=0)[0])
     # Of tails that end so abruptly likelihood has no such bounds.
     spread = 1.96 * (1 + bent) / math.sqrt(len(excess)) if bent > -0.5 else math.nan
     below = np.clip(1 - np.exp(-excess / excess.mean()), 1e-12, 1 - 1e-12)
     odd = 2 * np.arange(len(excess)) + 1
-    apart = -len(excess) - float(
-        (odd * (np.log(below) + np.log(1 - below[::-1]))).mean()
-    )
-    told = [
-        at,
-        float(found.max()),
-        row.above[-1],
-        *row.interval(at),
-        above,
-        counted.low,
-        counted.high,
-    ]
-    told += [bent, bent - spread, bent + spread, apart * (1 + 0.6 / len(excess))]
-    return [
-        row.locator,
-        *map(str, (row.rows, row.columns, row.frames)),
-        *(f"{one:.4g}" for one in told),
-    ]
+    terms = odd * (np.log(below) + np.log(1 - below[::-1]))
+    darling = -len(excess) - float(terms.mean())
+    numbers = [at, float(found.max()), row.above[-1], *row.interval(at)]
+    numbers += [above, counted.low, counted.high, bent, bent - spread, bent + spread]
+    numbers.append(darling * (1 + 0.6 / len(excess)))
+    start = [row.locator, *map(str, (row.rows, row.columns, row.frames))]
+    return start + [f"{number:.4g}" for number in numbers]
+
+
+def write_tables(known: dict[tuple[int, str], float]) -> None:
+    """Write the package's table, and how good it is."""
+    shapes = sorted({text for _, text in known}, key=lambda text: shape_of(text).leds)
+    rows, lines = [], [HEAD.split(",")]
+    for text in shapes:
+        maxima = [best for (_, other), best in known.items() if other == text]
+        found = torch.tensor(maxima, dtype=torch.float64)
+        rows.append(FalseAlarms.of(LOCATOR, shape_of(text), found))
+        lines.append(quality(rows[-1], found))
+        print(dict(zip(lines[0], lines[-1], strict=True)), flush=True)
+    write_table(TABLE, rows)
+    with (RESULTS / "false_alarms.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(lines)
 
 
 def main() -> None:
     """Score, and write both tables."""
-    parser = argparse.ArgumentParser(description="False alarms of the locators.")
+    parser = argparse.ArgumentParser(description="False alarms of the detector.")
     parser.add_argument("--first", type=int, default=0, help="the first frame")
-    parser.add_argument(
-        "--frames", type=int, default=200, help="how many; 0 writes the tables alone"
-    )
-    parser.add_argument("--shapes", nargs="+", default=["8x8", "4x4"])
-    parser.add_argument("--locators", nargs="+", default=["learned"])
-    given = parser.parse_args()
+    parser.add_argument("--frames", type=int, default=200, help="0: the tables alone")
+    parser.add_argument("--shapes", nargs="+", default=["4x4", "8x8", "16x16"])
+    arguments = parser.parse_args()
     torch.set_num_threads(1)
-    shapes = [PanelShape(*map(int, text.split("x"))) for text in given.shapes]
-    keys = [(name, shape) for shape in shapes for name in given.locators]
-    for count in scored(keys, range(given.first, given.first + given.frames)):
-        print(f"{count} of {given.frames}", flush=True)
-    rows, told = list(read_table()), []
-    for path in sorted(SCORES.glob("*.csv")):
-        name, size = path.stem.rsplit("_", 1)
-        shape = PanelShape(*map(int, size.split("x")))
-        found = torch.tensor(
-            list(read_scores((name, shape)).values()), dtype=torch.float64
-        )
-        found = found.masked_fill(found <= NONE, -torch.inf)
-        rows = [
-            one
-            for one in rows
-            if (one.locator, one.rows, one.columns) != (name, shape.rows, shape.columns)
-        ]
-        rows.append(FalseAlarms.of(name, shape, found))
-        told.append(judged(rows[-1], found))
-        print(dict(zip(HEAD, told[-1], strict=True)), flush=True)
-    write_table(
-        TABLE, sorted(rows, key=lambda one: (one.locator, one.rows, one.columns))
-    )
-    with (RESULTS / "false_alarms.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows([HEAD, *told])
+    path = scores_file()
+    last = arguments.first + arguments.frames
+    with torch.inference_mode():
+        score(path, range(arguments.first, last), arguments.shapes)
+    write_tables(read_scores(path))
 
 
 if __name__ == "__main__":
