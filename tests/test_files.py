@@ -22,7 +22,7 @@ from vocc_torch.files import (
 )
 from vocc_torch.hardware import PanelShape
 from vocc_torch.plugins import ModuleFile
-from vocc_torch.receiver.locators import LearnedLocator
+from vocc_torch.receiver.locators import DetectorLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.report.folder import refuse_results
@@ -213,7 +213,7 @@ READERS = {
     "table": read_tables,
     "bits of a calibration": lambda path: known_bits(path, PanelShape(8, 8)),
     "message": lambda path: read_file(path, "input"),
-    "weights": lambda path: LearnedLocator(weights=str(path)).settings,
+    "weights": lambda path: DetectorLocator(weights=str(path)).settings,
     "recording": lambda path: list(read_recording(path, "luma")),
     "folder with a picture of it": lambda path: pictures_of(str(path.parent), Path()),
 }

@@ -16,8 +16,9 @@ from skimage import data
 
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.locators import RefinedLocator, learned
-from vocc_torch.receiver.locators.learned import LearnedLocator, sighted
+from vocc_torch.receiver.detector.pipeline import detected
+from vocc_torch.receiver.locators import DetectorLocator, RefinedLocator
+from vocc_torch.receiver.locators import detector as locator_file
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import shipped_receiver
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
@@ -57,11 +58,11 @@ CLOSE, FAR, DESK = (
     "led-matrix-8x16-desk.jpg",
 )
 READ = {
-    "by default": (CLOSE, (), LearnedLocator),
-    "letters, aslant, on a crowded desk": (DESK, (), LearnedLocator),
+    "by default": (CLOSE, (), DetectorLocator),
+    "letters, aslant, on a crowded desk": (DESK, (), DetectorLocator),
     "by another": (CLOSE, ("receiver=recommended",), RefinedLocator),
     "small, by another": (FAR, ("receiver=recommended",), RefinedLocator),
-    "points of light, small": (FAR, (), LearnedLocator),
+    "points of light, small": (FAR, (), DetectorLocator),
 }
 
 
@@ -80,7 +81,9 @@ def test_a_receiver_is_trained_where_no_model_is_given(
     """And reads real pictures: a close-up, text, a small panel; what is slow is not done while it learns."""
     searched = []
     monkeypatch.setattr(
-        learned, "sighted", lambda *given: searched.append(0) or sighted(*given)
+        locator_file,
+        "detected",
+        lambda *given: searched.append(0) or detected(*given),
     )
     name, words, locator = READ[case]
     bits, shape = truth_of(photo, name)
@@ -99,7 +102,7 @@ def test_a_receiver_is_trained_where_no_model_is_given(
     assert rows[0]["bits"] == bits
     kept = Receiver.load(tmp_path / "out" / "receiver.pt")
     assert (kept.name, type(kept.locator)) == ("tag_planes", locator)
-    assert len(searched) == (locator is LearnedLocator)
+    assert len(searched) == (locator is DetectorLocator)
 
 
 def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(

@@ -1,4 +1,4 @@
-"""Locators of one's own in ``task=decode``: weights of the learned one, and code that sees several panels."""
+"""Locators of one's own in ``task=decode``: weights of the detector, and code that sees several panels."""
 
 import csv
 from importlib import resources
@@ -12,23 +12,23 @@ from PIL import Image
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn
+from vocc_torch.receiver.detector.weights import SHIPPED
 from vocc_torch.receiver.locators import (
-    LearnedLocator,
+    DetectorLocator,
     locator_from,
     locator_settings,
     plugged_locator,
 )
-from vocc_torch.receiver.panel_net import SHIPPED
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.types import PanelShape
 
-OWN = "+locators.mine={_target_: vocc_torch.receiver.locators.LearnedLocator, weights: mine.json}"
+OWN = "+locators.mine={_target_: vocc_torch.receiver.locators.DetectorLocator, weights: mine.json}"
 FEW = ("budget.training_frames=16", "receiver=street", "decode.annotate=false")
 SIGHTER = """
 from dataclasses import dataclass
 import torch
-from vocc_torch.receiver.locators import LearnedLocator, PanelLocator
+from vocc_torch.receiver.locators import DetectorLocator, PanelLocator
 from vocc_torch.types import Candidates
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Own(PanelLocator):
     most_false_alarms: float = 1e-3
 
     def locate(self, frames, shape):
-        found = LearnedLocator().locate(frames, shape)
+        found = DetectorLocator().locate(frames, shape)
         if self.wrong == "corners":
             found.corners_px[:] = torch.nan
         if self.wrong == "frames":
@@ -63,7 +63,7 @@ def here(tmp_path, monkeypatch, photo):
     gap = np.full((len(grey), 120), 40, np.uint8)
     Image.fromarray(np.concatenate([grey, gap, grey], 1)).save("two.png")
     (tmp_path / "mine.json").write_bytes(
-        (resources.files("vocc_torch.receiver") / SHIPPED).read_bytes()
+        (resources.files("vocc_torch.receiver.detector") / SHIPPED).read_bytes()
     )
     (tmp_path / "mine.py").write_text(SIGHTER)
     return tmp_path
@@ -84,7 +84,7 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
     assert [row["panel"] for row in rows] == ["0", "1"]
     monkeypatch.chdir(here.parent)
     kept = Receiver.load(here / "a" / "receiver.pt")
-    assert kept.locator == LearnedLocator(str(here / "mine.json"))
+    assert kept.locator == DetectorLocator(str(here / "mine.json"))
     monkeypatch.chdir(here)
     again = rows_of(here / "b", "model=a/receiver.pt", "decode.most=3")
     assert [row["bits"] for row in again] == [photo_bits] * 2

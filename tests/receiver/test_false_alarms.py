@@ -11,7 +11,7 @@ from vocc_torch import PanelShape
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver import false_alarms
 from vocc_torch.receiver.false_alarms import FalseAlarms
-from vocc_torch.receiver.locators import LearnedLocator
+from vocc_torch.receiver.locators import DetectorLocator
 
 SHAPE = PanelShape(8, 8)
 
@@ -80,7 +80,7 @@ def test_a_table_is_read_as_written_and_serves_no_smaller_panel(tmp_path):
 
 
 def test_a_panel_too_small_for_a_statement_is_refused():
-    locator, grey = LearnedLocator(), torch.zeros(1, 64, 64, dtype=torch.uint8)
+    locator, grey = DetectorLocator(), torch.zeros(1, 64, 64, dtype=torch.uint8)
     with pytest.raises(
         VoccError,
         match=r"panel is 3 x 4: it must be of at least 16 LEDs for receiver\.locator",

@@ -70,6 +70,6 @@ def test_an_unknown_locator_in_a_file_is_refused(tmp_path):
 def test_an_unknown_name_is_refused():
     with pytest.raises(
         VoccError,
-        match=r"receiver.locator is 'refind': it must be paper or refined or learned",
+        match=r"receiver.locator is 'refind': it must be paper or refined or detector",
     ):
         locator_named("refind", PaperLocator())

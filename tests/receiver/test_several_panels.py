@@ -9,14 +9,14 @@ import torch
 from vocc_torch import PanelShape
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import LearnedLocator, PaperLocator
+from vocc_torch.receiver.locators import DetectorLocator, PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.reading import COLUMNS, read_panels
 
-SHAPE, ANY = PanelShape(8, 8), LearnedLocator(false_alarms=math.inf)
+SHAPE, ANY = PanelShape(8, 8), DetectorLocator(false_alarms=math.inf)
 BITS = torch.rand(8, 8, generator=torch.Generator().manual_seed(3)) < 0.5
 
 

@@ -81,7 +81,7 @@ class AppConfig(Settings):
             self.task in ("decode", "receive") and self.model is None
         )
         if finds and self.receiver.locator == "truth":
-            finders = "paper, refined or learned"
+            finders = "paper, refined or detector"
             rule = (
                 f"{finders} for task={self.task}: a recording does not tell its corners"
             )
@@ -134,7 +134,7 @@ NAMES = {
     "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, letterbox, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
-    "Locators": "truth, paper, refined, learned",
+    "Locators": "truth, paper, refined, detector",
 }
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 

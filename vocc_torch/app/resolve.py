@@ -58,7 +58,7 @@ GROUPS = (
     "experiment",
 )
 
-STATING = ("learned",)
+STATING = ("detector",)
 """Locators that state false alarms."""
 
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
@@ -236,7 +236,7 @@ def refuse_without_effect(settings: AppConfig, words: Sequence[str]) -> None:
             and not model
             and finder not in (None, *STATING)
         ):
-            rule = f"only learned states them, and receiver.locator is {finder}"
+            rule = f"only detector states them, and receiver.locator is {finder}"
             raise VoccError(f"{said(word)}: {rule}")
         if (
             group == "scene"

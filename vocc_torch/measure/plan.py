@@ -119,7 +119,7 @@ class ReceiverPlan:
         save: the receiver that is written to the model file and decodes recordings.
         classifiers: those that plug in; their names are among ``names``.
         locators: those from outside by name.
-        false_alarms: in a frame without a panel, at which ``learned`` finds one, above 0.
+        false_alarms: in a frame without a panel, at which ``detector`` finds one, above 0.
 
     Raises:
         VoccError: an unknown name, or a rate that is not above 0.

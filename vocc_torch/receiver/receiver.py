@@ -243,7 +243,7 @@ class Receiver(torch.nn.Module):
         frames = Frames.of(images, "images")
         if not self.locator.finds_several:
             raise VoccError(
-                "this receiver's locator sees one panel in a frame: learned sees several"
+                "this receiver's locator sees one panel in a frame: detector sees several"
             )
         whole_number("most", most, 1)
         with torch.inference_mode():

@@ -218,7 +218,7 @@ def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(
         ),
         (
             "task=receive receiver.locator=truth",
-            "receiver.locator is 'truth': it must be paper, refined or learned",
+            "receiver.locator is 'truth': it must be paper, refined or detector",
         ),
         (
             "task=receive model=r.pt scene=night",

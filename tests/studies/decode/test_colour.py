@@ -11,7 +11,7 @@ import vocc_torch as vt
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
-from vocc_torch.receiver.locators import LearnedLocator
+from vocc_torch.receiver.locators import DetectorLocator
 from vocc_torch.receiver.resample import rectify_takes
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording
@@ -151,7 +151,7 @@ def test_three_colours_that_leak_are_read_each_by_itself(receiver, follow):
 def test_a_photograph_of_one_colour_is_not_unmixed(photo):
     """Two of three colours that least squares makes of it have On and Off that lie together."""
     receiver = vt.train("paper", classifier="tag_planes", frames=64)
-    receiver.locator = LearnedLocator()
+    receiver.locator = DetectorLocator()
     with pytest.raises(
         VoccError, match=r"decode\.channel is unmix: it must be auto, or one channel"
     ):

@@ -1,6 +1,6 @@
 """What finds the panel in frames: one protocol, the locators that ship, and those from outside."""
 
-from .learned import LearnedLocator
+from .detector import DetectorLocator
 from .outside import OutsideLocator
 from .paper import PaperLocator
 from .protocol import PanelLocator
@@ -16,7 +16,7 @@ from .registry import (
 
 __all__ = [
     "LOCATORS",
-    "LearnedLocator",
+    "DetectorLocator",
     "OutsideLocator",
     "PanelLocator",
     "PaperLocator",

@@ -6,14 +6,14 @@ from typing import Any
 
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.plugins import TARGET, PlugIn, demand_plain
-from vocc_torch.receiver.locators.learned import LearnedLocator
+from vocc_torch.receiver.locators.detector import DetectorLocator
 from vocc_torch.receiver.locators.outside import OutsideLocator
 from vocc_torch.receiver.locators.paper import PaperLocator
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.receiver.locators.refined import RefinedLocator
 
 LOCATORS: dict[str, type[PanelLocator]] = {
-    kind.name: kind for kind in (PaperLocator, RefinedLocator, LearnedLocator)
+    kind.name: kind for kind in (PaperLocator, RefinedLocator, DetectorLocator)
 }
 """The locators that ship, by name."""
 
@@ -47,8 +47,8 @@ def plugged_locator(plug_in: PlugIn) -> PanelLocator:
         VoccError: one of the package's own that cannot be built.
 
     Example:
-        >>> plugged_locator(PlugIn.of("locators.mine", "vocc_torch.receiver.locators.LearnedLocator"))
-        LearnedLocator(weights=None, false_alarms=0.001)
+        >>> plugged_locator(PlugIn.of("locators.mine", "vocc_torch.receiver.locators.DetectorLocator"))
+        DetectorLocator(weights=None, false_alarms=0.001)
     """
     if plug_in.target.startswith("vocc_torch.") and ships(plug_in.made):
         locator: PanelLocator = plug_in.made

@@ -21,7 +21,7 @@ class DecodeConfig:
             ``unmix``: three colours sent at once on one panel, each read by itself.
         annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
-        most: panels that are read in a frame, at most, 1 to 64; more than one only with the learned locator,
+        most: panels that are read in a frame, at most, 1 to 64; more than one only with the detector,
             or one from outside that finds several.
         follow: whether the panel is followed from frame to frame, with a full search only now and then:
             ``true`` for a recording in order, ``auto`` for videos alone, ``false`` where each frame stands

@@ -189,7 +189,7 @@ def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
         VoccError: a locator that states none, or a rate outside its range.
     """
     if not is_adjustable(locator):
-        rule = f"only learned states them, and the model's locator is {locator_words(locator)[0]}"
+        rule = f"only detector states them, and the model's locator is {locator_words(locator)[0]}"
         raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
     return locator.at_rate(false_alarms)
 

@@ -208,7 +208,7 @@ def demand_several(locator: PanelLocator | None, most: int) -> None:
         VoccError: several are asked of such a one.
     """
     if most > 1 and (locator is None or not locator.finds_several):
-        rule = "1 where the locator sees one panel: learned sees several"
+        rule = "1 where the locator sees one panel: detector sees several"
         raise VoccError.of("decode.most", most, rule)
 
 
