@@ -1,7 +1,7 @@
 """How often task=decode takes a picture without a panel for one: pictures found, and those without a warning.
 
     python benchmarks/no_panel.py
-    python benchmarks/no_panel.py --locators paper refined learned --streets 200
+    python benchmarks/no_panel.py --locators paper refined detector --streets 200
 
 Writes the table of docs/locators.md to the terminal, or that of docs/detector.md: what locators claim, and how
 surely, in these pictures, black and white ones, and held-out streets without a panel, half of them by night.
@@ -49,7 +49,7 @@ SHIPPED += (
     "horse",
     "checkerboard",
 )
-RECEIVERS = (("paper", "flda_3"), ("refined", "tag_planes"), ("learned", "tag_planes"))
+RECEIVERS = (("paper", "flda_3"), ("refined", "tag_planes"), ("detector", "tag_planes"))
 DISTANCES_M = (30, 50, 70)
 Picture = NDArray[np.uint8]
 
@@ -220,7 +220,7 @@ def main() -> None:
     )
     for locator, classifier in RECEIVERS:
         # As task=decode has it.
-        taught_by = "truth" if locator == "learned" else locator
+        taught_by = "truth" if locator == "detector" else locator
         receiver = vt.train("paper", locator=taught_by, classifier=classifier)
         receiver.locator = locator_named(locator, PaperLocator())
         for kind, (pictures, bits) in kinds.items():

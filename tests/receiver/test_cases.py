@@ -10,7 +10,12 @@ import torch
 from vocc_torch import Camera, Scene, Simulator
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver import classifiers, features
-from vocc_torch.receiver.locators import OutsideLocator, PaperLocator, RefinedLocator
+from vocc_torch.receiver.locators import (
+    DetectorLocator,
+    OutsideLocator,
+    PaperLocator,
+    RefinedLocator,
+)
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.testing import ClassifierCase, FeatureCase, LocatorCase
 from vocc_torch.types import PanelShape
@@ -44,6 +49,11 @@ class TestRefinedLocator(Panels):
 
     def locator(self):
         return RefinedLocator()
+
+
+class TestDetectorLocator(Panels):
+    def locator(self):
+        return DetectorLocator()
 
 
 class TestExampleLocator(Panels):
