@@ -32,7 +32,8 @@ from vocc_torch.files import file_digest
 from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.measure.link import rendered
 from vocc_torch.measure.plan import World
-from vocc_torch.receiver.detector.pipeline import candidates, with_surround
+from vocc_torch.receiver.detector.judge import pitch_of
+from vocc_torch.receiver.detector.pipeline import SETTINGS, candidates, with_surround
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import SHIPPED, Networks, load_networks
 from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, write_table
@@ -87,7 +88,9 @@ def greatest(networks: Networks, frame: Frames, shapes: list[str]) -> dict[str, 
     pyramid = Pyramid.of(with_surround(frame)[0])
     found = {}
     for text in shapes:
-        _, odds = candidates(networks, pyramid, shape_of(text))
+        quads, odds = candidates(networks, pyramid, shape_of(text))
+        # As the detector drops them.
+        odds = odds[pitch_of(quads, shape_of(text)) >= SETTINGS.least_pitch_px]
         found[text] = max(odds.tolist(), default=-math.inf)
     return found
 
