@@ -4,8 +4,8 @@
     python benchmarks/false_alarms.py --first 3000 --frames 3000
     python benchmarks/false_alarms.py --frames 0
 
-The frames are of the scenes ``street`` and ``street_night``, eight of each in turn, under keys that nothing else
-uses. A frame is drawn once, and one pyramid of it serves every shape. Greatest scores are appended to a file in
+The frames are of the scenes ``street_held_out`` and ``street_held_out_night``, whose clutter training has not seen,
+eight of each in turn, under keys that nothing else uses. A frame is drawn once, and one pyramid of it serves every shape. Greatest scores are appended to a file in
 docs/results/false_alarms that is named by the digest of the weights: an interrupted run goes on, and several
 processes may do ranges. At the end the package's table is written from all scores of these weights, and
 docs/results/false_alarms.csv says how good it is: 95 % bounds about one false alarm in 1000 frames, by the tail
@@ -43,7 +43,10 @@ from vocc_torch.types import Frames
 LOCATOR = "detector"
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 SCORES = RESULTS / "false_alarms"
-WORLDS = (("street", "calibration"), ("street_night", "calibration by night"))
+WORLDS = (
+    ("street_held_out", "calibration"),
+    ("street_held_out_night", "calibration by night"),
+)
 """Scenes, and the keys of their frames: by one key a street by night would be that of a day, in the dark."""
 BATCH = 8
 STATED = 1e-3

@@ -19,7 +19,7 @@ class NearbySettings:
     """How far from known corners a panel is looked for."""
 
     margin_cells: float = 5.0  # of the crop around the corners
-    rounds: int = 2  # of the placer
+    looks: int = 2  # of the placer
     reach_cells: float = 1.2  # between starts of a wide search
     reaches: int = 2  # starts to either side
 
@@ -74,9 +74,8 @@ class Surroundings:
             steps = torch.arange(-reach, reach + 1) * SETTINGS.reach_cells
             starts = self.moved(corners, torch.cartesian_prod(steps, steps))
         starts = starts - self.origin
-        quads, odds = placed_well(
-            self.networks, self.pyramid, starts, self.shape, SETTINGS.rounds
-        )
+        left = (len(starts),) * SETTINGS.looks
+        quads, odds = placed_well(self.networks, self.pyramid, starts, self.shape, left)
         best = int(odds.argmax())
         return quads[best] + self.origin, float(odds[best])
 

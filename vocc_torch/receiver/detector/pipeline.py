@@ -1,5 +1,6 @@
 """The stages of the detector in one frame: propose, judge, place, and look again at what slipped."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -18,12 +19,14 @@ from vocc_torch.types import Frames, PanelShape
 class DetectorSettings:
     """How many candidates go how far."""
 
-    judged: tuple[int, ...] = (6, 4, 3)  # left after each look of the judge
-    placed: tuple[int, ...] = (3, 2)  # left after each look of the placer
+    judged: tuple[int, ...] = (8, 4)  # left after each look of the judge
+    placed: tuple[int, ...] = (4, 3)  # left after each look of the placer
+    perspective_leds: int = (
+        16  # of a side, from which candidates keep their perspective
+    )
     sure_logit: float = 6.0  # a candidate placed so well has not slipped
     least_logit: float = -2.0  # of the judge, of a best candidate that may have slipped
-    tried: int = 4  # slips that are placed again
-    rounds_again: int = 3
+    slipped: tuple[int, ...] = (4, 4, 4)  # slips left after each look of the placer
     likelier: float = 1.0  # log odds by which a slip must be better than what is there
     least_pitch_px: float = 1.0  # of LEDs that can be told apart
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
@@ -70,31 +73,57 @@ def candidates(
     for count in options.judged:
         logit, quads = judged(networks.judge, pyramid, quads, shape)
         order = logit.argsort(descending=True, stable=True)[:count]
-        quads, logit = quads[order], logit[order]
+        quads, logit = flattened(quads[order], shape), logit[order]
     start, likely = quads[:1], logit[0]
-    for count in options.placed:
-        odds, moved = placed(networks.placer, pyramid, quads, shape)
-        quads = moved[odds.argsort(descending=True, stable=True)[:count]]
-    odds, _ = placed(networks.placer, pyramid, quads, shape)
+    quads, odds = placed_well(networks, pyramid, quads, shape, options.placed)
     best = odds.amax()
     if likely < options.least_logit or best >= options.sure_logit:
         return quads, odds
-    again = slips(start, shape)
-    score, _ = placed(networks.placer, pyramid, again, shape)
-    again = again[score.argsort(descending=True, stable=True)[: options.tried]]
-    again, score = placed_well(networks, pyramid, again, shape, options.rounds_again)
+    again, score = placed_well(
+        networks, pyramid, slips(start, shape), shape, options.slipped
+    )
     better = score > best + options.likelier
     return torch.cat([quads, again[better]]), torch.cat([odds, score[better]])
 
 
 def placed_well(
-    networks: Networks, pyramid: Pyramid, quads: Tensor, shape: PanelShape, rounds: int
+    networks: Networks,
+    pyramid: Pyramid,
+    quads: Tensor,
+    shape: PanelShape,
+    left: Sequence[int],
 ) -> tuple[Tensor, Tensor]:
-    """Place candidates (n,4,2) px several times, and score them where they lie at last."""
-    for _ in range(rounds):
-        _, quads = placed(networks.placer, pyramid, quads, shape)
+    """Place candidates (n,4,2) px several times, and score them where they lie at last.
+
+    Args:
+        networks: of the detector.
+        pyramid: of the frame.
+        quads: corners.
+        shape: rows and columns.
+        left: how many of the best go on after each look.
+    """
+    for look, count in enumerate(left):
+        quads = flattened(quads, shape) if look else quads
+        odds, moved = placed(networks.placer, pyramid, quads, shape)
+        quads = moved[odds.argsort(descending=True, stable=True)[:count]]
     odds, _ = placed(networks.placer, pyramid, quads, shape)
     return quads, odds
+
+
+def flattened(quads: Tensor, shape: PanelShape) -> Tensor:
+    """Take perspective from candidates (n,4,2): small panels show little of it, less than their corners err.
+
+    In cells it grows with the square of a panel's side.
+
+    Example:
+        >>> quads = torch.tensor([[[0.0, 0.0], [4.0, 0.0], [8.0, 4.0], [0.0, 4.0]]])
+        >>> flattened(quads, PanelShape(8, 8)).tolist()
+        [[[-0.75, 0.0], [4.75, 0.0], [7.25, 4.0], [0.75, 4.0]]]
+    """
+    side = max(shape.rows, shape.columns) / SETTINGS.perspective_leds
+    signs = quads.new_tensor([[1.0], [-1.0], [1.0], [-1.0]])
+    perspective = (quads * signs).mean(1, keepdim=True) * signs
+    return quads - (1 - min(1.0, side) ** 2) * perspective
 
 
 def apart(quads: Tensor, odds: Tensor) -> list[int]:

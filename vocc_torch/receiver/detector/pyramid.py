@@ -160,22 +160,22 @@ def gate(plane: Tensor) -> Tensor:
     """Rank the tiles of a level (H,W) uint8 by the mean logarithm of the range of 2 x 2 blocks.
 
     A lattice of LEDs has light and dark within a few pixels wherever it is looked at; edges and lettering have
-    more of it in few places. Within a tile the strongest of its averages counts.
+    more of it in few places. Within a tile the strongest of its averages counts. Every other row of blocks is
+    looked at.
 
     Returns:
         (n,2) int64 rows and columns of tiles, the strongest first; at most ``SETTINGS.tiles``.
     """
-    high, wide = (side // 2 * 2 for side in plane.shape)
-    pairs = plane[:high, :wide].reshape(high // 2, 2, wide)
-    most, least = (
-        torch.maximum(pairs[:, 0], pairs[:, 1]),
-        torch.minimum(pairs[:, 0], pairs[:, 1]),
-    )
+    high, wide = plane.shape[0] // 4 * 4, plane.shape[1] // 2 * 2
+    lines = plane[:high, :wide].reshape(high // 4, 4, wide)
+    most = torch.maximum(lines[:, 0], lines[:, 1])
+    least = torch.minimum(lines[:, 0], lines[:, 1])
     most = torch.maximum(most[:, ::2], most[:, 1::2])
     least = torch.minimum(least[:, ::2], least[:, 1::2])
     spread = ((most - least).float() + SETTINGS.grain).log_()
+    block = SETTINGS.block_px // 4, SETTINGS.block_px // 2
     means = functional.avg_pool2d(
-        spread[None], SETTINGS.block_px // 2, ceil_mode=True, count_include_pad=False
+        spread[None], block, ceil_mode=True, count_include_pad=False
     )
     blocks = SETTINGS.tile_px // SETTINGS.block_px
     strength = functional.max_pool2d(means, blocks, ceil_mode=True)[0]

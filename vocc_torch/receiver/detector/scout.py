@@ -21,7 +21,7 @@ class ScoutSettings:
     stride_px: int = 8  # between its outputs
     unit_px: float = 16.0  # of the corners that it gives
     peak_cells: int = 3  # a candidate is the best of so many outputs a side
-    candidates: int = 16  # of a frame
+    candidates: int = 8  # of a frame
     same: float = 0.3  # centres nearer than this share of a side are of one candidate, if sizes are alike
     alike: float = 1.4  # ratio of sizes that are alike
     gated_px: int = 200_000  # larger levels are looked at in tiles
@@ -42,7 +42,7 @@ class Scout(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.block = nn.Conv2d(16, 12, 1)
+        self.block = nn.Conv2d(1, 12, 4, 4)
         self.fine = nn.Sequential(
             nn.Conv2d(12, 16, 3, 2, 1),
             nn.ReLU(),
@@ -68,10 +68,7 @@ class Scout(nn.Module):
 
     def forward(self, grey: Tensor) -> Tensor:
         """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,9,H/8,W/8)."""
-        blocks = functional.pixel_unshuffle(grey * (1 / 64) - 1, 4)
-        fine = self.fine(
-            self.block(blocks.contiguous(memory_format=torch.channels_last)).relu()
-        )
+        fine = self.fine(self.block((grey * (1 / 64)).sub_(1)).relu())
         coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0)
         out: Tensor = self.head((fine + coarse).relu())
         return out

@@ -32,6 +32,7 @@ class Looks:
     fill: tuple[float, float] = (0.15, 0.95)  # width of an LED, cells
     square: float = 0.3  # share of panels with square LEDs
     lit: tuple[float, float] = (0.2, 0.8)  # share of LEDs that are On
+    least_lit: float = 6.0  # LEDs of a panel that are On, on average
     pictured: float = 0.25  # share of panels whose On LEDs stand together
     together: float = 0.35  # of their share, in the mean of 3 x 3 random numbers
     unequal: float = 0.3  # share of panels whose LEDs differ
@@ -77,6 +78,8 @@ class Likenesses:
     scatter_cells: tuple[float, float] = (0.18, 0.45)  # standard deviation
     bricks: float = 0.3  # share whose rows are shifted by halves
     round: float = 0.3  # share without LEDs beyond a disc
+    sparse: float = 0.25  # share with fewer On LEDs than tell a lattice
+    sparse_lit: tuple[float, float] = (1.0, 3.5)  # of them, on average
 
 
 LIKENESSES = Likenesses()
@@ -218,10 +221,12 @@ def homography(first: Tensor, second: Tensor) -> Tensor:
     return functional.pad(found.float(), (0, 1), value=1.0).view(-1, 3, 3)
 
 
-def bits_of(draws: Draws) -> Tensor:
-    """Draw how bright LEDs are, (B,N,N): 0 for Off ones, about 1 for On ones."""
+def bits_of(draws: Draws, shapes: Tensor) -> Tensor:
+    """Draw how bright LEDs of panels (B,2) are, (B,N,N): 0 for Off ones, about 1 for On ones."""
     size = MOST_LEDS
-    lit = draws.uniform(*LOOKS.lit, 1, 1)
+    low, high = LOOKS.lit
+    low = (LOOKS.least_lit / shapes.prod(1)).clamp(min=low)[:, None, None]
+    lit = low + (high - low) * draws.uniform(0, 1, 1, 1)
     noise = draws.uniform(0, 1, size, size)
     mean = functional.avg_pool2d(noise, 3, 1, 1, count_include_pad=False)
     together = mean < 0.5 + LOOKS.together * (lit - 0.5)
@@ -250,11 +255,17 @@ class Likeness:
 
 
 def likenesses(draws: Draws, shapes: Tensor) -> Likeness:
-    """Draw lattices with a rule, off a lattice, in bricks or in a disc; each at least one of these."""
+    """Draw lattices with a rule, off a lattice, in bricks, in a disc or sparse; each at least one of these."""
     options, size = LIKENESSES, MOST_LEDS
-    ruled, scattered, bricks, disc = (
+    ruled, scattered, bricks, disc, sparse = (
         draws.coin(share)[..., None]
-        for share in (options.ruled, options.scattered, options.bricks, options.round)
+        for share in (
+            options.ruled,
+            options.scattered,
+            options.bricks,
+            options.round,
+            options.sparse,
+        )
     )
     ruled = ruled | ~(scattered | bricks)
     row = torch.arange(size, device=draws.device)[:, None]
@@ -264,7 +275,10 @@ def likenesses(draws: Draws, shapes: Tensor) -> Likeness:
     period = periods[draws.below(len(periods), 1)][..., None]
     lit = (steps[:, :1] * row + steps[:, 1:] * column) % period == 0
     lit = lit ^ (draws.uniform(0, 1, size, size) < options.defect)
-    light = torch.where(ruled, lit.float(), bits_of(draws))
+    light = torch.where(ruled, lit.float(), bits_of(draws, shapes))
+    share = draws.uniform(*options.sparse_lit, 1, 1) / shapes.prod(1)[:, None, None]
+    spots = draws.uniform(0, 1, size, size) < share
+    light = torch.where(sparse, spots.float(), light)
     middle = (shapes[..., None, None] - 1) / 2
     far = ((row - middle[:, 0]) / middle[:, 0]).square()
     far = far + ((column - middle[:, 1]) / middle[:, 1]).square()
@@ -327,7 +341,7 @@ def with_panels(
     soft = (soft_px / cell_px[:, None]).clamp(min=LOOKS.least_soft_cells)
     fill = draws.uniform(*LOOKS.fill, 1) / 2
     spot = ((fill + soft / 2 - radius) / soft).clamp(0, 1) * inside
-    lights = bits_of(draws) if likeness is None else likeness.light
+    lights = bits_of(draws, shapes) if likeness is None else likeness.light
     light = lights.flatten(1).gather(1, place)
     unseen = draws.coin(LOOKS.unseen)
     mean = (behind * inside).sum(1, keepdim=True) / inside.sum(1, keepdim=True).clamp(1)

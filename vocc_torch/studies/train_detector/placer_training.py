@@ -60,7 +60,7 @@ class PlacerTraining:
     move_weight: float = 3.0
     move_beta: float = 0.05  # cells
     mined_of_frame: int = 5
-    shape_shares: tuple[float, ...] = (5.0, 3.0, 1.5, 1.0, 1.5, 1.0)
+    shape_shares: tuple[float, ...] = (3.0, 5.0, 1.0, 1.5, 1.0, 0.5)
 
 
 SETTINGS = PlacerTraining()
