@@ -1,16 +1,16 @@
 """Calibrate the detector: greatest scores of street frames without a panel, to a table.
 
-    python benchmarks/false_alarms.py --shapes 4x4 8x8 16x16 --frames 3000
+    python benchmarks/false_alarms.py --shapes 4x4 4x8 8x8 16x16 --frames 3000
     python benchmarks/false_alarms.py --first 3000 --frames 3000
     python benchmarks/false_alarms.py --frames 0
 
 The frames are of the scenes ``street_held_out`` and ``street_held_out_night``, whose clutter training has not seen,
-eight of each in turn, under keys that nothing else uses. A frame is drawn once, and one pyramid of it serves every shape. Greatest scores are appended to a file in
-docs/results/false_alarms that is named by the digest of the weights: an interrupted run goes on, and several
-processes may do ranges. At the end the package's table is written from all scores of these weights, and
-docs/results/false_alarms.csv says how good it is: 95 % bounds about one false alarm in 1000 frames, by the tail
-and by counting, the shape of a generalized Pareto tail (0 is exponential; below, the table says too many), and
-Anderson and Darling's statistic (1.32 and more has a chance of 5 %).
+eight of each in turn, under keys that nothing else uses. A frame is drawn once, and one pyramid of it serves every
+shape. Greatest scores are appended to a file in docs/results/false_alarms that is named by the digest of the
+weights: an interrupted run goes on, and several processes may do ranges. At the end the package's table is written
+from all scores of these weights, and docs/results/false_alarms.csv says how good it is: 95 % bounds about one false
+alarm in 1000 frames, by the tail and by counting, the shape of a generalized Pareto tail (0 is exponential; below,
+the table says too many), and Anderson and Darling's statistic (1.32 and more has a chance of 5 %).
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="False alarms of the detector.")
     parser.add_argument("--first", type=int, default=0, help="the first frame")
     parser.add_argument("--frames", type=int, default=200, help="0: the tables alone")
-    parser.add_argument("--shapes", nargs="+", default=["4x4", "8x8", "16x16"])
+    parser.add_argument("--shapes", nargs="+", default=["4x4", "4x8", "8x8", "16x16"])
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     path = scores_file()

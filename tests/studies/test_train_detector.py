@@ -167,7 +167,9 @@ def test_lookalikes_are_no_panels(monkeypatch):
         ]
     )
     unlike = (light[:, None] ^ rules).flatten(2).float().mean(2).amin(1)
-    assert (off | (unlike < 0.15)).all()
+    few = light.flatten(1).sum(1) < 12
+    assert (off | (unlike < 0.15) | few).all()
+    assert 0.15 < few.float().mean() < 0.4
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,9 @@ def corners_of(maps: Tensor) -> Tensor:
     share = share * near
     total = share.sum((2, 3)).clamp(min=1e-9)
     x, y = (
-        (share.sum(axis) * (torch.arange(side, device=maps.device) + 0.5)).sum(2)
+        (share.sum(axis) * (torch.arange(side, device=maps.device).float() + 0.5)).sum(
+            2
+        )
         for axis, side in ((2, wide), (3, high))
     )
     return SETTINGS.heat_px * torch.stack([x / total, y / total], 2)

@@ -96,7 +96,8 @@ def corner_moves(off: Tensor, sure: Tensor, shape: PanelShape) -> Tensor:
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Fields 1, u, v and uv at the cells (N,4) and at the corners (4,4); u and v are -1 to 1 in the panel."""
     v, u = (
-        (torch.arange(leds + 2 * SETTINGS.margin) - SETTINGS.margin + 0.5) * 2 / leds
+        (torch.arange(leds + 2 * SETTINGS.margin).float() - SETTINGS.margin + 0.5)
+        * (2 / leds)
         - 1
         for leds in (shape.rows, shape.columns)
     )

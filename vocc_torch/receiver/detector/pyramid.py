@@ -83,7 +83,7 @@ class Pyramid:
             (n,(R+2M)K,(C+2M)L) grey values.
         """
         down, across = (
-            (torch.arange((leds + 2 * margin) * count, device=quads.device) + 0.5)
+            (torch.arange((leds + 2 * margin) * count).float() + 0.5).to(quads.device)
             / count
             - margin
             for leds, count in zip((shape.rows, shape.columns), samples, strict=True)

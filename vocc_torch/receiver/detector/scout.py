@@ -68,7 +68,7 @@ class Scout(nn.Module):
 
     def forward(self, grey: Tensor) -> Tensor:
         """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,9,H/8,W/8)."""
-        fine = self.fine(self.block((grey * (1 / 64)).sub_(1)).relu())
+        fine = self.fine(self.block(grey.float() / 64 - 1).relu())
         coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0)
         out: Tensor = self.head((fine + coarse).relu())
         return out
