@@ -224,9 +224,9 @@ def homography(first: Tensor, second: Tensor) -> Tensor:
 def bits_of(draws: Draws, shapes: Tensor) -> Tensor:
     """Draw how bright LEDs of panels (B,2) are, (B,N,N): 0 for Off ones, about 1 for On ones."""
     size = MOST_LEDS
-    low, high = LOOKS.lit
-    low = (LOOKS.least_lit / shapes.prod(1)).clamp(min=low)[:, None, None]
-    lit = low + (high - low) * draws.uniform(0, 1, 1, 1)
+    least, most = LOOKS.lit
+    low = (LOOKS.least_lit / shapes.prod(1)).clamp(min=least)[:, None, None]
+    lit = low + (most - low) * draws.uniform(0, 1, 1, 1)
     noise = draws.uniform(0, 1, size, size)
     mean = functional.avg_pool2d(noise, 3, 1, 1, count_include_pad=False)
     together = mean < 0.5 + LOOKS.together * (lit - 0.5)
@@ -234,8 +234,8 @@ def bits_of(draws: Draws, shapes: Tensor) -> Tensor:
     light = torch.where(pictured, together, noise < lit).float()
     spread = draws.coin(LOOKS.unequal) * draws.uniform(*LOOKS.scatter, 1)
     light = light * (spread[..., None] * draws.normal(size, size)).exp()
-    least, most = LOOKS.groups
-    groups = least + draws.below(most - least, 1)
+    few, many = LOOKS.groups
+    groups = few + draws.below(many - few, 1)
     group = torch.arange(size, device=draws.device) % groups
     dim = draws.uniform(0.1, 1, size).gather(1, group) < 0.5
     return light * torch.where(dim & draws.coin(LOOKS.driven), 0.3, 1.0)[..., None]
