@@ -77,7 +77,8 @@ def main() -> None:
     shape = PanelShape(*map(int, arguments.shape.split("x")))
     sides = [f"panel.rows={shape.rows}", f"panel.columns={shape.columns}"]
     locator = locator_named(arguments.locator, PaperLocator())
-    reader = vt.train("paper", *sides, classifier="tag_planes", frames=64)
+    paper = vt.load_scene("paper", *sides)
+    reader = vt.train(paper, classifier="tag_planes", frames=64)
     for scene in arguments.scenes:
         counts: Counter[tuple[str, str]] = Counter()
         world = vt.load_scene(scene, *sides)

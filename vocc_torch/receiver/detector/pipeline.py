@@ -19,7 +19,7 @@ from vocc_torch.types import Frames, PanelShape
 class DetectorSettings:
     """How many candidates go how far."""
 
-    judged: tuple[int, ...] = (8, 4)  # left after each look of the judge
+    judged: tuple[int, ...] = (6, 4)  # left after each look of the judge
     placed: tuple[int, ...] = (4, 3)  # left after each look of the placer
     perspective_leds: int = (
         16  # of a side, from which candidates keep their perspective

@@ -21,7 +21,7 @@ class ScoutSettings:
     stride_px: int = 8  # between its outputs
     unit_px: float = 16.0  # of the corners that it gives
     peak_cells: int = 3  # a candidate is the best of so many outputs a side
-    candidates: int = 8  # of a frame
+    candidates: int = 16  # of a frame
     same: float = 0.3  # centres nearer than this share of a side are of one candidate, if sizes are alike
     alike: float = 1.4  # ratio of sizes that are alike
     gated_px: int = 200_000  # larger levels are looked at in tiles
