@@ -17,7 +17,7 @@ from vocc_torch.types import PanelShape
 TABLE = Path(__file__).parent / "false_alarms.csv"
 """What ``benchmarks/false_alarms.py`` wrote."""
 
-_SHARES, _LEAST_ABOVE, _LEAST_FRAMES = (0.07, 0.02, 0.005), 40, 50
+_SHARES, _LEAST_ABOVE, _LEAST_FRAMES = (0.07, 0.02, 0.005), 20, 50
 
 
 @dataclass(frozen=True, slots=True)
