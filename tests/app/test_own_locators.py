@@ -92,7 +92,7 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
     assert f"weights: {here / 'mine.json'}" in text
     (here / "mine.json").write_text((here / "mine.json").read_text() + "\n")
     with pytest.raises(
-        VoccError, match=r"mine.json holds other weights than it was made with"
+        VoccError, match=r"mine.json holds other weights than the model was made"
     ):
         Receiver.load(here / "a" / "receiver.pt")
 
