@@ -303,7 +303,7 @@ class ReceiverSettings:
             ``flda`` where there are features of your own, else ``flda_3``.
         location: limits of the paper's locator.
         false_alarms: a panel is found where at most as many false alarms are expected in a frame without one,
-            above 0; of ``detector``. Null takes 1e-3, or what a model has.
+            above 0; of ``detector``. Null takes 1e-2, or what a model has.
     """
 
     names: list[str] = field(default_factory=lambda: ["flda_3"])

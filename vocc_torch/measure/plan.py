@@ -137,7 +137,7 @@ class ReceiverPlan:
     save: str = "flda_3"
     classifiers: tuple[ClassifierPlan, ...] = ()
     locators: Mapping[str, PlugIn] = field(default_factory=dict)
-    false_alarms: float = 1e-3
+    false_alarms: float = 1e-2
 
     def __post_init__(self) -> None:
         """Check every name, and the rate."""

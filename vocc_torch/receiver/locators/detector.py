@@ -47,14 +47,14 @@ class DetectorLocator(PanelLocator):
     finds_several: ClassVar[bool] = True
 
     weights: str | None = None
-    false_alarms: float = 1e-3
+    false_alarms: float = 1e-2
 
     def __post_init__(self) -> None:
         """Refuse a number out of its range."""
         most = self.false_alarms
         if most != math.inf and finite_number("location.false_alarms", most) <= 0:
             raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
-        if self.weights is not None and most not in (1e-3, math.inf):
+        if self.weights is not None and most not in (1e-2, math.inf):
             rule = "left out with weights of your own, whose false alarms are unknown"
             raise VoccError.of("location.false_alarms", most, rule)
 

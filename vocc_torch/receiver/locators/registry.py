@@ -19,7 +19,7 @@ LOCATORS: dict[str, type[PanelLocator]] = {
 
 
 def locator_named(
-    name: str, paper: PaperLocator, false_alarms: float = 1e-3
+    name: str, paper: PaperLocator, false_alarms: float = 1e-2
 ) -> PanelLocator:
     """Return the locator of a name, with what a configuration says of all of them.
 
@@ -48,7 +48,7 @@ def plugged_locator(plug_in: PlugIn) -> PanelLocator:
 
     Example:
         >>> plugged_locator(PlugIn.of("locators.mine", "vocc_torch.receiver.locators.DetectorLocator"))
-        DetectorLocator(weights=None, false_alarms=0.001)
+        DetectorLocator(weights=None, false_alarms=0.01)
     """
     if plug_in.target.startswith("vocc_torch.") and ships(plug_in.made):
         locator: PanelLocator = plug_in.made
