@@ -309,8 +309,8 @@ ODD = {
     "a number beyond float64": {
         "trained_on": {name: [0, 10**400] for name in ("pitch_px", "level", "contrast")}
     },
-    "weights without a name": {"locator": {"name": "learned", "weights": 1}},
-    "weights of no text": {"locator": {"name": "learned", "weights": 0.5}},
+    "weights without a name": {"locator": {"name": "detector", "weights": 1}},
+    "weights of no text": {"locator": {"name": "detector", "weights": 0.5}},
 }
 
 

@@ -60,7 +60,7 @@ def test_weights_of_ones_own_state_nothing(tmp_path, rendered, panels):
     assert torch.equal(found.corners_px[0], panels.corners_px[0])
     assert not locator.states_false_alarms
     assert math.isnan(locator.most_false_alarms)
-    with pytest.raises(VoccError, match=r"location\.false_alarms is 0\.01"):
+    with pytest.raises(VoccError, match=r"location\.false_alarms is 0\.03"):
         DetectorLocator(str(path), false_alarms=0.03)
 
 
