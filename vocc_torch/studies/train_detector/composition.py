@@ -420,7 +420,7 @@ def finished(
     low, high = draws.uniform(least, usual, 1), draws.uniform(usual, most, 1)
     grain = torch.where(draws.coin(FINISH.grainy), high, low)
     noise = grain[..., None] * draws.normal(*pictures.shape[1:])
-    edge = pictures - blurred(pictures, draws.uniform(FINISH.sharp_px, FINISH.sharp_px))
+    edge = pictures - blurred(pictures, noise.new_full((draws.count,), FINISH.sharp_px))
     sharp = draws.coin(FINISH.sharp) * draws.uniform(0, FINISH.sharpness, 1)
     pictures = pictures + sharp[..., None] * edge
     light = pictures * gain + draws.uniform(*FINISH.offset, 1, 1) + noise
