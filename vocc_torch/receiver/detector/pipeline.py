@@ -21,9 +21,7 @@ class DetectorSettings:
 
     judged: tuple[int, ...] = (6, 4)  # left after each look of the judge
     placed: tuple[int, ...] = (4, 3)  # left after each look of the placer
-    perspective_leds: int = (
-        16  # of a side, from which candidates keep their perspective
-    )
+    perspective_leds: int = 16  # of a side, from which perspective stays
     sure_logit: float = 6.0  # a candidate placed so well has not slipped
     least_logit: float = -2.0  # of the judge, of a best candidate that may have slipped
     slipped: tuple[int, ...] = (4, 4, 4)  # slips left after each look of the placer
