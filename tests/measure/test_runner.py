@@ -21,8 +21,11 @@ from vocc_torch.measure import runner
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.runner import Part, PointTask, parts_of
 from vocc_torch.measure.store import Store
+from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BLOCK_FRAMES
 
 
@@ -291,3 +294,35 @@ def test_a_blocks_bytes_are_its_numbers_and_others_are_refused():
 
 
 # Precision
+
+
+@pytest.mark.parametrize(
+    ("axis", "values", "group", "fits"),
+    [
+        ("distance_m", (50.0,), 0, True),
+        ("distance_m", (50.0,), -1, False),
+        ("distance_m", (50.0,), 7, False),
+        ("contrast", (0.1, 0.2, 0.3), -1, True),
+        ("contrast", (0.1, 0.2, 0.3), 2, False),
+    ],
+)
+def test_a_block_of_a_group_that_its_point_does_not_have_is_refused(
+    axis, values, group, fits
+):
+    """As a ledger that is forged and sealed may have it."""
+    world, budget = World(device="cpu"), Budget(64)
+    plan = Plan(
+        world, ReceiverPlan(), Experiment("e", axis, values), budget, Path("runs")
+    )
+    bank = ReceiverBank(["average_greyscale"], FLDA(3))
+    job = runner.Job(plan, world.scene, "e", runner.Banks([("truth", bank, 0)]))
+    right = np.ones((1, 64), bool)
+    errors = FrameErrors(
+        0 * right, right, 64, np.full(64, group), keys=job.receivers.keys
+    )
+    (part,) = parts_of(64)
+    if fits:
+        assert job.read(errors.packed(), part).groups[0] == group
+        return
+    with pytest.raises(VoccError, match="a group that its point does not have"):
+        job.read(errors.packed(), part)

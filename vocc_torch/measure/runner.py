@@ -223,7 +223,15 @@ class Job:
     def read(self, content: bytes, part: Part) -> FrameErrors:
         """Give the errors that a block's bytes say."""
         leds = self.plan.world.panel.shape.leds
-        return FrameErrors.unpacked(content, part.frames, leds, self.receivers.keys)
+        experiment, keys = self.plan.experiment, self.receivers.keys
+        errors = FrameErrors.unpacked(content, part.frames, leds, keys)
+        # Frames may lie in none of several bins.
+        least = -1 if experiment.axis == "contrast" else 0
+        if errors.groups.min() < least or errors.groups.max() >= experiment.bins:
+            raise VoccError(
+                "counts have a frame in a group that its point does not have"
+            )
+        return errors
 
     def tallies(self, errors: FrameErrors, part: Part) -> Tallies:
         """Count the errors of each receiver in each group of a block's frames."""
