@@ -67,7 +67,7 @@ def answer() -> int:
     usual = signal.getsignal(signal.SIGINT)
     if usual is signal.default_int_handler:  # a shell's background job hears nothing
         signal.signal(signal.SIGINT, stop)
-    gc.disable()  # until all is loaded: a tenth of the time that a picture takes
+    gc.disable()  # until all is loaded, for a quicker start
     from vocc_torch.app.cli import run  # which takes a second
 
     loading = signal.signal(signal.SIGINT, usual)

@@ -112,7 +112,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
 
 
 def collect_again() -> None:
-    """Begin to collect garbage where that has waited for modules to load, whose objects all stay."""
+    """Collect garbage from now on. The objects of loaded modules are left out: they stay."""
     if not gc.isenabled():
         gc.freeze()
         gc.enable()

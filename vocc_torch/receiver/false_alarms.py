@@ -157,7 +157,7 @@ def calibrated(
 ) -> FalseAlarms | None:
     """Give a locator's row for the largest calibrated panel that is no larger; None where there is none.
 
-    Smaller panels give more false alarms at a score, so what it states is too high rather than too low.
+    For a panel that is not in the table this is an estimate: false alarms depend on rows and columns.
     """
     rows = [
         row

@@ -109,9 +109,10 @@ def placed_well(
 
 
 def flattened(quads: Tensor, shape: PanelShape) -> Tensor:
-    """Take perspective from candidates (n,4,2): small panels show little of it, less than their corners err.
+    """Reduce the perspective of candidates (n,4,2) of small panels.
 
-    In cells it grows with the square of a panel's side.
+    A small panel shows less perspective than the errors of its corners feign. The perspective in cells grows
+    with the square of the panel's side.
 
     Example:
         >>> quads = torch.tensor([[[0.0, 0.0], [4.0, 0.0], [8.0, 4.0], [0.0, 4.0]]])

@@ -9,8 +9,6 @@ DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
 DOUBTFUL_MARGIN = 0.1
 """Of the mean margin: two grey levels of LEDs leave a gap between them, what is no panel hardly ever does."""
-SURE_FALSE_ALARMS = 1e-3
-"""Fewer are expected of a panel that is there, whatever one LED looks like."""
 LEAST_PARTED = 6.0
 """By :func:`parted`: read by ``tag_planes``, of 896 panels that were all On or all Off 889 are below, of 2240
 with 1 to 63 of 64 LEDs On 53, 45 of them with wrong bits."""
@@ -27,14 +25,10 @@ def is_one_level(read: Decoded) -> torch.Tensor:
 
 
 def is_doubtful(read: Decoded) -> torch.Tensor:
-    """Say which frames may hold no panel, (B,): a low score, or an LED that is neither On nor Off.
-
-    Where few false alarms are stated, there is one.
-    """
+    """Say which frames may hold no panel, (B,): a low score, or an LED that is neither On nor Off."""
     sure = read.scores.abs()
     clear = sure.amin(dim=(1, 2)) >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
-    low = (read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan()
-    return (~clear & ~(read.false_alarms < SURE_FALSE_ALARMS)) | low
+    return ~clear | ((read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan())
 
 
 def parted(scores: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
