@@ -31,7 +31,7 @@ from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.link import Observation, block_keys, rendered
 from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World, identity
-from vocc_torch.measure.schema import refuse_shadowed, typed
+from vocc_torch.measure.schema import options_of, refuse_shadowed, typed
 from vocc_torch.measure.store import Store
 from vocc_torch.plugins import TARGET, demand_plain, is_target
 from vocc_torch.receiver.bank import FLDA_FEATURES
@@ -90,24 +90,13 @@ def load_scene(
     return world
 
 
-def _options(group: str) -> list[str]:
-    """List the options of a group of the configuration."""
-    files = (
-        entry.name
-        for entry in resources.files("vocc_torch.conf").joinpath(group).iterdir()
-    )
-    return sorted(
-        name.removesuffix(".yaml") for name in files if name.endswith(".yaml")
-    )
-
-
 def _shipped(group: str, name: str) -> dict[str, Any]:
     """Read an option of a group of the configuration.
 
     Raises:
         VoccError: there is none of that name.
     """
-    options = _options(group)
+    options = options_of(group)
     if name not in options:
         raise VoccError(f"{group} is {shown(name)}: {told_known(name, options)}")
     text = (
@@ -165,7 +154,7 @@ def train(
     elif classifier not in FLDA_FEATURES and not (
         classifier == "flda" and features is not None
     ):
-        trained = [name for name in _options("classifier") if name not in TEMPLATES]
+        trained = [name for name in options_of("classifier") if name not in TEMPLATES]
         if classifier not in trained:
             known = told_known(classifier, [*FLDA_FEATURES, *trained])
             raise VoccError(

@@ -4,7 +4,6 @@ import errno
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from importlib import resources
 from typing import Any, cast
 
 from hydra.core.override_parser.types import Override
@@ -17,6 +16,7 @@ from vocc_torch.app.tasks import demand_used, is_brought, schema_of
 from vocc_torch.errors import VoccError, section, shown, stdout_refusal
 from vocc_torch.measure.schema import (
     merge,
+    options_of,
     parsed,
     refusal,
     refusals,
@@ -167,13 +167,6 @@ def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
         named = merged[part].experiments.items() if part in merged else ()
         for name, node in named:
             yield f"{part}.experiments.{name}", "experiment", node
-
-
-def options_of(group: str) -> list[str]:
-    """List the options of a group that ship."""
-    folder = resources.files("vocc_torch.conf").joinpath(group)
-    files = folder.iterdir() if folder.is_dir() else ()
-    return sorted(entry.name.removesuffix(".yaml") for entry in files)
 
 
 def typed_word(word: str) -> str:

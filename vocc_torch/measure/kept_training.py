@@ -6,13 +6,13 @@ executed: a classifier is built from the plan of the run that goes on, and takes
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import torch
 
-from vocc_torch.boundary import allowed, fits
-from vocc_torch.errors import VoccError, shown
+from vocc_torch.boundary import demand_fields
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import ClassifierPlan, Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
 from vocc_torch.measure.train import Making, Training, training_key
@@ -140,19 +140,9 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
         **numbers,
         **figures,
     )
-    _demand_numbers(training)
-    for cost in costs.values():
-        _demand_numbers(cost)
+    for record in (training, *costs.values()):
+        demand_fields("trained", record)
     samples, features = training.features.shape
     if training.bits.shape != (samples,) or features != len(plan.receiver.reader.names):
         raise ValueError("features and bits are of other numbers of LEDs")
     return training
-
-
-def _demand_numbers(record: Training | Making) -> None:
-    """Refuse a record with a number that is none: a row's checksum says nothing of its sense."""
-    for item in fields(record):
-        value = getattr(record, item.name)
-        is_number = item.name in (*_NUMBERS, *Making.__dataclass_fields__)
-        if is_number and not fits(value, item.type):
-            raise VoccError.of(item.name, shown(value), allowed(item.type))

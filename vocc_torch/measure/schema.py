@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field, fields, is_dataclass, make_dataclass
 from functools import cache
+from importlib import resources
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, get_args, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -41,6 +42,21 @@ KINDS: dict[object, str] = {
     dict: "a mapping, as in {key:value}",
 }
 """What a value must be, by its type."""
+
+
+def options_of(group: str) -> list[str]:
+    """List the options of a group of the configuration that ship.
+
+    Example:
+        >>> options_of("panel")
+        ['paper']
+    """
+    folder = resources.files("vocc_torch.conf").joinpath(group)
+    files = folder.iterdir() if folder.is_dir() else ()
+    names = (entry.name for entry in files)
+    return sorted(
+        name.removesuffix(".yaml") for name in names if name.endswith(".yaml")
+    )
 
 
 @cache

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -209,13 +209,9 @@ def prepared(
     chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device
 ) -> Intermediates:
     """Make what each stage starts from, of some of the frames."""
-    truth = (
-        getattr(exposure.truth, attribute.name)[rows].to(device)
-        for attribute in fields(Panels)
-    )
     results: Intermediates = {
         "host": exposure.frames[rows],
-        ("locate", None): Panels(*truth),
+        ("locate", None): exposure.truth[rows].to(device),
     }
     on_off = [_on(take[rows], device) for take in exposure.preambles]
     for chain in chains:

@@ -97,8 +97,6 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
     for old in set(into.glob("collected-[0-9]*.png")) - set(paths):
         old.unlink()
     print_jobs(jobs, keys, console)
-    for text in duplicates(jobs):
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
     places = [("table", "collected.csv"), *(("figure", path.name) for path in paths)]
     run_folder.print_places(console, into, places)
 
@@ -312,37 +310,6 @@ def collected_rows(
             else [[""] * len(curve.COLUMNS)]
         ):
             yield [job.name, job.status, *values, *written, job.complaint]
-
-
-def duplicates(jobs: Sequence[SweepJob]) -> list[str]:
-    """Say which jobs were asked the same, and whether they found the same.
-
-    Example:
-        >>> duplicates([SweepJob(name, "unfinished", settings={"seed": 1}) for name in ("0", "1")])
-        []
-    """
-    groups: dict[str, list[SweepJob]] = {}
-    for job in jobs:
-        if job.table is not None and job.settings:
-            asked = {
-                key: setting_text(value)
-                for key, value in job.settings.items()
-                if changes_results(key)
-            }
-            groups.setdefault(repr(asked), []).append(job)
-    lines = []
-    for group in groups.values():
-        if len(group) > 1:
-            same = len({job.table.rows for job in group if job.table}) == 1
-            found = (
-                "the same results"
-                if same
-                else "other results, as from another version or machine"
-            )
-            lines.append(
-                f"the same settings and {found}: jobs {', '.join(job.name for job in group)}"
-            )
-    return lines
 
 
 def changes_results(key: str) -> bool:
