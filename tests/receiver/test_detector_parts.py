@@ -13,6 +13,7 @@ from vocc_torch.receiver.detector.judge import judged
 from vocc_torch.receiver.detector.placer import Placer, corner_moves, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
+from vocc_torch.receiver.resample import cell_homography
 from vocc_torch.types import PanelShape
 
 
@@ -34,9 +35,9 @@ def test_readings_between_pixels_are_opencvs():
         borderMode=cv2.BORDER_REPLICATE,
     )
     # OpenCV's steps.
-    high, wide = torch.tensor([[40]]), torch.tensor([[60]])
+    start, size = torch.tensor([[7]]), torch.tensor([[40, 60]])
     buffer = torch.cat([noise(7), plane.flatten()])
-    seen = bilinear(buffer, 0 * high + 7, high, wide, at.mT)[0]
+    seen = bilinear(buffer, start, size, at.mT)[0]
     assert (seen - torch.from_numpy(wanted[:, 0])).abs().max() < 255 / 32 + 1e-3
 
 
@@ -58,8 +59,10 @@ def test_cells_are_read_through_the_homography_of_opencv():
     wanted = cv2.remap(plane.numpy(), at[:, 0], at[:, 1], cv2.INTER_LINEAR).reshape(
         40, 44
     )
+    quads = torch.from_numpy(quad)[None].double()
+    homography = cell_homography(quads, shape)
     seen = Pyramid.of(plane[None, None]).read_cells(
-        torch.from_numpy(quad)[None].double(), shape, (samples, samples), 1
+        quads, homography, shape, (samples, samples), 1
     )
     assert np.abs(seen[0].numpy() - wanted).max() < 0.5
 
@@ -80,7 +83,7 @@ def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):
     for row, column in ((3, 7), (16, 29)):
         tile = plane[64 * row : 64 * row + 64, 64 * column : 64 * column + 64]
         tile[::2, ::2] = 0
-    assert sorted(gate(plane).tolist()) == [[3, 7], [16, 29]]
+    assert sorted(gate(plane.byte()).tolist()) == [[3, 7], [16, 29]]
 
 
 def test_candidates_are_the_local_maxima():
@@ -89,7 +92,7 @@ def test_candidates_are_the_local_maxima():
     best = np.sort(
         score[score == maximum_filter(score, (0, 3, 3), mode="constant", cval=-1)]
     )[::-1]
-    picture, quads, values = peaks(outputs, 10)
+    picture, _, quads, values = peaks(outputs, 10)
     assert values.tolist() == pytest.approx(best[:10].tolist())
     row, column = np.argwhere(score[int(picture[0])] == score.max())[0]
     moves = outputs[int(picture[0]), 1:, row, column].view(4, 2)
@@ -167,7 +170,7 @@ def test_an_unsure_cell_says_nothing():
 
 
 def test_slips_are_cells_of_the_homography():
-    """Against OpenCV: a corner, a side or the whole candidate lies a cell away."""
+    """Against OpenCV: a corner lies a cell away."""
     quad = np.array([[30, 20], [68, 26], [70, 62], [28, 55]], np.float32)
     cells = np.array([[0, 0], [9, 0], [9, 8], [0, 8]], np.float32)
     matrix = cv2.getPerspectiveTransform(cells, quad)
@@ -177,7 +180,7 @@ def test_slips_are_cells_of_the_homography():
     )
     steps = (back.reshape(-1, 4, 2) - cells).round(2) + 0.0
     assert len(np.unique(steps, axis=0)) == len(steps)
-    assert {np.abs(step).sum() for step in steps} == {1.0, 2.0, 4.0}
+    assert {np.abs(step).sum() for step in steps} == {1.0}
 
 
 def test_the_placer_takes_any_shape():

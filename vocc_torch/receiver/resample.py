@@ -158,7 +158,12 @@ def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
         >>> map_points(corners, point, PanelShape(8, 8)).round(decimals=9).tolist()
         [[[10.0, 2.0]]]
     """
-    columns = cell_homography(corners_px, shape).mT[:, None]
+    return map_cells(cell_homography(corners_px, shape), cells)
+
+
+def map_cells(homography: Tensor, cells: Tensor) -> Tensor:
+    """Map points (B,P,2) in cell coordinates by homographies (B,3,3) into the image, (B,P,2) px, finite."""
+    columns = homography.mT[:, None]
     mapped = (
         cells[..., :1] * columns[:, :, 0]
         + cells[..., 1:] * columns[:, :, 1]

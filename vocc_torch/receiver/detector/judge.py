@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.receiver.resample import cell_size_px, map_points
+from vocc_torch.receiver.resample import cell_homography, cell_size_px, map_cells
 from vocc_torch.types import PanelShape
 
 SQUARE = PanelShape(14, 14)
@@ -109,23 +109,15 @@ def corners_of(maps: Tensor) -> Tensor:
         [15.0, 11.0]
     """
     high, wide = maps.shape[2:]
-    share = maps.flatten(2).softmax(2)
-    best = share.argmax(2)[..., None]
-    share = share.view_as(maps)
-    near_x = (torch.arange(wide, device=maps.device) - best % wide).abs()
-    near_y = (torch.arange(high, device=maps.device) - best // wide).abs()
-    near = (near_y <= SETTINGS.about)[..., None] & (near_x <= SETTINGS.about)[
-        ..., None, :
-    ]
-    share = share * near
-    total = share.sum((2, 3)).clamp(min=1e-9)
-    x, y = (
-        (share.sum(axis) * (torch.arange(side, device=maps.device).float() + 0.5)).sum(
-            2
-        )
-        for axis, side in ((2, wide), (3, high))
-    )
-    return SETTINGS.heat_px * torch.stack([x / total, y / total], 2)
+    best = maps.flatten(2).argmax(2, keepdim=True)
+    steps = torch.arange(-SETTINGS.about, SETTINGS.about + 1, device=maps.device)
+    y, x = (best // wide + steps)[..., None], (best % wide + steps)[..., None, :]
+    beyond = (y < 0) | (y >= high) | (x < 0) | (x >= wide)
+    index = y.clamp(0, high - 1) * wide + x.clamp(0, wide - 1)
+    near = maps.flatten(2).gather(2, index.flatten(2)).view(index.shape)
+    share = near.masked_fill(beyond, -torch.inf).flatten(2).softmax(2).view_as(index)
+    middle = torch.stack([(share * x).sum((2, 3)), (share * y).sum((2, 3))], 2)
+    return SETTINGS.heat_px * (middle + 0.5)
 
 
 def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
@@ -134,19 +126,19 @@ def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
     return pitch.nan_to_num(1.0).clamp(0.3, 300)
 
 
-def pictures_of(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
-    """Read the pictures (n,H,W) of candidates (n,4,2) px, in which each is a rectangle."""
-    down, across = grown(shape)
-    samples = SETTINGS.samples * down, SETTINGS.samples * across
-    return pyramid.read_cells(quads, SQUARE, samples, SETTINGS.margin)
-
-
 def judged(
     net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
-    """Judge candidates (n,4,2) float64 px: logits (n,), and the corners (n,4,2) that the judge sees."""
-    logit, maps = net(pictures_of(pyramid, quads, shape))
-    return logit, map_points(quads, parts_of(corners_of(maps), shape), SQUARE)
+    """Judge candidates (n,4,2) float64 px: logits (n,), and the corners (n,4,2) that the judge sees.
+
+    It reads pictures of candidates in which each is a rectangle.
+    """
+    down, across = grown(shape)
+    samples = SETTINGS.samples * down, SETTINGS.samples * across
+    homography = cell_homography(quads, SQUARE)
+    pictures = pyramid.read_cells(quads, homography, SQUARE, samples, SETTINGS.margin)
+    logit, maps = net(pictures)
+    return logit, map_cells(homography, parts_of(corners_of(maps), shape))
 
 
 def parts_of(places: Tensor, shape: PanelShape) -> Tensor:

@@ -21,9 +21,11 @@ class DetectorSettings:
 
     judged: tuple[int, ...] = (6, 4)  # left after each look of the judge
     placed: tuple[int, ...] = (4, 3)  # left after each look of the placer
+    behind: float = 6.0  # log odds of the best, beyond which others go no further
+    likely: float = 1.0  # log odds of a candidate that goes on however good others are
     perspective_leds: int = 16  # of a side, from which perspective stays
-    sure_logit: float = 6.0  # a candidate placed so well has not slipped
-    least_logit: float = -2.0  # of the judge, of a best candidate that may have slipped
+    sure_logit: float = 4.0  # a candidate placed so well has not slipped
+    least_logit: float = 1.0  # of the judge, of a best candidate that may have slipped
     slipped: tuple[int, ...] = (4, 4, 4)  # slips left after each look of the placer
     likelier: float = 1.0  # log odds by which a slip must be better than what is there
     least_pitch_px: float = 1.0  # of LEDs that can be told apart
@@ -70,7 +72,7 @@ def candidates(
     quads, logit = propose(networks.scout, pyramid)
     for count in options.judged:
         logit, quads = judged(networks.judge, pyramid, quads, shape)
-        order = logit.argsort(descending=True, stable=True)[:count]
+        order = likeliest(logit, count)
         quads, logit = flattened(quads[order], shape), logit[order]
     start, likely = quads[:1], logit[0]
     quads, odds = placed_well(networks, pyramid, quads, shape, options.placed)
@@ -103,9 +105,22 @@ def placed_well(
     for look, count in enumerate(left):
         quads = flattened(quads, shape) if look else quads
         odds, moved = placed(networks.placer, pyramid, quads, shape)
-        quads = moved[odds.argsort(descending=True, stable=True)[:count]]
+        quads = moved[likeliest(odds, count)]
     odds, _ = placed(networks.placer, pyramid, quads, shape)
     return quads, odds
+
+
+def likeliest(odds: Tensor, most: int) -> Tensor:
+    """Give the rows of the likeliest candidates with log odds (n,): those near the best, and all likely ones.
+
+    Example:
+        >>> likeliest(torch.tensor([-5.0, 9.0, 3.0, 8.0]), 3).tolist()
+        [1, 3, 2]
+    """
+    order = odds.argsort(descending=True, stable=True)[:most]
+    odds = odds[order]
+    enough = torch.minimum(odds[:1] - SETTINGS.behind, odds.new_tensor(SETTINGS.likely))
+    return order[odds >= enough]
 
 
 def flattened(quads: Tensor, shape: PanelShape) -> Tensor:

@@ -8,7 +8,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.receiver.resample import corner_cells, map_points
+from vocc_torch.receiver.resample import (
+    cell_homography,
+    corner_cells,
+    map_cells,
+    map_points,
+)
 from vocc_torch.types import PanelShape
 
 
@@ -109,34 +114,27 @@ def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     )
 
 
-def patches_of(pyramid: Pyramid, quads: Tensor, shape: PanelShape) -> Tensor:
-    """Read the patches (n,(R+2M)K,(C+2M)K) of candidates (n,4,2) px."""
-    samples = SETTINGS.samples, SETTINGS.samples
-    return pyramid.read_cells(quads, shape, samples, SETTINGS.margin)
-
-
 def placed(
     net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Score candidates (n,4,2) float64 px, (n,), and move their corners, (n,4,2)."""
-    logit, moves = net(patches_of(pyramid, quads, shape), shape)
-    return logit, map_points(quads, corner_cells(shape) + moves.double(), shape)
+    samples = SETTINGS.samples, SETTINGS.samples
+    homography = cell_homography(quads, shape)
+    patches = pyramid.read_cells(quads, homography, shape, samples, SETTINGS.margin)
+    logit, moves = net(patches, shape)
+    return logit, map_cells(homography, corner_cells(shape) + moves.double())
 
 
 def slips(quads: Tensor, shape: PanelShape) -> Tensor:
-    """Move each corner and each side of candidates (n,4,2) px by a cell, either way: (36n,4,2)."""
-    moves = _slips().to(quads)
-    cells = corner_cells(shape).to(quads) + moves
+    """Move each corner of candidates (n,4,2) px by a cell, either way: (16n,4,2).
+
+    Example:
+        >>> square = torch.tensor([[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]])
+        >>> slips(square, PanelShape(4, 4))[0].tolist()
+        [[1.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
+    """
+    steps = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    moves = (torch.eye(4)[:, None, :, None] * steps[:, None]).flatten(0, 1)
+    cells = corner_cells(shape).to(quads) + moves.to(quads)
     starts = quads.repeat_interleave(len(moves), 0)
     return map_points(starts, cells.repeat(len(quads), 1, 1), shape)
-
-
-@lru_cache(maxsize=1)
-@torch.inference_mode(False)
-def _slips() -> Tensor:
-    """Moves (36,4,2), cells, of each corner, of each side, and of all four."""
-    corners = torch.eye(4)
-    groups = torch.cat([corners, corners + corners.roll(1, 1), torch.ones(1, 4)])
-    axes = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    moves: Tensor = (groups[:, None, :, None] * axes[None, :, None]).flatten(0, 1)
-    return moves

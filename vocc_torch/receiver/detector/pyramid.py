@@ -1,13 +1,14 @@
 """Halvings of one frame, the tiles of it that are worth a look, and bilinear readings of cells."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from vocc_torch.receiver.resample import cell_homography, cell_size_px, grid_places
+from vocc_torch.receiver.resample import cell_size_px, grid_places, sample_cells
 from vocc_torch.types import PanelShape
 
 
@@ -19,7 +20,7 @@ class PyramidSettings:
     most_levels: int = 7  # LEDs up to 400 px
     tile_px: int = 64  # side of a tile
     margin_px: int = 16  # around a tile, for the scout's field of view
-    tiles: int = 26  # of a level, always: the time is constant
+    tiles: int = 20  # of a level, always: the time is constant
     block_px: int = 16  # the gate averages over this side
     grain: float = 8.0  # grey values, below which ranges count as alike
 
@@ -46,14 +47,12 @@ class Pyramid:
     @classmethod
     def of(cls, grey: Tensor) -> Self:
         """Halve one frame (1,1,H,W) uint8 until its shorter side is below the limit."""
-        level = grey[0, 0]
-        levels = [level]
+        levels = [grey[0, 0]]
         while (
-            min(level.shape) >= 2 * SETTINGS.least_side_px
+            min(levels[-1].shape) >= 2 * SETTINGS.least_side_px
             and len(levels) < SETTINGS.most_levels
         ):
-            level = halved(level)
-            levels.append(level)
+            levels.append(halved(levels[-1]))
         sizes = tuple((level.shape[0], level.shape[1]) for level in levels)
         return cls(torch.cat([level.flatten() for level in levels]), sizes)
 
@@ -67,6 +66,7 @@ class Pyramid:
     def read_cells(
         self,
         quads: Tensor,
+        homography: Tensor,
         shape: PanelShape,
         samples: tuple[int, int],
         margin: int,
@@ -75,6 +75,7 @@ class Pyramid:
 
         Args:
             quads: (n,4,2) px of the frame, clockwise from the top left.
+            homography: (n,3,3) of cells to the frame.
             shape: rows R and columns C.
             samples: K down and L across a cell.
             margin: M, cells.
@@ -82,33 +83,38 @@ class Pyramid:
         Returns:
             (n,(R+2M)K,(C+2M)L) grey values.
         """
-        down, across = (
-            (torch.arange((leds + 2 * margin) * count).float() + 0.5).to(quads.device)
-            / count
-            - margin
-            for leds, count in zip((shape.rows, shape.columns), samples, strict=True)
-        )
-        places = grid_places(cell_homography(quads, shape).float(), across, down)
-        seen = self.read(places.flatten(2), quads, shape, samples)
-        return seen.view(-1, len(down), len(across))
+        down, across = _axes(shape, samples, margin, quads.device)
+        at = grid_places(homography.float(), across, down).flatten(2)
+        read = self.read(at, self.level(quads, shape, samples))
+        return read.view(-1, len(down), len(across))
 
-    def read(
-        self,
-        places: Tensor,
-        quads: Tensor,
-        shape: PanelShape,
-        samples: tuple[int, int],
+    def level(
+        self, quads: Tensor, shape: PanelShape, samples: tuple[int, int]
     ) -> Tensor:
-        """Read places (n,2,P) px in the levels where cells are nearest to so many pixels, (n,P)."""
+        """Choose the levels (n,) in which the samples of cells are nearest to a pixel apart."""
         sides = torch.stack(cell_size_px(quads, shape), 1)
         sides = sides / sides.new_tensor(samples[::-1])
         level = sides.amax(1).clamp(min=1e-3).log2().round()
-        level = level.clamp(0, len(self.sizes) - 1).long()
-        size = torch.tensor(self.sizes, device=quads.device)
+        return level.clamp(0, len(self.sizes) - 1).long()
+
+    def read(self, places: Tensor, level: Tensor) -> Tensor:
+        """Read places (n,2,P) px of the frame in levels (n,), (n,P)."""
+        size = torch.tensor(self.sizes, device=level.device)
         starts = functional.pad(size.prod(1).cumsum(0), (1, 0))
-        high, wide = size[level, :, None].unbind(1)
-        at = places.nan_to_num() * 0.5 ** level[:, None, None]
-        return bilinear(self.buffer, starts[level, None], high, wide, at)
+        at = places * 0.5 ** level[:, None, None]
+        return bilinear(self.buffer, starts[level, None], size[level], at)
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def _axes(
+    shape: PanelShape, samples: tuple[int, int], margin: int, device: torch.device
+) -> list[Tensor]:
+    """Give the samples' cell coordinates down (h,) and across (w,), float32."""
+    return [
+        sample_cells(leds, count, margin).float().to(device)
+        for leds, count in zip((shape.rows, shape.columns), samples, strict=True)
+    ]
 
 
 def halved(levels: Tensor) -> Tensor:
@@ -119,41 +125,43 @@ def halved(levels: Tensor) -> Tensor:
         [[3]]
     """
     high, wide = (side // 2 * 2 for side in levels.shape[-2:])
-    pairs = levels[..., :high, :wide].reshape(*levels.shape[:-2], high // 2, 2, wide)
-    total = pairs[..., 0, :].short() + pairs[..., 1, :]
-    mean: Tensor = (total[..., ::2] + total[..., 1::2] + 2) >> 2
-    return mean.byte()
+    # Two neighbours as one number of 16 bits, which a copy aligns: half as many to read.
+    even = levels[..., :high, :wide].clone(memory_format=torch.contiguous_format)
+    pairs = even.view(torch.int16)
+    upper, lower = pairs[..., ::2, :], pairs[..., 1::2, :]
+    total = (upper & 255) + (lower & 255)
+    total += upper >> 8 & 255
+    total += lower >> 8 & 255
+    total += 2
+    return (total >> 2).byte()
 
 
-def bilinear(
-    buffer: Tensor, start: Tensor, high: Tensor, wide: Tensor, at: Tensor
-) -> Tensor:
+def bilinear(buffer: Tensor, start: Tensor, size: Tensor, at: Tensor) -> Tensor:
     """Read planes in a buffer (P,) at places (n,2,P), px, whose pixel centres lie at halves, to (n,P) float32.
 
     Args:
         buffer: grey values.
         start: (n,1) int64 where the planes begin.
-        high: (n,1) int64.
-        wide: (n,1) int64.
-        at: across and down.
+        size: (n,2) int64 height and width.
+        at: across and down; beyond a plane its border pixels go on.
 
     Example:
-        >>> one = torch.tensor([[1]])
-        >>> at = torch.tensor([[[1.0], [0.5]]])
-        >>> bilinear(torch.tensor([0.0, 8.0]), 0 * one, one, 2 * one, at).tolist()
+        >>> start, size, at = torch.tensor([[0]]), torch.tensor([[1, 2]]), torch.tensor([[[1.0], [0.5]]])
+        >>> bilinear(torch.tensor([0.0, 8.0]), start, size, at).tolist()
         [[4.0]]
     """
-    x = (at[:, 0] - 0.5).clamp(min=0).minimum(wide - 1)
-    y = (at[:, 1] - 0.5).clamp(min=0).minimum(high - 1)
-    left = x.floor().minimum(wide - 2).clamp(min=0)
-    top = y.floor().minimum(high - 2).clamp(min=0)
-    x, y = (x - left).float(), (y - top).float()
-    first = start + top.long() * wide + left.long()
-    right = first + (wide > 1)
-    below = wide * (high > 1)
-    upper = torch.lerp(buffer[first].float(), buffer[right].float(), x)
-    lower = torch.lerp(buffer[first + below].float(), buffer[right + below].float(), x)
-    return torch.lerp(upper, lower, y)
+    last = size.flip(1)[..., None] - 1
+    at = (at - 0.5).clamp(min=0).minimum(last.to(at))
+    first = at.floor().minimum((last - 1).clamp(min=0).to(at))
+    share = (at - first).float().unbind(1)
+    column, row = first.long().unbind(1)
+    wide = size[:, 1:]
+    index = row * wide + column + start
+    right, below = (wide > 1).long(), wide * (size[:, :1] > 1)
+    corners = torch.stack([index, index + below, index + right, index + right + below])
+    near = buffer.index_select(0, corners.flatten()).float().view(2, 2, *index.shape)
+    upper, lower = torch.lerp(near[0], near[1], share[0])
+    return torch.lerp(upper, lower, share[1])
 
 
 def gate(plane: Tensor) -> Tensor:
@@ -168,11 +176,11 @@ def gate(plane: Tensor) -> Tensor:
     """
     high, wide = plane.shape[0] // 4 * 4, plane.shape[1] // 2 * 2
     lines = plane[:high, :wide].reshape(high // 4, 4, wide)
-    most = torch.maximum(lines[:, 0], lines[:, 1])
-    least = torch.minimum(lines[:, 0], lines[:, 1])
-    most = torch.maximum(most[:, ::2], most[:, 1::2])
-    least = torch.minimum(least[:, ::2], least[:, 1::2])
-    spread = ((most - least).float() + SETTINGS.grain).log_()
+    most = torch.maximum(lines[:, 0], lines[:, 1]).view(torch.int16)
+    least = torch.minimum(lines[:, 0], lines[:, 1]).view(torch.int16)
+    spread = torch.maximum(most & 255, most >> 8 & 255)
+    spread -= torch.minimum(least & 255, least >> 8 & 255)
+    spread = (spread.float() + SETTINGS.grain).log_()
     block = SETTINGS.block_px // 4, SETTINGS.block_px // 2
     means = functional.avg_pool2d(
         spread[None], block, ceil_mode=True, count_include_pad=False

@@ -1,8 +1,11 @@
 """The scout: a fully convolutional network that proposes where panels are, at any level of a pyramid."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -21,7 +24,8 @@ class ScoutSettings:
     stride_px: int = 8  # between its outputs
     unit_px: float = 16.0  # of the corners that it gives
     peak_cells: int = 3  # a candidate is the best of so many outputs a side
-    candidates: int = 16  # of a frame
+    candidates: int = 8  # of a frame
+    peaks: int = 64  # of the larger levels, and of the smaller ones
     same: float = 0.3  # centres nearer than this share of a side are of one candidate, if sizes are alike
     alike: float = 1.4  # ratio of sizes that are alike
     gated_px: int = 200_000  # larger levels are looked at in tiles
@@ -68,7 +72,11 @@ class Scout(nn.Module):
 
     def forward(self, grey: Tensor) -> Tensor:
         """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,9,H/8,W/8)."""
-        fine = self.fine(self.block(grey.float() / 64 - 1).relu())
+        # Grey values become -1 to 3 by the first layer's own weights.
+        weight = self.block.weight
+        bias = self.block.bias - weight.sum((1, 2, 3))
+        blocks = functional.conv2d(grey.float(), weight / 64, bias, self.block.stride)
+        fine = self.fine(blocks.relu())
         coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0)
         out: Tensor = self.head((fine + coarse).relu())
         return out
@@ -80,41 +88,54 @@ def quads_of(outputs: Tensor, places: Tensor) -> Tensor:
     return centre[:, None] + SETTINGS.unit_px * outputs[:, 1:].view(-1, 4, 2)
 
 
-def peaks(outputs: Tensor, most: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Take the best local maxima of outputs (B,9,h,w): picture (n,), corners (n,4,2) px and scores (n,)."""
-    score = outputs[:, :1]
+class Peaks(NamedTuple):
+    """Places where a score is the best about.
+
+    Args:
+        picture: (n,) int64.
+        place: (n,2) int64 columns and rows of the output.
+        quads: (n,4,2) px of the picture.
+        score: (n,).
+    """
+
+    picture: Tensor
+    place: Tensor
+    quads: Tensor
+    score: Tensor
+
+
+def peaks(outputs: Tensor, most: int) -> Peaks:
+    """Take the best local maxima of outputs (B,9,h,w)."""
+    score = outputs[:, 0]
     best = functional.max_pool2d(
-        score, SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
-    )
+        score[:, None], SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
+    )[:, 0]
     flat = score.masked_fill(score < best, -torch.inf).flatten()
     values, order = flat.topk(min(most, len(flat)))
-    picture = order // (score.shape[2] * score.shape[3])
-    row, column = order // score.shape[3] % score.shape[2], order % score.shape[3]
-    return (
-        picture,
-        quads_of(outputs[picture, :, row, column], torch.stack([column, row], 1)),
-        values,
-    )
+    order = order[values > -torch.inf]
+    high, wide = score.shape[1:]
+    picture, row, column = order // (high * wide), order // wide % high, order % wide
+    place = torch.stack([column, row], 1)
+    quads = quads_of(outputs[picture, :, row, column], place)
+    return Peaks(picture, place, quads, flat[order])
 
 
 def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
     """Give the rows of at most so many candidates, the best first, one of those at nearly the same place."""
     order = score.argsort(descending=True, stable=True)
-    centre, size = (
-        quads.mean(1)[order],
-        (quads[:, 0] - quads[:, 2]).norm(dim=1)[order].clamp(min=1e-6),
-    )
+    quads = quads[order]
+    centre = quads.mean(1)
+    size = (quads[:, 0] - quads[:, 2]).norm(dim=1).clamp(min=1e-6)
     near = torch.cdist(centre, centre) < SETTINGS.same * torch.minimum(
         size[:, None], size
     )
-    ratio = size[:, None] / size
-    same = (near & (ratio < SETTINGS.alike) & (ratio > 1 / SETTINGS.alike)).numpy()
+    same = near & ((size[:, None] / size).log().abs() < math.log(SETTINGS.alike))
+    left = same.cpu().numpy()
     chosen: list[int] = []
-    for row in range(len(order)):
-        if not any(same[row, other] for other in chosen):
-            chosen.append(row)
-        if len(chosen) == most:
-            break
+    taken = np.zeros(len(left), bool)
+    while len(chosen) < most and not taken.all():
+        chosen.append(int(taken.argmin()))
+        taken |= left[chosen[-1]]
     return order[chosen]
 
 
@@ -128,35 +149,44 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
     """
     levels = pyramid.levels
     large = sum(gated and level.numel() > SETTINGS.gated_px for level in levels)
-    parts = [*_in_tiles(net, levels[:large]), *_in_canvas(net, levels[large:])]
-    quads, scores = [], []
-    for number, (corners, score) in enumerate(parts):
-        quads.append(corners.double() * 2.0**number)
-        scores.append(score)
-    corners, score = torch.cat(quads), torch.cat(scores)
+    looks = [look(net, levels, large) for look in (_in_tiles, _in_canvas)]
+    corners, score = map(torch.cat, zip(*looks, strict=True))
     rows = distinct(corners, score, SETTINGS.candidates)
     return corners[rows], score[rows]
 
 
-def _in_canvas(net: Scout, levels: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
-    """Look at all of levels (H,W) in one picture, with margins of their mean grey value around."""
-    if not levels:
-        return []
-    stride, most = SETTINGS.stride_px, 2 * SETTINGS.candidates
-    sides = [tuple(level.shape) for level in levels]
+def _in_canvas(
+    net: Scout, levels: Sequence[Tensor], large: int
+) -> tuple[Tensor, Tensor]:
+    """Look at all of the smaller levels (H,W) in one picture, with margins of a mean grey value around."""
+    small = levels[large:]
+    if not small:
+        return _nothing(levels[0])
+    step = SETTINGS.stride_px
+    sides = [tuple(level.shape) for level in small]
     origins, size = canvas_of(sides)
-    mean = levels[-1].float().mean().round().byte()
+    mean = small[-1].float().mean().round().byte()
     canvas = mean.expand(1, 1, *size).contiguous()
-    for level, (high, wide), (top, left) in zip(levels, sides, origins, strict=True):
-        canvas[0, 0, top : top + high, left : left + wide] = level
+    # Outputs belong to a level as far as one beyond its edges.
+    owner = torch.full((size[0] // step, size[1] // step), -1, device=mean.device)
+    for number, ((high, wide), (top, left)) in enumerate(
+        zip(sides, origins, strict=True)
+    ):
+        canvas[0, 0, top : top + high, left : left + wide] = small[number]
+        rows = slice(top // step - 1, -(-(top + high) // step) + 1)
+        owner[rows, left // step - 1 : -(-(left + wide) // step) + 1] = number
     outputs = net(canvas)
-    parts = []
-    for (high, wide), (top, left) in zip(sides, origins, strict=True):
-        rows = slice(top // stride - 1, -(-(top + high) // stride) + 1)
-        columns = slice(left // stride - 1, -(-(left + wide) // stride) + 1)
-        _, quads, score = peaks(outputs[:, :, rows, columns], most)
-        parts.append((quads - stride, score))
-    return parts
+    outputs[0, 0].masked_fill_(owner < 0, -torch.inf)
+    found = peaks(outputs, SETTINGS.peaks)
+    level = owner[found.place[:, 1], found.place[:, 0]].clamp(min=0)
+    origin = torch.tensor(origins, device=level.device)[level].flip(1)
+    quads = found.quads.double() - origin[:, None]
+    return quads * 2.0 ** (large + level)[:, None, None], found.score
+
+
+def _nothing(like: Tensor) -> tuple[Tensor, Tensor]:
+    none = torch.zeros(0, 4, 2, dtype=torch.float64, device=like.device)
+    return none, none[:, 0, 0].float()
 
 
 def canvas_of(
@@ -187,14 +217,16 @@ def canvas_of(
     return origins, (max(top, margin + beyond[0][0]), left + wide)
 
 
-def _in_tiles(net: Scout, levels: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
-    """Look at the tiles of levels (H,W) that the gate chooses."""
-    if not levels:
-        return []
+def _in_tiles(
+    net: Scout, levels: Sequence[Tensor], large: int
+) -> tuple[Tensor, Tensor]:
+    """Look at the tiles of the larger levels (H,W) that the gate chooses."""
+    if not large:
+        return _nothing(levels[0])
     tile, margin = pyramids.SETTINGS.tile_px, pyramids.SETTINGS.margin_px
     side = tile + 2 * margin
-    tiles, places = [], []
-    for level in levels:
+    tiles, places, scales = [], [], []
+    for number, level in enumerate(levels[:large]):
         row, column = gate(level).unbind(1)
         high, wide = (-(-length // tile) * tile for length in level.shape)
         beyond = (wide - level.shape[1], high - level.shape[0])
@@ -204,14 +236,11 @@ def _in_tiles(net: Scout, levels: Sequence[Tensor]) -> list[tuple[Tensor, Tensor
         views = canvas.unfold(0, side, tile).unfold(1, side, tile)
         tiles.append(views[row, column][:, None])
         places.append(torch.stack([column, row], 1) * tile - margin)
+        scales.append(torch.full_like(row, 2**number))
     outputs = net(torch.cat(tiles))
     edge = margin // SETTINGS.stride_px
     outputs[:, 0, :edge] = outputs[:, 0, -edge:] = -torch.inf
     outputs[:, 0, :, :edge] = outputs[:, 0, :, -edge:] = -torch.inf
-    parts = []
-    for output, origin in zip(
-        outputs.split(list(map(len, tiles))), places, strict=True
-    ):
-        picture, quads, score = peaks(output, 2 * SETTINGS.candidates)
-        parts.append((quads + origin[picture, None].to(quads), score))
-    return parts
+    found = peaks(outputs, SETTINGS.peaks)
+    quads = found.quads.double() + torch.cat(places)[found.picture, None]
+    return quads * torch.cat(scales)[found.picture, None, None], found.score

@@ -15,7 +15,7 @@ from torch import Tensor
 from vocc_torch.api import load_scene, simulate
 from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, halved
-from vocc_torch.receiver.resample import cell_size_px
+from vocc_torch.receiver.resample import cell_homography, cell_size_px
 from vocc_torch.studies.train_detector.clutter import mosaics
 from vocc_torch.types import Frames, PanelShape
 
@@ -203,10 +203,10 @@ class Pool:
 
         Beyond a frame its edges go on.
         """
-        high, wide = self.sizes[level, :, None].unbind(1)
-        start = self.starts[level, None] + frame[:, None] * high * wide
+        size = self.sizes[level]
+        start = self.starts[level, None] + frame[:, None] * size.prod(1, keepdim=True)
         places = at.double().nan_to_num() * 0.5 ** level[:, None, None]
-        return bilinear(self.buffer, start, high, wide, places)
+        return bilinear(self.buffer, start, size, places)
 
 
 def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
@@ -236,7 +236,9 @@ def contrast(
     if not bool(inside.all()) or bits.all() or not bits.any():
         return 0.0
     side = SETTINGS.samples
-    cells = Pyramid.of(grey).read_cells(corners_px[None], shape, (side, side), 0)[0]
+    quads = corners_px[None]
+    homography = cell_homography(quads, shape)
+    cells = Pyramid.of(grey).read_cells(quads, homography, shape, (side, side), 0)[0]
     cells = cells.view(shape.rows, side, shape.columns, side)[:, 1:-1, :, 1:-1]
     means = cells.mean((1, 3))
     on, off = means[bits], means[~bits]
