@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver.detector.judge import pitch_of
-from vocc_torch.receiver.detector.pipeline import placed_well
+from vocc_torch.receiver.detector.pipeline import flattened
 from vocc_torch.receiver.detector.placer import placed
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import Networks
@@ -66,16 +66,18 @@ class Surroundings:
         """Put corners (4,2) px right that are off by up to a cell, by some more in a wide search.
 
         Returns:
-            (4,2) corners and the log odds of a panel there.
+            (4,2) corners, and the log odds of a panel where the last look began.
         """
         starts = corners[None]
         if wide:
             reach = SETTINGS.reaches
             steps = torch.arange(-reach, reach + 1) * SETTINGS.reach_cells
             starts = self.moved(corners, torch.cartesian_prod(steps, steps))
-        starts = starts - self.origin
-        left = (len(starts),) * SETTINGS.looks
-        quads, odds = placed_well(self.networks, self.pyramid, starts, self.shape, left)
+        quads = starts - self.origin
+        odds = quads.new_zeros(len(quads))
+        for look in range(SETTINGS.looks):
+            quads = flattened(quads, self.shape) if look else quads
+            odds, quads = placed(self.networks.placer, self.pyramid, quads, self.shape)
         best = int(odds.argmax())
         return quads[best] + self.origin, float(odds[best])
 

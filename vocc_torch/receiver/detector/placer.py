@@ -126,15 +126,19 @@ def placed(
 
 
 def slips(quads: Tensor, shape: PanelShape) -> Tensor:
-    """Move each corner of candidates (n,4,2) px by a cell, either way: (16n,4,2).
-
-    Example:
-        >>> square = torch.tensor([[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]])
-        >>> slips(square, PanelShape(4, 4))[0].tolist()
-        [[1.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
-    """
-    steps = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    moves = (torch.eye(4)[:, None, :, None] * steps[:, None]).flatten(0, 1)
-    cells = corner_cells(shape).to(quads) + moves.to(quads)
+    """Move each corner and each side of candidates (n,4,2) px by a cell, either way: (36n,4,2)."""
+    moves = _slips().to(quads)
+    cells = corner_cells(shape).to(quads) + moves
     starts = quads.repeat_interleave(len(moves), 0)
     return map_points(starts, cells.repeat(len(quads), 1, 1), shape)
+
+
+@lru_cache(maxsize=1)
+@torch.inference_mode(False)
+def _slips() -> Tensor:
+    """Moves (36,4,2), cells, of each corner, of each side, and of all four."""
+    corners = torch.eye(4)
+    groups = torch.cat([corners, corners + corners.roll(1, 1), torch.ones(1, 4)])
+    axes = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    moves: Tensor = (groups[:, None, :, None] * axes[None, :, None]).flatten(0, 1)
+    return moves

@@ -24,7 +24,8 @@ class ScoutSettings:
     stride_px: int = 8  # between its outputs
     unit_px: float = 16.0  # of the corners that it gives
     peak_cells: int = 3  # a candidate is the best of so many outputs a side
-    candidates: int = 8  # of a frame
+    candidates: int = 16  # of a frame
+    behind: float = 2.5  # log odds of the best, beyond which others are no candidates
     peaks: int = 64  # of the larger levels, and of the smaller ones
     same: float = 0.3  # centres nearer than this share of a side are of one candidate, if sizes are alike
     alike: float = 1.4  # ratio of sizes that are alike
@@ -151,6 +152,8 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
     large = sum(gated and level.numel() > SETTINGS.gated_px for level in levels)
     looks = [look(net, levels, large) for look in (_in_tiles, _in_canvas)]
     corners, score = map(torch.cat, zip(*looks, strict=True))
+    near = score > score.amax() - SETTINGS.behind
+    corners, score = corners[near], score[near]
     rows = distinct(corners, score, SETTINGS.candidates)
     return corners[rows], score[rows]
 
