@@ -162,9 +162,9 @@ def read_panels(
             if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
                 with torch.inference_mode():
                     whose, tracks, followed = tracker.panels(greys, most)
-                    read = receiver(
-                        images[torch.tensor(whose)], followed.to(receiver.device)
-                    )
+                    if whose != [*range(len(batch))]:
+                        images = images[torch.tensor(whose)]
+                    read = receiver(images, followed.to(receiver.device))
             elif most > 1:
                 whose, read = receiver.decode_several(images.grey, most)
             else:
