@@ -87,15 +87,15 @@ def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):
 
 
 def test_candidates_are_the_local_maxima():
-    outputs = noise(2, 9, 20, 30)
+    outputs = noise(2, 11, 20, 30)
     score = outputs[:, 0].numpy()
     best = np.sort(
         score[score == maximum_filter(score, (0, 3, 3), mode="constant", cval=-1)]
     )[::-1]
-    picture, _, quads, values = peaks(outputs, 10)
+    picture, _, quads, values = peaks(outputs[:, 0], outputs, 10)
     assert values.tolist() == pytest.approx(best[:10].tolist())
     row, column = np.argwhere(score[int(picture[0])] == score.max())[0]
-    moves = outputs[int(picture[0]), 1:, row, column].view(4, 2)
+    moves = outputs[int(picture[0]), 3:, row, column].view(4, 2)
     assert torch.allclose(
         quads[0], 8 * torch.tensor([column + 0.5, row + 0.5]).float() + 16 * moves
     )

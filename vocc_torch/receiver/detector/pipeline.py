@@ -69,7 +69,7 @@ def candidates(
 ) -> tuple[Tensor, Tensor]:
     """Propose, judge and place the candidates of one frame: corners (n,4,2) px and log odds (n,)."""
     options = SETTINGS
-    quads, logit = propose(networks.scout, pyramid)
+    quads, logit = propose(networks.scout, pyramid, shape)
     for count in options.judged:
         logit, quads = judged(networks.judge, pyramid, quads, shape)
         order = likeliest(logit, count)

@@ -12,9 +12,16 @@ from torch.nn import functional
 
 from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector.pyramid import Pyramid, gate
+from vocc_torch.types import PanelShape
 
-OUTPUTS = 9
-"""A score and the moves of four corners."""
+SIZES = (5.6, 11.3)
+"""LEDs along a side at which small, middle and large panels part."""
+
+SCORES = len(SIZES) + 1
+"""A score for each size of panels."""
+
+OUTPUTS = SCORES + 8
+"""Scores and the moves of four corners."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,7 @@ class Scout(nn.Module):
 
     Example:
         >>> Scout()(torch.zeros(1, 1, 64, 96)).shape
-        torch.Size([1, 9, 8, 12])
+        torch.Size([1, 11, 8, 12])
     """
 
     def __init__(self) -> None:
@@ -68,11 +75,11 @@ class Scout(nn.Module):
         last = nn.Conv2d(16, OUTPUTS, 1)
         self.head = nn.Sequential(nn.Conv2d(16, 16, 3, 1, 1), nn.ReLU(), last)
         last.bias = nn.Parameter(
-            torch.tensor([SETTINGS.rare_logit, *[0.0] * (OUTPUTS - 1)])
+            torch.tensor([SETTINGS.rare_logit] * SCORES + [0.0] * 8)
         )
 
     def forward(self, grey: Tensor) -> Tensor:
-        """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,9,H/8,W/8)."""
+        """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,11,H/8,W/8)."""
         # Grey values become -1 to 3 by the first layer's own weights.
         weight = self.block.weight
         bias = self.block.bias - weight.sum((1, 2, 3))
@@ -84,9 +91,19 @@ class Scout(nn.Module):
 
 
 def quads_of(outputs: Tensor, places: Tensor) -> Tensor:
-    """Give corners (n,4,2), px, of outputs (n,9) at places (n,2), columns and rows of the output."""
+    """Give corners (n,4,2), px, of outputs (n,11) at places (n,2), columns and rows of the output."""
     centre = (places.to(outputs) + 0.5) * SETTINGS.stride_px
-    return centre[:, None] + SETTINGS.unit_px * outputs[:, 1:].view(-1, 4, 2)
+    return centre[:, None] + SETTINGS.unit_px * outputs[:, SCORES:].view(-1, 4, 2)
+
+
+def size_of(shape: PanelShape) -> int:
+    """Give the number of the score for panels of a shape.
+
+    Example:
+        >>> [size_of(PanelShape(*sides)) for sides in ((4, 4), (4, 8), (8, 8), (8, 16))]
+        [0, 1, 1, 2]
+    """
+    return sum(math.sqrt(shape.leds) >= side for side in SIZES)
 
 
 class Peaks(NamedTuple):
@@ -105,9 +122,8 @@ class Peaks(NamedTuple):
     score: Tensor
 
 
-def peaks(outputs: Tensor, most: int) -> Peaks:
-    """Take the best local maxima of outputs (B,9,h,w)."""
-    score = outputs[:, 0]
+def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
+    """Take the best local maxima of a score (B,h,w), with the corners of outputs (B,11,h,w)."""
     best = functional.max_pool2d(
         score[:, None], SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
     )[:, 0]
@@ -140,17 +156,21 @@ def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
     return order[chosen]
 
 
-def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, Tensor]:
+def propose(
+    net: Scout, pyramid: Pyramid, shape: PanelShape, gated: bool = True
+) -> tuple[Tensor, Tensor]:
     """Give the best candidates of a frame, corners (n,4,2) float64 px and scores (n,), the best first.
 
     Args:
         net: the scout.
         pyramid: of the frame.
+        shape: rows and columns.
         gated: whether only the tiles that the gate chooses are looked at in large levels.
     """
     levels = pyramid.levels
     large = sum(gated and level.numel() > SETTINGS.gated_px for level in levels)
-    looks = [look(net, levels, large) for look in (_in_tiles, _in_canvas)]
+    size = size_of(shape)
+    looks = [look(net, levels, large, size) for look in (_in_tiles, _in_canvas)]
     corners, score = map(torch.cat, zip(*looks, strict=True))
     near = score > score.amax() - SETTINGS.behind
     corners, score = corners[near], score[near]
@@ -159,7 +179,7 @@ def propose(net: Scout, pyramid: Pyramid, gated: bool = True) -> tuple[Tensor, T
 
 
 def _in_canvas(
-    net: Scout, levels: Sequence[Tensor], large: int
+    net: Scout, levels: Sequence[Tensor], large: int, size: int
 ) -> tuple[Tensor, Tensor]:
     """Look at all of the smaller levels (H,W) in one picture, with margins of a mean grey value around."""
     small = levels[large:]
@@ -167,11 +187,11 @@ def _in_canvas(
         return _nothing(levels[0])
     step = SETTINGS.stride_px
     sides = [tuple(level.shape) for level in small]
-    origins, size = canvas_of(sides)
+    origins, (tall, broad) = canvas_of(sides)
     mean = small[-1].float().mean().round().byte()
-    canvas = mean.expand(1, 1, *size).contiguous()
+    canvas = mean.expand(1, 1, tall, broad).contiguous()
     # Outputs belong to a level as far as one beyond its edges.
-    owner = torch.full((size[0] // step, size[1] // step), -1, device=mean.device)
+    owner = torch.full((tall // step, broad // step), -1, device=mean.device)
     for number, ((high, wide), (top, left)) in enumerate(
         zip(sides, origins, strict=True)
     ):
@@ -179,8 +199,8 @@ def _in_canvas(
         rows = slice(top // step - 1, -(-(top + high) // step) + 1)
         owner[rows, left // step - 1 : -(-(left + wide) // step) + 1] = number
     outputs = net(canvas)
-    outputs[0, 0].masked_fill_(owner < 0, -torch.inf)
-    found = peaks(outputs, SETTINGS.peaks)
+    score = outputs[:, size].masked_fill(owner < 0, -torch.inf)
+    found = peaks(score, outputs, SETTINGS.peaks)
     level = owner[found.place[:, 1], found.place[:, 0]].clamp(min=0)
     origin = torch.tensor(origins, device=level.device)[level].flip(1)
     quads = found.quads.double() - origin[:, None]
@@ -221,7 +241,7 @@ def canvas_of(
 
 
 def _in_tiles(
-    net: Scout, levels: Sequence[Tensor], large: int
+    net: Scout, levels: Sequence[Tensor], large: int, size: int
 ) -> tuple[Tensor, Tensor]:
     """Look at the tiles of the larger levels (H,W) that the gate chooses."""
     if not large:
@@ -242,8 +262,9 @@ def _in_tiles(
         scales.append(torch.full_like(row, 2**number))
     outputs = net(torch.cat(tiles))
     edge = margin // SETTINGS.stride_px
-    outputs[:, 0, :edge] = outputs[:, 0, -edge:] = -torch.inf
-    outputs[:, 0, :, :edge] = outputs[:, 0, :, -edge:] = -torch.inf
-    found = peaks(outputs, SETTINGS.peaks)
+    score = outputs[:, size]
+    score[:, :edge] = score[:, -edge:] = -torch.inf
+    score[:, :, :edge] = score[:, :, -edge:] = -torch.inf
+    found = peaks(score, outputs, SETTINGS.peaks)
     quads = found.quads.double() + torch.cat(places)[found.picture, None]
     return quads * torch.cat(scales)[found.picture, None, None], found.score
