@@ -5,14 +5,12 @@ Most of a simulated or dark frame is of one grey value: that part is looked at o
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.components import close_mask, label_components, largest
 from vocc_torch.types import Frames
 
 
@@ -23,15 +21,6 @@ class RegionSettings:
     # In smaller frames looking for what is uneven costs more than it saves.
     large_frame_px: int = 1 << 16
     counted_px: int = 1 << 12  # from so many on frames are counted one by one
-    tile_blocks: int = (
-        15  # along the side of a tile, whose median is taken for background
-    )
-    sigmas: float = 8.0  # of blocks, by which a region is brighter than the background
-    sigma_per_mad: float = 1.4826  # of a normal distribution
-    least_dn: float = 0.75  # by which a region is brighter where nothing varies
-    closing_blocks: int = 3  # side of the closing that joins blocks
-    most_regions: int = 16  # of a frame, those of most light
-    ring_px: int = 3  # outermost pixels of a window that tell background and noise
 
 
 REGION = RegionSettings()
@@ -235,206 +224,3 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
         }
         threshold[row] = max(exact, key=lambda level: exact[level])
     return threshold
-
-
-class Regions(NamedTuple):
-    """Windows of frames in which light stands out; several may lie in one frame, and none.
-
-    Args:
-        frame: (W,) int64, index of the frame.
-        left_px: (W,) int64, first column, in the frame.
-        top_px: (W,) int64, first row.
-        side_px: (W,) int64, side of the square window; it may reach beyond the frame.
-    """
-
-    frame: Tensor
-    left_px: Tensor
-    top_px: Tensor
-    side_px: Tensor
-
-
-def block_means(grey: Tensor) -> Tensor:
-    """Average blocks of 8 x 8 pixels, (B,h,w) float32; at the right and lower border pixels are repeated.
-
-    Args:
-        grey: (B,1,H,W) uint8, not empty.
-
-    Example:
-        >>> block_means(torch.full((1, 1, 16, 12), 7, dtype=torch.uint8)).tolist()
-        [[[7.0, 7.0], [7.0, 7.0]]]
-    """
-    height, width = grey.shape[-2:]
-    high, wide = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
-    if height % BLOCK_PX or width % BLOCK_PX:
-        rows = torch.arange(high * BLOCK_PX, device=grey.device).clamp(max=height - 1)
-        columns = torch.arange(wide * BLOCK_PX, device=grey.device).clamp(max=width - 1)
-        grey = grey[..., rows[:, None], columns]
-    # Sums of eight bytes fit 16 bits: a third of the time that floats take.
-    sums = grey.reshape(-1, high, BLOCK_PX, wide * BLOCK_PX).sum(2, dtype=torch.int16)
-    sums = sums.view(-1, high, wide, BLOCK_PX).sum(3, dtype=torch.int32)
-    return sums.to(torch.float32) / BLOCK_PX**2
-
-
-def local_background(means: Tensor) -> Tensor:
-    """Estimate the background at each block, (B,h,w), from medians of tiles and of the tiles around.
-
-    Args:
-        means: (B,h,w) grey values of blocks.
-
-    Example:
-        >>> means = torch.full((1, 40, 60), 100.0)
-        >>> means[0, 20:24, 30:34] = 200
-        >>> local_background(means).round().unique().tolist()
-        [100.0]
-    """
-    high, wide = means.shape[1:]
-    rows, columns = _tiles(high, means.device), _tiles(wide, means.device)
-    medians = (
-        means[:, rows[:, None, :, None], columns[None, :, None]]
-        .flatten(3)
-        .median(3)
-        .values
-    )
-    around = (
-        nn.functional.pad(medians[:, None], [1] * 4, mode="replicate")
-        .unfold(2, 3, 1)
-        .unfold(3, 3, 1)
-    )
-    level = around.flatten(4).median(4).values
-    # Extrapolated linearly by one tile at both ends.
-    for axis in (2, 3):
-        last = level.shape[axis] - 1
-        ends = [
-            level.narrow(axis, at, 1)
-            for at in (0, min(1, last), max(0, last - 1), last)
-        ]
-        level = torch.cat([2 * ends[0] - ends[1], level, 2 * ends[3] - ends[2]], axis)
-    size = [
-        round((len(tiles) + 2) * (side / len(tiles)))
-        for tiles, side in ((rows, high), (columns, wide))
-    ]
-    top, left = ((size[0] - high) // 2, (size[1] - wide) // 2)
-    fine = nn.functional.interpolate(level, size=size, mode="bilinear")
-    return fine[:, 0, top : top + high, left : left + wide]
-
-
-def _tiles(blocks: int, device: torch.device) -> Tensor:
-    """Indices (T,size) of tiles of equal size along an axis; they overlap where it does not divide evenly."""
-    count = max(1, round(blocks / REGION.tile_blocks))
-    size = -(-blocks // count)
-    first = torch.linspace(0, blocks - size, count, device=device).round().long()
-    return first[:, None] + torch.arange(size, device=device)
-
-
-def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
-    """Light of blocks (B,h,w) above the background, and its deviation (B,), from the median absolute one."""
-    crop = trimmed(Frames.whole(grey))
-    means = block_means(crop.grey)
-    if crop.surround is not None:
-        level, inside, size = (
-            crop.surround.to(torch.float32)[:, None, None],
-            means,
-            means.shape[1:],
-        )
-        high, wide = (-(-side // BLOCK_PX) for side in grey.shape[-2:])
-        means = level.repeat(1, high, wide)
-        for mean, part, (x, y) in zip(
-            means, inside, (crop.origin_px // BLOCK_PX).tolist(), strict=True
-        ):
-            mean[y : y + size[0], x : x + size[1]] = part
-        # Too little differs to move any median.
-        tall, broad = (_tiles(blocks, grey.device).shape[1] for blocks in (high, wide))
-        if 2 * size[0] * size[1] < tall * broad - 1:
-            return means - level, torch.zeros(len(grey))
-    excess = means - local_background(means)
-    return excess, excess.flatten(1).abs().median(1).values * REGION.sigma_per_mad
-
-
-def bright_regions(grey: Tensor) -> Regions:
-    """Find windows in which blocks are brighter than the background by 8 standard deviations of blocks.
-
-    The background is local; the deviation is from the median absolute one. Of each frame the sixteen regions
-    of most light are taken; in a frame where nothing stands out, constant or all noise, there is none. The
-    windows are square, with a margin, and their sides multiples of 32 px, so that many are of one size.
-
-    Args:
-        grey: (B,1,H,W) uint8 whole frames, not empty.
-
-    Example:
-        >>> grey = torch.full((1, 1, 480, 640), 100, dtype=torch.uint8)
-        >>> grey[..., 200:240, 320:360] = 180
-        >>> regions = bright_regions(grey)
-        >>> regions.left_px.tolist(), regions.top_px.tolist(), regions.side_px.tolist()
-        ([292], [172], [96])
-    """
-    excess, deviation = _excess(grey)
-    hot = excess > (REGION.sigmas * deviation).clamp(min=REGION.least_dn)[:, None, None]
-    components = label_components(close_mask(hot[:, None], REGION.closing_blocks)[:, 0])
-    runs, labels = components.runs, len(components.frame)
-    # The light of a run from sums along the flat plane.
-    total = nn.functional.pad(
-        excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0]
-    )
-    line = (runs.frame * runs.size[1] + runs.row) * runs.size[2]
-    sums = total[line + runs.end + 1] - total[line + runs.start]
-    energy = sums.new_zeros(labels).scatter_add(0, components.label, sums)
-    chosen = largest(energy, components.frame, REGION.most_regions)
-    boxes = []
-    for values, how in (
-        (runs.start, "amin"),
-        (runs.row, "amin"),
-        (runs.end, "amax"),
-        (runs.row, "amax"),
-    ):
-        zeros = values.new_zeros(labels)
-        boxes.append(
-            zeros.scatter_reduce(0, components.label, values, how, include_self=False)[
-                chosen
-            ]
-        )
-    first, last = (
-        torch.stack(boxes[:2], 1) * BLOCK_PX,
-        (torch.stack(boxes[2:], 1) + 1) * BLOCK_PX,
-    )
-    side = (last - first).amax(1)
-    side = (side + side // 2 + 4 * BLOCK_PX + 31) // 32 * 32
-    left, top = ((first + last - side[:, None]) // 2).unbind(1)
-    return Regions(components.frame[chosen], left, top, side)
-
-
-def cut_windows(frames: Frames, regions: Regions, chosen: Tensor, side: int) -> Frames:
-    """Cut windows of ``side`` px, or of all there is, about regions out of whole frames."""
-    height, width = frames.grey.shape[-2:]
-    wider = (side - regions.side_px[chosen]) // 2
-    x = (regions.left_px[chosen] - wider).clamp(max=width - side).clamp(min=0)
-    y = (regions.top_px[chosen] - wider).clamp(max=height - side).clamp(min=0)
-    rows = y[:, None] + torch.arange(min(side, height), device=x.device)
-    columns = x[:, None] + torch.arange(min(side, width), device=x.device)
-    grey = frames.grey[
-        regions.frame[chosen, None, None], 0, rows[:, :, None], columns[:, None]
-    ][:, None]
-    origin = torch.stack([x, y], 1) + frames.origin_px[regions.frame[chosen]]
-    return Frames(grey, origin, frames.sensor_px)
-
-
-def ring_statistics(grey: Tensor) -> tuple[Tensor, Tensor]:
-    """Estimate background and noise of windows (B,1,H,W) from their outermost pixels: two (B,), DN.
-
-    Of a window up to 6 px wide or high these are all its pixels.
-
-    Example:
-        >>> ring_statistics(torch.full((1, 1, 40, 40), 9, dtype=torch.uint8))
-        (tensor([9.]), tensor([0.]))
-    """
-    inside = torch.zeros(grey.shape[-2:], dtype=torch.bool, device=grey.device)
-    inside[REGION.ring_px : -REGION.ring_px, REGION.ring_px : -REGION.ring_px] = True
-    ring = grey[:, 0, ~inside].to(torch.float32)
-    level = ring.median(1, keepdim=True).values
-    spread = (ring - level).abs()
-    # Grey values are whole: a mean of those near the median is finer than the median.
-    near = spread <= 3 * (
-        REGION.sigma_per_mad * spread.median(1, keepdim=True).values
-    ).clamp(min=1.0)
-    count = near.sum(1)
-    mean = (ring * near).sum(1) / count
-    return mean, (((ring - mean[:, None]) * near).square().sum(1) / count).sqrt()

@@ -1,8 +1,7 @@
 """The LED lattice fitted to the picture, in sub-pixels: Gauss-Newton steps, bits, missed lines of LEDs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Protocol, Self
 
 import torch
 
@@ -31,46 +30,7 @@ _STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
 _BLUR_CELLS, _SATURATED_DN, _IMPUTATIONS = (0.1, 0.75), 254.5, 8
 
 
-class Pictures(Protocol):
-    """What lattices are fitted to: a picture for each of them."""
-
-    def __len__(self) -> int:
-        """Count them."""
-
-    def __getitem__(self, rows: Any, /) -> Self:
-        """Take some of them."""
-
-    def read(self, lattice: Lattice) -> torch.Tensor:
-        """Resample each about its lattice, (B,(R+2)K,(C+2)K) grey values with K = ``SAMPLES``."""
-
-
-@dataclass(frozen=True, slots=True)
-class Resampled:
-    """Frames or crops, in which several pixels that a sample stands for are averaged."""
-
-    frames: Frames
-
-    def __len__(self) -> int:
-        """Count the frames."""
-        return len(self.frames)
-
-    def __getitem__(self, rows: Any, /) -> "Resampled":
-        """Take some of them."""
-        return Resampled(self.frames[rows])
-
-    def read(self, lattice: Lattice) -> torch.Tensor:
-        """Resample each about its lattice."""
-        return lattice_model.read_patches(
-            self.frames, lattice.corners_px, lattice.shape, MARGIN
-        )
-
-
-def fit_lattice(
-    frames: Frames | Pictures,
-    start: Lattice,
-    steps: range = range(_STEPS),
-    face_light: float = NO_FACE,
-) -> Lattice:
+def fit_lattice(frames: Frames, start: Lattice, face_light: float = NO_FACE) -> Lattice:
     """Fit corners, spots and two levels to the pictures.
 
     The corners move freely, so a panel may be turned or seen in perspective. What is compared are the grey
@@ -78,9 +38,8 @@ def fit_lattice(
     only that its light is at least white. A frame leaves when its step is small; none has more than 12.
 
     Args:
-        frames: B frames or crops, or what reads B pictures.
+        frames: B frames or crops.
         start: where to begin, within about a third of a cell.
-        steps: numbers of those to take, of 0 to 11; from a later one on, start is what a fit has returned.
         face_light: how far the light of the face may go in a step, white being 1; hardly any where the panel
             has no face.
 
@@ -90,12 +49,11 @@ def fit_lattice(
     """
     active = torch.arange(len(frames), device=start.blur.device)
     best, own = start[active], start[active]
-    seen: Pictures = Resampled(frames) if isinstance(frames, Frames) else frames
-    for number in steps:
+    for number in range(_STEPS):
         # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a
         # fit of what is no lattice can go either way.
         twice = active.new_zeros(2) if len(active) == 1 else slice(None)
-        before, after, unsettled = _improved(seen, own[twice], number, face_light)
+        before, after, unsettled = _improved(frames, own[twice], number, face_light)
         before, unsettled = before[: len(active)], unsettled[: len(active)]
         better = (
             before.rms_dn < best.rms_dn[active]
@@ -106,18 +64,20 @@ def fit_lattice(
         rows = unsettled.nonzero()[:, 0]
         if not len(rows):
             break
-        seen = seen[rows] if len(rows) < len(seen) else seen
+        frames = frames[rows] if len(rows) < len(frames) else frames
         active, own = active[rows], after[rows]
     return best
 
 
-def _read(frames: Pictures, lattice: Lattice) -> torch.Tensor:
-    """Read the pictures around the lattices; that of one frame that goes twice is read once."""
-    return frames.read(lattice[: len(frames)]).expand(len(lattice.blur), -1, -1)
+def _read(frames: Frames, lattice: Lattice) -> torch.Tensor:
+    """Read the frames around the lattices; one that goes twice is read once."""
+    corners = lattice.corners_px[: len(frames)]
+    read = lattice_model.read_patches(frames, corners, lattice.shape, MARGIN)
+    return read.expand(len(lattice.blur), -1, -1)
 
 
 def _improved(
-    frames: Pictures, lattice: Lattice, number: int, face_light: float
+    frames: Frames, lattice: Lattice, number: int, face_light: float
 ) -> tuple[Lattice, Lattice, torch.Tensor]:
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)

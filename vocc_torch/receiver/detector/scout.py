@@ -82,6 +82,7 @@ class Scout(nn.Module):
         """Score grey values (B,1,H,W), 0 to 255, sides multiples of 16, to (B,11,H/8,W/8)."""
         # Grey values become -1 to 3 by the first layer's own weights.
         weight = self.block.weight
+        assert self.block.bias is not None
         bias = self.block.bias - weight.sum((1, 2, 3))
         blocks = functional.conv2d(grey.float(), weight / 64, bias, self.block.stride)
         fine = self.fine(blocks.relu())

@@ -1,7 +1,8 @@
-"""The refined locator: a low threshold over the local background, then a fit of the lattice of LEDs."""
+"""The refined locator: the detector or a low threshold, then a fit of the lattice of LEDs."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
@@ -9,10 +10,10 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, resample
+from vocc_torch.receiver.locators.detector import DetectorLocator
 from vocc_torch.receiver.locators.paper import (
     PaperLocator,
     exact_frames,
-    no_panels,
 )
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
@@ -25,11 +26,9 @@ class RefinedSettings:
     most_leds: int = (
         16  # in a row or a column; larger panels are left to the paper's locator
     )
-    clean_rise_dn: float = (
-        1.5  # rise over the background that is light where nothing else varies
+    rise_dn: float = (
+        1.5  # over the background, from which on a pixel of a crop is light
     )
-    least_rise_dn: float = 3.0  # the same in noise, at least
-    rise_sigmas: float = 5.0  # the same in noise, in its standard deviations
     good_share: float = (
         0.9992  # below this share a fit is tried again from other starts
     )
@@ -43,9 +42,11 @@ class RefinedSettings:
     )
     farthest_cells: float = 3.5  # a fit that leaves its start farther behind is none
     least_pitch_px: float = 1.5  # finer lattices are noise: LEDs melt together
-    fit_px: int = 192  # side of windows that are fitted together
     parts_per_px: float = 1024.0  # corners are rounded to: sums differ between batches
     face_light: float = 0.1  # a face's light over the background, white being 1, is of this size at most
+    ring_cells: int = 2  # from the panel to cells that tell background and noise
+    sigma_per_mad: float = 1.4826  # of a normal distribution
+    least_probability: float = 0.5  # of a panel that the detector finds
     tie_deg: float = 0.25  # error of a panel turned by 45 degrees that changes no order
 
 
@@ -54,17 +55,16 @@ REFINED = RefinedSettings()
 
 @dataclass(frozen=True)
 class RefinedLocator(PanelLocator):
-    """Find the panel by a low threshold over the local background, then fit the lattice of its LEDs.
+    """Find the panel, then fit the lattice of its LEDs.
 
-    - Region: blocks brighter than the local background by 8 of their own standard deviations; pixels above
-      the background of the region by 5 of theirs; of those the blob that the paper's measures take for the
-      panel. Where a crop's surround is known, it is the background, and all else the noise.
+    - Region: where all beyond a crop is of one grey value, of the pixels that are brighter the blob that the
+      paper's measures take for the panel; in any other frame what the detector takes for it, or else the paper.
     - Lattice: an exhaustive search over pitch, place and blur, then a fit of corners, blur, background and of
       two levels of light, On and Off, to the grey values. A line of LEDs that are all Off is weak, but it is
       part of the picture and of the model. Nothing is known of the scene but the panel's shape; light is
       taken to be encoded with a gamma of 2.2, and LEDs to look like round spots.
-    - Where no region is found, or the lattice explains less than ``min_share`` of the picture, the panel is
-      the paper's.
+    - Where the lattice explains less than ``min_share`` of the picture, the panel in a crop is the paper's, and
+      in any other frame lies where the region is.
 
     ``Panels.score`` is the share of the picture's variation that the lattice explains.
 
@@ -128,7 +128,7 @@ class RefinedLocator(PanelLocator):
         """
         # In half precision a fit would find no lattice.
         demand_kind("shape", shape, PanelShape)
-        exact = exact_frames(frames)
+        exact = foreground.trimmed(exact_frames(frames))
         with (
             torch.inference_mode(),
             torch.autocast(exact.grey.device.type, enabled=False),
@@ -154,7 +154,8 @@ class RefinedLocator(PanelLocator):
         assert crops.surround is not None
         background = crops.surround.to(torch.float32)
         noise = torch.zeros_like(background)
-        panels = self._chosen(crops, background, noise, shape)
+        limit = (background + REFINED.rise_dn).floor().long()
+        panels, _ = self.paper.choose(crops, limit, shape)
         rows = panels.found.nonzero()[:, 0]
         if len(rows):
             poor = self._refit(panels, rows, crops[rows], background, noise, shape)
@@ -162,41 +163,16 @@ class RefinedLocator(PanelLocator):
         return panels
 
     def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
-        """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
-        regions = foreground.bright_regions(frames.grey)
-        found = no_panels(len(regions.frame), frames.grey.device)
-        size = 2, len(regions.frame)
-        background, noise = torch.zeros(
-            size, dtype=torch.float32, device=frames.grey.device
-        )
-        for side, rows in _by_side(regions.side_px):
-            windows = foreground.cut_windows(frames, regions, rows, side)
-            background[rows], noise[rows] = foreground.ring_statistics(windows.grey)
-            found.put(rows, self._chosen(windows, background[rows], noise[rows], shape))
-        likeness, poor = found.score.clone(), torch.zeros_like(found.found)
-        # Small windows are fitted together: what lies between the panel and the border does not matter.
-        for side, rows in _by_side(regions.side_px.clamp(min=REFINED.fit_px)):
-            located = rows[found.found[rows]]
-            if len(located):
-                windows = foreground.cut_windows(frames, regions, located, side)
-                poor[self._refit(found, located, windows, background, noise, shape)] = (
-                    True
-                )
-        for side, rows in _by_side(regions.side_px):
-            remaining = rows[poor[rows]]
-            windows = replace(
-                foreground.cut_windows(frames, regions, remaining, side),
-                surround=background[remaining],
-            )
-            self._left_to_paper(found, remaining, windows, shape)
-        # The panel of most merit in each frame, the first of equals.
-        merit = (likeness * found.score**2).masked_fill(~found.found, 0.0)
-        most = merit.new_zeros(len(frames)).scatter_reduce(
-            0, regions.frame, merit, "amax"
-        )
-        panels = no_panels(len(frames), frames.grey.device)
-        for row in (found.found & (merit == most[regions.frame])).nonzero().flip(0):
-            panels.put(regions.frame[row], found[row])
+        """Find panels in whole frames: the detector's likeliest or else the paper's, fitted."""
+        seen = DetectorLocator(false_alarms=math.inf)(frames, shape)
+        likely = seen.score > REFINED.least_probability
+        panels = Panels(seen.corners_px, likely, seen.score, seen.candidates)
+        others = (~likely).nonzero()[:, 0]
+        self._left_to_paper(panels, others, frames[others], shape)
+        rows = panels.found.nonzero()[:, 0]
+        if len(rows):
+            level, noise = ring_levels(frames, panels, shape)
+            self._refit(panels, rows, frames[rows], level, noise, shape)
         return panels
 
     def _left_to_paper(
@@ -205,18 +181,6 @@ class RefinedLocator(PanelLocator):
         """Give some panels the paper's places, in frames of theirs."""
         if len(rows):
             panels.put(rows, self.paper(frames, shape))
-
-    def _chosen(
-        self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape
-    ) -> Panels:
-        """Choose the paper's blobs among the pixels that are brighter than the background."""
-        rise = (
-            (REFINED.rise_sigmas * noise)
-            .clamp(min=REFINED.least_rise_dn)
-            .where(noise > 0, REFINED.clean_rise_dn)
-        )
-        limit = (background + rise).floor().long()
-        return self.paper.choose(crops, limit, shape)[0]
 
     def _refit(
         self,
@@ -321,9 +285,14 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
 
 
-def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
-    """Group windows by their sides (W,): each side, px, and the indices of its windows."""
-    return [
-        (side, (side_px == side).nonzero()[:, 0])
-        for side in sorted(set(side_px.tolist()))
-    ]
+def ring_levels(
+    frames: Frames, panels: Panels, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
+    """Give the background (B,) around panels and its noise (B,), from a ring of cells two cells away."""
+    cells = resample.rectify(frames, panels, shape, 1, margin=REFINED.ring_cells)[:, 0]
+    inner = torch.zeros_like(cells, dtype=torch.bool)
+    inner[:, 1:-1, 1:-1] = True
+    ring = cells[~inner].view(len(cells), -1).float()
+    level = ring.median(1).values
+    noise = (ring - level[:, None]).abs().median(1).values
+    return level, noise * REFINED.sigma_per_mad
