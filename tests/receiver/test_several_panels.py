@@ -10,11 +10,13 @@ from vocc_torch import PanelShape
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import DetectorLocator, PaperLocator
+from vocc_torch.receiver.locators.chains import locate_several
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.reading import COLUMNS, read_panels
+from vocc_torch.types import Frames
 
 SHAPE, ANY = PanelShape(8, 8), DetectorLocator(false_alarms=math.inf)
 BITS = torch.rand(8, 8, generator=torch.Generator().manual_seed(3)) < 0.5
@@ -35,6 +37,19 @@ def street(*places, around=200.0, pitch=9):
 @pytest.fixture(scope="module")
 def two():
     return street((50, 60), (200, 130))
+
+
+@pytest.mark.parametrize("second", [(122, 60), (50, 132)])
+def test_two_panels_that_touch_are_two(second):
+    frames = Frames.whole(street((50, 60), second)[None])
+    found = locate_several(DetectorLocator(), frames, SHAPE, 2)
+    _, panels = found.panels(1, 1e-2, 2)
+    assert panels.found.tolist() == [True, True]
+    begin = sorted(panels.corners_px[:, 0].tolist())
+    assert np.abs(np.array(begin) - sorted([(50, 60), second])).max() < 2
+    assert (
+        len(locate_several(DetectorLocator(), frames, SHAPE, 1).panels(1, 1e-2)[0]) == 1
+    )
 
 
 def test_two_panels_are_two_rows(two):

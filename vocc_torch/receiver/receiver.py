@@ -19,6 +19,7 @@ from vocc_torch.receiver.classifiers.inputs import demand_features
 from vocc_torch.receiver.deciders import FldaDecider, decider_of, flda_decider
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
+from vocc_torch.receiver.locators.chains import locate_several
 from vocc_torch.receiver.model_file import UNFIT, Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.sources import package_digest
@@ -247,7 +248,7 @@ class Receiver(torch.nn.Module):
             )
         whole_number("most", most, 1)
         with torch.inference_mode():
-            found = self.locator.locate(frames, self.shape)
+            found = locate_several(self.locator, frames, self.shape, most)
             whose, panels = found.panels(
                 len(frames), self.locator.most_false_alarms, most
             )

@@ -109,6 +109,8 @@ class Summary:
     def hint(self, config: DecodeConfig, is_trained: bool, receiver: Receiver) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
         tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
+        if receiver.locator.finds_several and config.most < 2:
+            tries.append("decode.most=2 for panels that touch")
         if config.follow == "true" or (
             config.follow == "auto" and math.isnan(self.least_alarms)
         ):

@@ -1,0 +1,69 @@
+"""Panels that touch: a locator sees two of them as one lattice, which is cut in its middle."""
+
+import torch
+
+from vocc_torch.receiver.locators.protocol import PanelLocator
+from vocc_torch.receiver.resample import corner_cells, map_points
+from vocc_torch.types import Candidates, Frames, PanelShape
+
+APART_SIDES = 0.35
+"""Panels whose centres are nearer than this share of a diagonal are one."""
+
+
+def locate_several(
+    locator: PanelLocator, frames: Frames, shape: PanelShape, most: int
+) -> Candidates:
+    """Locate panels, and where fewer than ``most`` are sure in a frame, pairs of panels that touch.
+
+    Args:
+        locator: finds several panels.
+        frames: B frames.
+        shape: rows and columns of one panel.
+        most: panels of a frame.
+    """
+    found = locator.locate(frames, shape)
+    across = torch.tensor([shape.columns, 0]), PanelShape(shape.rows, 2 * shape.columns)
+    down = torch.tensor([0, shape.rows]), PanelShape(2 * shape.rows, shape.columns)
+    for step, pair in (across, down):
+        sure = _sure(found, locator)
+        few = torch.bincount(sure.frame, minlength=len(frames)) < most
+        numbers = few.nonzero()[:, 0]
+        if most < 2 or not len(numbers):
+            break
+        seen = _sure(locator.locate(frames[numbers], pair), locator)
+        parts = [found]
+        for begin in (0 * step, step):
+            cells = (corner_cells(shape) + begin).to(seen.corners_px)
+            corners = map_points(
+                seen.corners_px, cells.expand(len(seen.score), 4, 2), pair
+            )
+            half = Candidates(
+                numbers[seen.frame], corners, seen.score, seen.false_alarms
+            )
+            parts.append(half[~_overlaps(half, sure)])
+        joined = [
+            torch.cat([getattr(part, name) for part in parts])
+            for name in Candidates.__dataclass_fields__
+        ]
+        found = Candidates(*joined)
+        # In the frames' order, the best of each first.
+        found = found[found.false_alarms.argsort(stable=True)]
+        found = found[found.frame.argsort(stable=True)]
+    return found
+
+
+def _sure(found: Candidates, locator: PanelLocator) -> Candidates:
+    """Take the candidates that a locator takes for panels."""
+    return found[~(found.false_alarms > locator.most_false_alarms)]
+
+
+def _overlaps(some: Candidates, others: Candidates) -> torch.Tensor:
+    """Say of candidates (N,) whether one of the others is at the same place."""
+    middle, size = (
+        some.corners_px.mean(1),
+        some.corners_px[:, 0] - some.corners_px[:, 2],
+    )
+    apart = (middle[:, None] - others.corners_px.mean(1)).norm(dim=2)
+    near = apart < APART_SIDES * size.norm(dim=1, keepdim=True)
+    overlapping: torch.Tensor = (near & (some.frame[:, None] == others.frame)).any(1)
+    return overlapping
