@@ -233,11 +233,11 @@ def test_networks_learn_one_batch(small_pool):
     torch.manual_seed(0)
     nets = (Scout(), Judge(), Placer())
     for net, part in zip(nets, ("scout", "judge", "placer"), strict=True):
-        trainer = run.TRAINERS[part](net, small_pool, 1)
+        sampler = run.SAMPLERS[part](small_pool, 1)
         optimiser = torch.optim.Adam(net.parameters(), 3e-3)
         losses = []
         for _ in range(40):
-            loss = trainer.loss(torch.Generator().manual_seed(3))
+            loss = sampler.loss(net, torch.Generator().manual_seed(3))
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()

@@ -10,6 +10,7 @@ from vocc_torch.receiver.detector import judge as judging
 from vocc_torch.receiver.detector import placer as placing
 from vocc_torch.receiver.detector.judge import SQUARE, Judge, corners_of
 from vocc_torch.receiver.detector.placer import Placer
+from vocc_torch.receiver.detector.scout import distinct
 from vocc_torch.receiver.resample import corner_cells, map_points
 from vocc_torch.studies.train_detector.composition import homography, mapped
 from vocc_torch.studies.train_detector.crops import area, ordered, pictures
@@ -22,8 +23,6 @@ from vocc_torch.types import PanelShape
 class CandidateSettings:
     """What is a candidate of a panel."""
 
-    same: float = 0.3  # centres nearer than this share of a side are of one candidate
-    alike: float = 1.4  # ratio of sizes that are alike
     near: float = 0.3  # of a side, corners that a network can move to the panel
     clear: float = 0.6  # of a diagonal, centres farther away are of clutter
     batch: int = 2048
@@ -53,21 +52,8 @@ def best_of_frames(found: Proposals, most: int) -> Proposals:
     for count in torch.unique_consecutive(found.frame, return_counts=True)[1].tolist():
         rows = slice(start, start + min(count, 4 * most))
         start += count
-        quads = found.quads[rows]
-        centre, size = quads.mean(1), (quads[:, 0] - quads[:, 2]).norm(dim=1)
-        size = size.clamp(min=1e-6)
-        near = torch.cdist(centre, centre) < SETTINGS.same * torch.minimum(
-            size[:, None], size
-        )
-        ratio = (size[:, None] / size).log().abs() < torch.tensor(SETTINGS.alike).log()
-        same = (near & ratio).cpu().tolist()
-        chosen: list[int] = []
-        for row in range(len(same)):
-            if not any(same[row][other] for other in chosen):
-                chosen.append(row)
-            if len(chosen) == most:
-                break
-        parts.append(torch.tensor(chosen, device=order.device) + rows.start)
+        chosen = distinct(found.quads[rows], found.score[rows], most)
+        parts.append(chosen + rows.start)
     return found.rows(torch.cat(parts))
 
 

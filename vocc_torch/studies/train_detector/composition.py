@@ -9,9 +9,9 @@ from torch.nn import functional
 
 SHAPES = (
     ((8, 8),) * 7
-    + ((4, 4),) * 3
+    + ((4, 4),) * 6
     + ((4, 8), (8, 4), (16, 16), (16, 16), (8, 16), (16, 8))
-    + ((8, 32), (32, 32), (5, 7), (6, 6), (12, 12))
+    + ((8, 32), (32, 32), (5, 7), (6, 6), (12, 12), (4, 5), (5, 5))
 )
 """Rows and columns of the panels, the commoner ones more often."""
 

@@ -10,6 +10,7 @@ from torch.nn import functional
 
 from vocc_torch.receiver.detector import judge as judging
 from vocc_torch.receiver.detector.judge import Judge, corners_of
+from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.studies.train_detector.candidates import (
     Found,
     best_of_frames,
@@ -32,7 +33,7 @@ from vocc_torch.studies.train_detector.crops import (
     turned,
 )
 from vocc_torch.studies.train_detector.pool import Pool
-from vocc_torch.studies.train_detector.scout_training import Proposals
+from vocc_torch.studies.train_detector.scout_training import Proposals, proposals
 from vocc_torch.types import PanelShape
 
 
@@ -233,8 +234,13 @@ class PictureSampler:
         truth = torch.where(rows.truth.any(2, keepdim=True), ordered(truth), 0.0)
         return finished(seen, draws), truth
 
-    def mine(self, net: Judge, found: Proposals) -> list[Proposals]:
+    def mine(self, networks: Networks, frames: Tensor) -> None:
+        """Take the scout's candidates of frames."""
+        self.judged(networks, frames)
+
+    def judged(self, networks: Networks, frames: Tensor) -> list[Proposals]:
         """Take candidates, also after the judge has moved them once and twice; give the last of each size."""
+        net, found = networks.judge, proposals(networks.scout, self.pool, frames)
         found = best_of_frames(found, SETTINGS.mined_of_frame)
         self.near, self.clutter, last = [], [], []
         for kind, canvas in enumerate(self.canvases):
@@ -251,6 +257,12 @@ class PictureSampler:
             self.clutter.append(clutter)
             last.append(third)
         return last
+
+    def loss(self, net: Judge, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
+        pictures = self.batch(generator)
+        logit, maps = net(pictures.grey)
+        return judge_loss(logit, maps, pictures)
 
     def mined_by(self, kind: int, frame: Tensor) -> Tensor:
         """Say which frames (n,) are for pictures of a size: of its panels, and its part of the empty ones."""

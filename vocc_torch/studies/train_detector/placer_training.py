@@ -9,6 +9,7 @@ from torch.nn import functional
 
 from vocc_torch.receiver.detector import placer as placing
 from vocc_torch.receiver.detector.placer import Placer
+from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import corner_cells
 from vocc_torch.studies.train_detector.candidates import (
     Found,
@@ -27,6 +28,7 @@ from vocc_torch.studies.train_detector.composition import (
     with_panels,
 )
 from vocc_torch.studies.train_detector.crops import empty_crops, ordered, turned
+from vocc_torch.studies.train_detector.judge_training import PictureSampler
 from vocc_torch.studies.train_detector.pool import Pool
 from vocc_torch.studies.train_detector.scout_training import Proposals
 from vocc_torch.types import PanelShape
@@ -111,6 +113,7 @@ class PatchSampler:
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
+        self.pictures = PictureSampler(pool)
         self.near: dict[PanelShape, Found] = {}
         self.clutter: dict[PanelShape, Found] = {}
 
@@ -209,8 +212,10 @@ class PatchSampler:
         cells = torch.where(truth.any(2, keepdim=True), cells, 0.0)
         return finished(seen, draws), cells
 
-    def mine(self, net: Placer, found: Proposals) -> None:
+    def mine(self, networks: Networks, frames: Tensor) -> None:
         """Take the judge's candidates of each shape, also after the placer has moved them."""
+        net, judged = networks.placer, self.pictures.judged(networks, frames)
+        found = Proposals(*map(torch.cat, zip(*judged, strict=True)))
         found = best_of_frames(found, SETTINGS.mined_of_frame)
         for rows, columns in SHAPES:
             shape = PanelShape(rows, columns)
@@ -227,6 +232,12 @@ class PatchSampler:
                 for kind in zip(*parts, strict=True)
             )
             self.near[shape], self.clutter[shape] = near, clutter
+
+    def loss(self, net: Placer, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
+        shape, patches = self.batch(generator)
+        logit, moves = net(patches.grey, shape)
+        return placer_loss(logit, moves, shape, patches)
 
 
 def placer_loss(

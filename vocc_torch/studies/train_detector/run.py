@@ -108,101 +108,36 @@ def train_part(
     torch.manual_seed(seed)
     device = pool.buffer.device
     net = getattr(Networks.fresh(), part).to(device)
-    trainer = TRAINERS[part](net, pool, scale)
+    sampler = SAMPLERS[part](pool, scale)
     training = NetworkTraining(folder / f"{part}.pt", net, seed, device)
     usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
     for rounds in training.rounds(steps):
         generator = torch.Generator(device).manual_seed(seed + rounds.start)
         order = torch.randperm(len(usable), generator=generator, device=device)
         with torch.no_grad():
-            trainer.mine(
+            sampler.mine(
                 current(folder, device), usable[order[: SETTINGS.mined_frames * scale]]
             )
-        loss = training.take(rounds, whole or steps, trainer.loss, generator)
+        loss = training.take(rounds, whole or steps, sampler.loss, generator)
         console.print(f"{part}: step {rounds.stop}, loss {loss:.4f}", highlight=False)
 
 
-class Trainer(Protocol):
-    """What trains one network on a pool."""
+class Sampler(Protocol):
+    """Draws what one network is trained on from a pool."""
 
-    def __init__(self, net: Any, pool: Pool, scale: int) -> None: ...
+    def __init__(self, pool: Pool, scale: int) -> None: ...
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
-        """Take from frames what the networks before it find."""
+        """Take from frames what the networks find."""
 
-    def loss(self, generator: torch.Generator) -> Tensor:
+    def loss(self, net: Any, generator: torch.Generator) -> Tensor:
         """Give the loss of a batch."""
 
 
-class ScoutTrainer:
-    """Trains the scout."""
-
-    def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
-        self.net, self.pool = net, pool
-        self.sampler = scout_training.CropSampler(pool, scale)
-
-    def mine(self, networks: Networks, frames: Tensor) -> None:
-        """Find clutter that looks like panels."""
-        empty = frames[self.pool.shapes[frames, 0] == 0]
-        self.sampler.mine(networks.scout, empty)
-
-    def loss(self, generator: torch.Generator) -> Tensor:
-        """Give the loss of a batch."""
-        crops = self.sampler.batch(generator)
-        return scout_training.scout_loss(self.net(crops.grey), crops)
-
-
-class JudgeTrainer:
-    """Trains the judge on the scout's candidates."""
-
-    def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
-        self.net, self.pool = net, pool
-        self.sampler = judge_training.PictureSampler(pool, scale)
-
-    def mine(self, networks: Networks, frames: Tensor) -> None:
-        """Take candidates of frames."""
-        options = scout_training.SETTINGS
-        found = scout_training.proposals(
-            networks.scout, self.pool, frames, options.mined_of_level
-        )
-        self.sampler.mine(networks.judge, found)
-
-    def loss(self, generator: torch.Generator) -> Tensor:
-        """Give the loss of a batch."""
-        pictures = self.sampler.batch(generator)
-        logit, maps = self.net(pictures.grey)
-        return judge_training.judge_loss(logit, maps, pictures)
-
-
-class PlacerTrainer:
-    """Trains the placer on the judge's candidates."""
-
-    def __init__(self, net: nn.Module, pool: Pool, scale: int) -> None:
-        self.net, self.pool = net, pool
-        self.judged = judge_training.PictureSampler(pool)
-        self.sampler = placer_training.PatchSampler(pool, scale)
-
-    def mine(self, networks: Networks, frames: Tensor) -> None:
-        """Take candidates of frames."""
-        options = scout_training.SETTINGS
-        found = scout_training.proposals(
-            networks.scout, self.pool, frames, options.mined_of_level
-        )
-        parts = self.judged.mine(networks.judge, found)
-        joined = scout_training.Proposals(*map(torch.cat, zip(*parts, strict=True)))
-        self.sampler.mine(networks.placer, joined)
-
-    def loss(self, generator: torch.Generator) -> Tensor:
-        """Give the loss of a batch."""
-        shape, patches = self.sampler.batch(generator)
-        logit, moves = self.net(patches.grey, shape)
-        return placer_training.placer_loss(logit, moves, shape, patches)
-
-
-TRAINERS: dict[str, type[Trainer]] = {
-    "scout": ScoutTrainer,
-    "judge": JudgeTrainer,
-    "placer": PlacerTrainer,
+SAMPLERS: dict[str, type[Sampler]] = {
+    "scout": scout_training.CropSampler,
+    "judge": judge_training.PictureSampler,
+    "placer": placer_training.PatchSampler,
 }
 
 
@@ -249,7 +184,7 @@ class NetworkTraining:
         self,
         steps: range,
         whole: int,
-        loss_of: Callable[[torch.Generator], Tensor],
+        loss_of: Callable[[nn.Module, torch.Generator], Tensor],
         generator: torch.Generator,
     ) -> float:
         """Take some steps of a training of ``whole`` steps, and give their mean loss."""
@@ -259,7 +194,8 @@ class NetworkTraining:
             warm = min(1.0, (step + 1) / SETTINGS.warm_steps)
             for group in self.optimiser.param_groups:
                 group["lr"] = SETTINGS.rate * warm * max(fall, SETTINGS.least_rate)
-            loss = loss_of(generator.manual_seed(self.seed * 1_000_003 + step))
+            generator.manual_seed(self.seed * 1_000_003 + step)
+            loss = loss_of(self.net, generator)
             self.optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(self.net.parameters(), SETTINGS.most_gradient)

@@ -1,5 +1,6 @@
 """Training of the scout, on crops with and without panels."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from vocc_torch.receiver.detector import scout
+from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.studies.train_detector.composition import (
     Draws,
     finished,
@@ -24,11 +26,11 @@ class ScoutTraining:
     """Settings of the training."""
 
     crop_px: int = 128
-    # Crops of a batch of 64.
+    # Crops of a batch of 72.
     composed: int = 20  # with a panel that is laid into a picture
-    rendered: int = 16  # with a rendered panel
-    empty: int = 14  # without a panel
-    mined: int = 14  # that the scout took for panels
+    rendered: int = 18  # with a rendered panel
+    empty: int = 10  # without a panel
+    mined: int = 24  # that the scout took for panels
     least_pitch_px: float = 1.8  # of LEDs that the scout is to find
     most_pitch_px: float = 4.6  # the next level shows larger ones
     most_side_px: float = 110.0  # of a panel in a crop
@@ -43,17 +45,20 @@ class ScoutTraining:
     mined_of_level: int = 24
     mined_score: float = -4.0
     mined_batch: int = 32  # frames
+    small_share: float = 0.35  # of rendered panels
+    alike: float = 1.2  # ratio to a limit of sizes, within which panels may be of both
+    other_weight: float = 0.5  # of scores for other sizes where a panel is
 
 
 SETTINGS = ScoutTraining()
 
 
 class Crops(NamedTuple):
-    """Crops (B,1,S,S), corners (B,4,2) px in the crop, and whether they show a panel (B,)."""
+    """Crops (B,1,S,S), corners (B,4,2) px in the crop, and rows and columns (B,2), 0 without a panel."""
 
     grey: Tensor
     quads: Tensor
-    panel: Tensor
+    shapes: Tensor
 
 
 class Proposals(NamedTuple):
@@ -74,7 +79,7 @@ class Proposals(NamedTuple):
         return [slice(start, start + count) for start in starts]
 
 
-def proposals(net: scout.Scout, pool: Pool, frames: Tensor, of_level: int) -> Proposals:
+def proposals(net: scout.Scout, pool: Pool, frames: Tensor) -> Proposals:
     """Take the best places of each level of frames."""
     parts = []
     for number, (high, wide) in enumerate(pool.sizes.tolist()):
@@ -84,10 +89,10 @@ def proposals(net: scout.Scout, pool: Pool, frames: Tensor, of_level: int) -> Pr
         for some in torch.split(frames, SETTINGS.mined_batch):
             grey = torch.stack([pool.level(number, one) for one in some.tolist()])
             outputs = net(grey[:, None, :high, :wide])
-            score = outputs[:, 0]
+            score = outputs[:, : scout.SCORES].amax(1)
             near = functional.max_pool2d(score, scout.SETTINGS.peak_cells, 1, 1)
             score = score.masked_fill(score < near, -torch.inf).flatten(1)
-            values, places = score.topk(min(of_level, score.shape[1]), 1)
+            values, places = score.topk(min(SETTINGS.mined_of_level, score.shape[1]), 1)
             picture = torch.arange(len(some), device=frames.device)
             picture = picture[:, None].expand_as(places).flatten()
             row, column = (
@@ -109,7 +114,7 @@ class CropSampler:
 
     Args:
         pool: what they are cut from.
-        scale: of the batch, whose usual size is 64.
+        scale: of the batch, whose usual size is 72.
     """
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
@@ -118,15 +123,21 @@ class CropSampler:
         pitch = pool.pitch_px[:, None] / 2.0**levels
         seen = (pitch >= SETTINGS.least_pitch_px) & (pitch <= SETTINGS.most_pitch_px)
         self.panels = (seen & pool.readable[:, None]).nonzero()
+        # A share of small panels, and of the others.
+        small = pool.shapes[self.panels[:, 0]].prod(1) < scout.SIZES[0] ** 2
+        share = SETTINGS.small_share
+        counts = small.sum(), (~small).sum()
+        self.share = torch.where(small, share / counts[0], (1 - share) / counts[1])
         self.mined: Proposals | None = None
 
     def batch(self, generator: torch.Generator) -> Crops:
         """Draw a batch of crops."""
-        greys, quads = [], []
+        greys, quads, shapes = [], [], []
         for part in (self.composed, self.rendered):
-            grey, corners = part(generator)
+            grey, corners, sides = part(generator)
             greys.append(grey)
             quads.append(ordered(corners))
+            shapes.append(sides.float())
         found = sum(map(len, greys))
         empty = Draws(generator, self.scale * SETTINGS.empty)
         crops = empty_crops(self.pool, empty, SETTINGS.crop_px)
@@ -135,10 +146,11 @@ class CropSampler:
             greys.append(self.mined_crops(generator))
         grey = torch.cat(greys)
         none = torch.zeros(len(grey) - found, 4, 2, device=grey.device)
-        panel = torch.arange(len(grey), device=grey.device) < found
-        return Crops(grey[:, None], torch.cat([*quads, none]), panel)
+        return Crops(
+            grey[:, None], torch.cat([*quads, none]), torch.cat([*shapes, none[:, 0]])
+        )
 
-    def composed(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def composed(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """Lay panels into pictures."""
         options, draws = SETTINGS, Draws(generator, self.scale * SETTINGS.composed)
         side, shapes = options.crop_px, draws.shapes()
@@ -148,16 +160,20 @@ class CropSampler:
         quads = poses(draws, shapes, pitch, middle)
         behind = empty_crops(self.pool, draws, side)
         shown = with_panels(behind, quads, shapes, draws, options.soft_px)
-        return finished(shown, draws, options.blur_px, edges=False), quads
+        return finished(shown, draws, options.blur_px, edges=False), quads, shapes
 
-    def rendered(self, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def rendered(self, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """Cut crops with rendered panels."""
         draws = Draws(generator, self.scale * SETTINGS.rendered)
-        frame, level = self.panels[draws.below(len(self.panels))].unbind(1)
+        frame, level = self.panels[draws.chosen(self.share)].unbind(1)
         corners = self.pool.corners_px[frame].float()
         at = self.about(draws, corners.mean(1), level)
         cut = views(draws, frame, level, at, SETTINGS.crop_px)
-        return finished(cut.read(self.pool), draws, edges=False), cut.seen(corners)
+        return (
+            finished(cut.read(self.pool), draws, edges=False),
+            cut.seen(corners),
+            self.pool.shapes[frame],
+        )
 
     def mined_crops(self, generator: torch.Generator) -> Tensor:
         """Cut crops that the scout took for panels."""
@@ -174,10 +190,26 @@ class CropSampler:
         off = draws.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
         return ((middle / unit + off).round() * unit).float()
 
-    def mine(self, net: scout.Scout, frames: Tensor) -> None:
+    def mine(self, networks: Networks, frames: Tensor) -> None:
         """Find places in frames without a panel that the scout takes for one."""
-        found = proposals(net, self.pool, frames, SETTINGS.mined_of_level)
+        empty = frames[self.pool.shapes[frames, 0] == 0]
+        found = proposals(networks.scout, self.pool, empty)
         self.mined = found.rows(found.score > SETTINGS.mined_score)
+
+    def loss(self, net: scout.Scout, generator: torch.Generator) -> Tensor:
+        """Give the loss of a batch."""
+        crops = self.batch(generator)
+        return scout_loss(net(crops.grey), crops)
+
+
+def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
+    """Say of the sizes of panels (B,2) which score is theirs, and which are surely not, (B,3,1,1) bool each."""
+    side = shapes.prod(1, keepdim=True).sqrt().clamp(min=1e-3)
+    limits = side.new_tensor([0.0, *scout.SIZES, math.inf])
+    least, most, alike = limits[:-1], limits[1:], SETTINGS.alike
+    own = (side >= least) & (side < most)
+    others = (side * alike < least) | (side >= most * alike)
+    return own[..., None, None], others[..., None, None]
 
 
 def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
@@ -188,19 +220,25 @@ def scout_loss(outputs: Tensor, crops: Crops) -> Tensor:
     centre = crops.quads.mean(1)[:, None, None]
     apart = (places * stride - centre).norm(dim=3)
     size = (crops.quads[:, 0] - crops.quads[:, 2]).norm(dim=1)[:, None, None]
-    panel = crops.panel[:, None, None]
+    panel = (crops.shapes[:, 0] > 0)[:, None, None]
     spare = (apart < SETTINGS.spare_share * size) & panel
     nearest = apart <= apart.flatten(1).amin(1)[:, None, None].clamp(min=1e-3)
     inside = ((centre > 0) & (centre < high * stride)).all(3)
     near = (apart < SETTINGS.near_px) | (nearest & (apart < stride))
     there = panel & inside & near
-    logit = outputs[:, 0]
+    own, others = sizes_of(crops.shapes)
+    logit = outputs[:, : scout.SCORES]
     chance = logit.sigmoid()
     missed = (1 - chance).square() * functional.logsigmoid(logit)
     false = chance.square() * functional.logsigmoid(-logit)
-    cost = torch.where(there, missed, torch.where(spare, 0.0, false))
+    covered, middle = (spare | there)[:, None], there[:, None]
+    weight = torch.where(covered, SETTINGS.other_weight * others, 1.0)
+    cost = torch.where(middle & own, missed, weight * false)
     # Corners (B,4,2,h,w). Of small panels a pixel is more of a cell.
-    moves = outputs[:, 1:].reshape(-1, 4, 2, high, wide) * scout.SETTINGS.unit_px
+    moves = (
+        outputs[:, scout.SCORES :].reshape(-1, 4, 2, high, wide)
+        * scout.SETTINGS.unit_px
+    )
     quads = moves + places.permute(2, 0, 1) * stride
     unit = scout.SETTINGS.unit_px * (size / SETTINGS.small_px).clamp(min=0.1)
     off = (quads - crops.quads[..., None, None]) / unit[:, None, None]
