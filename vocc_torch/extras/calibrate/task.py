@@ -21,7 +21,7 @@ from vocc_torch.measure.build import build_panel, receiver_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report.terminal import Console
+from vocc_torch.report.terminal import Console, ProgressView
 
 
 def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> None:
@@ -51,13 +51,16 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
             "one that looks for the panel, for task=calibrate",
         )
     bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
-    footage = read_footage(source, config, locator, panel.shape)
+    with ProgressView(1, console, "reading the recording", unit="") as view:
+        footage = read_footage(source, config, locator, panel.shape)
+        view.say(f"frames: {len(footage)}")
     camera, taken = of_size(whole(Camera, settings.camera), *footage.greys.shape[1:])
     if taken:
         warnings.warn(taken, stacklevel=2)
     for doubt in footage.doubts():
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)
-    study = calibrate(footage, camera, panel, config, bits)
+    with ProgressView(1, console, "fitting the scene", unit=""):
+        study = calibrate(footage, camera, panel, config, bits)
     path = folder / "scene" / f"{settings.name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, study.text(path.stem, source.name).encode())

@@ -16,6 +16,7 @@ from vocc_torch.api import load_scene, simulate
 from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, halved
 from vocc_torch.receiver.resample import cell_homography, cell_size_px
+from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.studies.train_detector.clutter import mosaics
 from vocc_torch.types import Frames, PanelShape
 
@@ -76,12 +77,16 @@ def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
     return blocks
 
 
-def render(blocks: Sequence[PoolBlock], workers: int) -> None:
+def render(blocks: Sequence[PoolBlock], workers: int, console: Console) -> None:
     """Render the blocks that are missing, in processes."""
     missing = [block for block in blocks if not block.path.exists()]
     context = get_context("spawn")
-    with ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
-        for done in as_completed([pool.submit(render_block, one) for one in missing]):
+    with (
+        ProgressView(len(missing), console, "rendering", unit="blocks") as view,
+        ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool,
+    ):
+        jobs = [pool.submit(render_block, block) for block in missing]
+        for done in view.counted(as_completed(jobs), "rendering"):
             done.result()
 
 

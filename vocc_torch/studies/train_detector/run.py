@@ -55,7 +55,7 @@ def run_train_detector(
     run_folder.write_config(settings, folder)
     (folder / POOL).mkdir(parents=True, exist_ok=True)
     blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
-    render(blocks, os.cpu_count() or 1)
+    render(blocks, os.cpu_count() or 1, console)
     device = torch.device(settings.device)
     pool = Pool.of([block.path for block in blocks], settings.seed, device)
     console.print(f"frames: {len(pool.shapes)}", highlight=False)
@@ -111,15 +111,19 @@ def train_part(
     sampler = SAMPLERS[part](pool, scale)
     training = NetworkTraining(folder / f"{part}.pt", net, seed, device)
     usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
-    for rounds in training.rounds(steps):
-        generator = torch.Generator(device).manual_seed(seed + rounds.start)
-        order = torch.randperm(len(usable), generator=generator, device=device)
-        with torch.no_grad():
-            sampler.mine(
-                current(folder, device), usable[order[: SETTINGS.mined_frames * scale]]
-            )
-        loss = training.take(rounds, whole or steps, sampler.loss, generator)
-        console.print(f"{part}: step {rounds.stop}, loss {loss:.4f}", highlight=False)
+    left = max(steps - training.done, 0)
+    with terminal.ProgressView(
+        left, console, f"training the {part}", unit="steps"
+    ) as view:
+        for rounds in training.rounds(steps):
+            generator = torch.Generator(device).manual_seed(seed + rounds.start)
+            order = torch.randperm(len(usable), generator=generator, device=device)
+            mined = usable[order[: SETTINGS.mined_frames * scale]]
+            with torch.no_grad():
+                sampler.mine(current(folder, device), mined)
+            loss = training.take(rounds, whole or steps, sampler.loss, generator)
+            view.say(f"{part}: step {rounds.stop}, loss {loss:.4f}")
+            view.advance(f"training the {part}", len(rounds))
 
 
 class Sampler(Protocol):
