@@ -174,7 +174,8 @@ def test_slips_are_cells_of_the_homography():
     quad = np.array([[30, 20], [68, 26], [70, 62], [28, 55]], np.float32)
     cells = np.array([[0, 0], [9, 0], [9, 8], [0, 8]], np.float32)
     matrix = cv2.getPerspectiveTransform(cells, quad)
-    moved = slips(torch.from_numpy(quad)[None].double(), PanelShape(8, 9))
+    start = torch.from_numpy(quad).double()
+    moved = slips(start, start, PanelShape(8, 9))
     back = cv2.perspectiveTransform(
         moved.view(1, -1, 2).numpy().astype(np.float32), np.linalg.inv(matrix)
     )

@@ -24,7 +24,7 @@ class DetectorSettings:
     behind: float = 6.0  # log odds of the best, beyond which others go no further
     likely: float = 1.0  # log odds of a candidate that goes on however good others are
     perspective_leds: int = 16  # of a side, from which perspective stays
-    sure_logit: float = 4.0  # a candidate placed so well has not slipped
+    sure_logit: float = 6.0  # a candidate placed so well has not slipped
     least_logit: float = 1.0  # of the judge, of a best candidate that may have slipped
     slipped: tuple[int, ...] = (4, 4, 4)  # slips left after each look of the placer
     likelier: float = 1.0  # log odds by which a slip must be better than what is there
@@ -74,14 +74,13 @@ def candidates(
         logit, quads = judged(networks.judge, pyramid, quads, shape)
         order = likeliest(logit, count)
         quads, logit = flattened(quads[order], shape), logit[order]
-    start, likely = quads[:1], logit[0]
+    start, likely = quads[0], logit[0]
     quads, odds = placed_well(networks, pyramid, quads, shape, options.placed)
     best = odds.amax()
     if likely < options.least_logit or best >= options.sure_logit:
         return quads, odds
-    again, score = placed_well(
-        networks, pyramid, slips(start, shape), shape, options.slipped
-    )
+    slipped = slips(start, quads[odds.argmax()], shape)
+    again, score = placed_well(networks, pyramid, slipped, shape, options.slipped)
     better = score > best + options.likelier
     return torch.cat([quads, again[better]]), torch.cat([odds, score[better]])
 

@@ -125,12 +125,12 @@ def placed(
     return logit, map_cells(homography, corner_cells(shape) + moves.double())
 
 
-def slips(quads: Tensor, shape: PanelShape) -> Tensor:
-    """Move each corner and each side of candidates (n,4,2) px by a cell, either way: (36n,4,2)."""
-    moves = _slips().to(quads)
-    cells = corner_cells(shape).to(quads) + moves
-    starts = quads.repeat_interleave(len(moves), 0)
-    return map_points(starts, cells.repeat(len(quads), 1, 1), shape)
+def slips(start: Tensor, placed: Tensor, shape: PanelShape) -> Tensor:
+    """Move each corner and each side of a candidate (4,2) px by a cell, and all of the one that was placed: (36,4,2)."""
+    moves = _slips().to(start)
+    whole = (moves != 0).any(2).all(1)[:, None, None]
+    quads = torch.where(whole, placed, start)
+    return map_points(quads, corner_cells(shape).to(start) + moves, shape)
 
 
 @lru_cache(maxsize=1)

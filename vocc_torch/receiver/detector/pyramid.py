@@ -127,7 +127,7 @@ def halved(levels: Tensor) -> Tensor:
     high, wide = (side // 2 * 2 for side in levels.shape[-2:])
     # Two neighbours as one number of 16 bits, which a copy aligns: half as many to read.
     even = levels[..., :high, :wide].clone(memory_format=torch.contiguous_format)
-    pairs = even.view(torch.int16)
+    pairs = even.flatten().view(torch.int16).view(*even.shape[:-1], wide // 2)
     upper, lower = pairs[..., ::2, :], pairs[..., 1::2, :]
     total = (upper & 255) + (lower & 255)
     total += upper >> 8 & 255
