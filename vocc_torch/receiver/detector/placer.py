@@ -126,7 +126,7 @@ def placed(
 
 
 def slips(start: Tensor, placed: Tensor, shape: PanelShape) -> Tensor:
-    """Move each corner and each side of a candidate (4,2) px by a cell, and all of the one that was placed: (36,4,2)."""
+    """Move corners and sides of a candidate (4,2) px by a cell, and all of the one that was placed: (36,4,2)."""
     moves = _slips().to(start)
     whole = (moves != 0).any(2).all(1)[:, None, None]
     quads = torch.where(whole, placed, start)

@@ -16,7 +16,7 @@ from vocc_torch.measure.plan import Experiment, Plan
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
 from vocc_torch.studies.paper.evidence.sample import Source
-from vocc_torch.studies.paper.readings import Reading, load_readings
+from vocc_torch.studies.paper.readings import PaperReading, load_readings
 from vocc_torch.studies.paper.rules import Evidence
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
@@ -61,7 +61,7 @@ class FigurePlan:
     """
 
     names: tuple[str, ...]
-    readings: tuple[Reading, ...]
+    readings: tuple[PaperReading, ...]
     studies: Mapping[tuple[str, str], sweep.Study]
     rows: Mapping[float, sweep.Study]
 
@@ -163,7 +163,7 @@ def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def studies(
-    readings: Sequence[Reading], experiments: Mapping[str, Experiment]
+    readings: Sequence[PaperReading], experiments: Mapping[str, Experiment]
 ) -> dict[tuple[str, str], sweep.Study]:
     """Plan the measurement of every reading, by reading and experiment.
 

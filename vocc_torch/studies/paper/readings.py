@@ -21,7 +21,7 @@ SECTIONS = ("scene", "camera", "panel", "receiver")
 
 
 @dataclass(frozen=True)
-class Reading:
+class PaperReading:
     """One way to fill what the paper leaves open.
 
     Args:
@@ -44,7 +44,7 @@ class Reading:
 
 def load_readings(
     names: Sequence[str], settings: config.Settings, folder: Path
-) -> tuple[Reading, ...]:
+) -> tuple[PaperReading, ...]:
     """Give readings by name, and those of files, in order.
 
     Args:
@@ -89,7 +89,7 @@ def load_readings(
                 if not of_absent_effect(settings, key):
                     changed = with_value(changed, key, value)
             readings.append(
-                Reading(
+                PaperReading(
                     name, entry["set"], entry["why"], build.build_plan(changed, folder)
                 )
             )

@@ -12,7 +12,7 @@ import yaml
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.studies.paper import rates
-from vocc_torch.studies.paper.readings import Reading
+from vocc_torch.studies.paper.readings import PaperReading
 from vocc_torch.studies.paper.rules import (
     RULES,
     VERDICTS,
@@ -112,7 +112,7 @@ class Scorecard:
         fits: by reading.
     """
 
-    readings: tuple[Reading, ...]
+    readings: tuple[PaperReading, ...]
     judgements: Mapping[tuple[Claim, str], Judgement]
     fits: Mapping[str, Fit]
 
@@ -144,7 +144,9 @@ class Scorecard:
             yield (reading.name, *counts, *ends, values.strip(), reading.why)
 
 
-def score(readings: Sequence[Reading], evidence: Mapping[str, Evidence]) -> Scorecard:
+def score(
+    readings: Sequence[PaperReading], evidence: Mapping[str, Evidence]
+) -> Scorecard:
     """Judge every claim under every reading.
 
     Args:
