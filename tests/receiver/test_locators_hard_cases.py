@@ -133,17 +133,7 @@ def test_one_led_on():
 
 def test_a_frame_of_few_pixels():
     rng = np.random.default_rng(0)
-    for size in (
-        (1, 1),
-        (1, 2),
-        (2, 1),
-        (2, 2),
-        (1, 7),
-        (200, 1),
-        (3, 5),
-        (8, 8),
-        (9, 11),
-    ):
+    for size in ((1, 1), (1, 2), (200, 1), (9, 11)):
         frames = whole(
             rng.integers(0, 256, size, dtype=np.uint8), np.full(size, 255, np.uint8)
         )
