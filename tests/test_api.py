@@ -118,20 +118,14 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
             lambda: vt.load_scene({"effects": {"rain": {}}}),
             "scene.effects.rain is not a known effect",
         ),
-        (lambda: vt.load_scene(3), "scene is 3"),
         (
             lambda: FRESH.save("no/folder.pt"),
             "cannot write no/folder.pt: no is no folder",
         ),
         (lambda: FRESH.save("/dev/null"), "it must be an ordinary file"),
-        (lambda: vt.train(3), "scene is 3"),
         (
             lambda: vt.train("paper", classifier="lmse"),
             "classifier is 'lmse': did you mean lmmse? known:",
-        ),
-        (
-            lambda: vt.train("paper", classifier=None),
-            "classifier is None: it must be text",
         ),
         (lambda: vt.train("paper", locator="refind"), "locator is 'refind'"),
         (lambda: vt.train("paper", features=["agr", "colour"]), "features is"),
@@ -143,10 +137,6 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
         (
             lambda: vt.load_scene("paper", "budget.frames=2"),
             "budget.frames is not a known key",
-        ),
-        (
-            lambda: vt.load_scene("paper", "camera.gamma=x"),
-            "camera.gamma is 'x': it must be a number",
         ),
         (
             lambda: vt.load_scene("paper", "panel.rows=1,2"),
@@ -168,17 +158,11 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
             lambda: vt.load_scene("dashcam", "camera.f_number=2"),
             "camera.f_number is set by the scene",
         ),
-        (lambda: next(vt.simulate("paper", 0)), "frames is 0"),
-        (lambda: next(vt.simulate("paper", 8, batch=0)), "batch is 0"),
         (
             lambda: vt.measure(FRESH, "paper", "colour", [1]),
             "experiment.axis is 'colour'",
         ),
         (lambda: vt.measure({}, "paper", "distance_m", [50]), "receivers is {}"),
-        (
-            lambda: vt.measure({"a": 3}, "paper", "distance_m", [50]),
-            "receivers is {'a': 3}",
-        ),
     ],
 )
 def test_mistakes_are_one_line_that_names_the_argument(call, says):

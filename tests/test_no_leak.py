@@ -166,13 +166,6 @@ def test_a_receiver_that_only_remembers_tosses_coins(app, tmp_path):
     assert memory_ber(app, tmp_path, "x") == pytest.approx(0.5, abs=0.05)
 
 
-def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(
-    app, tmp_path, monkeypatch
-):
-    draws_without_names(monkeypatch)
-    assert memory_ber(app, tmp_path, "x") < 0.01
-
-
 HOARDER = """
 KEPT = []
 

@@ -1,6 +1,7 @@
 """A ledger belongs to what its numbers depend on: each field of a plan is here, and says whether they do."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +18,10 @@ from vocc_torch.measure.plan import (
     World,
     identity,
 )
-from vocc_torch.measure.store import canonical
-from vocc_torch.plugins import ModuleFile, PlugIn
+from vocc_torch.measure.store import canonical, what_changed
+from vocc_torch.plugins import PlugIn
+
+ROOT = Path(__file__).parents[2]
 
 
 def under(place, **values):
@@ -106,27 +109,49 @@ def told(plan, *classifiers):
     )
 
 
-def test_code_that_a_classifier_comes_from_is_part_of_the_identity(
+def test_a_classifier_of_a_changed_module_has_another_identity(
     plan, tmp_path, monkeypatch
 ):
-    """Its own file, what that imports from its folder, and a module that is found by name."""
-    (tmp_path / "own.py").write_text(
-        "from beside import sign\n\n\nclass Own:\n    pass\n"
-    )
-    (tmp_path / "beside.py").write_text("sign = 1\n")
-    (tmp_path / "mine_by_name.py").write_text("class Own:\n    pass\n")
+    """What a file imports from beside it is in tests/test_sources.py."""
+    module = tmp_path / "mine_by_name.py"
+    module.write_text("class Own:\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
     by_name = ClassifierPlan("own", PlugIn("c", "own", "mine_by_name.Own"))
+    before = told(plan, by_name)
+    assert told(plan, by_name) == before
+    module.write_text(module.read_text() + "\nflip = -1\n")
+    assert told(plan, by_name) != before
 
-    def of_file():
-        return ModuleFile(str(tmp_path / "own.py")).digest
 
-    for name, tell in (
-        ("own.py", of_file),
-        ("beside.py", of_file),
-        ("mine_by_name.py", lambda: told(plan, by_name)),
+OUTSIDE = {
+    "smear": {"_target_": "streak.py:Streak", "share": 0.4},
+    "street": {"_target_": "photograph.py:Photograph", "file": "street.png"},
+}
+
+
+def test_effects_from_outside_are_known_by_code_files_and_place(
+    plan, tmp_path, monkeypatch
+):
+    """Code that changed, a picture that changed, and another place in the order of effects."""
+    monkeypatch.chdir(tmp_path)
+    for path in ("effects/streak.py", "backdrops/photograph.py"):
+        shutil.copy(ROOT / "examples" / path, tmp_path)
+    shutil.copy(ROOT / "tests/data/led-panel-8x8-photo.png", "street.png")
+
+    def stated(**smear):
+        effects = OUTSIDE | {"smear": OUTSIDE["smear"] | smear}
+        world = replace(plan.world, effects=dict(plan.world.effects) | effects)
+        return identity(replace(plan, world=world), ["paper"])
+
+    before = stated()
+    for name, key in (
+        ("streak.py", "effects.smear"),
+        ("street.png", "effects.street.file"),
     ):
-        before = tell()
-        assert tell() == before
-        (tmp_path / name).write_text((tmp_path / name).read_text() + "\nflip = -1\n")
-        assert tell() != before, name
+        content = Path(name).read_bytes()
+        Path(name).write_bytes(content + b"\n")
+        (change,) = what_changed(before, stated())
+        assert change.startswith(f"{key} was ")
+        Path(name).write_bytes(content)
+    (change,) = what_changed(before, stated(after="blooming"))
+    assert change == "effects.smear.after was null, is blooming"

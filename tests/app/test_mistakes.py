@@ -101,8 +101,8 @@ def test_the_scene_changes_the_camera_and_the_experiment_the_scene():
 TINY = (
     *(
         "experiment.values=[4000]",
-        "budget.frames=64",
-        "budget.training_frames=64",
+        "budget.frames=16",
+        "budget.training_frames=16",
         "tensorboard=false",
     ),
     *("receiver.names=[flda_3]", "receiver.locator=truth", "device=cpu", "name=x"),

@@ -135,13 +135,6 @@ SHORT = (
 )
 
 
-def test_a_grid_that_loses_values_says_so(app):
-    grid = (*SHORT, "experiment.row_axis=distance_m", "experiment.rows=[30]")
-    assert "replaced" not in app(*grid).out
-    told = " ".join(app(*grid, "experiment.values=[8000]").out.split())
-    assert "replaced: the results of experiment.values=[4000.0, 8000.0];" in told
-
-
 def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypatch):
     """A table that loses frames or values afterwards says so."""
     assert app(*SHORT, "name=undisturbed").status == 0

@@ -153,7 +153,9 @@ def test_any_counts_at_all():
         assert ordered(apart.low, apart.value, apart.high, -1.0)
         gain = relative_gain(a, b, paired, confidence)
         assert (gain is None) == (a.half_errors == 0)
-        assert gain is None or -math.inf < gain.low <= gain.value <= gain.high <= 1
+        if gain is not None:
+            assert -math.inf < gain.low <= gain.value <= gain.high <= 1
+            assert gain.real == paired_interval(paired, confidence).real
         assert 0 <= sign_test(paired) <= 1
 
     check()

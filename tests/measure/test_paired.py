@@ -4,9 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from made_up_tallies import compared
 from scipy.stats import binomtest
 
-from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
+from vocc_torch.measure.paired import (
+    PairedCounts,
+    paired_interval,
+    relative_gain,
+    sign_test,
+)
 
 BITS = 64
 
@@ -127,3 +133,35 @@ def test_no_frame_that_differs_gives_the_binomials_limit_on_both_sides(frame_cou
     assert binomtest(
         0, frame_count, ours.high * BITS / 16, "less"
     ).pvalue == pytest.approx(0.05)
+
+
+# Relative gains
+
+
+def padded(*groups, frames=2000):
+    """Wrong bits of a and b in groups of frames ``(frames, a, b)``, and frames without errors."""
+    given = sum(group[0] for group in groups)
+    rows = [(number, a, b) for number, a, b in groups] + [(frames - given, 0, 0)]
+    return compared(
+        *(
+            np.repeat([row[side] for row in rows], [row[0] for row in rows])
+            for side in (1, 2)
+        )
+    )
+
+
+def test_the_papers_improvement_is_a_share_of_the_first_rate():
+    a, b, paired = padded((66, 1, 0), (200, 1, 1), frames=8000)
+    assert relative_gain(a, b, paired).value == pytest.approx(66 / 266)
+    loss = relative_gain(b, a, paired.swapped())
+    assert loss.value == pytest.approx(-66 / 200)
+    assert loss.real
+
+
+def test_unpaired_single_errors_give_fiellers_interval():
+    # Independent Poisson numbers m of a and k of b: (b - r a)^2 = z^2 (k + r^2 m) at both ends r.
+    m, k, z = 4000, 3000, 1.959964
+    gain = relative_gain(*padded((m, 1, 0), (k, 0, 1), frames=400_000))
+    centre, root = m * k, z * math.sqrt(m * k * (m + k - z * z))
+    ends = [(centre + sign * root) / (m * m - z * z * m) for sign in (1, -1)]
+    assert (gain.low, gain.high) == pytest.approx((1 - ends[0], 1 - ends[1]), abs=0.003)

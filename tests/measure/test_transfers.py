@@ -2,7 +2,6 @@
 
 from collections import Counter
 
-import pytest
 import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
@@ -164,26 +163,3 @@ def test_the_host_waits_once_to_locate_and_once_to_read():
         assert torch.equal(
             getattr(panels, name).as_subclass(Tensor), getattr(seen.panels, name)
         ), name
-
-
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (lambda x: x[x > 1], "__getitem__"),
-        (lambda x: torch.ones(3).to(x), "up to"),
-    ],
-)
-def test_the_card_counts_a_wait(call, name):
-    with Card() as card:
-        call(torch.arange(3.0, device="cuda"))
-    assert card.waits[name] == 1
-
-
-def test_the_card_computes_without_a_wait():
-    with Card() as card:
-        x = torch.arange(3.0, device="cuda")
-        y = torch.ones(3).to(x.device, non_blocking=True)
-        total = torch.where(x > 1, x + y, 0.0).cumsum(0)[1:]
-    assert not sum(card.waits.values())
-    assert isinstance(total, OnCard)
-    assert total.as_subclass(Tensor).tolist() == [0.0, 3.0]
