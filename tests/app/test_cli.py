@@ -109,22 +109,19 @@ def test_a_written_configuration_gives_the_same_run_again_and_a_name_is_used_onc
 
 
 def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp_path):
-    ran = app(*LEARN, "name=two", "receiver.save=flda_2", "-m", "panel.rows=8,0,4")
+    (tmp_path / "a.txt").write_text("a message")
+    send = ("task=transmit", "input=a.txt", "name=two")
+    ran = app(*send, "-m", "panel.rows=8,0,4")
     assert ran.complaint.startswith("panel.rows is 0")
     folder = tmp_path / "runs" / "two"
     assert {path.name for path in folder.iterdir()} == {"0", "1", "2", "multirun.yaml"}
-    assert {path.name for path in (folder / "1").iterdir()} == {
-        "config.yaml",
-        "failed.txt",
-    }
+    failed = {path.name for path in (folder / "1").iterdir()}
+    assert failed == {"config.yaml", "failed.txt"}
     for job, rows in ((0, 8), (2, 4)):
-        assert Receiver.load(folder / f"{job}" / "receiver.pt").name == "flda_2"
-        assert (
-            yaml.safe_load((folder / f"{job}" / "config.yaml").read_text())["panel"][
-                "rows"
-            ]
-            == rows
-        )
+        written = yaml.safe_load((folder / f"{job}" / "config.yaml").read_text())
+        assert written["panel"]["rows"] == rows
+        plan = (folder / f"{job}" / "plan.yaml").read_text()
+        assert plan.startswith(f"rows: {rows}\n")
         assert ran.out.index(f"job {job}: ") < ran.out.index(f"panel.rows={rows}")
 
 

@@ -219,6 +219,11 @@ class FileConfigSource(file_config_source.FileConfigSource):
     Hydra's workers take a class of this name for Hydra's own reader, and leave it in its place.
     """
 
+    def is_group(self, config_path: str) -> bool:
+        """Say whether a folder has options: ``tensorboard/`` of a run has none, and is a key there."""
+        folder = Path(self.path, config_path)
+        return super().is_group(config_path) and any(folder.rglob("*.yaml"))
+
     def load_config(self, config_path: str) -> ConfigResult:
         """Read a file as :func:`~vocc_torch.yaml_text.read_yaml` does, with Hydra's ``# @package`` on top.
 
