@@ -63,13 +63,12 @@ def fit_of(scene, lit, angles=(0.0, 0.0, 0.0), panel=SMALL, size=None):
         for light in lights
     ]
     turned = [torch.full_like(away, angle) for angle in angles]
-    own_ = torch.stack([*(place + sides / 2).T, pitch, *turned, *greys], 1).numpy()
-    shared = np.array([CAMERA.gamma, 1.3])
+    shared = [torch.full_like(away, value) for value in (CAMERA.gamma, 1.3)]
+    columns = [*(place + sides / 2).T, pitch, *turned, *greys, *shared]
     fit = RecordingFit(
         drawing,
         np.zeros((len(scene), *drawing.size_px)),
-        own_,
-        shared,
+        torch.stack(columns, 1).numpy(),
         np.array(lit, float),
     )
     return replace(fit, grey=fit.predicted()[0])
@@ -105,8 +104,8 @@ def test_a_fit_begun_beside_the_truth_ends_there():
     )
     fit = settled(begun, BASE, 20)
     assert fit.gamma == pytest.approx(2.2, abs=1e-3)
-    assert fit.value("blur_px") == pytest.approx(1.3, abs=1e-3)
-    assert np.abs(fit.by_frame - truth.by_frame)[:, :3].max() < 1e-3
+    assert fit.value("blur_px")[0] == pytest.approx(1.3, abs=1e-3)
+    assert np.abs(fit.table - truth.table)[:, :3].max() < 1e-3
 
 
 def test_intervals_are_as_wide_as_values_scatter_in_many_draws():
@@ -222,9 +221,7 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
         result = found[key]
         assert abs(result.middle - value) < 4 * result.deviation, (key, result)
         assert result.deviation < 0.2 * value, (key, result)
-    away, own_, common = study.fit.derived(
-        lambda values, _: study.fit.drawing.distance_m(values)
-    )
+    away, own_, common = study.fit.derived(study.fit.drawing.distance_m)
     assert (np.abs(away - scene.distance_m.numpy()) < 4 * np.hypot(own_, common)).all()
     assert abs(study.fit.gamma - 2.2) < 4 * study.fit.deviation("gamma")
 

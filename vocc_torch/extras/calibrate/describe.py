@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
 from vocc_torch.arrays import Floats
-from vocc_torch.extras.calibrate.drawing import OF_FRAME, TURNED
+from vocc_torch.extras.calibrate.drawing import COLUMN, TURNED
 from vocc_torch.extras.calibrate.fit import SURE, RecordingFit
 from vocc_torch.extras.calibrate.noise import WHITE, linear
 from vocc_torch.extras.calibrate.scene import CODED, Findings, Named, Value
@@ -71,31 +72,20 @@ def describe(apart: Floats, found: Findings) -> None:
 def place(apart: Floats, found: Findings) -> None:
     """Describe place and pose."""
     drawing = found.fit.drawing
-    found.over("distance_m", lambda by_frame, _: drawing.distance_m(by_frame))
-    for axis, name in enumerate("xy"):
-
-        def offset(by_frame: Floats, _: Floats, axis: int = axis) -> Floats:
-            scene = drawing.scene(by_frame, 0.0)
-            return np.asarray((scene.offset_x_m, scene.offset_y_m)[axis])
-
-        found.over(f"offset_{name}_m", offset)
+    found.over("distance_m", drawing.distance_m)
+    found.over("offset_x_m", lambda table: drawing.scene(table).offset_x_m.numpy())
+    found.over("offset_y_m", lambda table: drawing.scene(table).offset_y_m.numpy())
     found.say("ratio")
     if not found.asked("pose"):
         return
     for name in TURNED:
-
-        def angle(
-            by_frame: Floats, _: Floats, at: int = OF_FRAME.index(name)
-        ) -> Floats:
-            return np.asarray(by_frame[:, at])
-
-        found.over(f"effects.pose.{name}", angle)
+        found.over(f"effects.pose.{name}", itemgetter((slice(None), COLUMN[name])))
     found.say("signs", when=float(np.median(apart)) < 9)
 
 
-def level(by_frame: Floats, shared: Floats, name: str) -> Floats:
+def level(table: Floats, name: str) -> Floats:
     """Give a level of each frame as light, (B,)."""
-    return linear(by_frame[:, OF_FRAME.index(name)], float(shared[0]))
+    return linear(table[:, COLUMN[name]], float(table[0, COLUMN["gamma"]]))
 
 
 def illuminance(
@@ -128,9 +118,7 @@ def veil_luminance(found: Findings) -> tuple[float, float]:
     """
     panel = found.panel
     ratio, own_error, common = found.derived(
-        lambda by_frame, shared: (
-            level(by_frame, shared, "off") / level(by_frame, shared, "background")
-        )
+        lambda table: level(table, "off") / level(table, "background")
     )
     middle = float(np.median(ratio))
     error = math.hypot(float(np.median(own_error)) / math.sqrt(len(ratio)), common)
@@ -151,11 +139,8 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
     """Describe the light, and give the quantum efficiency that fits to it."""
     fit, panel, config = found.fit, found.panel, found.config
     efficiency = config.quantum_efficiency
-    found.over(
-        "background_grey",
-        lambda by_frame, _: np.asarray(by_frame[:, OF_FRAME.index("background")]),
-        1.0,
-    )
+    background_grey = itemgetter((slice(None), COLUMN["background"]))
+    found.over("background_grey", background_grey, 1.0)
     grey = found.values[-1]
     veil, veil_error = veil_luminance(found)
     # Luminance of the background at 1 lx.
@@ -177,9 +162,9 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
             efficiency *= counted / config.ambient_lx
     found.note(Value("ambient_lx", lux, error, note))
 
-    def own_light(by_frame: Floats, shared: Floats) -> Floats:
-        added = level(by_frame, shared, "on") - level(by_frame, shared, "off")
-        return added / level(by_frame, shared, "background") * (background * lux)
+    def own_light(table: Floats) -> Floats:
+        added = level(table, "on") - level(table, "off")
+        return added / level(table, "background") * (background * lux)
 
     found.over("led_luminance_cd_m2", own_light, 0.0)
     found.say("air")
@@ -199,7 +184,7 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
 def lens(found: Findings) -> None:
     """Describe blur and vignetting."""
     fit, fall = found.fit, found.fall
-    blur = float(fit.value("blur_px"))
+    blur = float(fit.value("blur_px")[0])
     if found.tried("blooming", blur, BLIND_BLUR_PX):
         found.tell(
             "effects.blooming.sigma_px", min(blur, 32.0), fit.deviation("blur_px")

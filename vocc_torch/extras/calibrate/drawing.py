@@ -16,13 +16,13 @@ from vocc_torch.types import Scene
 PLACED = ("x_px", "y_px", "log_pitch_px")
 TURNED = ("yaw_deg", "pitch_deg", "roll_deg")
 LEVELS = ("background", "off", "on", "board")
-OF_FRAME = (*PLACED, *TURNED, *LEVELS)
-"""What each frame has by itself: the panel's centre on the sensor (px), the
-logarithm of the image of a pitch (px), its angles, and grey values, not clipped, of the background, of wide
-Off and On LEDs and of the board."""
+SHARED = ("gamma", "blur_px")
+NAMES = (*PLACED, *TURNED, *LEVELS, *SHARED)
+"""What a frame is made of: the panel's centre on the sensor (px), the logarithm of the image of a pitch (px),
+its angles, and grey values, not clipped, of the background, of wide Off and On LEDs and of the board. All
+frames share the encoding and the blur's standard deviation."""
 
-OF_ALL = ("gamma", "blur_px")
-"""What all frames share: the encoding, and the blur's standard deviation."""
+COLUMN = {name: number for number, name in enumerate(NAMES)}
 
 AMBIENT_LX = 1000.0
 
@@ -88,97 +88,81 @@ class PanelDrawing:
         return replace(self, origin_px=self.origin_px[frames])
 
     def simulator(
-        self, by_frame: Floats, shared: Floats, weights: Floats | None = None
+        self, table: Floats, weights: Floats | None = None, *, board: bool = False
     ) -> Simulator:
         """Give the simulator whose linear pictures have the background's light as 1.
 
         Args:
-            by_frame: (B,10) as :data:`OF_FRAME`.
-            shared: (2,) as :data:`OF_ALL`.
+            table: (B,12) as :data:`NAMES`.
             weights: (B,R*C) of the LEDs' own light, or None for all alike.
+            board: whether a white board with white LEDs is drawn.
         """
-        blur_px = float(shared[1])
-        angles = by_frame[:, len(PLACED) : len(PLACED) + len(TURNED)]
+        angles = table[:, [COLUMN[name] for name in TURNED]]
+        blur_px = float(table[0, COLUMN["blur_px"]])
         effects: dict[str, object] = {"blooming": {"sigma_px": blur_px}}
         if angles.any():
-            effects["frame_pose"] = FramePose(torch.from_numpy(angles.copy()))
+            effects["frame_pose"] = FramePose(torch.from_numpy(angles))
         if self.corner_loss is not None:
             effects["vignetting"] = {"corner_loss": self.corner_loss}
         if weights is not None:
-            shape = len(by_frame), *self.panel.shape.sides
+            shape = len(table), *self.panel.shape.sides
             effects["led_weights"] = LedWeights(torch.from_numpy(weights).view(shape))
         panel = replace(
             self.panel,
-            led_reflectance=self.panel.background_reflectance,
-            board_reflectance=None,
+            led_reflectance=1.0 if board else self.panel.background_reflectance,
+            board_reflectance=1.0 if board else None,
         )
         linear = replace(self.camera, gamma=1.0, iso_limits=None)
         return Simulator(linear, panel, effects, dtype=torch.float64)  # type: ignore[arg-type]
 
-    def distance_m(self, by_frame: Floats) -> Floats:
+    def distance_m(self, table: Floats) -> Floats:
         """Distances of the panels, (B,)."""
-        away: Floats = (
-            self.camera.focal_length_px * self.panel.pitch_m * np.exp(-by_frame[:, 2])
-        )
-        return away
+        pitch = self.camera.focal_length_px * self.panel.pitch_m
+        return np.asarray(pitch * np.exp(-table[:, COLUMN["log_pitch_px"]]))
 
-    def scene(self, by_frame: Floats, luminance: float) -> Scene:
+    def scene(self, table: Floats, luminance: float = 0.0) -> Scene:
         """Give the scenes of frames: where the panels are."""
-        away = self.distance_m(by_frame)
+        away = self.distance_m(table)
         sides = np.array([self.camera.width_px, self.camera.height_px])
-        offsets = (
-            (by_frame[:, :2] - sides / 2) * away[:, None] / self.camera.focal_length_px
-        )
+        scale = away[:, None] / self.camera.focal_length_px
+        offsets = (table[:, :2] - sides / 2) * scale
         columns = np.broadcast_arrays(AMBIENT_LX, luminance, away, 1.0, *offsets.T)
         return Scene(*map(torch.tensor, columns))
 
-    def centres_px(self, by_frame: Floats, shared: Floats) -> Floats:
+    def centres_px(self, table: Floats) -> Floats:
         """Centres of the LEDs in the windows, (B,R*C,2) px."""
-        simulator = self.simulator(by_frame, shared)
-        at = simulator.led_centres_px(self.scene(by_frame, 0.0))
+        at = self.simulator(table).led_centres_px(self.scene(table))
         return (at - self.origin_px[:, None]).numpy()
 
-    def cover(
-        self, by_frame: Floats, shared: Floats, weights: Floats | None = None
-    ) -> Floats:
+    def cover(self, table: Floats, weights: Floats | None = None) -> Floats:
         """Light that LEDs of luminance 1 add, as the lens spreads and dims it, (B,H,W).
 
         Args:
-            by_frame: (B,10).
-            shared: (2,).
+            table: (B,12).
             weights: (B,R*C), or None for all alike.
         """
         luminance = AMBIENT_LX * self.panel.background_reflectance / np.pi
-        lit = self._linear(
-            self.simulator(by_frame, shared, weights), by_frame, luminance
-        )
-        return lit - self.base(by_frame)
+        lit = self._linear(self.simulator(table, weights), table, luminance)
+        return lit - self.base(table)
 
-    def base(self, by_frame: Floats) -> Floats:
+    def base(self, table: Floats) -> Floats:
         """Light of a background of 1 without a panel, (B,H,W) or (B,1,1)."""
         if self.corner_loss is None:
-            return np.ones((len(by_frame), 1, 1))
-        still = np.ones(2)
-        return self._linear(self.simulator(by_frame, still), by_frame, 0.0)
+            return np.ones((len(table), 1, 1))
+        return self._linear(self.simulator(table), table)
 
-    def board(self, by_frame: Floats, shared: Floats) -> Floats:
+    def board(self, table: Floats) -> Floats:
         """Light that a board of luminance 1 adds, (B,H,W)."""
-        simulator = self.simulator(by_frame, shared)
-        shares = {"led_reflectance": 1.0, "board_reflectance": 1.0}
-        white = replace(simulator.panel, **shares)  # type: ignore[arg-type]
-        drawn = Simulator(
-            simulator.camera, white, simulator.effects, dtype=torch.float64
-        )
+        drawn = self._linear(self.simulator(table, board=True), table)
         excess = 1 / self.panel.background_reflectance - 1
-        return (self._linear(drawn, by_frame, 0.0) - self.base(by_frame)) / excess
+        return (drawn - self.base(table)) / excess
 
     def _linear(
-        self, simulator: Simulator, by_frame: Floats, luminance: float
+        self, simulator: Simulator, table: Floats, luminance: float = 0.0
     ) -> Floats:
         """Render windows in linear light."""
-        shape = self.panel.shape
-        lit = torch.ones(len(by_frame), *shape.sides, dtype=torch.bool)
+        lit = torch.ones(len(table), *self.panel.shape.sides, dtype=torch.bool)
         frames = simulator.render_window(
-            self.scene(by_frame, luminance), lit, self.origin_px, self.size_px
+            self.scene(table, luminance), lit, self.origin_px, self.size_px
         )
         return frames.grey[:, 0].numpy()

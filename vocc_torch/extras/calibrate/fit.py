@@ -9,10 +9,10 @@ from scipy import optimize, sparse, stats
 
 from vocc_torch.arrays import Bools, Floats
 from vocc_torch.extras.calibrate.drawing import (
+    COLUMN,
     LEVELS,
-    OF_ALL,
-    OF_FRAME,
     PLACED,
+    SHARED,
     TURNED,
     PanelDrawing,
 )
@@ -21,8 +21,8 @@ from vocc_torch.extras.calibrate.noise import ROUNDING, Noise, expected, linear
 SURE = 1.959963985
 """Standard deviations of a normal 95 % interval."""
 
-BASE = (*PLACED, *LEVELS[:3], "gamma", "blur_px")
-POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur_px")
+BASE = (*PLACED, *LEVELS[:3], *SHARED)
+POSED = (*PLACED, *TURNED, *LEVELS[:3], *SHARED)
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ OF_LIGHT = {*LEVELS, "gamma"}
 STEPS = {"log_pitch_px": 1e-5, "yaw_deg": 1e-3, "pitch_deg": 1e-3, "roll_deg": 1e-3}
 """Steps of the finite differences; of other values 1e-4."""
 
-Of = Callable[[Floats, Floats], Floats]
-"""Makes a value of each frame (B,) from (B,10) and (2,)."""
+Of = Callable[[Floats], Floats]
+"""Makes a value of each frame (B,) from (B,12)."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,7 @@ class RecordingFit:
     Args:
         drawing: the windows, camera and panel.
         grey: (B,H,W) measured.
-        by_frame: (B,10) as :data:`OF_FRAME`.
-        shared: (2,) as :data:`OF_ALL`.
+        table: (B,12) as :data:`NAMES`; what frames share is the same in all rows.
         lit: (B,R*C) share of On's light of each LED.
         noise: of the light.
         trust: (B,H,W) or (1,1,1), how much each pixel counts.
@@ -87,8 +86,7 @@ class RecordingFit:
 
     drawing: PanelDrawing
     grey: Floats
-    by_frame: Floats
-    shared: Floats
+    table: Floats
     lit: Floats
     noise: Noise = field(default_factory=Noise)
     trust: Floats = field(default_factory=lambda: np.ones((1, 1, 1)))
@@ -109,19 +107,19 @@ class RecordingFit:
         return self.drawing.panel.board_reflectance is not None
 
     @property
-    def of_frame(self) -> list[int]:
-        """Columns of the fitted values that each frame has."""
-        return [OF_FRAME.index(name) for name in self.free if name in OF_FRAME]
+    def by_frame(self) -> list[str]:
+        """Names of the fitted values that each frame has by itself."""
+        return [name for name in self.free if name not in SHARED]
 
     @property
-    def of_all(self) -> list[int]:
-        """Places of the fitted values that all share."""
-        return [OF_ALL.index(name) for name in self.free if name in OF_ALL]
+    def shared(self) -> list[str]:
+        """Names of the fitted values that all frames share."""
+        return [name for name in self.free if name in SHARED]
 
     @property
     def values(self) -> int:
         """How many values were fitted."""
-        return len(self.of_frame) * len(self.grey) + len(self.of_all)
+        return len(self.by_frame) * len(self.grey) + len(self.shared)
 
     @property
     def pixels(self) -> float:
@@ -131,13 +129,11 @@ class RecordingFit:
     @property
     def gamma(self) -> float:
         """The fitted gamma."""
-        return float(self.shared[0])
+        return float(self.table[0, COLUMN["gamma"]])
 
     def value(self, name: str) -> Floats:
-        """A value: of each frame (B,), or of all ()."""
-        if name in OF_FRAME:
-            return np.asarray(self.by_frame[:, OF_FRAME.index(name)])
-        return np.asarray(self.shared[OF_ALL.index(name)])
+        """A value of each frame, (B,)."""
+        return np.asarray(self.table[:, COLUMN[name]])
 
     def level(self, name: str) -> Floats:
         """A level of each frame as light, (B,)."""
@@ -146,44 +142,31 @@ class RecordingFit:
     def taken(self, frames: slice) -> "RecordingFit":
         """Take some frames."""
         trust = self.trust if len(self.trust) == 1 else self.trust[frames]
-        drawing = self.drawing.taken(frames)
-        grey = self.grey[frames]
-        frame_values = self.by_frame[frames]
-        lit = self.lit[frames]
-        return replace(
-            self,
-            drawing=drawing,
-            trust=trust,
-            grey=grey,
-            by_frame=frame_values,
-            lit=lit,
-        )
+        names = ("grey", "table", "lit")
+        rows = {name: getattr(self, name)[frames] for name in names}
+        return replace(self, drawing=self.drawing.taken(frames), trust=trust, **rows)
 
     def set(self, name: str, value: Floats | float) -> "RecordingFit":
         """Set a value; levels and gamma leave the light's parts as they are."""
-        frame_values, shared = self.by_frame.copy(), self.shared.copy()
-        if name in OF_FRAME:
-            frame_values[:, OF_FRAME.index(name)] = value
-        else:
-            shared[OF_ALL.index(name)] = value
-        return self._at(frame_values, shared, name in OF_LIGHT)
+        table = self.table.copy()
+        table[:, COLUMN[name]] = value
+        return self._at(table, name in OF_LIGHT)
 
-    def _at(self, by_frame: Floats, shared: Floats, still: bool) -> "RecordingFit":
+    def _at(self, table: Floats, still: bool) -> "RecordingFit":
         """Take other values, and what is drawn where the panel stays as it is."""
-        other = replace(self, by_frame=by_frame, shared=shared)
+        other = replace(self, table=table)
         if still:
             other.drawn.extend(self.parts())
         return other
 
     def parts(self) -> list[Floats]:
         """Draw what the light is made of: background, LEDs, their own light, and the board where one is."""
-        drawing, parameters = self.drawing, (self.by_frame, self.shared)
+        drawing, table = self.drawing, self.table
         if not self.drawn:
-            self.drawn.append(drawing.base(self.by_frame))
-            self.drawn.append(drawing.cover(*parameters))
-            self.drawn.append(drawing.cover(*parameters, self.lit))
+            lit = drawing.cover(table, self.lit)
+            self.drawn.extend((drawing.base(table), drawing.cover(table), lit))
             if self.has_board:
-                self.drawn.append(drawing.board(*parameters))
+                self.drawn.append(drawing.board(table))
         return self.drawn
 
     def light(self, parts: Sequence[Floats] | None = None) -> Floats:
@@ -204,17 +187,15 @@ class RecordingFit:
 
     def packed(self) -> Floats:
         """The fitted values in one vector: each frame's in turn, and the shared ones."""
-        return np.concatenate(
-            [self.by_frame[:, self.of_frame].ravel(), self.shared[self.of_all]]
-        )
+        own, common = columns(self.by_frame), columns(self.shared)
+        return np.concatenate([self.table[:, own].ravel(), self.table[0, common]])
 
     def moved(self, packed: Floats) -> "RecordingFit":
         """Take the fitted values from a vector."""
-        frame_values, shared = self.by_frame.copy(), self.shared.copy()
-        count = len(frame_values) * len(self.of_frame)
-        frame_values[:, self.of_frame] = packed[:count].reshape(len(frame_values), -1)
-        shared[self.of_all] = packed[count:]
-        return self._at(frame_values, shared, OF_LIGHT.issuperset(self.free))
+        table, count = self.table.copy(), len(packed) - len(self.shared)
+        table[:, columns(self.by_frame)] = packed[:count].reshape(len(table), -1)
+        table[:, columns(self.shared)] = packed[count:]
+        return self._at(table, OF_LIGHT.issuperset(self.free))
 
     def slopes(self) -> Floats:
         """Derivatives of the mean grey values by the fitted values, (D,B,H,W), by finite differences."""
@@ -227,19 +208,19 @@ class RecordingFit:
 
     def jacobian(self, slopes: Floats) -> sparse.csr_matrix:
         """Lay derivatives out by pixel and fitted value."""
-        names = [name in OF_FRAME for name in self.free]
+        names = np.isin(self.free, self.by_frame)
         flat = slopes.reshape(len(slopes), len(self.grey), -1)
         blocks = sparse.block_diag(
             [flat[names, frame].T for frame in range(len(self.grey))]
         )
-        shared = flat[np.logical_not(names)].reshape(len(self.of_all), self.grey.size).T
+        shared = flat[~names].reshape(len(self.shared), self.grey.size).T
         return sparse.hstack([blocks, shared], format="csr")
 
     def deviation(self, name: str) -> float:
         """Standard deviation of a value that all share; NaN where it was not fitted."""
         if name not in self.free:
             return math.nan
-        at = self.values - len(self.of_all) + self.of_all.index(OF_ALL.index(name))
+        at = self.values - len(self.shared) + self.shared.index(name)
         return math.sqrt(max(0.0, float(self.covariances[:, at, at].max())))
 
     def derived(self, of: Of) -> tuple[Floats, Floats, float]:
@@ -249,12 +230,10 @@ class RecordingFit:
             the values (B,), their standard deviations (B,) but for what all frames have in common, and the
             standard deviation of that.
         """
-        packed, values = self.packed(), of(self.by_frame, self.shared)
-        turns = []
-        for step in np.diag(1e-5 * np.abs(packed).clip(min=1.0)):
-            other = self.moved(packed + step)
-            turns.append((of(other.by_frame, other.shared) - values) / step.sum())
-        slope = np.stack(turns, 1)
+        packed, values = self.packed(), of(self.table)
+        steps = np.diag(1e-5 * np.abs(packed).clip(min=1.0))
+        turns = [of(self.moved(packed + step).table) - values for step in steps]
+        slope = np.stack(turns, 1) / steps.sum(0)
         spreads = slope @ self.covariances @ slope.T
         frames = len(values)
         every = spreads.diagonal(axis1=1, axis2=2).max(0)
@@ -267,6 +246,11 @@ class RecordingFit:
             np.sqrt((every - common).clip(min=1e-3 * every)),
             math.sqrt(common),
         )
+
+
+def columns(names: Sequence[str]) -> list[int]:
+    """Give the columns of values."""
+    return [COLUMN[name] for name in names]
 
 
 def settled(
@@ -290,9 +274,8 @@ def settled(
     if robust:
         weights = weights * calmed(fit.grey - mean, variance)
     root = np.sqrt(weights)
-    ends = [RANGES.get(name, (-math.inf, math.inf)) for name in (*OF_FRAME, *OF_ALL)]
-    limits = [ends[at] for at in fit.of_frame] * len(fit.grey)
-    bounds = np.array(limits + [ends[len(OF_FRAME) + at] for at in fit.of_all]).T
+    names = fit.by_frame * len(fit.grey) + fit.shared
+    bounds = np.array([RANGES.get(name, (-math.inf, math.inf)) for name in names]).T
 
     def residual(packed: Floats) -> Floats:
         return (root * (fit.moved(packed).predicted()[0] - fit.grey)).ravel()

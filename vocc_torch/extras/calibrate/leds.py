@@ -4,10 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
+from scipy.ndimage import uniform_filter
 
 from vocc_torch.arrays import Bools, Floats
-from vocc_torch.extras.calibrate.drawing import LEVELS, PanelDrawing
+from vocc_torch.extras.calibrate.drawing import COLUMN, LEVELS, PanelDrawing
 from vocc_torch.extras.calibrate.fit import RecordingFit, settled
+from vocc_torch.receiver.levels import two_levels
+from vocc_torch.receiver.resample import centre_greys
+from vocc_torch.types import Frames, Panels
 
 
 @dataclass(frozen=True)
@@ -29,28 +34,6 @@ class LedSettings:
 SETTINGS = LedSettings()
 
 
-def two_levels(greys: Floats) -> Bools:
-    """Part each frame's grey values (B,N) where the variance between the parts is greatest (Otsu)."""
-    ordered, count = np.sort(greys, 1), np.arange(1, greys.shape[1])
-    total = ordered.cumsum(1)
-    low = total[:, :-1] / count
-    high = (total[:, -1:] - total[:, :-1]) / (greys.shape[1] - count)
-    best = (count * (greys.shape[1] - count) * (high - low) ** 2).argmax(1)[:, None]
-    return np.asarray(greys > np.take_along_axis(ordered, best, 1))
-
-
-def led_places(corners_px: Floats, rows: int, columns: int) -> Floats:
-    """Place LEDs between a panel's corners by bilinear interpolation, (B,R*C,2) px."""
-    u, v = np.meshgrid(
-        (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
-    )
-    shares = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], -1).reshape(
-        -1, 4
-    )
-    places: Floats = np.einsum("nk,bkc->bnc", shares, corners_px)
-    return places
-
-
 def start(
     drawing: PanelDrawing, grey: Floats, corners_px: Floats, bits: Bools | None
 ) -> RecordingFit:
@@ -63,32 +46,30 @@ def start(
         bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
     """
     shape, frames = drawing.panel.shape, len(grey)
-    at = led_places(corners_px, *shape.sides) - drawing.origin_px.numpy()[:, None]
-    x, y = (
-        np.floor(at[..., i]).astype(int).clip(1, grey.shape[2 - i] - 2) for i in (0, 1)
-    )
-    rows = np.arange(frames)[:, None]
-    centres = np.mean(
-        [grey[rows, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0
-    )
-    lit = two_levels(centres) if bits is None else bits.reshape(frames, -1)
+    smooth = torch.from_numpy(uniform_filter(grey, (1, 3, 3)))
+    windows = Frames(smooth[:, None], drawing.origin_px, drawing.camera.sensor_px)
+    panels = Panels.known(torch.from_numpy(corners_px))
+    read = centre_greys(windows, panels, shape).flatten(1)
+    bright = (read > two_levels(read)[0][:, None]).numpy()
+    lit = bright if bits is None else bits.reshape(frames, -1)
+    centres = read.numpy()
     behind = np.median(grey[:, [0, 1, -2, -1]], axis=(1, 2))
     on = np.ma.array(centres, mask=~lit).mean(1).filled(centres.max(1) + 20)
     off = np.ma.array(centres, mask=lit).mean(1).filled(behind)
     side = np.roll(corners_px, -1, 1) - corners_px
     right, down = (side[:, 0] - side[:, 2]) / 2, (side[:, 1] - side[:, 3]) / 2
     pitch = (np.hypot(*right.T) / shape.columns + np.hypot(*down.T) / shape.rows) / 2
-    frame_values = np.zeros((frames, 10))
-    frame_values[:, :2], frame_values[:, 2] = corners_px.mean(1), np.log(pitch)
-    frame_values[:, 5] = np.degrees(np.arctan2(right[:, 1], right[:, 0]))
-    frame_values[:, 6:] = np.stack([behind, off, 1.3 * on, off], 1).clip(min=1.0)
-    shared = np.array([drawing.camera.gamma, 1.0])
-    begun = RecordingFit(drawing, grey, frame_values, shared, lit.astype(float))
+    table = np.zeros((frames, len(COLUMN)))
+    table[:, :2], table[:, 2] = corners_px.mean(1), np.log(pitch)
+    table[:, 5] = np.degrees(np.arctan2(right[:, 1], right[:, 0]))
+    table[:, 6:10] = np.stack([behind, off, 1.3 * on, off], 1).clip(min=1.0)
+    table[:, 10:] = drawing.camera.gamma, 1.0
+    begun = RecordingFit(drawing, grey, table, lit.astype(float))
     few, tried = begun.taken(slice(0, SETTINGS.first_frames)), []
     for share in SETTINGS.blur_shares:
         blurred = few.set("blur_px", float(np.median(pitch)) * share)
         tried.append(settled(blurred, (*LEVELS[:3], "blur_px"), 3, robust=False))
-    blur = float(min(tried, key=lambda fit: fit.misfit).value("blur_px"))
+    blur = min(tried, key=lambda fit: fit.misfit).value("blur_px")[0]
     return settled(begun.set("blur_px", blur), LEVELS[:3], 4, robust=False)
 
 
@@ -111,7 +92,7 @@ def likelier(fit: RecordingFit) -> Floats:
     LEDs that share no pixel are flipped together. An LED beyond white is told by its flanks.
     """
     shape, (height, width) = fit.drawing.panel.shape, fit.drawing.size_px
-    at, step = fit.drawing.centres_px(fit.by_frame, fit.shared), SETTINGS.flip_step
+    at, step = fit.drawing.centres_px(fit.table), SETTINGS.flip_step
     y, x = np.mgrid[:height, :width] + 0.5
     rows = np.arange(len(at))
     weights = fit.trust / fit.predicted()[1]
@@ -129,7 +110,7 @@ def likelier(fit: RecordingFit) -> Floats:
         other[:, group] = 1 - other[:, group]
         squares = []
         for weighed in (lit, other):
-            parts[2] = fit.drawing.cover(fit.by_frame, fit.shared, weighed)
+            parts[2] = fit.drawing.cover(fit.table, weighed)
             squares.append(weights * (fit.grey - fit.predicted(parts)[0]) ** 2)
         gain = squares[0] - squares[1]
         for place, led in enumerate(group):
@@ -152,8 +133,8 @@ def mirrored(fit: RecordingFit, free: Sequence[str]) -> tuple[RecordingFit, Floa
     apart, better = np.abs(gain) / fit.scale, gain > 0
     if not better.any():
         return fit, apart
-    by_frame = np.where(better[:, None], other.by_frame, fit.by_frame)
-    return settled(replace(fit, by_frame=by_frame), free), apart
+    table = np.where(better[:, None], other.table, fit.table)
+    return settled(replace(fit, table=table), free), apart
 
 
 def misfits(fit: RecordingFit) -> Floats:

@@ -120,10 +120,9 @@ def natural(drawing: PanelDrawing) -> tuple[Floats, Floats]:
     height, width = drawing.camera.sensor_px
     full = replace(drawing.taken(slice(0, 1)), size_px=(height, width))
     full = replace(full, origin_px=full.origin_px * 0)
-    frame_values = np.zeros((1, 10))
-    frame_values[0, :3] = width / 2, height / 2, 0.0
+    table = np.array([[width / 2, height / 2, *np.zeros(8), 1.0, 1.0]])
     shade, half = (
-        replace(full, corner_loss=loss).base(frame_values)[0] for loss in (0.0, 0.5)
+        replace(full, corner_loss=loss).base(table)[0] for loss in (0.0, 0.5)
     )
     return shade, 2 - 2 * half / shade
 

@@ -75,7 +75,7 @@ def residuals(fit: RecordingFit) -> tuple[Floats, Floats, bool]:
     if frames < 4 or moved > SETTINGS.still_px or not bool((origin == origin[0]).all()):
         return residual, np.ones_like(residual), False
     y, x = np.mgrid[:height, :width] + 0.5
-    at = fit.drawing.taken(slice(0, 1)).centres_px(fit.by_frame[:1], fit.shared)[0]
+    at = fit.drawing.taken(slice(0, 1)).centres_px(fit.table[:1])[0]
     nearest = np.argmin([(x - led[0]) ** 2 + (y - led[1]) ** 2 for led in at], axis=0)
     lit = fit.bits[:, nearest]
     left, remaining = residual.copy(), np.zeros_like(residual)
@@ -210,7 +210,7 @@ def transfer(fit: RecordingFit) -> TransferCurve:
 
 def bent(fit: RecordingFit) -> RecordingFit:
     """Move gamma by its deviation, and what each frame has by itself as it follows."""
-    at = fit.values - len(fit.of_all)
+    at = fit.values - len(fit.shared)
     covariance = fit.covariances[0]
     step = covariance[:, at] / max(covariance[at, at], 1e-300) * fit.deviation("gamma")
     return fit.moved(fit.packed() + step)
