@@ -55,18 +55,3 @@ def test_counts_are_the_definition_frame_by_frame(
 ):
     arrays = frames(seed, number, rows, columns, error_rate, miss_rate)
     assert count(*arrays) == by_hand(*arrays)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 20), st.integers(0, 20))
-def test_counts_of_the_parts_add_up_to_the_whole(seed, first, second):
-    decided, sent, found = frames(seed, first + second, 3, 3, 0.2, 0.2)
-    whole = count(decided, sent, found)
-    head = count(decided[:first], sent[:first], found[:first])
-    tail = count(decided[first:], sent[first:], found[first:])
-    assert (
-        head + tail
-        == tail + head
-        == sum([head, tail])
-        == sum([head, tail], Counts())
-        == whole
-    )

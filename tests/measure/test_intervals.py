@@ -108,12 +108,6 @@ def test_the_zero_error_limit_is_the_binomials_one_sided_limit_of_a_wrong_frame(
         assert binomtest(0, frames, limit * 2, "less").pvalue == pytest.approx(0.05)
 
 
-def test_the_design_effect_is_one_plus_the_excess_of_the_correlation():
-    # Closed form for a beta-binomial: 1 + (bits - 1) * correlation.
-    halves = beta_binomial(np.random.default_rng(3), 200_000, 0.1, 0.05)
-    assert design_effect(of_halves(halves)) == pytest.approx(1 + 63 * 0.05, rel=0.03)
-
-
 @pytest.mark.parametrize(
     ("call", "name"),
     [

@@ -11,7 +11,6 @@ from vocc_torch.measure.paired import (
     PairedCounts,
     paired_interval,
     relative_gain,
-    sign_test,
 )
 
 BITS = 64
@@ -112,14 +111,6 @@ def test_single_bit_differences_give_newcombes_square_and_add_of_exact_intervals
     low = 80 / trials - math.hypot(200 / trials - a.low, b.high - 120 / trials)
     high = 80 / trials + math.hypot(a.high - 200 / trials, 120 / trials - b.low)
     assert (ours.low, ours.high) == pytest.approx((low, high), rel=0.01)
-
-
-def test_the_sign_test_is_the_binomials_sum():
-    paired = of_differences([3] * 15 + [-1] * 5 + [0] * 100)
-    tail = sum(math.comb(20, k) for k in range(6)) / 2**20
-    assert sign_test(paired) == pytest.approx(2 * tail)
-    assert sign_test(of_differences([5] * 6 + [0] * 100)) == pytest.approx(0.5**5)
-    assert sign_test(PairedCounts(10, 640)) == 1.0
 
 
 @pytest.mark.parametrize("frame_count", [1, 64, 2000])

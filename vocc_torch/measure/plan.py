@@ -323,18 +323,16 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     for name, part in outside.items():
         effects[name] |= {TARGET: part.target, AFTER: part.arguments.get(AFTER)}
     receiver = plan.receiver
-    named = {f"effects.{name}": part for name, part in outside.items()}
-    named |= {f"locators.{part.name}": part for part in receiver.locators.values()}
-    made_with: dict[str, Any] = {name: part.maker for name, part in named.items()}
+    parts = {f"effects.{name}": part for name, part in outside.items()}
+    parts |= {f"locators.{part.name}": part for part in receiver.locators.values()}
+    parts |= {f"classifiers.{part.name}": part.build for part in receiver.classifiers}
+    parts |= {f"features.{part.name}": part for part in receiver.reader.more}
+    made_with: dict[str, Any] = {name: part.maker for name, part in parts.items()}
     made_with |= {
         f"{name}.{key}": digest
-        for name, part in named.items()
+        for name, part in parts.items()
         for key, digest in part.files.items()
     }
-    made_with |= {
-        f"classifiers.{part.name}": part.build.maker for part in receiver.classifiers
-    }
-    made_with |= {f"features.{part.name}": part.maker for part in receiver.reader.more}
     made_with |= {
         f"effects.{effect.name}": effect.digest
         for effect in built

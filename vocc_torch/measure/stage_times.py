@@ -121,7 +121,7 @@ def time_stages(
         By the receivers' names.
     """
     chains = {
-        name: Chain(name, replace(receiver, bank=receiver.bank.to(device)), device)
+        name: chain(name, replace(receiver, bank=receiver.bank.to(device)), device)
         for name, receiver in receivers.items()
     }
     starts = range(0, len(exposure.frames) - batch + 1, batch)
@@ -133,18 +133,20 @@ def time_stages(
     turns = list(
         itertools.chain(*zip(batches[-1:] + batches[:-1], batches, strict=True))
     )
-    stages = dict(stage for chain in chains.values() for stage in chain.stages.values())
     calls = {
         str(key): map(stage, itertools.cycle(turns)).__next__
-        for key, stage in stages.items()
+        for stages in chains.values()
+        for name, (key, stage) in stages.items()
+        if name != "preambles"
     }
     timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
     times = {}
-    for name, chain in chains.items():
+    for name, stages in chains.items():
         spent = dict.fromkeys(STAGES, np.zeros(repeats))
-        for stage, (key, _) in chain.stages.items():
-            spent[stage] = 1e3 / batch * np.array(timed[str(key)])
-        if chain.needs_preambles:
+        for stage, (key, _) in stages.items():
+            if stage != "preambles":
+                spent[stage] = 1e3 / batch * np.array(timed[str(key)])
+        if "preambles" in stages:
             spent["preambles"] = 2 * np.sum([spent[of] for of in _MEASURING], axis=0)
         times[name] = StageTimes(
             {stage: tuple(ms.tolist()) for stage, ms in spent.items()}
@@ -155,82 +157,70 @@ def time_stages(
 Intermediates: TypeAlias = dict[Hashable, Any]
 """What the stages have made of a batch, by key; a key names what receivers share."""
 
-Stage: TypeAlias = Callable[[Intermediates], object]
-"""Makes what follows from a batch's parts."""
+Stages: TypeAlias = dict[
+    str, tuple[tuple[Hashable, ...], Callable[[Intermediates], object]]
+]
+"""By name the key of what a stage makes, and what makes it of a batch's parts."""
 
 
-class Chain:
-    """A receiver's stages on prepared batches, in order, each with the key of what it makes.
+def chain(name: str, receiver: StagedReceiver, device: torch.device) -> Stages:
+    """Give a receiver's stages on prepared batches, in order; one that it does not have is left out.
 
     Args:
         name: the receiver's name.
         receiver: works on the device.
         device: where frames are read to.
     """
+    where, known, measured = (
+        ("locate", receiver.locator),
+        ("preambles", name),
+        ("features", name),
+    )
+    samples = receiver.reader.samples_per_led
+    patches = ("rectify", receiver.locator, samples, receiver.dtype)
+    stages: Stages = {"read": (("read",), lambda batch: read(batch["host"], device))}
+    if receiver.locator is not None:
+        stages["locate"] = where, lambda batch: receiver.locate(batch["read",])
+    if receiver.bank.needs_patches:
+        stages["rectify"] = (
+            patches,
+            lambda batch: receiver.rectify(batch["read",], batch[where]),
+        )
+    stages["features"] = (
+        measured,
+        lambda batch: receiver.measure(
+            batch["read",], batch[where], batch.get(patches)
+        ),
+    )
+    if needs_preambles(receiver.bank.names):
+        stages["preambles"] = (
+            known,
+            lambda batch: receiver.preambles(batch["on"], batch["off"], batch[where]),
+        )
 
-    def __init__(
-        self, name: str, receiver: StagedReceiver, device: torch.device
-    ) -> None:
-        self.receiver = receiver
-        self.needs_preambles = needs_preambles(receiver.bank.names)
-        self.where, self.known = ("locate", receiver.locator), ("preambles", name)
-        patches = (
-            "rectify",
-            receiver.locator,
-            receiver.reader.samples_per_led,
-            receiver.dtype,
-        )
-        measured = ("features", name)
-        self.stages: dict[str, tuple[tuple[Hashable, ...], Stage]] = {}
-        self.stages["read"] = ("read",), lambda batch: read(batch["host"], device)
-        if receiver.locator is not None:
-            self.stages["locate"] = (
-                self.where,
-                lambda batch: receiver.locate(batch["read",]),
-            )
-        if receiver.bank.needs_patches:
-            self.stages["rectify"] = (
-                patches,
-                lambda batch: receiver.rectify(batch["read",], batch[self.where]),
-            )
-        self.stages["features"] = (
-            measured,
-            lambda batch: receiver.measure(
-                batch["read",], batch[self.where], batch.get(patches)
-            ),
-        )
-        self.stages["classify"] = (
-            ("classify", name),
-            lambda batch: _bits(receiver.decide(batch[measured], batch[self.known])),
-        )
+    def classify(batch: Intermediates) -> list[torch.Tensor]:
+        scores = receiver.decide(batch[measured], batch.get(known))
+        return [score >= 0 for score in scores.values()]
+
+    stages["classify"] = ("classify", name), classify
+    return stages
 
 
 def prepared(
-    chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device
+    chains: Iterable[Stages], exposure: Exposure, rows: slice, device: torch.device
 ) -> Intermediates:
     """Make what each stage starts from, of some of the frames."""
     results: Intermediates = {
         "host": exposure.frames[rows],
         ("locate", None): exposure.truth[rows].to(device),
     }
-    on_off = [_on(take[rows], device) for take in exposure.preambles]
-    for chain in chains:
-        for key, stage in chain.stages.values():
-            if key[0] == "classify":  # whose threshold comes from frames of known bits
-                preambles, place = chain.needs_preambles, results[chain.where]
-                results[chain.known] = (
-                    chain.receiver.preambles(on_off[0], on_off[1], place)
-                    if preambles
-                    else None
-                )
+    for bits, take in zip(("on", "off"), exposure.preambles, strict=False):
+        results[bits] = _on(take[rows], device)
+    for stages in chains:
+        for key, stage in stages.values():
             if key not in results:
                 results[key] = stage(results)
     return results
-
-
-def _bits(scores: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:
-    """Decide, (B,R,C) bool for each receiver."""
-    return [score >= 0 for score in scores.values()]
 
 
 def read(host: Frames, device: torch.device) -> Frames:

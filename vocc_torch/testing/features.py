@@ -8,12 +8,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from vocc_torch.testing.parts import Answer, PartCase
 from vocc_torch.types import PanelShape
 
 Feature = Callable[[Tensor, PanelShape], Tensor]
 
 
-class FeatureCase:
+class FeatureCase(PartCase):
     """Tests of a feature; a subclass named ``Test...`` writes :meth:`feature` and :meth:`patches`.
 
     Attributes:
@@ -39,6 +40,11 @@ class FeatureCase:
         return (high + torch.rand(high.shape, generator=generator))[
             :, None
         ].contiguous()
+
+    def asked(self) -> tuple[Answer, Tensor]:
+        """Give the feature of panels of 6 x 6 LEDs, and three of them."""
+        shape, feature = PanelShape(6, 6), self.feature()
+        return lambda patches: feature(patches, shape), self.patches(shape, 8)
 
     def measured(self) -> Tensor:
         """Measure three panels of 6 x 6 LEDs."""
@@ -72,38 +78,6 @@ class FeatureCase:
         shape = PanelShape(3, 4)
         assert self.feature()(torch.full((2, 1, 25, 30), level), shape).isfinite().all()
 
-    def test_a_panel_alone_is_measured_as_in_a_batch(self) -> None:
-        """The batch changes no bit."""
-        shape = PanelShape(6, 6)
-        patches = self.patches(shape, 8)
-        for row in range(3):
-            alone = self.feature()(patches[row : row + 1], shape)
-            assert torch.equal(alone, self.measured()[row : row + 1])
-
-    def test_it_measures_alike_twice(self) -> None:
-        """Measuring leaves no trace."""
-        assert torch.equal(self.measured(), self.measured())
-
-    def test_patches_stay_as_they_are(self) -> None:
-        """Nothing is written into the patches."""
-        shape = PanelShape(6, 6)
-        patches = self.patches(shape, 8)
-        before = patches.clone()
-        self.feature()(patches, shape)
-        assert torch.equal(patches, before)
-
-    def test_nothing_is_drawn_from_the_global_generator(self) -> None:
-        """The state of torch's generator stays."""
-        before = torch.get_rng_state()
-        self.measured()
-        assert torch.equal(torch.get_rng_state(), before)
-
-    def test_inference_mode_changes_nothing(self) -> None:
-        """Within inference mode the values are the same."""
-        with torch.inference_mode():
-            inside = self.measured()
-        assert torch.equal(inside.clone(), self.measured())
-
     def test_double_precision_gives_the_same_values(self) -> None:
         """float64 patches have the values of float32 ones, but for rounding."""
         shape = PanelShape(6, 6)
@@ -111,9 +85,3 @@ class FeatureCase:
         torch.testing.assert_close(
             double.float(), self.measured().float(), rtol=1e-3, atol=1e-3
         )
-
-    def test_strided_patches_are_taken(self) -> None:
-        """Patches need not be contiguous."""
-        shape = PanelShape(6, 6)
-        strided = self.patches(shape, 8).mT.contiguous().mT
-        torch.testing.assert_close(self.feature()(strided, shape), self.measured())

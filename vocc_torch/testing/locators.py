@@ -10,6 +10,7 @@ from torch import Tensor
 
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.resample import cell_size_px
+from vocc_torch.testing.parts import Answer, PartCase
 from vocc_torch.types import Frames, Panels, PanelShape
 
 
@@ -21,7 +22,7 @@ def equal(first: Panels, second: Panels) -> bool:
     )
 
 
-class LocatorCase:
+class LocatorCase(PartCase):
     """Tests of a locator; a subclass named ``Test...`` writes :meth:`locator` and :meth:`scenes`.
 
     Attributes:
@@ -49,6 +50,18 @@ class LocatorCase:
     @abstractmethod
     def scenes(self) -> tuple[Frames, Tensor]:
         """Give at least three whole uint8 frames with a panel each, and the corners (B,4,2), px."""
+
+    def asked(self) -> tuple[Answer, Tensor]:
+        """Give corners, found, score and candidates of grey frames (B,1,H,W) as one row each, and frames."""
+        locator = self.locator()
+
+        def answer(grey: Tensor) -> Tensor:
+            panels = locator(Frames.whole(grey), self.shape)
+            one_a_frame = (panels.found, panels.score, panels.candidates)
+            columns = [column.double()[:, None] for column in one_a_frame]
+            return torch.cat([panels.corners_px.flatten(1), *columns], dim=1)
+
+        return answer, self.scenes()[0].grey
 
     def located(self) -> tuple[Frames, Panels]:
         """Locate the panels of the scenes."""
@@ -89,30 +102,6 @@ class LocatorCase:
         x, y = self.located()[1].corners_px.unbind(2)
         assert ((x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(1) > 0).all()
 
-    def test_scores_are_finite(self) -> None:
-        """A score is a finite number."""
-        assert self.located()[1].score.isfinite().all()
-
-    def test_a_frame_alone_gives_what_it_gives_in_a_batch(self) -> None:
-        """The batch changes no bit."""
-        frames, panels = self.located()
-        for row in range(len(frames)):
-            rows = slice(row, row + 1)
-            assert equal(self.locator()(frames[rows], self.shape), panels[rows])
-
-    def test_the_order_of_frames_changes_nothing(self) -> None:
-        """Frames in reverse give the answers in reverse."""
-        frames, panels = self.located()
-        back = torch.arange(len(frames) - 1, -1, -1)
-        assert equal(self.locator()(frames[back], self.shape), panels[back])
-
-    def test_it_answers_alike_twice(self) -> None:
-        """One object and two objects say the same."""
-        frames, panels = self.located()
-        locator = self.locator()
-        assert equal(locator(frames, self.shape), panels)
-        assert equal(locator(frames, self.shape), panels)
-
     def test_a_picture_that_is_moved_moves_the_corners(self) -> None:
         """With border pixels added on the left and above, corners move by as much."""
         frames, panels = self.located()
@@ -131,26 +120,6 @@ class LocatorCase:
         """A NumPy array is as good as a tensor."""
         frames, panels = self.located()
         assert equal(self.locator()(frames.grey[:, 0].numpy(), self.shape), panels)
-
-    def test_frames_stay_as_they_are(self) -> None:
-        """Nothing is written into the frames."""
-        frames, _ = self.scenes()
-        before = frames.grey.clone()
-        self.locator()(frames, self.shape)
-        assert torch.equal(frames.grey, before)
-
-    def test_nothing_is_drawn_from_the_global_generator(self) -> None:
-        """The state of torch's generator stays."""
-        before = torch.get_rng_state()
-        self.located()
-        assert torch.equal(torch.get_rng_state(), before)
-
-    def test_inference_mode_changes_nothing(self) -> None:
-        """Within inference mode the answers are the same."""
-        frames, panels = self.located()
-        with torch.inference_mode():
-            inside = self.locator()(frames, self.shape)
-        assert equal(inside, panels)
 
     def test_the_default_dtype_changes_nothing(self) -> None:
         """Torch's default dtype is not looked at."""
