@@ -3,13 +3,13 @@
 Each check is held against leaks made on purpose, which it must find.
 """
 
-import csv
 import dataclasses
 import sys
 
 import pytest
 import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
+from run_files import rows_of
 
 from vocc_torch.measure import sweep as sweep_module
 from vocc_torch.receiver.classifiers.adapters import TorchClassifier
@@ -154,12 +154,8 @@ def memory_ber(app, tmp_path, name):
         f"name={name}",
     )
     assert ran.status == 0, ran.err
-    return float(rows_of(tmp_path / "runs" / name / "ber.csv")["own"]["ber"])
-
-
-def rows_of(path):
-    with path.open(newline="") as file:
-        return {row["receiver"]: row for row in csv.DictReader(file)}
+    rows = rows_of(tmp_path / "runs" / name / "ber.csv")
+    return next(float(row["ber"]) for row in rows if row["receiver"] == "own")
 
 
 def test_a_receiver_that_only_remembers_tosses_coins(app, tmp_path):

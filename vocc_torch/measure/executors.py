@@ -364,10 +364,8 @@ def _prepare(run: bytes) -> None:
     plugins.receive(files)
 
 
-@functools.lru_cache(8)
-def _unpacked(call: bytes) -> Callable[[object], object]:
-    function: Callable[[object], object] = pickle.loads(call)
-    return function
+_unpacked = functools.lru_cache(8)(pickle.loads)
+"""A call that comes with many arguments is unpacked once."""
 
 
 def called(run: bytes, call: bytes, argument: bytes) -> bytes:

@@ -30,20 +30,10 @@ _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""
 
 _NO_RESULT = (
-    *(
-        "task",
-        "name",
-        "input",
-        "model",
-        "device",
-        "workers",
-        "executor.kind",
-        "executor.address",
-    ),
-    *("batch_frames", "tensorboard"),
+    *run_ledgers.CHANGE_NO_RESULT,
+    *("task", "name", "input", "model", "decode", "figures", "effects"),
 )
-"""Keys that change no number of a result."""
-_OTHER_TASKS = ("decode.", "figures.", "effects.")
+"""Keys, or sections of them, that change no number of a result."""
 _NAMES = ("experiment.name", "scene.name")
 """Keys that name a whole group of settings."""
 
@@ -314,7 +304,7 @@ def collected_rows(
 
 def changes_results(key: str) -> bool:
     """Tell whether a key can change a number of a result."""
-    return key not in _NO_RESULT and not key.startswith(_OTHER_TASKS)
+    return key.partition(".")[0] not in _NO_RESULT
 
 
 MOST_FACETS = 30

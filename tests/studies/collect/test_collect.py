@@ -1,6 +1,5 @@
 """task=collect: what a multirun wrote, in one table and one picture, whatever state it is in."""
 
-import csv
 import io
 import os
 
@@ -8,6 +7,7 @@ import pytest
 import yaml
 from PIL import Image
 from rich.console import Console
+from run_files import rows_of
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
@@ -58,12 +58,6 @@ def write_job(folder, settings=None, table=None, failed=None, ledger=False):
         (folder / "failed.txt").write_text(failed)
     if ledger:
         (folder / "ledger.sqlite").write_text("")
-
-
-def rows_of(path):
-    """A CSV file's rows."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 # The whole way
