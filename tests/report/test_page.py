@@ -48,7 +48,6 @@ HOSTILE = [
     "`</code><img src=x onerror=alert(1)>`",
     "``` \n<b>x</b>",
     "[x](javascript:alert(1)) ![y](http://elsewhere/y.png)",
-    "</details>",
     '<a id="x"></a>',
     "a | b **c** ~~d~~ &lt;e&gt; \\",
     "# 1. - heading",
@@ -66,7 +65,7 @@ def test_hostile_names_stay_words(package, words):
     assert not any(
         key.startswith("on") for _, attributes in tags.tags for key in attributes
     )
-    assert [link["href"] for link in tags.named("a")] == ["#_text"]
+    assert not tags.named("a")
     shown = "".join(tags.words)
     assert shown.count(" ".join(words.split())) >= 4
 
@@ -79,9 +78,7 @@ What was measured.
 
 - [Summary](#summary)
 
-<a id="summary"></a>
-
-## What holds
+## Summary
 
 * **\N{CHECK MARK} 12** claims
 * **\N{BALLOT X} 3** differ
@@ -91,17 +88,6 @@ What was measured.
 | receiver | BER |
 |:---|---:|
 | FLDA | \N{BALLOT X} 0.1 |
-
-## Numbers
-
-<details>
-<summary>All (1 row)</summary>
-
-| receiver | BER |
-|:---|---:|
-| a receiver whose name is so long that it takes more than a card | 0.1 |
-
-</details>
 
 ![Rates that fall](figures/fig%2022.png)
 The caption. [Data (CSV)](fig22.csv)
@@ -121,24 +107,14 @@ def test_a_page_holds_everything(tmp_path):
     )
     content = base64.b64decode(image["src"].removeprefix("data:image/png;base64,"))
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
-    counts = {
-        tag: len(tags.named(tag))
-        for tag in ("figure", "figcaption", "nav", "details", "script", "link")
-    }
-    assert list(counts.values()) == [1, 1, 2, 2, 0, 0]
-    assert [heading.get("id") for heading in tags.named("h2")] == [
-        None,
+    assert not tags.named("script") + tags.named("link")
+    assert [heading["id"] for heading in tags.named("h2")] == [
+        "contents",
+        "summary",
         "numbers",
-        "numbers-1",
     ]
-    assert {"id": "summary"} in tags.named("a")
-    assert [item.get("class") for item in tags.named("li") if item.get("class")] == [
-        "agree",
-        "differ",
-    ]
-    assert [cell.get("class") for cell in tags.named("td")] == ["differ", None]
-    assert [cell.get("scope") for cell in tags.named("th")] == [None, None, "row"] * 2
-    assert len([box for box in tags.named("div") if box["class"] == "table"]) == 2
+    tones = [tag.get("class") for name in ("li", "td") for tag in tags.named(name)]
+    assert tones == [None, "agree", "differ", None, "differ"]
 
 
 @pytest.mark.parametrize(

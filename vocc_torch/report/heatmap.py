@@ -14,6 +14,8 @@ from vocc_torch.report.plots import LOOK, Axes, Figure
 
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
+DARK = 0.55
+"""Share of the scale of colours below which words are white."""
 _MAP = colormaps["viridis"].with_extremes(bad=NO_ERRORS)
 HEADING = "Bit error rate over ambient light and LED luminance"
 
@@ -104,7 +106,7 @@ def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
     plots.head(axes, matrix.title)
     for (row, column), rate in np.ndenumerate(matrix.rates):
         if matrix.texts:
-            back = colors.to_rgb(_MAP(float(norm(rate))) if rate else NO_ERRORS)
+            dark = rate and norm(rate) < DARK
             axes.text(
                 column + 0.5,
                 row + matrix.text_at,
@@ -112,27 +114,9 @@ def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
                 fontsize=8.5,
                 ha="center",
                 va="center",
-                color=ink_on(back),
+                color="white" if dark else LOOK.ink,
                 zorder=5,
-                path_effects=[withStroke(linewidth=2.2, foreground=back)],
             )
-
-
-def ink_on(colour: tuple[float, float, float]) -> str:
-    """Choose the colour of text on a colour, red, green and blue from 0 to 1: white or dark.
-
-    At a relative luminance of 0.21 (WCAG 2) both are about equally legible.
-
-    Example:
-        >>> ink_on((0.1, 0.1, 0.4)), ink_on((1.0, 0.9, 0.2))
-        ('white', '#222222')
-    """
-    linear = [
-        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
-        for part in colour
-    ]
-    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-    return "white" if luminance < 0.21 else LOOK.ink
 
 
 def rate_or_limit(rate: float, high: float) -> str:

@@ -2,7 +2,6 @@
 
 import base64
 import re
-from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
@@ -14,7 +13,7 @@ from markupsafe import Markup
 from PIL import Image, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError
-from vocc_torch.report.styles import ends_text, rate_text
+from vocc_torch.report.styles import rate_text
 
 SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
 """What stands before a toned text, so that no verdict is told by colour alone."""
@@ -26,16 +25,13 @@ _LINE_START = re.compile(
 )
 """What means something to Markdown at the start of a line: headings, lists and rules."""
 _NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
-_ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
-_FOLD = re.compile(r"</details>|<details>\n<summary>[^<>]*</summary>")
 
 
 def render(package: str, template: str, **values: object) -> str:
     """Fill in a template. In ``*.md.j2`` every value stands for itself, whatever marks it holds.
 
     What is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``fence``
-    return Markdown. Further filters: ``rate`` ("1.5e-5"), ``interval`` ("1.5e-5 to 1.2e-2", of anything with
-    ``low`` and ``high``), ``slug`` (a heading's name in links). In a ``<summary>`` use ``e`` instead.
+    return Markdown. A further filter is ``rate`` ("1.5e-5").
 
     Args:
         package: package whose folder has the template; those of ``vocc_torch.report`` can be included too.
@@ -72,10 +68,8 @@ def environment(package: str) -> jinja2.Environment:
         "md": md,
         "code": code,
         "fence": fence,
-        "slug": slug,
         "rate": rate_text,
     }
-    filled.filters["interval"] = lambda of: ends_text(of.low, of.high)
     filled.globals["SIGNS"] = SIGNS
     return filled
 
@@ -139,11 +133,8 @@ def _one_line(text: str) -> str:
 def html(markdown: str, title: str, folder: str | Path) -> str:
     r"""Write Markdown as one HTML page that needs nothing else: style and pictures are inside.
 
-    No HTML in the text gets through, but for lines that are an anchor (``<a id="fig-22"></a>``) or fold what
-    follows (``<details>``, with ``<summary>``). Headings without an anchor take their :func:`slug`. The list
-    under a heading "Contents" goes beside the text. A paragraph that begins with a picture is a figure with
-    its caption. A list of asterisks is a summary's numbers. Cells and items that begin with a sign of
-    ``SIGNS`` are coloured.
+    No HTML in the text gets through. Headings have their :func:`slug` for links. Cells and items that begin
+    with a sign of ``SIGNS`` are coloured.
 
     Args:
         markdown: the text, with tables as GitHub has them.
@@ -159,115 +150,26 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
         (True, True)
     """
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = list(dressed(reader.parse(markdown), Path(folder)))
-    kinds = [(token.type, token.tag) for token in tokens]
-    first = end = (
-        kinds.index(heading)
-        if (heading := ("heading_open", "h2")) in kinds
-        else len(tokens)
-    )
-    if first < len(tokens) and _words(tokens[first + 1]) == "Contents":
-        # The heading is three tokens; its list ends where the next heading or its anchor begins.
-        ends = (
-            at
-            for at in range(first, len(tokens))
-            if kinds[at][0] == "bullet_list_close"
-        )
-        end = 1 + next(at for at in ends if not tokens[at].level)
-    elif first >= 3 and _ANCHOR.fullmatch(tokens[first - 2].content):
-        first = end = first - 3
-    parts = {
-        "header": tokens[:first],
-        "contents": tokens[first + 3 : end],
-        "body": tokens[end:],
-    }
-    texts = {
-        name: Markup(reader.renderer.render(part, reader.options, {}))
-        for name, part in parts.items()
-    }
+    tokens = reader.parse(markdown)
+    starts: list[Token] = []
+    for token in tokens:
+        if token.nesting > 0:
+            starts.append(token)
+        for picture in token.children or ():
+            if picture.type == "image":
+                embed(picture, Path(folder))
+        if token.type == "inline":
+            # A short item's words stand in a paragraph that is not shown.
+            parent = starts[-2] if starts[-1].hidden else starts[-1]
+            if parent.type == "heading_open":
+                parent.attrSet("id", slug(token.content))
+            for tone, sign in SIGNS.items():
+                if token.content.lstrip("*").startswith(f"{sign} "):
+                    parent.attrSet("class", tone)
+    body = Markup(reader.renderer.render(tokens, reader.options, {}))
     style = Markup(Path(__file__).with_name("page.css").read_text("utf-8"))
-    return render(
-        __package__, "page.html.j2", title=_one_line(title), style=style, **texts
-    )
-
-
-def _words(line: Token) -> str:
-    """Join the words of a line, whatever they are."""
-    return "".join(
-        " " if child.type == "softbreak" else child.content
-        for child in line.children or ()
-    )
-
-
-def _tone(line: Token) -> dict[str, str]:
-    """Give the class of a line's tone by the sign before it."""
-    words = _words(line)
-    return next(
-        (
-            {"class": tone}
-            for tone, sign in SIGNS.items()
-            if words.startswith(f"{sign} ")
-        ),
-        {},
-    )
-
-
-def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
-    """Dress a report's tokens for its page: anchors, folds, figures with captions, links, tones, wide tables.
-
-    Args:
-        tokens: of the Markdown text; they are changed.
-        folder: where its pictures are.
-
-    Raises:
-        VoccError: as :func:`embed`.
-    """
-    slugs: list[str] = []
-    for at, token in enumerate(tokens):
-        kind, line = token.type, tokens[min(at + 1, len(tokens) - 1)]
-        for picture in (
-            child for child in token.children or () if child.type == "image"
-        ):
-            embed(picture, folder)
-        if kind == "paragraph_open" and (
-            _ANCHOR.fullmatch(line.content) or _FOLD.fullmatch(line.content)
-        ):
-            token.hidden = tokens[at + 2].hidden = True
-            allowed = line.content.replace("<details>", '<details class="folded">')
-            line.children = [Token("html_inline", "", 0, content=f"{allowed}\n")]
-        elif (
-            kind == "paragraph_open"
-            and line.children
-            and line.children[0].type == "image"
-        ):
-            token.tag = tokens[at + 2].tag = "figure"
-            line.children.insert(
-                1, Token("html_inline", "", 0, content="\n<figcaption>")
-            )
-            line.children.append(Token("html_inline", "", 0, content="</figcaption>"))
-        elif kind == "heading_open" and (
-            at < 3 or not _ANCHOR.fullmatch(tokens[at - 2].content)
-        ):
-            slugs.append(name := slug(_words(line)))
-            token.attrSet(
-                "id", f"{name}-{slugs.count(name) - 1}" if name in slugs[:-1] else name
-            )
-        elif kind == "bullet_list_open" and token.markup == "*":
-            token.attrSet("class", "highlights")
-        elif kind == "list_item_open" and token.markup == "*":
-            token.attrs |= _tone(tokens[at + 2])
-        elif kind == "td_open":
-            token.attrs |= _tone(line)
-        elif kind == "tr_open" and line.type == "td_open":
-            line.tag = tokens[at + 3].tag = "th"
-            line.attrSet("scope", "row")
-        elif kind == "table_open":
-            yield Token(
-                "html_block", "", 0, content='<div class="table" tabindex="0">\n'
-            )
-        yield token
-        if kind == "table_close":
-            yield Token("html_block", "", 0, content="</div>\n")
+    values = {"title": _one_line(title), "style": style, "body": body}
+    return render(__package__, "page.html.j2", **values)
 
 
 def embed(picture: Token, folder: Path) -> None:

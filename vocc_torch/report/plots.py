@@ -3,7 +3,8 @@
 import io
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,9 +15,9 @@ from matplotlib.axes import Axes as Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
+from matplotlib.transforms import offset_copy
 from PIL import Image
 
-from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
@@ -39,15 +40,16 @@ class FigureLook:
     ink: str = "#222222"
     quiet: str = "#5F6368"  # footnotes, axes
     grid: str = "#E3E6EA"
+    band: str = "#F6F7F9"  # behind every other row of intervals
     off: str = "#0072B2"  # Off LEDs
     on: str = "#D55E00"  # On LEDs
     single_in: tuple[float, float] = (10.0, 6.2)  # a figure of one panel, inches
     panel_in: tuple[float, float] = (3.6, 3.0)  # a panel of several, inches
     row_in: float = 0.3  # height of a row of intervals, inches
-    tick_px: float = 60.0  # least distance of named values, pixels
-    spread: float = (
-        0.009  # distance of neighbouring curves at one value, as a share of the axis
-    )
+    sign_in: float = 2.4  # width of a column of the legend, inches
+    title_letters: int = 34  # of a line above a panel
+    ticks: int = 5  # most values that the axis of one of several panels names
+    spread_pt: float = 4.5  # distance of neighbouring curves at one value, points
 
 
 LOOK = FigureLook()
@@ -97,28 +99,28 @@ class Panel:
     reason: str = ""
 
     @property
+    def values(self) -> list[float]:
+        """Where the curves have rates, ascending."""
+        return sorted({value for curve in self.curves for value in curve.x})
+
+    @property
     def scale(self) -> str:
         """The horizontal axis's scale."""
-        values = [value for curve in self.curves for value in curve.x]
-        wide = bool(values) and 0 < 10 * min(values) < max(values)
+        values = self.values
+        wide = bool(values) and 0 < 10 * values[0] < values[-1]
         return self.x_scale or ("log" if wide else "linear")
 
 
 def curve_figure(
-    panels: Sequence[Panel],
-    title: str,
-    footnote: str = "",
-    columns: int = 3,
-    alike: bool = True,
+    panels: Sequence[Panel], title: str, footnote: str = "", columns: int = 3
 ) -> Figure:
-    """Draw curves with error bars in one panel or in several.
+    """Draw curves with error bars in one panel or in several, with one vertical axis.
 
     Args:
         panels: row by row.
         title: what the figure shows.
         footnote: what it rests on.
         columns: most panels in a row.
-        alike: whether all panels have the same horizontal axis, which the lowest name.
 
     Raises:
         VoccError: no panel.
@@ -131,19 +133,22 @@ def curve_figure(
     """
     if not panels:
         raise VoccError("panels is empty: a figure needs at least one panel")
-    layout = rows_of(list(range(len(panels))), columns)
+    layout = rows_of(range(len(panels)), columns)
     size = LOOK.single_in if len(panels) == 1 else panel_size(layout)
-    styles = {
-        curve.style.label: curve.style for panel in panels for curve in panel.curves
-    }
-    signs: list[Artist] = [style_sign(style) for style in styles.values()]
-    if any(curve.stars for panel in panels for curve in panel.curves):
-        signs.append(Line2D([], [], **star(LOOK.quiet), label="quoted"))
-    figure, axes = sheet(layout, size, title, footnote, signs)
-    limits = rate_limits([curve for panel in panels for curve in panel.curves])
+    curves = [curve for panel in panels for curve in panel.curves]
+    styles = {curve.style.label: curve.style for curve in curves}
+    quoted = any(curve.stars for curve in curves)
+    signs = [sign_of(style) for style in styles.values()] + [quoted_sign()] * quoted
+    figure, axes = sheet(layout, size, title, footnote, signs, sharey=True)
     for place, panel in enumerate(panels):
-        draw_panel(axes[place], panel, limits, tuple(styles))
-    label_outer(layout, axes, alike)
+        draw_panel(axes[place], panel, tuple(styles))
+        if place % len(layout[0]) and panels[place - 1].curves:
+            axes[place].set_ylabel("")
+        else:
+            axes[place].tick_params(labelleft=True)
+    limits = rate_limits(curves)
+    if limits is not None and panels[0].y_scale == "log":
+        axes[0].set_ylim(*limits)
     return figure
 
 
@@ -197,22 +202,18 @@ def sheet(
     axes = figure.subplot_mosaic(
         [list(row) for row in layout], empty_sentinel=-1, **grid
     )
-    for count in range(min(6, len(signs)), -1, -1):
-        legend = figure.legend(
-            handles=signs,
-            ncols=max(1, count),
-            loc="outside upper left",
-            alignment="left",
-            frameon=False,
-            title=title,
-            title_fontproperties={"size": 14, "weight": "bold"},
-            labelcolor=LOOK.ink,
-            fontsize=10,
-            handlelength=2.6,
-        )
-        if count < 2 or legend.get_window_extent().width < figure.bbox.width:
-            break
-        legend.remove()
+    figure.legend(
+        handles=signs,
+        ncols=max(1, int(size_in[0] / LOOK.sign_in)),
+        loc="outside upper left",
+        alignment="left",
+        frameon=False,
+        title=title,
+        title_fontproperties={"size": 14, "weight": "bold"},
+        labelcolor=LOOK.ink,
+        fontsize=10,
+        handlelength=2.6,
+    )
     if footnote:
         below = figure.supxlabel(
             footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet
@@ -238,18 +239,10 @@ def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     axes.set_axisbelow(True)
 
 
-LETTERS_PER_INCH = 8.5
-"""Letters of a title to an inch of a column, its margins left out."""
-
-
 def head(axes: Axes, text: str) -> None:
-    """Write what axes show above them, in lines that are no wider than their column."""
-    place = axes.get_subplotspec()
-    columns = 1 if place is None else place.get_gridspec().ncols
-    width_px = axes.figure.bbox.width / columns
-    letters = max(int(width_px / axes.figure.dpi * LETTERS_PER_INCH), 20)
+    """Write what axes show above them."""
     axes.set_title(
-        "\n".join(textwrap.fill(line, letters) for line in text.split("\n")),
+        textwrap.fill(text, LOOK.title_letters),
         loc="left",
         fontsize=10.5,
         fontweight="bold",
@@ -257,68 +250,55 @@ def head(axes: Axes, text: str) -> None:
     )
 
 
-def draw_panel(
-    axes: Axes,
-    panel: Panel,
-    limits: tuple[float, float] | None,
-    labels: Sequence[str] = (),
-) -> None:
+def draw_panel(axes: Axes, panel: Panel, labels: Sequence[str]) -> None:
     """Draw one panel's curves, and set its axes up.
 
     Args:
         axes: empty axes.
         panel: the curves.
-        limits: ends of the vertical axis; None leaves them to Matplotlib.
         labels: of all curves of the figure; curves at one value stand apart in this order.
     """
     head(axes, panel.title)
-    axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
     if not panel.curves:
-        axes.set(xticks=[], yticks=[])
+        axes.set_axis_off()
         reason = axes.text(
             0.5, 0.5, textwrap.fill(panel.reason, 40), transform=axes.transAxes
         )
         reason.set(ha="center", va="center", color=LOOK.quiet, fontsize=9)
         return
     quiet(axes, "both")
+    axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set(xscale=panel.scale, yscale=panel.y_scale)
-    if limits is not None and panel.y_scale == "log":
-        axes.set_ylim(*limits)
-    scale = axes.xaxis.get_transform()
-    values = sorted({x for curve in panel.curves for x in curve.x})
-    at, back = scale.transform(np.array(values)), scale.inverted().transform
-    width = float(at[-1] - at[0]) or 1.0
-    names = list(labels) or [curve.style.label for curve in panel.curves]
-    step = min([LOOK.spread * width, *(0.5 * np.diff(at) / len(names)).tolist()])
+    axes.margins(x=0.06)
     for curve in panel.curves:
-        shift = step * (names.index(curve.style.label) - (len(names) - 1) / 2)
-        draw_curve(axes, curve, back(scale.transform(np.array(curve.x)) + shift))
-    axes.set_xlim(*back(at[[0, -1]] + np.array([-0.06, 0.06]) * width))
-    named, apart = [0], LOOK.tick_px / axes.bbox.width * width
-    for place, position in enumerate(at):
-        if position - at[named[-1]] > apart:
-            named.append(place)
-    ticks = [values[place] for place in named]
-    axes.set_xticks(ticks, map(value_text, ticks))
+        place = labels.index(curve.style.label) - (len(labels) - 1) / 2
+        draw_curve(axes, curve, place * LOOK.spread_pt)
+    few = LOOK.ticks if len(axes.figure.axes) > 1 else 2 * LOOK.ticks
+    axes.xaxis.set_major_locator(ticker.FixedLocator(panel.values, few))
+    axes.xaxis.set_major_formatter(lambda value, _: value_text(value))
     axes.xaxis.set_minor_locator(ticker.NullLocator())
 
 
-def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
+def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
     """Draw a line with error bars, arrows down from limits, pale bars over trainings, and stars.
 
     Args:
         axes: where to draw.
         curve: the rates.
-        x: where they stand.
+        shift_pt: how far right of its values the curve is drawn, points.
     """
     rates = [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
     rate, low, high = np.array(rates).reshape(-1, 3).T
-    style, free = curve.style, rate == 0
+    x, style, free = np.array(curve.x), curve.style, rate == 0
     value = np.where(free, np.nan, rate)
+    # What is drawn with a shift does not widen the axes by itself.
+    axes.update_datalim([*zip(x, low, strict=True), *zip(x, high, strict=True)])
+    shift = offset_copy(axes.transData, axes.figure, x=shift_pt, units="points")
     look: dict[str, Any] = {
         "color": style.colour,
         "marker": style.marker,
         "markersize": 7,
+        "transform": shift,
     }
     if not curve.bars:
         axes.plot(x, value, linestyle=style.line, label=style.label, **look)
@@ -328,9 +308,7 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
     drawn = axes.errorbar(
         x, value, reach, linestyle=style.line, elinewidth=1.3, capsize=2.5, **look
     )
-    drawn.lines[0].set(
-        label=style.label, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7
-    )
+    drawn.lines[0].set(label=style.label, **EDGE)
     if free.any() and axes.get_yscale() == "log":
         arrows = axes.errorbar(
             x[free],
@@ -346,15 +324,22 @@ def draw_curve(axes: Axes, curve: Curve, x: Floats) -> None:
     for at, over in zip(x, curve.spread, strict=False):
         if over is not None:
             ends = [[over.value - over.low], [over.high - over.value]]
-            pale = axes.errorbar(
-                [at], [over.value], ends, fmt="_", color=style.colour, elinewidth=7
-            )
+            look |= {"marker": "_", "markersize": 9, "elinewidth": 7}
+            pale = axes.errorbar([at], [over.value], ends, **look)
             pale.lines[2][0].set_alpha(0.25)
-            pale.lines[0].set(label="_mean", markersize=9)
+            pale.lines[0].set_label("_mean")
     if curve.stars:
         axes.plot(
             *zip(*curve.stars, strict=True), **star(style.colour), label="_quoted"
         )
+
+
+EDGE: dict[str, Any] = {
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.7,
+    "linewidth": 1.7,
+}
+"""How the line of a curve is drawn."""
 
 
 def star(colour: str) -> dict[str, Any]:
@@ -363,18 +348,23 @@ def star(colour: str) -> dict[str, Any]:
     return {"marker": "*", "linestyle": "none", "color": colour, "zorder": 5, **edge}
 
 
-def style_sign(style: Style) -> Line2D:
+def quoted_sign() -> Artist:
+    """Make the sign of quoted values for a legend."""
+    return Line2D([], [], **star(LOOK.quiet), label="quoted")
+
+
+def sign_of(style: Style) -> Artist:
     """Make a style's sign for a legend."""
-    sign = Line2D(
+    return Line2D(
         [],
         [],
         color=style.colour,
         linestyle=style.line,
         marker=style.marker,
+        markersize=7,
         label=style.label,
+        **EDGE,
     )
-    sign.set(markersize=7, markeredgecolor="white", markeredgewidth=0.7, linewidth=1.7)
-    return sign
 
 
 def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
@@ -383,36 +373,109 @@ def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
     Example:
         >>> curve = Curve(Style("a", "k", "o", "-"), [1.0], [Estimate(0.0, 0.0, 0.01)])
         >>> rate_limits([curve])
-        (0.002, 0.04)
+        (0.002, 0.016)
     """
     lows, highs = [], []
     for curve in curves:
-        spread = [mean for mean in curve.spread if mean is not None]
-        for rate in [*curve.rates, *spread]:
-            if rate.value or curve.bars:
-                low = max(rate.low, rate.value / 10) / 1.3
-                lows.append(low if rate.value else rate.high / 5)
-                highs.append(rate.high)
-        lows += [y / 1.3 for _, y in curve.stars]
-        highs += [y for _, y in curve.stars]
+        rates = [*curve.rates, *filter(None, curve.spread)]
+        rates += [Estimate(y, y, y) for _, y in curve.stars]
+        for rate in rates if curve.bars else filter(attrgetter("value"), rates):
+            # An arrow reaches down to half of its limit.
+            lows.append(max(rate.low, rate.value / 10) / 1.3 or rate.high / 5)
+            highs.append(rate.high)
     if not highs or min(lows) <= 0:
         return None
-    return min(lows), max(min(1.0, 1.6 * max(highs)), 20 * min(lows))
+    return min(lows), min(max(1.0, *highs), 1.6 * max(highs))
 
 
-def label_outer(
-    layout: Sequence[Sequence[int]], axes: Mapping[int, Axes], below: bool
-) -> None:
-    """Name rates at the left only and, where ``below``, values in the lowest panels only."""
-    for i, row in enumerate(layout):
-        for j, place in enumerate(row):
-            lowest = i + 1 == len(layout) or layout[i + 1][j] < 0
-            if place >= 0 and j:
-                axes[place].set_ylabel("")
-                axes[place].tick_params(axis="y", which="both", labelleft=False)
-            if place >= 0 and below and not lowest:
-                axes[place].set_xlabel("")
-                axes[place].tick_params(axis="x", which="both", labelbottom=False)
+@dataclass(frozen=True)
+class Rows:
+    """Axes with intervals in rows.
+
+    Args:
+        series: by name in the legend, a style and an interval for each row, or None.
+        x_label: with the unit.
+        title: above the axes.
+        scale: ``linear``, ``log`` or ``symlog``.
+        linear: half the width of the linear part of ``symlog``.
+        stars: quoted values by row.
+    """
+
+    series: Mapping[str, tuple[Style, Sequence[Estimate | None]]]
+    x_label: str
+    title: str = ""
+    scale: str = "linear"
+    linear: float = 1e-3
+    stars: Mapping[int, float] = field(default_factory=dict)
+
+
+def rows_figure(
+    names: Sequence[str], panels: Sequence[Rows], title: str, footnote: str = ""
+) -> Figure:
+    """Draw intervals in rows that all panels share, the first at the top; every other row has a grey band.
+
+    Args:
+        names: of the rows.
+        panels: beside each other.
+        title: what the figure shows.
+        footnote: what it rests on.
+
+    Example:
+        >>> style = Style("time", "#0072B2", "o", "-")
+        >>> panel = Rows({"time": (style, [Estimate(2.0, 1.0, 3.0)])}, "ms")
+        >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times").axes[0].get_yticklabels()]
+        ['paper']
+    """
+    size = 5.4 * len(panels) + 0.6, 2.0 + LOOK.row_in * len(names)
+    styles = {
+        name: style for panel in panels for name, (style, _) in panel.series.items()
+    }
+    signs = [sign_of(replace(style, label=name)) for name, style in styles.items()]
+    signs += [quoted_sign()] * any(panel.stars for panel in panels)
+    places = range(len(panels))
+    figure, axes = sheet([places], size, title, footnote, signs, sharey=True)
+    for place, panel in enumerate(panels):
+        draw_rows(axes[place], panel)
+        for row in range(0, len(names), 2):
+            axes[place].axhspan(row - 0.5, row + 0.5, color=LOOK.band, zorder=0, lw=0)
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    axes[0].set_yticks(range(len(names)), names)
+    return figure
+
+
+def draw_rows(axes: Axes, panel: Rows) -> None:
+    """Draw one panel's intervals; a full marker says that the interval leaves out 0.
+
+    Args:
+        axes: empty axes.
+        panel: the intervals.
+    """
+    quiet(axes, "x")
+    linear = {"linthresh": panel.linear} if panel.scale == "symlog" else {}
+    axes.set_xscale(panel.scale, **linear)
+    head(axes, panel.title)
+    axes.set_xlabel(panel.x_label)
+    axes.tick_params(axis="y", length=0)
+    if panel.scale == "symlog":
+        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
+    for number, (style, estimates) in enumerate(panel.series.values()):
+        shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
+        for row, estimate in enumerate(estimates):
+            if estimate is None or (panel.scale == "log" and estimate.high <= 0):
+                continue
+            reach = [[estimate.value - estimate.low], [estimate.high - estimate.value]]
+            axes.errorbar(
+                [estimate.value],
+                [row + shift],
+                xerr=reach,
+                markerfacecolor=style.colour if estimate.real else "white",
+                markersize=5,
+                color=style.colour,
+                marker=style.marker,
+                capsize=2,
+            )
+    if panel.stars:
+        axes.plot(list(panel.stars.values()), list(panel.stars), **star("white"))
 
 
 def table_panel(
@@ -489,7 +552,6 @@ def facet_figure(rows: Facets, title: str, footnote: str) -> Figure:
     """
     facets = [(name, facet) for row in rows for name, facet in row.items()]
     tables = [facet for _, facet in facets if isinstance(facet, BerTable)]
-    tables.sort(key=lambda table: -len(table.receivers))
     styles = receiver_styles(name for table in tables for name in table.receivers)
     panels = [
         Panel(title=name, reason=facet)
@@ -498,7 +560,7 @@ def facet_figure(rows: Facets, title: str, footnote: str) -> Figure:
         for name, facet in facets
     ]
     columns = max(map(len, rows), default=1)
-    return curve_figure(panels, title, footnote, columns, alike=False)
+    return curve_figure(panels, title, footnote, columns)
 
 
 def interval_note(rows: Iterable[Row]) -> str:

@@ -19,8 +19,8 @@ from vocc_torch.report.progress import ProgressView as ProgressView
 from vocc_torch.report.styles import (
     LOOKS,
     axis_label,
+    ends_text,
     point_text,
-    rate_text,
     value_text,
 )
 
@@ -60,12 +60,11 @@ def ber_table(
     *,
     axis: str = "",
     interim: Container[float] = (),
-    lines: int | None = None,
+    intervals: bool = True,
 ) -> Table:
     """Lay the rates out: a row for each value of the axis, a column for each receiver.
 
-    Where the intervals do not fit the width they take two lines, and a terminal too narrow for a column a
-    receiver gets a line for each point.
+    A console that is too narrow for a column a receiver gets a line for each point.
 
     Args:
         table: any number of points.
@@ -74,7 +73,7 @@ def ber_table(
         receivers: columns; those of the table by default.
         axis: quantity that varies; that of the table by default.
         interim: values whose points are still running: they are dim.
-        lines: lines that the rows may take; without room for it there are no intervals.
+        intervals: whether the rates have their intervals below them.
 
     Example:
         >>> ber_table(BerTable(), Console(), [30.0, 70.0], ["flda_3"], axis="distance_m").row_count
@@ -83,46 +82,32 @@ def ber_table(
     values, receivers = values or table.values, receivers or table.receivers
     rows = {(row.value, row.receiver): row for row in table}
     ascii_only = console.options.ascii_only
+    missing = "..." if ascii_only else "\N{HORIZONTAL ELLIPSIS}"
     # The axis's name in a narrow column; a long unit is left to the figure.
     name, _, unit = axis_label(axis or table.axis).partition(" (")
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
     if ascii_only:
         heading = heading.replace("\N{SUPERSCRIPT TWO}", "2")
-
-    def cell(value: float, receiver: str, joint: str | None) -> Text:
-        """Write a point's rate, with its interval after a line end where there is a joint for its ends."""
-        row = rows.get((value, receiver))
-        if row is None:
-            return Text("..." if ascii_only else "\N{HORIZONTAL ELLIPSIS}", style="dim")
-        text = Text(point_text(row), style="dim" if value in interim else "")
-        if joint is not None and not row.error_free:
-            text.append(
-                f"\n{rate_text(row.ber_low)}{joint}{rate_text(row.ber_high)}",
-                style="dim",
-            )
-        return text
-
-    for joint, lines_a_row in ((" to ", 2), (" to\n", 3), (None, 0)):
-        if lines is not None and lines_a_row * len(values) > lines:
-            continue
-        candidate = plain_table(heading, *map(receiver_heading, receivers))
-        for value in values:
-            candidate.add_row(
-                value_text(value),
-                *(cell(value, receiver, joint) for receiver in receivers),
-            )
-        free = console.options.update(width=10_000)
-        if console.measure(candidate, options=free).maximum <= console.width:
-            return candidate
-    candidate = plain_table(
+    wide = plain_table(heading, *map(receiver_heading, receivers))
+    long = plain_table(
         heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold"
     )
-    candidate.columns[1].justify = "left"
+    long.columns[1].justify = "left"
     for value in values:
+        style = "dim" if value in interim else ""
+        cells = []
         for receiver in receivers:
-            rate, *ends = cell(value, receiver, " to ").split()
-            candidate.add_row(value_text(value), Text(receiver), rate, *ends)
-    return candidate
+            row = rows.get((value, receiver))
+            rate = Text(point_text(row) if row else missing, style if row else "dim")
+            shown = intervals and row is not None and not row.error_free
+            ends = ends_text(row.ber_low, row.ber_high) if row and shown else ""
+            below = ends.replace(" to ", " to\n")
+            cells.append(Text("\n").join([rate, Text(below, "dim")]) if ends else rate)
+            long.add_row(value_text(value), Text(receiver), rate, Text(ends, "dim"))
+        wide.add_row(value_text(value), *cells)
+    free = console.options.update(width=10_000)
+    fits = console.measure(wide, options=free).maximum <= console.width
+    return wide if fits else long
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -248,9 +233,7 @@ class StudyView(ProgressView):
     def _table(self) -> Table:
         """Draw the table so far."""
         table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
-        # Around the rows stand 8 lines: header, rules and progress.
         interim = {point.value for point in self._interim}
-        lines = self.console.height - 8
         return ber_table(
             table,
             self.console,
@@ -258,7 +241,7 @@ class StudyView(ProgressView):
             self._receivers,
             axis=self._axis,
             interim=interim,
-            lines=lines,
+            intervals=False,
         )
 
 

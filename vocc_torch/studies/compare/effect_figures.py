@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from vocc_torch.measure import curve, timing
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report import plots, row_plots, styles
-from vocc_torch.report.plots import LOOK, Figure
-from vocc_torch.report.row_plots import Rows
+from vocc_torch.report import plots, styles
+from vocc_torch.report.plots import LOOK, Figure, Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.effect_results import EffectResults, EffectRow
 
@@ -67,8 +66,7 @@ def effects_figure(results: EffectResults) -> Figure:
         f" {LINEAR:g}\nTimes: {results.costs.machine}; medians with quartiles"
     )
     title = titled(results, "What each effect costs and does")
-    groups = [str(row) for row in range(len(rows))]
-    return row_plots.rows_figure(names, panels, title, note, groups, len(panels))
+    return plots.rows_figure(names, panels, title, note)
 
 
 def cost_series(
@@ -99,7 +97,7 @@ def severity_figure(results: EffectResults) -> Figure:
         " upright line: the value in the table of effects"
     )
     title = titled(results, "Bit error rate over each effect's severity")
-    figure = plots.curve_figure(panels, title, note, SEVERITY_COLUMNS, False)
+    figure = plots.curve_figure(panels, title, note, SEVERITY_COLUMNS)
     for axes, name in zip(figure.axes, results.severities, strict=True):
         values, usual = results.study.severities[name], results.study.usual(name)
         if values[0] > values[-1]:

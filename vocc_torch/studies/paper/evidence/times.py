@@ -9,7 +9,7 @@ from vocc_torch.measure import stage_times, timing
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.receiver import bank, receiver
-from vocc_torch.report import plots, row_plots
+from vocc_torch.report import plots
 from vocc_torch.report.styles import Style
 from vocc_torch.rng import BlockKey
 from vocc_torch.studies.paper.evidence import PaperFigure
@@ -61,9 +61,9 @@ def processing_time(
     style = Style("", plots.LOOK.off, "o", "-")
     stars = dict(enumerate(PAPER_SHARES.values()))
     label = "Time over that of panel detection"
-    rows = row_plots.Rows({"": (style, shares)}, label, stars=stars)
+    rows = plots.Rows({"": (style, shares)}, label, stars=stars)
     note = timing.describe_machine(device)
-    picture = row_plots.rows_figure([*PAPER_SHARES], [rows], title, note)
+    picture = plots.rows_figure([*PAPER_SHARES], [rows], title, note)
     return PaperFigure(numbers, picture)
 
 
