@@ -101,9 +101,9 @@ def ber_table(
             rate = Text(point_text(row) if row else missing, style if row else "dim")
             shown = intervals and row is not None and not row.error_free
             ends = ends_text(row.ber_low, row.ber_high) if row and shown else ""
-            below = ends.replace(" to ", " to\n")
-            cells.append(Text("\n").join([rate, Text(below, "dim")]) if ends else rate)
-            long.add_row(value_text(value), Text(receiver), rate, Text(ends, "dim"))
+            below = Text(ends, "dim")
+            cells.append(Text("\n").join([rate, below]) if ends else rate)
+            long.add_row(value_text(value), Text(receiver), rate, below)
         wide.add_row(value_text(value), *cells)
     free = console.options.update(width=10_000)
     fits = console.measure(wide, options=free).maximum <= console.width
