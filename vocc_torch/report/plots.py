@@ -15,7 +15,7 @@ from matplotlib.axes import Axes as Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
-from matplotlib.transforms import offset_copy
+from matplotlib.transforms import ScaledTranslation
 from PIL import Image
 
 from vocc_torch.errors import VoccError
@@ -293,7 +293,8 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
     value = np.where(free, np.nan, rate)
     # What is drawn with a shift does not widen the axes by itself.
     axes.update_datalim([*zip(x, low, strict=True), *zip(x, high, strict=True)])
-    shift = offset_copy(axes.transData, axes.figure, x=shift_pt, units="points")
+    inches = axes.figure.dpi_scale_trans
+    shift = axes.transData + ScaledTranslation(shift_pt / 72, 0, inches)
     look: dict[str, Any] = {
         "color": style.colour,
         "marker": style.marker,

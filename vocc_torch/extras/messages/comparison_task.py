@@ -173,5 +173,4 @@ def figure_of(results: Sequence[Carried]) -> plots.Figure:
         drawn,
         "Packets lost",
         f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings",
-        alike=False,
     )
