@@ -16,21 +16,19 @@ from vocc_torch.report.terminal import Console
 from vocc_torch.studies.train_detector import (
     candidates,
     composition,
-    crops,
-    judge_training,
-    placer_training,
+    draws,
+    finish,
+    geometry,
     pool,
     run,
-    scout_training,
 )
-from vocc_torch.types import PanelShape
 
 CPU = torch.device("cpu")
 
 
-def draws_of(seed: int, count: int) -> composition.Draws:
+def draws_of(seed: int, count: int) -> draws.Draws:
     """Give draws from a seed."""
-    return composition.Draws(torch.Generator().manual_seed(seed), count)
+    return draws.Draws(torch.Generator().manual_seed(seed), count)
 
 
 @pytest.fixture(autouse=True)
@@ -38,12 +36,13 @@ def few(monkeypatch):
     """Hardly any frames and crops."""
     for module, settings in (
         (pool, {"frames": 2, "width_px": 320, "height_px": 240, "mosaics": 1}),
-        (scout_training, {"composed": 3, "rendered": 2, "empty": 2, "mined": 1}),
-        (judge_training, {"composed": 3, "rendered": 2, "empty": 2, "mined": 1}),
-        (placer_training, {"composed": 3, "rendered": 2, "alike": 2, "mined": 1}),
         (run, {"round_steps": 1, "mined_frames": 4}),
     ):
         monkeypatch.setattr(module, "SETTINGS", replace(module.SETTINGS, **settings))
+    few = {"composed": 3, "rendered": 2, "counterexamples": 2, "mined": 1}
+    for sampler in run.SAMPLERS.values():
+        settings = replace(sampler.settings, **few)
+        monkeypatch.setattr(sampler, "settings", settings)
 
 
 @pytest.fixture(scope="module")
@@ -84,24 +83,24 @@ def test_places_in_cells_are_those_of_opencvs_homography():
     matrix = cv2.getPerspectiveTransform(quad, cells)
     wanted = cv2.perspectiveTransform(at.reshape(1, -1, 2), matrix)[0]
     shapes = torch.tensor([[8.0, 16.0]])
-    found = composition.cells_of(torch.from_numpy(quad)[None], shapes, 48, 64)
+    found = geometry.cells_of(torch.from_numpy(quad)[None], shapes, 48, 64)
     assert np.abs(found[0].T.numpy() - wanted).max() < 1e-3
 
 
 def test_poses_have_their_pitch():
-    draws = draws_of(1, 50)
-    shapes, pitch = draws.shapes(), draws.geometric(2, 5)
-    quads = composition.poses(draws, shapes, pitch, draws.uniform(40, 80, 2))
+    drawn = draws_of(1, 50)
+    shapes, pitch = composition.shapes_of(drawn), drawn.geometric(2, 5)
+    quads = composition.poses(drawn, shapes, pitch, drawn.uniform(40, 80, 2))
     areas = [cv2.contourArea(quad.numpy()) for quad in quads]
     wanted = (shapes.prod(1) * pitch.square()).tolist()
     assert areas == pytest.approx(wanted, rel=1e-3)
-    assert crops.area(quads).tolist() == pytest.approx(wanted, rel=1e-3)
+    assert geometry.signed_area(quads).tolist() == pytest.approx(wanted, rel=1e-3)
 
 
 def test_blurs_are_scipys():
     pictures = 255 * torch.rand(3, 40, 40, generator=torch.Generator().manual_seed(0))
     sigma = torch.tensor([0.4, 0.8, 1.2])
-    blurred = composition.blurred(pictures, sigma)
+    blurred = finish.blurred(pictures, sigma)
     for picture, found, width in zip(pictures, blurred, sigma.tolist(), strict=True):
         wanted = gaussian_filter(picture.numpy(), width, mode="nearest", radius=4)
         assert np.abs(found.numpy() - wanted).max() < 0.01
@@ -109,12 +108,12 @@ def test_blurs_are_scipys():
 
 def test_margins_are_a_frames_edges_going_on(monkeypatch):
     """Against OpenCV's border of a part of each picture."""
-    cut = replace(composition.FINISH, cut=1.0)
-    monkeypatch.setattr(composition, "FINISH", cut)
+    cut = replace(finish.FINISH, cut=1.0)
+    monkeypatch.setattr(finish, "FINISH", cut)
     pictures = draws_of(0, 6).uniform(0, 255, 30, 40)
     for whole, found in zip(
         pictures.numpy(),
-        composition.with_edges(pictures, draws_of(3, 6)).numpy(),
+        finish.with_edges(pictures, draws_of(3, 6)).numpy(),
         strict=True,
     ):
         rows = np.flatnonzero((found == whole).any(1))
@@ -143,18 +142,20 @@ def test_readings_of_the_pool_are_opencvs(small_pool):
 def test_turned_corners_keep_their_sides():
     """Corners go round either way; without quarter turns the first side stays as long."""
     corners = torch.tensor([[0.0, 0.0], [8, 0], [8, 4], [0, 4]]).expand(40, 4, 2)
-    quads = crops.turned(draws_of(4, 40), corners, quarters=False)
+    order = geometry.turns(draws_of(4, 40), quarters=False)
+    quads = geometry.rearranged(corners, order)
     assert ((quads[:, 0] - quads[:, 1]).norm(dim=1) == 8).all()
     assert len({str(quad.tolist()) for quad in quads}) == 4
-    assert torch.equal(crops.ordered(quads), corners)
+    assert torch.equal(geometry.ordered(quads), corners)
 
 
 def test_lookalikes_are_no_panels(monkeypatch):
     """Each lies off the lattice, or lights its LEDs by a rule with few defects."""
     whole = replace(composition.LIKENESSES, round=0.0)
     monkeypatch.setattr(composition, "LIKENESSES", whole)
-    draws = draws_of(5, 200)
-    likeness = composition.likenesses(draws, torch.tensor([[8.0, 8.0]]).expand(200, 2))
+    likeness = composition.likenesses(
+        draws_of(5, 200), torch.tensor([[8.0, 8.0]]).expand(200, 2)
+    )
     off = likeness.off_cells.flatten(1).abs().amax(1) > 0.2
     light = likeness.light[:, :8, :8] > 0
     steps = [(a, b) for a in range(3) for b in range(3)]
@@ -172,16 +173,13 @@ def test_lookalikes_are_no_panels(monkeypatch):
     assert 0.15 < few.float().mean() < 0.4
 
 
-@pytest.mark.parametrize(
-    "sampler_class", [scout_training.CropSampler, judge_training.PictureSampler]
-)
-def test_crops_show_the_panel_where_they_say(sampler_class, small_pool):
+@pytest.mark.parametrize("part", ["scout", "judge"])
+def test_crops_show_the_panel_where_they_say(part, small_pool):
     """A rendered panel is brighter inside its corners than the picture on the whole."""
-    sampler, compared = sampler_class(small_pool), 0
+    sampler, compared = run.SAMPLERS[part](small_pool), 0
     for seed in range(8):
-        batch = sampler.batch(torch.Generator().manual_seed(seed))
-        greys = batch.grey.reshape(len(batch.grey), *batch.grey.shape[-2:])
-        for picture, quad in zip(greys[3:5], batch.quads[3:5], strict=True):
+        _, pictures = sampler.batch(torch.Generator().manual_seed(seed))
+        for picture, quad in zip(pictures.grey[3:5], pictures.quads[3:5], strict=True):
             mask = np.zeros(picture.shape, np.uint8)
             cv2.fillPoly(mask, [quad.round().int().numpy()], 1)
             if mask.sum() > 100:
@@ -195,7 +193,8 @@ def test_candidates_near_a_panel_and_of_clutter_are_told_apart(small_pool):
     truth = small_pool.corners_px[:1].float()
     quads = torch.cat([truth + 2, truth + 100, truth + 12, truth])
     frame = torch.tensor([0, 0, 0, 2])
-    found = scout_training.Proposals(frame, frame, quads, torch.zeros(4))
+    scores, truths = torch.zeros(4), torch.zeros_like(quads)
+    found = candidates.Found(frame, frame, quads, scores, truths)
     near, clutter = candidates.with_truth(small_pool, found)
     assert torch.equal(near.quads, quads[:1])
     assert torch.equal(clutter.quads, quads[[1, 3]])
@@ -207,10 +206,10 @@ def test_taken_candidates_keep_the_panels_place(small_pool):
     """The panel's corners in a patch, from the candidate's, are those that it was moved by."""
     truth = small_pool.corners_px[:1].float()
     cell = torch.tensor([4.0, 3.0])
-    near = candidates.Found(torch.tensor([0]), truth + cell, truth)
-    sampler = placer_training.PatchSampler(small_pool)
-    generator = torch.Generator().manual_seed(0)
-    _, cells = sampler.taken(generator, PanelShape(8, 8), near, 40)
+    first = torch.tensor([0])
+    near = candidates.Found(first, first, truth + cell, torch.zeros(1), truth)
+    sampler = run.SAMPLERS["placer"](small_pool)
+    _, cells = sampler.taken(draws_of(0, 40), sampler.forms[0], near)
     middle = cells.mean(1) - 4
     assert middle.abs().mean(0).tolist() == pytest.approx([1, 1], abs=0.1)
     assert middle.sign().unique(dim=0).shape[0] == 4
@@ -233,7 +232,7 @@ def test_networks_learn_one_batch(small_pool):
     torch.manual_seed(0)
     nets = (Scout(), Judge(), Placer())
     for net, part in zip(nets, ("scout", "judge", "placer"), strict=True):
-        sampler = run.SAMPLERS[part](small_pool, 1)
+        sampler = run.SAMPLERS[part](small_pool)
         optimiser = torch.optim.Adam(net.parameters(), 3e-3)
         losses = []
         for _ in range(40):

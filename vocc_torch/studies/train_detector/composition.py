@@ -1,11 +1,14 @@
-"""Panels laid into pictures, in batches: what both networks are trained on besides rendered frames."""
+"""Panels laid into pictures, in batches: what the networks are trained on besides rendered frames."""
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.nn import functional
+
+from vocc_torch.studies.train_detector.draws import Draws
+from vocc_torch.studies.train_detector.finish import blurred
+from vocc_torch.studies.train_detector.geometry import cells_of, signed_area
 
 SHAPES = (
     ((8, 8),) * 7
@@ -14,6 +17,9 @@ SHAPES = (
     + ((8, 32), (32, 32), (5, 7), (6, 6), (12, 12), (4, 5), (5, 5))
 )
 """Rows and columns of the panels, the commoner ones more often."""
+
+PLANES = ((0, 2), (1, 2), (0, 1))
+"""Axes x, y and z between which yaw, pitch and roll turn."""
 
 MOST_LEDS = 32
 """Rows and columns of the table of bits."""
@@ -45,8 +51,12 @@ class Looks:
     bright_board: float = 0.3  # share of boards up to the brighter limit
     board: tuple[float, float] = (70.0, 200.0)
     margin_cells: tuple[float, float] = (1.3, 2.0)  # of a board, most and added most
+    wide_margin: float = 0.2  # share of boards with the added margin
     uneven_margin: float = 0.3  # share of boards with another margin on each side
     lip: float = 0.25  # share of boards with a frame of another brightness
+    lip_cells: tuple[float, float] = (0.1, 0.5)  # its width
+    brightest_lip: float = 230.0
+    hidden_off: float = 0.25  # share of panels whose Off LEDs do not show
     dark_off: float = 0.6  # share of panels whose Off LEDs differ from the board
     off: tuple[float, float] = (-30.0, 60.0)
     contrast: tuple[float, float] = (30.0, 500.0)  # of On LEDs
@@ -85,140 +95,31 @@ class Likenesses:
 LIKENESSES = Likenesses()
 
 
-@dataclass(frozen=True)
-class Finish:
-    """Ranges of what a camera does, grey values where nothing else is said."""
-
-    gain: tuple[float, float] = (-0.7, 0.4)  # logarithm
-    offset: tuple[float, float] = (-12.0, 25.0)
-    grain: tuple[float, float, float] = (0.3, 1.5, 7.0)  # least, usual and most
-    gamma: tuple[float, float] = (0.45, 0.9)
-    grainy: float = 0.35  # share of pictures with more grain than is usual
-    curved: float = 0.35  # share of pictures with a gamma
-    cut: float = 0.12  # share of pictures beyond whose margins a frame's edges go on
-    margin: float = 0.2  # of a side, at most, that lies beyond a frame
-    reach_px: int = 4  # of a blur
-    sharp: float = 0.2  # share of pictures that are sharpened
-    sharpness: float = 1.0  # at most
-    sharp_px: float = 1.0  # standard deviation
-
-
-FINISH = Finish()
-
-
-class Draws:
-    """Random numbers for a batch of pictures, on the device of their generator.
-
-    Args:
-        generator: what draws.
-        count: B, of pictures.
-    """
-
-    def __init__(self, generator: torch.Generator, count: int) -> None:
-        self.generator, self.count, self.device = generator, count, generator.device
-
-    def uniform(self, low: float, high: float, *size: int) -> Tensor:
-        """Draw (B,*size) from low to high."""
-        places = (self.count, *size)
-        drawn = torch.rand(places, generator=self.generator, device=self.device)
-        return low + (high - low) * drawn
-
-    def geometric(self, low: float, high: float, *size: int) -> Tensor:
-        """Draw (B,*size) whose logarithms are uniform."""
-        return self.uniform(math.log(low), math.log(high), *size).exp()
-
-    def normal(self, *size: int) -> Tensor:
-        """Draw standard normal numbers (B,*size)."""
-        places = (self.count, *size)
-        return torch.randn(places, generator=self.generator, device=self.device)
-
-    def coin(self, share: float) -> Tensor:
-        """Draw (B,1) bool, true with a probability."""
-        return self.uniform(0, 1, 1) < share
-
-    def below(self, count: int, *size: int) -> Tensor:
-        """Draw whole numbers (B,*size) from 0 to below a count."""
-        places = (self.count, *size)
-        return torch.randint(
-            count, places, generator=self.generator, device=self.device
-        )
-
-    def chosen(self, shares: Tensor) -> Tensor:
-        """Draw numbers (B,) of shares (N,)."""
-        return torch.multinomial(
-            shares, self.count, replacement=True, generator=self.generator
-        )
-
-    def shapes(self) -> Tensor:
-        """Draw rows and columns (B,2)."""
-        shapes = torch.tensor(SHAPES, dtype=torch.float32, device=self.device)
-        return shapes[self.below(len(SHAPES))]
+def shapes_of(draws: Draws) -> Tensor:
+    """Draw rows and columns (B,2) of panels."""
+    shapes = torch.tensor(SHAPES, dtype=torch.float32, device=draws.device)
+    return shapes[draws.below(len(SHAPES))]
 
 
 def poses(draws: Draws, shapes: Tensor, pitch_px: Tensor, centre_px: Tensor) -> Tensor:
     """Turn panels (B,2) in space: corners (B,4,2) of a mean pitch (B,) about centres (B,2)."""
-    wild = draws.coin(LOOKS.wild)[:, 0]
-    angles = [
-        torch.deg2rad(
-            torch.where(wild, draws.uniform(-far, far), draws.uniform(-near, near))
-        )
-        for near, far in zip(LOOKS.turns_deg, LOOKS.wild_turns_deg, strict=True)
-    ]
-    high, wide = (shapes[:, None] / 2).unbind(2)
+    wild = draws.coin(LOOKS.wild)
     flat, aspect = draws.coin(LOOKS.flat), draws.geometric(*LOOKS.aspect, 1)
-    wide = wide * torch.where(flat, aspect, 1.0)
-    x = shapes.new_tensor([-1.0, 1.0, 1.0, -1.0]) * wide
-    y = shapes.new_tensor([-1.0, -1.0, 1.0, 1.0]) * high
-    z = torch.zeros_like(x)
-    (yaw, pitch, roll) = ((one.cos()[:, None], one.sin()[:, None]) for one in angles)
-    x, z = x * yaw[0], -x * yaw[1]
-    y, z = y * pitch[0] - z * pitch[1], y * pitch[1] + z * pitch[0]
-    x, y = x * roll[0] - y * roll[1], x * roll[1] + y * roll[0]
+    half = shapes / 2
+    x = shapes.new_tensor([-1.0, 1.0, 1.0, -1.0]) * half[:, 1:]
+    y = shapes.new_tensor([-1.0, -1.0, 1.0, 1.0]) * half[:, :1]
+    places = [x * torch.where(flat, aspect, 1.0), y, torch.zeros_like(x)]
+    for (first, second), near, far in zip(
+        PLANES, LOOKS.turns_deg, LOOKS.wild_turns_deg, strict=True
+    ):
+        angle = draws.uniform(-1, 1, 1) * torch.where(wild, far, near)
+        cosine, sine = angle.deg2rad().cos(), angle.deg2rad().sin()
+        a, b = places[first], places[second]
+        places[first], places[second] = a * cosine - b * sine, a * sine + b * cosine
     away = draws.uniform(*LOOKS.distance_sides, 1) * shapes.amax(1, keepdim=True)
-    quads = torch.stack([x, y], 2) / (1 + z / away)[..., None]
-    after = quads.roll(-1, 1)
-    area = (quads[..., 0] * after[..., 1] - quads[..., 1] * after[..., 0]).sum(1) / 2
-    scale = pitch_px * (shapes.prod(1) / area.abs()).sqrt()
+    quads = torch.stack(places[:2], 2) / (1 + places[2] / away)[..., None]
+    scale = pitch_px * (shapes.prod(1) / signed_area(quads).abs()).sqrt()
     return quads * scale[:, None, None] + centre_px[:, None]
-
-
-def cells_of(quads: Tensor, shapes: Tensor, high: int, wide: int) -> Tensor:
-    """Give the place in cells (B,2,H*W), across and down, of each pixel of pictures with panels (B,4,2)."""
-    matrix = homography(quads, unit_corners(quads) * shapes.flip(1)[:, None])
-    return mapped(matrix, pixels(high, wide, quads.device))
-
-
-def unit_corners(like: Tensor) -> Tensor:
-    """Give the corners (1,4,2) of a square of side 1."""
-    return like.new_tensor([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]])
-
-
-def pixels(high: int, wide: int, device: torch.device) -> Tensor:
-    """Give the centres (1,2,H*W) of a picture's pixels."""
-    down, across = (torch.arange(side, device=device) + 0.5 for side in (high, wide))
-    y, x = torch.meshgrid(down, across, indexing="ij")
-    return torch.stack([x.flatten(), y.flatten()])[None]
-
-
-def mapped(matrix: Tensor, points: Tensor) -> Tensor:
-    """Map points (B,2,P) by homographies (B,3,3); those beyond the horizon far away."""
-    seen = matrix[:, :, :2] @ points + matrix[:, :, 2:]
-    return seen[:, :2] / seen[:, 2:].clamp(min=1e-3)
-
-
-def homography(first: Tensor, second: Tensor) -> Tensor:
-    """Give matrices (B,3,3) that take four points (B,4,2) to four others."""
-    first, second = first.expand_as(second), second.expand_as(first)
-    one, none = torch.ones_like(first[..., :1]), torch.zeros_like(first)
-    point = torch.cat([first, one], 2)
-    across = torch.cat([point, none, 0 * one, -second[..., :1] * first], 2)
-    down = torch.cat([none, 0 * one, point, -second[..., 1:] * first], 2)
-    known = torch.cat([second[..., 0], second[..., 1]], 1)
-    system = torch.cat([across, down], 1).double()
-    # Corners of no area have no homography: numbers without a meaning stand for it.
-    found, _ = torch.linalg.solve_ex(system, known.double())
-    found = found.nan_to_num()
-    return functional.pad(found.float(), (0, 1), value=1.0).view(-1, 3, 3)
 
 
 def bits_of(draws: Draws, shapes: Tensor) -> Tensor:
@@ -290,6 +191,123 @@ def likenesses(draws: Draws, shapes: Tensor) -> Likeness:
     return Likeness(light, off)
 
 
+@dataclass(frozen=True)
+class PanelPixels:
+    """Where the pixels of pictures lie on panels.
+
+    Args:
+        cells: (B,2,P) places in cells, across and down.
+        leds: (B,2) columns and rows.
+        number: (B,P) int64 of the LED in the table of bits.
+        off_cells: (B,2,P) from the LED's middle.
+        cell_px: (B,1) side of a cell.
+    """
+
+    cells: Tensor
+    leds: Tensor
+    number: Tensor
+    off_cells: Tensor
+    cell_px: Tensor
+
+    def within(self, margins: Tensor) -> Tensor:
+        """Say which pixels (B,P) lie on the panel or its margins: (B,4) cells, left, top, right, below."""
+        least, most = -margins[:, :2], self.leds + margins[:, 2:]
+        inside = (self.cells >= least[..., None]) & (self.cells < most[..., None])
+        return inside.all(1)
+
+
+def lattice_of(
+    draws: Draws,
+    quads: Tensor,
+    shapes: Tensor,
+    size: tuple[int, int],
+    likeness: Likeness | None,
+) -> PanelPixels:
+    """Place the pixels of pictures of a size on panels; real ones may have gaps between modules."""
+    cells, leds = cells_of(quads, shapes, *size), shapes.flip(1)
+    gap = draws.uniform(0, LOOKS.gap_cells, 1) * draws.coin(LOOKS.modular)
+    gap = gap * (likeness is None)
+    number, off = module_cells(cells, leds[..., None], gap[..., None])
+    column, row = number.clamp(0, MOST_LEDS - 1).unbind(1)
+    place = (row * MOST_LEDS + column).long()
+    if likeness is not None:
+        places = place[:, None].expand(-1, 2, -1)
+        off = off - likeness.off_cells.flatten(2).gather(2, places)
+    cell_px = (quads - quads.roll(1, 1)).norm(dim=2).mean(1) / shapes.mean(1)
+    return PanelPixels(cells, leds, place, off, cell_px[:, None])
+
+
+@dataclass(frozen=True)
+class Leds:
+    """The LEDs of panels.
+
+    Args:
+        cover: (B,P) share of a pixel on an LED.
+        light: (B,P) 0 for Off LEDs, about 1 for On ones.
+        radius: (B,1) of an LED, cells.
+        soft: (B,1) width of its edge, cells.
+    """
+
+    cover: Tensor
+    light: Tensor
+    radius: Tensor
+    soft: Tensor
+
+
+def spots_of(
+    draws: Draws, lattice: PanelPixels, soft_px: float, likeness: Likeness | None
+) -> Leds:
+    """Draw square or round LEDs, and which are On."""
+    off = lattice.off_cells
+    square = draws.coin(LOOKS.square)
+    away = torch.where(square, off.abs().amax(1), off.norm(dim=1))
+    soft = (soft_px / lattice.cell_px).clamp(min=LOOKS.least_soft_cells)
+    radius = draws.uniform(*LOOKS.fill, 1) / 2
+    inside = lattice.within(lattice.leds.new_zeros(draws.count, 4))
+    cover = ((radius + soft / 2 - away) / soft).clamp(0, 1) * inside
+    lights = likeness.light if likeness else bits_of(draws, lattice.leds)
+    light = lights.flatten(1).gather(1, lattice.number)
+    return Leds(cover, light, radius, soft)
+
+
+def boards(draws: Draws, lattice: PanelPixels, behind: Tensor) -> tuple[Tensor, Tensor]:
+    """Lay boards on pictures (B,P); give them, and the grey values (B,1) beneath the LEDs."""
+    unseen = draws.coin(LOOKS.unseen)
+    dark, bright = (draws.uniform(0, most, 1) for most in LOOKS.board)
+    board = torch.where(draws.coin(LOOKS.bright_board), bright, dark)
+    usual, most = LOOKS.margin_cells
+    margin = draws.uniform(0, usual, 1)
+    margin = margin + draws.coin(LOOKS.wide_margin) * draws.uniform(0, most, 1)
+    added = draws.coin(LOOKS.uneven_margin) * draws.uniform(0, most, 4)
+    margin = margin + added
+    lip = draws.coin(LOOKS.lip) & ~unseen
+    lip = lip & lattice.within(margin + draws.uniform(*LOOKS.lip_cells, 1))
+    flat = torch.where(lip, draws.uniform(0, LOOKS.brightest_lip, 1), behind)
+    flat = torch.where(lattice.within(margin) & ~unseen, board, flat)
+    inside = lattice.within(torch.zeros_like(margin))
+    mean = (behind * inside).sum(1, True) / inside.sum(1, True).clamp(1)
+    return flat, torch.where(unseen, mean, board)
+
+
+def shades(draws: Draws, lattice: PanelPixels, spots: Leds, under: Tensor) -> Tensor:
+    """Draw the grey values (B,P) of LEDs: On and Off, uneven over the panel, brighter inside."""
+    off = under + draws.coin(LOOKS.dark_off) * draws.uniform(*LOOKS.off, 1)
+    on = torch.maximum(off, under) + draws.geometric(*LOOKS.contrast, 1)
+    # Small LEDs are as bright in all as large ones in most panels.
+    small = (1 + spots.soft / spots.radius / 2).clamp(max=3)
+    bright = torch.where(draws.coin(LOOKS.as_bright), small, 1.0)
+    shown = off + (on - off) * spots.light
+    slope = draws.uniform(-1, 1, 2) * draws.coin(LOOKS.uneven) * LOOKS.fall
+    places = lattice.cells / lattice.leds[..., None] - 0.5
+    fall = (slope[..., None] * places).sum(1)
+    shown = under + (shown - under) * (1 + fall).clamp(min=0.1)
+    shown = torch.where(spots.light > 0, shown * bright, shown)
+    core = draws.uniform(-1, 1, 2, 1) * (LOOKS.core_off * spots.radius[..., None])
+    inner = (lattice.off_cells - core).square().sum(1) / spots.radius.square()
+    lost = draws.coin(LOOKS.cored) * draws.uniform(0, LOOKS.core, 1)
+    return under + (shown - under) * (1 - lost * inner).clamp(0)
+
+
 def with_panels(
     pictures: Tensor,
     quads: Tensor,
@@ -308,81 +326,24 @@ def with_panels(
         soft_px: width of an LED's edge.
         likeness: lattices that are no panels, in place of panels.
     """
-    behind = pictures.flatten(1)
-    rows, columns = shapes[:, :1], shapes[:, 1:]
-    across, down = cells_of(quads, shapes, *pictures.shape[1:]).unbind(1)
-
-    def within(margins: Tensor) -> Tensor:
-        left, top, right, below = torch.split(margins, 1, 1)
-        wide = (across >= -left) & (across < columns + right)
-        inside: Tensor = wide & (down >= -top) & (down < rows + below)
-        return inside
-
-    inside = within(shapes.new_zeros(len(shapes), 4))
-    gap = draws.uniform(0, LOOKS.gap_cells, 1) * draws.coin(LOOKS.modular)
-    gap = gap * (likeness is None)
-    (column, off_x), (row, off_y) = (
-        module_cells(places, leds, gap)
-        for places, leds in ((across, columns), (down, rows))
-    )
-    place = row.clamp(0, MOST_LEDS - 1) * MOST_LEDS + column.clamp(0, MOST_LEDS - 1)
-    place = place.long()
-    if likeness is not None:
-        moved = likeness.off_cells.flatten(2).gather(
-            2, place[:, None].expand(-1, 2, -1)
-        )
-        off_x, off_y = off_x - moved[:, 0], off_y - moved[:, 1]
-    radius = torch.where(
-        draws.coin(LOOKS.square),
-        torch.maximum(off_x.abs(), off_y.abs()),
-        (off_x.square() + off_y.square()).sqrt(),
-    )
-    cell_px = (quads - quads.roll(1, 1)).norm(dim=2).mean(1) / shapes.mean(1)
-    soft = (soft_px / cell_px[:, None]).clamp(min=LOOKS.least_soft_cells)
-    fill = draws.uniform(*LOOKS.fill, 1) / 2
-    spot = ((fill + soft / 2 - radius) / soft).clamp(0, 1) * inside
-    lights = bits_of(draws, shapes) if likeness is None else likeness.light
-    light = lights.flatten(1).gather(1, place)
-    unseen = draws.coin(LOOKS.unseen)
-    mean = (behind * inside).sum(1, keepdim=True) / inside.sum(1, keepdim=True).clamp(1)
-    dark, bright = (draws.uniform(0, most, 1) for most in LOOKS.board)
-    board = torch.where(draws.coin(LOOKS.bright_board), bright, dark)
-    margin = draws.uniform(0, LOOKS.margin_cells[0], 1)
-    margin = margin + draws.coin(0.2) * draws.uniform(0, LOOKS.margin_cells[1], 1)
-    added = draws.uniform(0, LOOKS.margin_cells[1], 4)
-    margin = margin + draws.coin(LOOKS.uneven_margin) * added
-    lip = draws.coin(LOOKS.lip) & ~unseen & within(margin + draws.uniform(0.1, 0.5, 1))
-    flat = torch.where(lip, draws.uniform(0, 230, 1), behind)
-    flat = torch.where(within(margin) & ~unseen, board, flat)
-    under = torch.where(unseen, mean, board)
-    off = under + draws.coin(LOOKS.dark_off) * draws.uniform(*LOOKS.off, 1)
-    on = torch.maximum(off, under) + draws.geometric(*LOOKS.contrast, 1)
-    # Small LEDs are as bright in all as large ones in most panels.
-    bright = torch.where(
-        draws.coin(LOOKS.as_bright), (1 + soft / fill / 2).clamp(max=3), 1.0
-    )
-    shown = off + (on - off) * light
-    slope = draws.uniform(-1, 1, 2) * draws.coin(LOOKS.uneven) * LOOKS.fall / 2
-    fall = slope[:, :1] * (across / columns - 0.5) + slope[:, 1:] * (down / rows - 0.5)
-    shown = under + (shown - under) * (1 + 2 * fall).clamp(min=0.1)
-    shown = torch.where(light > 0, shown * bright, shown)
-    core = draws.uniform(-1, 1, 2, 1) * (LOOKS.core_off * fill[..., None])
-    inner = (off_x - core[:, 0]).square() + (off_y - core[:, 1]).square()
-    lost = draws.coin(LOOKS.cored) * draws.uniform(0, LOOKS.core, 1)
-    shown = under + (shown - under) * (1 - lost * inner / fill.square()).clamp(0)
-    hidden = draws.coin(0.25) & (light == 0)
-    laid = torch.where(hidden, flat, flat + (shown - flat) * spot).view_as(pictures)
-    excess = ((shown - under) * spot * (light > 0)).clamp(0).view_as(pictures)
-    sigma = cell_px[:, None] * draws.uniform(*LOOKS.glow_cells, 1)
+    size = pictures.shape[1], pictures.shape[2]
+    lattice = lattice_of(draws, quads, shapes, size, likeness)
+    spots = spots_of(draws, lattice, soft_px, likeness)
+    flat, under = boards(draws, lattice, pictures.flatten(1))
+    shown = shades(draws, lattice, spots, under)
+    hidden = draws.coin(LOOKS.hidden_off) & (spots.light == 0)
+    laid = flat + (shown - flat) * (spots.cover * ~hidden)
+    excess = ((shown - under) * spots.cover * (spots.light > 0)).clamp(0)
+    sigma = lattice.cell_px * draws.uniform(*LOOKS.glow_cells, 1)
     glow = draws.coin(LOOKS.glowing) * draws.geometric(*LOOKS.glow, 1)
-    halo = blurred(excess, sigma.clamp(*LOOKS.glow_px)[:, 0])
-    return laid + glow[..., None] * halo
+    halo = blurred(excess.view_as(pictures), sigma.clamp(*LOOKS.glow_px)[:, 0])
+    return laid.view_as(pictures) + glow[..., None] * halo
 
 
 def module_cells(places: Tensor, leds: Tensor, gap: Tensor) -> tuple[Tensor, Tensor]:
-    """Give the numbers of cells at places (B,P), 0 to the count of LEDs (B,1), and the way from their middles.
+    """Give the numbers of cells at places (B,2,P), 0 to the count of LEDs (B,2,1), and the way from their middles.
 
-    Modules lie apart by gaps (B,1), cells.
+    Modules lie apart by gaps (B,1,1), cells.
     """
     side = LOOKS.module
     modules = (leds / side).floor().clamp(min=1)
@@ -393,54 +354,3 @@ def module_cells(places: Tensor, leds: Tensor, gap: Tensor) -> tuple[Tensor, Ten
     last = torch.where(module == modules - 1, torch.inf, side * module + side - 1)
     number = at.floor().minimum(last)
     return number, at - number - 0.5
-
-
-def blurred(pictures: Tensor, sigma_px: Tensor) -> Tensor:
-    """Blur pictures (B,H,W), each by a Gaussian of its deviation (B,)."""
-    reach = FINISH.reach_px
-    at = torch.arange(-reach, reach + 1, device=sigma_px.device) / sigma_px[:, None]
-    kernel = (-at.square() / 2).exp()
-    kernel = (kernel / kernel.sum(1, keepdim=True))[:, None]
-    planes = functional.pad(pictures[None], (reach,) * 4, mode="replicate")
-    planes = functional.conv2d(planes, kernel[:, :, None], groups=len(pictures))
-    return functional.conv2d(planes, kernel[..., None], groups=len(pictures))[0]
-
-
-def finished(
-    pictures: Tensor,
-    draws: Draws,
-    blur_px: tuple[float, float] | None = None,
-    edges: bool = True,
-) -> Tensor:
-    """Do to pictures (B,H,W) what cameras do: blur, gain, noise, white, gamma, and the frame's edges."""
-    if blur_px is not None:
-        pictures = blurred(pictures, draws.uniform(*blur_px))
-    gain = draws.uniform(*FINISH.gain, 1, 1).exp()
-    least, usual, most = FINISH.grain
-    low, high = draws.uniform(least, usual, 1), draws.uniform(usual, most, 1)
-    grain = torch.where(draws.coin(FINISH.grainy), high, low)
-    noise = grain[..., None] * draws.normal(*pictures.shape[1:])
-    edge = pictures - blurred(pictures, noise.new_full((draws.count,), FINISH.sharp_px))
-    sharp = draws.coin(FINISH.sharp) * draws.uniform(0, FINISH.sharpness, 1)
-    pictures = pictures + sharp[..., None] * edge
-    light = pictures * gain + draws.uniform(*FINISH.offset, 1, 1) + noise
-    light = light.clamp(0, 255)
-    if edges:
-        light = with_edges(light, draws)
-    curved, power = draws.coin(FINISH.curved), draws.uniform(*FINISH.gamma, 1)
-    power = torch.where(curved, power, 1.0)
-    return 255 * (light / 255) ** power[..., None]
-
-
-def with_edges(pictures: Tensor, draws: Draws) -> Tensor:
-    """Let a frame's edges go on in the margins of some pictures (B,H,W)."""
-    cut = draws.coin(FINISH.cut)
-    for axis in (1, 2):
-        side = pictures.shape[axis]
-        ends = (draws.uniform(0, FINISH.margin, 2) * cut * side).long()
-        place = torch.arange(side, device=draws.device).expand(draws.count, side)
-        place = torch.maximum(place, ends[:, :1])
-        place = torch.minimum(place, side - 1 - ends[:, 1:])
-        place = place.unsqueeze(3 - axis).expand_as(pictures)
-        pictures = pictures.gather(axis, place)
-    return pictures

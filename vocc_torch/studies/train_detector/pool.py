@@ -187,6 +187,11 @@ class Pool:
         )
 
     @property
+    def device(self) -> torch.device:
+        """Where the frames are."""
+        return self.buffer.device
+
+    @property
     def empty(self) -> Tensor:
         """Numbers of the frames without a panel."""
         return (self.shapes[:, 0] == 0).nonzero()[:, 0]

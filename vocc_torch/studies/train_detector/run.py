@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -14,13 +14,12 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.detector.weights import PARTS, SHIPPED, Networks
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
-from vocc_torch.studies.train_detector import (
-    TrainDetectorConfig,
-    judge_training,
-    placer_training,
-    scout_training,
-)
+from vocc_torch.studies.train_detector import TrainDetectorConfig
+from vocc_torch.studies.train_detector.judge_training import JudgeSampler
+from vocc_torch.studies.train_detector.placer_training import PlacerSampler
 from vocc_torch.studies.train_detector.pool import Pool, blocks_of, render
+from vocc_torch.studies.train_detector.sampling import Sampler
+from vocc_torch.studies.train_detector.scout_training import ScoutSampler
 
 POOL, CHECKPOINTS = "pool", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
@@ -106,7 +105,7 @@ def train_part(
         whole: steps of the whole training, by which the rate falls; None where these are all.
     """
     torch.manual_seed(seed)
-    device = pool.buffer.device
+    device = pool.device
     net = getattr(Networks.fresh(), part).to(device)
     sampler = SAMPLERS[part](pool, scale)
     training = NetworkTraining(folder / f"{part}.pt", net, seed, device)
@@ -126,22 +125,10 @@ def train_part(
             view.advance(f"training the {part}", len(rounds))
 
 
-class Sampler(Protocol):
-    """Draws what one network is trained on from a pool."""
-
-    def __init__(self, pool: Pool, scale: int) -> None: ...
-
-    def mine(self, networks: Networks, frames: Tensor) -> None:
-        """Take from frames what the networks find."""
-
-    def loss(self, net: Any, generator: torch.Generator) -> Tensor:
-        """Give the loss of a batch."""
-
-
 SAMPLERS: dict[str, type[Sampler]] = {
-    "scout": scout_training.CropSampler,
-    "judge": judge_training.PictureSampler,
-    "placer": placer_training.PatchSampler,
+    "scout": ScoutSampler,
+    "judge": JudgeSampler,
+    "placer": PlacerSampler,
 }
 
 
