@@ -196,16 +196,8 @@ def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(
             "messages varies n",
         ),
         (
-            "task=messages messages.record.dropped=2",
-            "messages.record.dropped is 2: it must be at least 0",
-        ),
-        (
             "task=messages messages.signalling.bands=0",
             "messages.signalling.bands is 0: it must be",
-        ),
-        (
-            "task=messages messages.codes=[rs-.0]",
-            "messages.codes has 'rs-.0': it must be none, or rs or",
         ),
         ("task=record record.dropped=2", "record.dropped is 2: it must be at least 0"),
         (
@@ -230,34 +222,18 @@ def test_what_is_refused_is_named(words, said):
     assert complaint_of(*words.split()).startswith(said)
 
 
-SMALL = (
-    *(
-        "experiment=messages",
-        "name=x",
-        "scene=paper",
-        "workers=1",
-        "budget.training_frames=64",
-    ),
-    *(
-        "classifier=[]",
-        "messages.recordings=2",
-        "messages.signalling.block_symbols=32",
-        "messages.ratio=[]",
-    ),
-    *("messages.ambient_lx=[]",),
-    *(
-        "messages.at_ratio=1.5",
-        "experiment.training={distance_m:[uniform,30,70]}",
-        "batch_frames=32",
-    ),
-)
+SMALL = """
+experiment=messages name=x scene=paper workers=2 budget.training_frames=64 classifier=[] messages.recordings=2
+messages.signalling.block_symbols=32 messages.ratio=[] messages.ambient_lx=[] messages.at_ratio=1.5
+experiment.training={distance_m:[uniform,30,70]} batch_frames=32
+"""
 
 
 @pytest.mark.slow
 def test_a_study_of_messages(tmp_path):
     """Near, all packets arrive and no other ones; far, none does."""
     words = "messages.distance_m=[40,400]", "messages.codes=[none,rs-0.5]"
-    run_task(composed(*SMALL, *words), tmp_path / "out")
+    run_task(composed(*SMALL.split(), *words), tmp_path / "out")
     rows = rows_of(tmp_path / "out" / "messages.csv")
     # Distances, receivers, codes.
     assert len(rows) == 2 * 2 * 2
@@ -273,10 +249,5 @@ def test_a_study_of_messages(tmp_path):
         if row["best"] == "1"
     ]
     assert chosen == [("40.0", "flda_2", "none"), ("40.0", "flda_3", "none")]
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *(
-            "messages.csv",
-            "messages.png",
-            "config.yaml",
-        )
-    }
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert files == {"messages.csv", "messages.png", "config.yaml"}

@@ -71,17 +71,11 @@ def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver)
     assert read[13:].all()
 
 
-def result(receiver, distance, each, code="ldpc-0.5", packets=4):
-    lost = counted((n, packets) for n in each)
-    variant = Variant(receiver, code)
-    return Carried(
-        SweepPoint("distance_m", distance), variant, lost, lost, tuple(each), 3.2, 9, 0
-    )
-
-
 def test_packets_are_counted_by_recording():
     each = [0, 4, 4, 1, 0, 0]
-    carried = result("a", 50.0, each)
+    lost = counted((n, 4) for n in each)
+    variant, place = Variant("a", "ldpc-0.5"), SweepPoint("distance_m", 50.0)
+    carried = Carried(place, variant, lost, lost, 3.2, 9, 0)
     total = sum((Counts(1, 4, 2 * n, 4 * n * n, int(n > 0)) for n in each), Counts())
     assert carried.lost == total
     assert carried.loss == ber_interval(total)

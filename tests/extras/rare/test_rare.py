@@ -69,15 +69,6 @@ def test_a_weight_is_the_ratio_of_two_densities(scenes):
     assert max(asked) <= 64 / 20
 
 
-def test_the_proposal_is_a_probability(scenes):
-    every = np.array(list(itertools.product([False, True], repeat=6))).reshape(-1, 3, 2)
-    for far, width in zip(EDGES[:-1], WIDTHS, strict=True):
-        placed = {"distance_m": np.full(len(every), far)}
-        ratios = np.exp(np.logaddexp.reduce(scenes.log_ratios(placed, every), axis=0))
-        tilted = 44 + 20 * UPPER[np.searchsorted(EDGES, far)] / width
-        assert np.mean(ratios) == pytest.approx(tilted / 64)
-
-
 def test_frames_are_drawn_as_the_weights_say(scenes):
     keys = [BlockKey(0, "drawn", block) for block in range(300)]
     bits = np.concatenate([scenes.draw(key, SHAPE)[1].numpy() for key in keys])

@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy import optimize
 
-from vocc_torch.arrays import Floats
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.extras.calibrate.fit import RecordingFit
 from vocc_torch.extras.calibrate.noise import ROUNDING, WHITE, Noise, encoded, expected
 
@@ -62,18 +64,18 @@ class TransferCurve:
         return math.sqrt(self.covariance[0, 0]) / self.noise.slope
 
 
-def residuals(fit: RecordingFit) -> tuple[Floats, Floats, bool]:
-    """Give residuals, how much of their variance is left in them, and whether the panel stands still.
+def residuals(fit: RecordingFit) -> tuple[Floats, Floats]:
+    """Give residuals, and how much of their variance is left in them.
 
-    Where it does, each pixel loses its mean over the frames in which the LED next to it is On, and over those
-    in which it is Off, so that what the model misses everywhere alike is no noise.
+    Where the panel stands still, each pixel loses its mean over the frames in which the LED next to it is On,
+    and over those in which it is Off, so that what the model misses everywhere alike is no noise.
     """
     residual = fit.grey - fit.predicted()[0]
     frames, height, width = residual.shape
     moved = max(float(np.std(fit.value(name))) for name in ("x_px", "y_px"))
     origin = fit.drawing.origin_px
     if frames < 4 or moved > SETTINGS.still_px or not bool((origin == origin[0]).all()):
-        return residual, np.ones_like(residual), False
+        return residual, np.ones_like(residual)
     y, x = np.mgrid[:height, :width] + 0.5
     at = fit.drawing.taken(slice(0, 1)).centres_px(fit.table[:1])[0]
     nearest = np.argmin([(x - led[0]) ** 2 + (y - led[1]) ** 2 for led in at], axis=0)
@@ -83,31 +85,27 @@ def residuals(fit: RecordingFit) -> tuple[Floats, Floats, bool]:
         count = mask.sum(0).clip(min=1)
         left -= mask * (residual * mask).sum(0) / count
         remaining += mask * (1 - 1 / count)
-    return left, remaining, True
+    return left, remaining
 
 
-@dataclass(frozen=True)
-class Levels:
+class Levels(NamedTuple):
     """Residuals by level of light.
 
     Args:
         light: (N,).
         variance: (N,) of the residuals.
-        count: (N,) pixels.
         near_whole: (N,) how near the grey values are to whole ones, from 1 to -1 for halves.
-        still: whether the panel stands still.
+        pixels: (N,) how many.
     """
 
     light: Floats
     variance: Floats
-    count: Floats
     near_whole: Floats
-    still: bool
+    pixels: Floats
 
 
-def by_level(fit: RecordingFit) -> Levels:
+def by_level(fit: RecordingFit, left: Floats, remaining: Floats) -> Levels:
     """Sort residuals by light."""
-    left, remaining, still = residuals(fit)
     mean, variance = fit.predicted()
     light = fit.light()
     off = (left**2 / variance).mean((1, 2))
@@ -135,14 +133,13 @@ def by_level(fit: RecordingFit) -> Levels:
         calm = inside & (square < SETTINGS.calm * bulk)
         means = (values[calm].mean() for values in (square, near_whole))
         rows.append((light[inside].mean(), *means, calm.sum()))
-    mean_light, level_variance, nearness, pixels = np.array(rows).reshape(-1, 4).T
-    return Levels(mean_light, level_variance, pixels, nearness, still)
+    return Levels(*np.array(rows).reshape(-1, 4).T)
 
 
 def transfer(fit: RecordingFit) -> TransferCurve:
     """Fit a photon transfer curve to the residuals of a fit, in grey values as they are written."""
-    levels = by_level(fit)
-    light, raw, count = levels.light, levels.variance, levels.count
+    left, remaining = residuals(fit)
+    light, raw, near_whole, count = by_level(fit, left, remaining)
     most = int(count.argmax())
     unit = (fit.gamma * light / encoded(light, fit.gamma))[most] ** 2 * raw[most]
     first = np.maximum([unit / light[most], unit], 1e-15)
@@ -151,60 +148,60 @@ def transfer(fit: RecordingFit) -> TransferCurve:
         variance = expected(light, fit.gamma, Noise(*noise.tolist()))[1]
         spread = variance - ROUNDING  # little of it rounds pixels of one light alike
         alike = np.exp(-2 * math.pi**2 * spread) * (1 / math.pi**2 + 4 * spread)
-        return (variance - levels.near_whole * alike).clip(min=SETTINGS.least_variance)
+        return (variance - near_whole * alike).clip(min=SETTINGS.least_variance)
 
     def loss(noise: Floats) -> float:
         variance = predicted(noise)
         return float((count * (np.log(variance) + raw / variance)).sum())
 
-    def best(used: list[int], share: float) -> tuple[Floats, float]:
+    def best(free: Bools) -> tuple[Floats, float]:
+        """Fit slope, floor or both; what is not free is 0."""
+
         def noise_of(logs: Floats) -> Floats:
             noise = np.zeros(2)
-            noise[used] = np.exp(logs)
+            noise[free] = np.exp(logs)
             return noise
 
-        options = {"xatol": 1e-5, "fatol": 1e-6}
-        begun = np.log(first[used] * share)
+        if not free.any():
+            return np.zeros(2), loss(np.zeros(2))
         found = optimize.minimize(
             lambda logs: loss(noise_of(logs)),
-            begun,
+            np.log(first[free] / free.sum()),
             method="Nelder-Mead",
-            options=options,
+            options={"xatol": 1e-5, "fatol": 1e-6},
         )
         return noise_of(found.x), float(found.fun)
 
-    none = np.zeros(2)
-    ways = {
-        (): (none, loss(none)),
-        (0,): best([0], 1.0),
-        (1,): best([1], 1.0),
-        (0, 1): best([0, 1], 0.5),
-    }
+    models = np.array(list(product((False, True), repeat=2)))
+    fitted, losses = zip(*map(best, models), strict=True)
     # Bins that no curve meets say less.
-    miss = float((count / 2 * (raw / predicted(ways[0, 1][0]) - 1) ** 2).sum()) / max(
-        len(light) - 2, 1
-    )
-    miss, cost = max(1.0, miss), math.log(max(float(count.sum()), 2.0))
-    criterion = {used: way[1] / miss + len(used) * cost for used, way in ways.items()}
-    used = min(criterion, key=lambda way: criterion[way])
+    miss = count / 2 * (raw / predicted(fitted[-1]) - 1) ** 2
+    doubt = max(1.0, float(miss.sum()) / max(len(light) - 2, 1))
+    cost = math.log(max(float(count.sum()), 2.0))
+    criterion = np.array(losses) / doubt + models.sum(1) * cost
     gains = [
-        min(value for way, value in criterion.items() if at not in way)
-        - min(value for way, value in criterion.items() if at in way)
-        for at in (0, 1)
+        float(criterion[~with_it].min() - criterion[with_it].min())
+        for with_it in models.T
     ]
-    noise, covariance, hidden = ways[used][0], np.full((2, 2), math.nan), math.nan
-    if used:
-        steps = np.diag(1e-4 * first)
-        moved = np.stack([predicted(noise + step) for step in steps])
-        slopes = (moved - predicted(noise)) / steps.sum(1, keepdims=True)
-        information = (slopes * count / (2 * miss * predicted(noise) ** 2)) @ slopes.T
-        chosen = np.ix_(used, used)
-        covariance[chosen] = np.linalg.pinv(information[chosen], rcond=1e-14)
+    chosen = int(criterion.argmin())
+    noise, used = fitted[chosen], np.flatnonzero(models[chosen])
+    covariance, hidden = np.full((2, 2), math.nan), math.nan
+    if len(used):
+        slopes = optimize.approx_fprime(noise, predicted, 1e-4 * first).T
+        information = (slopes * count / (2 * doubt * predicted(noise) ** 2)) @ slopes.T
+        block = np.ix_(used, used)
+        covariance[block] = np.linalg.pinv(information[block], rcond=1e-14)
         floor = np.linalg.pinv(information, rcond=1e-14)[1, 1]
         hidden = math.sqrt(cost * max(0.0, float(floor)))
     noise_model = Noise(*noise.tolist())
     return TransferCurve(
-        light, raw, noise_model, covariance, (gains[0], gains[1]), hidden, levels.still
+        light,
+        raw,
+        noise_model,
+        covariance,
+        (gains[0], gains[1]),
+        hidden,
+        bool((remaining < 1).any()),
     )
 
 

@@ -257,7 +257,6 @@ class Carried:
         variant: what carried it.
         lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
         raw: wrong bits of single frames, likewise by recording.
-        lost_each: packets lost in each recording.
         kbit_s: of packets sent.
         frames: of the camera.
         false: packets whose checksum is right and which nobody sent.
@@ -267,7 +266,6 @@ class Carried:
     variant: Variant
     lost: Counts
     raw: Counts
-    lost_each: tuple[int, ...]
     kbit_s: float
     frames: int
     false: int
@@ -284,11 +282,6 @@ class Carried:
         return Estimate(
             full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low)
         )
-
-    @property
-    def name(self) -> str:
-        """What carried it, in words."""
-        return " ".join(self.variant)
 
 
 def counted(recordings: Iterable[tuple[int, int]]) -> Counts:
@@ -321,7 +314,6 @@ def carried(
             counted((lost, sent) for _, lost, _ in packets),
             # Of a recording that lost all its frames nothing is known.
             counted(pair for pair in wrong if pair[1]),
-            tuple(lost for _, lost, _ in packets),
             kbit_s,
             sum(result.frames for result in results),
             sum(false for _, _, false in packets),

@@ -15,14 +15,15 @@ from vocc_torch.extras.messages.comparison import (
     recorded,
     variants_of,
 )
-from vocc_torch.extras.messages.config import MessagesConfig
+from vocc_torch.extras.messages.config import MessagesConfig, RecordConfig
 from vocc_torch.extras.messages.layout import Layout
-from vocc_torch.extras.messages.signalling import MessagePlan
+from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.measure import executors, timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
@@ -58,6 +59,9 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         VoccError: a value outside its range, or whatever a stage refuses.
     """
     run_folder.refuse_results(folder)
+    # Of classes that other processes can import.
+    parts = whole(Signalling, config.signalling), whole(RecordConfig, config.record)
+    config = whole(MessagesConfig, config, signalling=parts[0], record=parts[1])
     console = terminal.Console()
     plan = build_plan(settings, folder).locating_with("truth")
     # Refused, as a code that is not installed, before anything is trained.
@@ -96,13 +100,13 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
 
 def best(results: Sequence[Carried]) -> list[Carried]:
     """Give the results with the highest goodput of their place and receiver, if any."""
-    chosen: dict[tuple[SweepPoint, str], Carried] = {}
+    groups: dict[tuple[SweepPoint, str], list[Carried]] = {}
     for result in results:
-        key = result.place, result.variant.receiver
-        most = chosen[key].goodput.value if key in chosen else 0.0
-        if result.goodput.value > most:
-            chosen[key] = result
-    return [*chosen.values()]
+        groups.setdefault((result.place, result.variant.receiver), []).append(result)
+    chosen = [
+        max(same, key=lambda carry: carry.goodput.value) for same in groups.values()
+    ]
+    return [result for result in chosen if result.goodput.value > 0]
 
 
 def cells(estimate: Estimate | None) -> list[str]:
@@ -122,9 +126,9 @@ def rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
             result.place.value,
             result.variant.receiver,
             result.variant.code,
-            len(result.lost_each),
+            result.lost.frames,
             result.lost.bits,
-            sum(result.lost_each),
+            int(result.lost.bit_errors),
             *cells(result.loss),
             result.false,
             *cells(raw),
@@ -141,7 +145,7 @@ def summary(results: Sequence[Carried]) -> Iterator[str]:
         yield (
             f"{place.axis} {value_text(place.value)}: {rate.value:.2f} kbit/s ("
             f"{rate.low:.2f} to {rate.high:.2f})"
-            f" by {result.name}; raw bit error rate {rate_text(result.raw.ber)}"
+            f" by {' '.join(result.variant)}; raw bit error rate {rate_text(result.raw.ber)}"
         )
     if false := sum(result.false for result in results):
         yield f"{false} packets have a right checksum and nobody sent them"
@@ -168,7 +172,7 @@ def figure_of(results: Sequence[Carried]) -> plots.Figure:
         drawn.append(
             plots.Panel(curves, receiver, label, "Packets lost", y_scale="linear")
         )
-    count, packets = len(results[0].lost_each), results[0].lost.bits
+    count, packets = results[0].lost.frames, results[0].lost.bits
     return plots.curve_figure(
         drawn,
         "Packets lost",
