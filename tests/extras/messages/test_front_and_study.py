@@ -59,7 +59,7 @@ def test_a_panel_that_moves_is_followed_and_one_that_stands_is_not(
         front = Front(receiver, follow=follow)
         read = np.concatenate([front(greys[:40]), front(greys[40:])])
         wrong[follow] = ((read >= 0) != FILM[symbols])[40:].mean()
-        assert (front.tracker is not None) == (moves and follow == "auto")
+        assert front.follows == (moves and follow == "auto")
     assert wrong["auto"] < 0.01
     assert (wrong["false"] > 0.05) == moves
 

@@ -2,46 +2,39 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from vocc_torch.arrays import Singles
+from vocc_torch.arrays import Bytes, Singles
 from vocc_torch.receiver.calibration import APPEARANCE
-from vocc_torch.receiver.detector.nearby import LEAST_LOG_ODDS, Surroundings
-from vocc_torch.receiver.locators.detector import networks_of
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import Grey
 from vocc_torch.types import Frames, Panels
 
-REMEMBERED = 5
-"""Places of the panel of which the middle one is taken."""
 
-MOVED_CELLS = 0.1
-"""Corners of a panel that moves are farther than this from where the first of the remembered looks saw them."""
+@dataclass(frozen=True)
+class FrontSettings:
+    """Where a panel is read, and when it moves."""
 
-STEADY = 0.2
-"""Least part of its share of the way that a corner goes in each step: errors of location go to and fro."""
+    remembered: int = 5  # places of the panel of which the middle one is taken
+    moved_cells: float = 0.1  # from the first remembered look to the last, at least
+    steady: float = (
+        0.2  # least part of its share of the way in each step: errors go to and fro
+    )
+    corners: int = 3  # that must move so: a single look that errs makes one step
+    around: float = 0.5  # share of the panel's extent that is read around it
+    least_around_px: int = 16  # beyond that
+    faded_share: float = 0.25  # of the usual contrast; a frame of less shows no panel
+    typical: float = (
+        4.0  # size of decided bits and of the median score without calibration
+    )
 
-CORNERS = 3
-"""Corners that must move so: a single look that errs makes one step."""
 
-WHOLE = 32
-"""One look of so many is at the whole frame, the others are where the panel was last."""
-
-AROUND = 0.5
-"""Share of the panel's extent that is read around it."""
-
-LEAST_AROUND_PX = 16
-"""What is read beyond that."""
-
-FADED_SHARE = 0.25
-"""A frame whose contrast is less than this share of what is usual shows no panel."""
-
-TYPICAL = 4.0
-"""Size given to decided bits, and to the median of scores that nobody calibrated."""
+SETTINGS = FrontSettings()
 
 
 class Front:
@@ -50,15 +43,16 @@ class Front:
     Args:
         receiver: decides the bits; its locator finds the panel.
         locate_every: look for the panel in each so manieth frame, and take the median of the last places in
-            those between; at least 1. Most looks are where it was last, and at the whole frame if it is not.
+            those between; at least 1.
         soft: ``calibrated`` (log-likelihood ratios), ``scores`` (the receiver's own, to a common scale) or
             ``hard`` (bits).
-        follow: ``true``: a tracker follows the panel from frame to frame; ``auto``: from where it is seen to
-            move; ``false``: never.
+        follow: ``true``: the panel is followed from frame to frame; ``auto``: from where it is seen to move;
+            ``false``: never.
 
     Attributes:
         found: frames in which the panel was looked for and found.
         looked: frames in which it was looked for.
+        follows: whether the panel is followed from frame to frame.
     """
 
     def __init__(
@@ -68,21 +62,17 @@ class Front:
         soft: str = "scores",
         follow: str = "auto",
     ) -> None:
-        self.receiver, self.locate_every, self.soft, self.auto = (
-            receiver,
-            locate_every,
-            soft,
-            follow == "auto",
-        )
-        self.tracker = (
-            Tracker(receiver.locator, receiver.shape) if follow == "true" else None
-        )
+        self.receiver = receiver
+        self.locate_every = locate_every
+        self.soft = soft
+        self.auto = follow == "auto"
+        self.follows = follow == "true"
+        self.tracker = Tracker(receiver.locator, receiver.shape)
         self.found = self.looked = self.frames = 0
         self.corners_px: Tensor | None = None
-        self._places: deque[Tensor] = deque(maxlen=REMEMBERED)
-        self._looks: deque[Tensor] = deque(maxlen=REMEMBERED)
+        self._places: deque[Tensor] = deque(maxlen=SETTINGS.remembered)
+        self._looks: deque[Tensor] = deque(maxlen=SETTINGS.remembered)
         self._contrast = self._size = 0.0
-        self._placed = False  # whether the last search met what the placer knows
 
     def __call__(self, greys: Sequence[Grey]) -> Singles:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
@@ -109,7 +99,7 @@ class Front:
         known.found.copy_(located)
         decoded = self.receiver.forward(frames, known)
         contrast = decoded.appearance[:, APPEARANCE.index("contrast")]
-        located &= contrast >= FADED_SHARE * self._contrast
+        located &= contrast >= SETTINGS.faded_share * self._contrast
         if bool(located.any()):
             self._contrast = 0.5 * self._contrast + 0.5 * float(
                 contrast[located].median()
@@ -120,24 +110,41 @@ class Front:
     def values(self, decoded: Decoded, located: Tensor, soft: str) -> Singles:
         """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
         if soft == "hard":
-            llr = torch.where(decoded.bits, TYPICAL, -TYPICAL)
+            llr = torch.where(decoded.bits, SETTINGS.typical, -SETTINGS.typical)
         elif soft == "scores" or self.receiver.calibration is None:
-            llr = decoded.scores * (TYPICAL / (self._size or 1.0))
+            llr = decoded.scores * (SETTINGS.typical / (self._size or 1.0))
         else:
             llr = decoded.llr
         return (llr * located.view(-1, 1, 1)).float().cpu().numpy()
 
     def locate(self, greys: Sequence[Grey]) -> tuple[Frames, Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
-        first, self.frames, corners = self.frames, self.frames + len(greys), None
-        if self.tracker is None:
-            corners = self._looked_up(greys, first)
-            if self.auto and self._moves():
-                self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
-                corners = None
-        if corners is None:
-            corners = self._tracked(greys)
+        corners = torch.stack([self._place(np.asarray(grey)) for grey in greys])
+        if self.auto and not self.follows and self._moves():
+            self.follows = True
+            self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
+            corners = torch.stack([self._place(np.asarray(grey)) for grey in greys])
+            self.frames -= len(greys)
         return self._cropped(greys, corners), corners.to(self.receiver.device)
+
+    def _place(self, grey: Bytes) -> Tensor:
+        """Give the panel's corners (4,2) in the next frame, no numbers where they are unknown."""
+        due = self.frames % self.locate_every == 0
+        self.frames += 1
+        place = None
+        if due or self.follows or len(self._places) < SETTINGS.remembered:
+            tracks = self.tracker(grey)
+            place = tracks[0].corners if tracks else None
+            self.looked += 1
+            self.found += place is not None
+        if place is not None:
+            self._places.append(place)
+            self._looks += [place] * due
+            steady = torch.stack([*self._places]).median(dim=0).values
+            self.corners_px = place if self.follows else steady
+        if self.corners_px is None or (self.follows and place is None):
+            return torch.full((4, 2), torch.nan, dtype=torch.float64)
+        return self.corners_px
 
     def _cropped(self, greys: Sequence[Grey], corners: Tensor) -> Frames:
         """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
@@ -146,7 +153,7 @@ class Front:
         if not len(known):
             known = torch.zeros(1, 2, dtype=torch.float64)
         low, high = known.amin(dim=0), known.amax(dim=0)
-        room = AROUND * (high - low).max() + LEAST_AROUND_PX
+        room = SETTINGS.around * (high - low).max() + SETTINGS.least_around_px
         left, top = (low - room).floor().int().clamp(min=0).tolist()
         right, bottom = (high + room).ceil().int().tolist()
         left, top = min(left, width - 1), min(top, height - 1)
@@ -159,101 +166,14 @@ class Front:
         device = self.receiver.device
         return Frames(grey[:, None].to(device), origin.to(device), (height, width))
 
-    def _tracked(self, greys: Sequence[Grey]) -> Tensor:
-        """Follow the panel from frame to frame."""
-        assert self.tracker is not None
-        corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
-        for row, plane in enumerate(greys):
-            searches, tracks = self.tracker.searches, self.tracker(np.asarray(plane))
-            if tracks:
-                corners[row] = self.corners_px = tracks[0].corners
-            self.looked += self.tracker.searches - searches
-            self.found += bool(tracks) and self.tracker.searches > searches
-        return corners
-
-    def _looked_up(self, greys: Sequence[Grey], first: int) -> Tensor:
-        """Look for the panel now and then, and take the median place between."""
-        due = [
-            row for row in range(len(greys)) if (first + row) % self.locate_every == 0
-        ]
-        if self.corners_px is None:
-            found = self._found(
-                greys, sorted({*due, *range(min(REMEMBERED, len(greys)))})
-            )
-            # There is nothing to go by before the first place: each of those frames is searched.
-            before = range(REMEMBERED, min(found, default=len(greys)))
-            found |= self._found(greys, [row for row in before if row not in due])
-        else:
-            whole_frames = [
-                row for row in due if (first + row) % (WHOLE * self.locate_every) == 0
-            ]
-            found = self._found(greys, whole_frames)
-            others = [row for row in due if row not in whole_frames]
-            found |= self._found_near(greys, others)
-            found |= self._found(greys, [row for row in others if row not in found])
-        corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
-        for row in range(len(greys)):
-            if row in found:
-                self._places.append(found[row])
-                self._looks += [found[row]] * (row in due)
-                self.corners_px = torch.stack([*self._places]).median(dim=0).values
-            if self.corners_px is not None:
-                corners[row] = self.corners_px
-        return corners
-
-    def _found(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, Tensor]:
-        """Look for the panel in some of the frames, and give the corners of those where it is found."""
-        if not rows:
-            return {}
-        frames = Frames.of(
-            torch.from_numpy(np.stack([np.asarray(greys[row]) for row in rows]))
-        )
-        frames = Frames.whole(frames.grey.to(self.receiver.device))
-        panels = self.receiver.locator(frames, self.receiver.shape)
-        places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
-        found = {row: place.double() for row, place, is_found in places if is_found}
-        self.looked += len(rows)
-        self.found += len(found)
-        for row, place in found.items():
-            fitted, odds = self._placed_near(greys[row], place)
-            self._placed = odds >= LEAST_LOG_ODDS
-            if self._placed:
-                found[row] = fitted
-        return found
-
-    def _placed_near(self, grey: Grey, corners: Tensor) -> tuple[Tensor, float]:
-        """Put corners (4,2) right in a frame, and give the log odds of the panel."""
-        plane = torch.from_numpy(np.asarray(grey).copy())
-        networks = networks_of(self.receiver.locator, plane.device)
-        near = Surroundings.of(networks, plane, corners, self.receiver.shape)
-        return near.place(corners)
-
-    def _found_near(self, greys: Sequence[Grey], rows: list[int]) -> dict[int, Tensor]:
-        """Look for the panel where it was last, and give its corners where it is still."""
-        found: dict[int, Tensor] = {}
-        if not self._placed:
-            return found
-        places = deque(self._places, maxlen=REMEMBERED)
-        for row in rows:
-            # The last place follows a panel that moves; the median one does not stray in noise.
-            starts = places[-1], torch.stack([*places]).median(dim=0).values
-            fits = [self._placed_near(greys[row], start) for start in starts]
-            corners, odds = max(fits, key=lambda fit: fit[1])
-            if odds >= LEAST_LOG_ODDS:
-                places.append(corners)
-                found[row] = corners
-        self.looked += len(found)
-        self.found += len(found)
-        return found
-
     def _moves(self) -> bool:
         """Say whether the last looks saw the panel move."""
-        if len(self._looks) < REMEMBERED:
+        if len(self._looks) < SETTINGS.remembered:
             return False
         looks = torch.stack([*self._looks])
         cell = float((looks[-1, 1] - looks[-1, 0]).norm()) / self.receiver.shape.columns
         way = looks[-1] - looks[0]
         share = (looks.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)
-        steady = (share > STEADY / (REMEMBERED - 1)).all(dim=0)
-        moved = (way.norm(dim=1) > MOVED_CELLS * cell) & steady
-        return int(moved.sum()) >= CORNERS
+        steady = (share > SETTINGS.steady / (SETTINGS.remembered - 1)).all(dim=0)
+        moved = (way.norm(dim=1) > SETTINGS.moved_cells * cell) & steady
+        return int(moved.sum()) >= SETTINGS.corners

@@ -138,7 +138,7 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; "
         f"the panel was found in {front.found} of {front.looked} frames that were searched"
     )
-    if front.tracker is not None:
+    if front.follows:
         summary += "; it was followed" + ", for it moves" * front.auto
     run_folder.say(console, summary)
     places = [("packets", "report.csv"), *write_messages(assembly, folder)]
