@@ -20,6 +20,7 @@ from vocc_torch.studies.train_detector.placer_training import PlacerSampler
 from vocc_torch.studies.train_detector.pool import Pool, blocks_of, render
 from vocc_torch.studies.train_detector.sampling import Sampler
 from vocc_torch.studies.train_detector.scout_training import ScoutSampler
+from vocc_torch.types import resolve_device
 
 POOL, CHECKPOINTS = "pool", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
@@ -55,7 +56,7 @@ def run_train_detector(
     (folder / POOL).mkdir(parents=True, exist_ok=True)
     blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
     render(blocks, os.cpu_count() or 1, console)
-    device = torch.device(settings.device)
+    device = resolve_device(settings.device)
     pool = Pool.of([block.path for block in blocks], settings.seed, device)
     console.print(f"frames: {len(pool.shapes)}", highlight=False)
     for part in PARTS:
