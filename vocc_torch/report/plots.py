@@ -240,9 +240,10 @@ def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
 
 
 def head(axes: Axes, text: str) -> None:
-    """Write what axes show above them."""
+    """Write what axes show above them, each of its lines broken where it is long."""
+    lines = (textwrap.fill(line, LOOK.title_letters) for line in text.split("\n"))
     axes.set_title(
-        textwrap.fill(text, LOOK.title_letters),
+        "\n".join(lines),
         loc="left",
         fontsize=10.5,
         fontweight="bold",
