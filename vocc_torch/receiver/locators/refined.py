@@ -44,7 +44,7 @@ class RefinedSettings:
     least_pitch_px: float = 1.5  # finer lattices are noise: LEDs melt together
     parts_per_px: float = 1024.0  # corners are rounded to: sums differ between batches
     face_light: float = 0.1  # a face's light over the background, white being 1, is of this size at most
-    ring_cells: int = 2  # from the panel to cells that tell background and noise
+    ring_px: int = 3  # outermost pixels of a window that tell background and noise
     sigma_per_mad: float = 1.4826  # of a normal distribution
     least_probability: float = 0.5  # of a panel that the detector finds
     tie_deg: float = 0.25  # error of a panel turned by 45 degrees that changes no order
@@ -169,10 +169,11 @@ class RefinedLocator(PanelLocator):
         panels = Panels(seen.corners_px, likely, seen.score, seen.candidates)
         others = (~likely).nonzero()[:, 0]
         self._left_to_paper(panels, others, frames[others], shape)
-        rows = panels.found.nonzero()[:, 0]
-        if len(rows):
-            level, noise = ring_levels(frames, panels, shape)
-            self._refit(panels, rows, frames[rows], level, noise, shape)
+        level, noise = torch.zeros(2, len(frames), device=frames.grey.device)
+        for row in panels.found.nonzero():
+            about = window(frames[row], panels.corners_px[row[0]])
+            level[row], noise[row] = ring_level(about.grey)
+            self._refit(panels, row, about, level, noise, shape)
         return panels
 
     def _left_to_paper(
@@ -285,14 +286,28 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
 
 
-def ring_levels(
-    frames: Frames, panels: Panels, shape: PanelShape
-) -> tuple[Tensor, Tensor]:
-    """Give the background (B,) around panels and its noise (B,), from a ring of cells two cells away."""
-    cells = resample.rectify(frames, panels, shape, 1, margin=REFINED.ring_cells)[:, 0]
-    inner = torch.zeros_like(cells, dtype=torch.bool)
-    inner[:, 1:-1, 1:-1] = True
-    ring = cells[~inner].view(len(cells), -1).float()
-    level = ring.median(1).values
-    noise = (ring - level[:, None]).abs().median(1).values
-    return level, noise * REFINED.sigma_per_mad
+def window(frame: Frames, corners_px: Tensor) -> Frames:
+    """Cut one frame to a panel at corners (4,2) px and half its size on each side."""
+    size = corners_px.new_tensor(frame.grey.shape[:1:-1])
+    local = corners_px - frame.origin_px[0]
+    low, high = local.amin(0), local.amax(0)
+    beyond = (high - low) / 2
+    low = (low - beyond).floor().clamp(min=0).minimum(size - 1)
+    high = (high + beyond).ceil().minimum(size).maximum(low + 1)
+    (left, top), (right, below) = low.long().tolist(), high.long().tolist()
+    grey = frame.grey[..., top:below, left:right]
+    return Frames(grey, frame.origin_px + low.long(), frame.sensor_px)
+
+
+def ring_level(grey: Tensor) -> tuple[Tensor, Tensor]:
+    """Give the background of one frame (1,1,H,W), the median of its outermost pixels, and their deviation."""
+    wide = REFINED.ring_px
+    ends = [
+        grey[..., :wide, :],
+        grey[..., -wide:, :],
+        grey[..., :wide],
+        grey[..., -wide:],
+    ]
+    ring = torch.cat([end.flatten() for end in ends]).float()
+    level = ring.median()
+    return level, (ring - level).abs().median() * REFINED.sigma_per_mad
