@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter
 from vocc_torch.receiver.detector import pyramid as pyramid_file
 from vocc_torch.receiver.detector.judge import judged
 from vocc_torch.receiver.detector.placer import Placer, corner_moves, slips
-from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate
+from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate, halved
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
 from vocc_torch.receiver.resample import cell_homography
 from vocc_torch.types import PanelShape
@@ -75,6 +75,16 @@ def test_halvings_are_opencvs_area_means_rounded():
         even = finer[: 2 * len(level)].float().numpy()
         wanted = cv2.resize(even, level.shape[::-1], interpolation=cv2.INTER_AREA)
         assert np.abs(level.numpy() - wanted).max() <= 0.5
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 1), (7, 9), (4, 6)])
+def test_a_halving_takes_any_part_of_a_buffer(size):
+    plane = noise(81).byte()[1 : 1 + size[0] * size[1]].view(size)
+    found = halved(plane)
+    assert found.shape == (size[0] // 2, size[1] // 2)
+    even = plane[: 2 * found.shape[0], : 2 * found.shape[1]].double().numpy()
+    wanted = even.reshape(found.shape[0], 2, found.shape[1], 2).mean((1, 3))
+    assert np.array_equal(found.numpy(), np.floor(wanted + 0.5))
 
 
 def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):

@@ -22,6 +22,7 @@ from vocc_torch.studies.train_detector import (
     pool,
     run,
 )
+from vocc_torch.studies.train_detector.scout_training import sizes_of
 
 CPU = torch.device("cpu")
 
@@ -254,3 +255,18 @@ def test_weights_are_written_and_read(tmp_path):
         for name, weights in states[0].items()
     )
     assert (tmp_path / SHIPPED).stat().st_size < 500_000
+
+
+def test_a_panel_between_two_sizes_is_surely_of_neither_other():
+    """4 x 8 is just above the limit of 5.6 LEDs a side, 8 x 16 just above 11.3."""
+    shapes = torch.tensor([[4.0, 4], [4, 8], [8, 8], [8, 16], [32, 32]])
+    own, others = (sizes.flatten(1) for sizes in sizes_of(shapes))
+    assert own.int().argmax(1).tolist() == [0, 1, 1, 2, 2]
+    assert own.sum(1).tolist() == [1] * 5
+    assert others.int().tolist() == [
+        [0, 1, 1],
+        [0, 0, 1],
+        [1, 0, 1],
+        [1, 0, 0],
+        [1, 1, 0],
+    ]

@@ -1,4 +1,4 @@
-"""What stands out: Otsu's threshold of a frame (section IV-B-2; Otsu 1979), and regions of light in noise.
+"""Otsu's threshold of a frame (section IV-B-2; Otsu 1979), and the part of a frame that is not of one grey value.
 
 Most of a simulated or dark frame is of one grey value: that part is looked at only once.
 """
@@ -15,15 +15,15 @@ from vocc_torch.types import Frames
 
 
 @dataclass(frozen=True)
-class RegionSettings:
-    """What is counted as uneven, and what stands out of the background."""
+class CountSettings:
+    """How grey values are counted."""
 
     # In smaller frames looking for what is uneven costs more than it saves.
     large_frame_px: int = 1 << 16
     counted_px: int = 1 << 12  # from so many on frames are counted one by one
 
 
-REGION = RegionSettings()
+COUNT = CountSettings()
 
 _LEVELS = 256
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
@@ -57,7 +57,7 @@ def trimmed(frames: Frames) -> Frames:
         not complete
         or not len(frames)
         or grey.device.type != "cpu"
-        or height * width < REGION.large_frame_px
+        or height * width < COUNT.large_frame_px
     ):
         return frames
     boxes, planes = [], grey.numpy()[:, 0]
@@ -129,10 +129,10 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels, on_host = grey.reshape(frames, -1), grey.device.type == "cpu"
-    if frames == 1 and pixels.shape[1] <= REGION.counted_px and on_host:
+    if frames == 1 and pixels.shape[1] <= COUNT.counted_px and on_host:
         return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
     # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
-    if on_host and (pixels.shape[1] >= REGION.counted_px or frames == 1):
+    if on_host and (pixels.shape[1] >= COUNT.counted_px or frames == 1):
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
     # On an accelerator torch.bincount waits for the greatest value.
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS

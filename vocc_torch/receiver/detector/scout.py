@@ -157,19 +157,16 @@ def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
     return order[chosen]
 
 
-def propose(
-    net: Scout, pyramid: Pyramid, shape: PanelShape, gated: bool = True
-) -> tuple[Tensor, Tensor]:
+def propose(net: Scout, pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor]:
     """Give the best candidates of a frame, corners (n,4,2) float64 px and scores (n,), the best first.
 
     Args:
         net: the scout.
         pyramid: of the frame.
         shape: rows and columns.
-        gated: whether only the tiles that the gate chooses are looked at in large levels.
     """
     levels = pyramid.levels
-    large = sum(gated and level.numel() > SETTINGS.gated_px for level in levels)
+    large = sum(level.numel() > SETTINGS.gated_px for level in levels)
     size = size_of(shape)
     looks = [look(net, levels, large, size) for look in (_in_tiles, _in_canvas)]
     corners, score = map(torch.cat, zip(*looks, strict=True))

@@ -1,4 +1,4 @@
-"""Found of the pool's frames, as the networks before give them, and what the next are trained on."""
+"""Candidates of the pool's frames: what one network finds, and what the next one is trained on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ SETTINGS = CandidateSettings()
 
 
 class Found(NamedTuple):
-    """Found of frames.
+    """Candidates of frames.
 
     Args:
         frame: (n,) numbers of frames.
