@@ -73,16 +73,16 @@ class Camera:
     """A pinhole camera with square pixels, by default that of the paper's Table 1.
 
     Args:
-        focal_length_mm: 0.001 to 1e6 (Table 1: 25; the text says 18).
-        sensor_width_mm: width of the sensor, 0.001 to 1e4; the pixel pitch is this over ``width_px``.
-        width_px: pixels in a row, a whole number, 1 to 32768.
-        height_px: rows, likewise.
-        exposure_time_s: 1e-9 to 1e4.
+        focal_length_mm: focal length, 0.001 to 1e6 (Table 1: 25; the text says 18).
+        sensor_width_mm: width of the sensor, 0.001 to 1e4; over ``width_px`` it is the pixel pitch.
+        width_px: pixels per row, a whole number, 1 to 32768.
+        height_px: rows, a whole number, 1 to 32768.
+        exposure_time_s: exposure time, 1e-9 to 1e4.
         f_number: f-number N, 0.1 to 1000.
         calibration_constant: reflected-light meter constant K, 0.1 to 1000.
-        gamma: encoding gamma, 0.1 to 10; at 1 the grey value is proportional to the light.
-        iso_limits: lowest and highest ISO speed, 1e-30 to 1e20, or None where auto-ISO always meets its
-            target; equal limits are a fixed speed.
+        gamma: encoding gamma, 0.1 to 10; at 1 grey values are proportional to light.
+        iso_limits: lowest and highest ISO speed, 1e-30 to 1e20; null lets auto-ISO always reach its target.
+            Equal limits fix the ISO speed.
 
     Raises:
         VoccError: a value outside its range.
@@ -180,12 +180,13 @@ class LedPanel:
 
     Args:
         shape: rows and columns.
-        led_diameter_m: 1e-6 to 1000.
-        led_gap_m: edge to edge between neighbouring LEDs, 0 to 1000; the pitch is diameter plus gap.
-        led_reflectance: of the LED surface, 0 to 1.
-        background_reflectance: of everything behind the panel, above 0 to 1; auto-ISO meters it.
-        board_reflectance: of the panel's face between the LEDs, 0 to 1, or None where the background shows
-            through; the effect ``housing`` draws its own.
+        led_diameter_m: diameter of an LED, 1e-6 to 1000.
+        led_gap_m: gap between the edges of neighbouring LEDs, 0 to 1000; pitch is diameter plus gap.
+        led_reflectance: reflectance of an LED's surface, 0 to 1.
+        background_reflectance: reflectance of everything behind the panel, above 0 to 1; auto-ISO meters
+            it.
+        board_reflectance: reflectance of the panel's face between the LEDs, 0 to 1; null shows the
+            background there. The effect ``housing`` draws its own face.
 
     Raises:
         VoccError: a value outside its range.

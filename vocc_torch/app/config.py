@@ -39,19 +39,19 @@ class AppConfig(Settings):
     """The whole configuration.
 
     Args:
-        decode: what task=decode writes besides the bits.
+        decode: how task=decode reads, and what it writes.
         figures: what task=figures makes.
-        effects: what task=effects looks at.
-        tradeoff: what task=tradeoff prices.
+        effects: what task=effects measures.
+        tradeoff: what task=tradeoff compares.
         rivals: what task=classifiers compares.
         export: what task=export writes.
         export_receiver: how task=export_receiver checks a graph.
         transmit: how task=transmit writes a message.
-        record: the camera's time in task=record.
+        record: the simulated camera of task=record.
         receive: how task=receive reads a recording.
         messages: what task=messages varies and sends.
-        calibrate: what task=calibrate looks at.
-        train_detector: how much task=train_detector learns from.
+        calibrate: what task=calibrate fits.
+        train_detector: how long task=train_detector trains.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -167,7 +167,7 @@ def descriptions(schema: type) -> dict[str, str]:
     Example:
         >>> from vocc_torch.measure.config import Settings
         >>> descriptions(Settings)["budget.frames"]
-        'test frames a point at most, at least 1'
+        'most test frames per point, at least 1'
     """
     said: dict[str, str] = {}
     for key, kind in {"": schema, **keys_of(schema)}.items():

@@ -1,4 +1,4 @@
-"""What every task is told: the configuration's schema, and how it is written and read.
+"""The configuration's schema, and how it is written and read.
 
 The classes of the domain are the schema: OmegaConf builds them, and they check themselves. No torch is
 imported here, so that the command line answers ``--help`` and misspelled keys at once.
@@ -46,20 +46,20 @@ def demand_file_word(key: str, name: str) -> None:
 
 @dataclass
 class Budget:
-    """How many frames a study spends.
+    """Numbers of frames and trainings.
 
     Args:
-        frames: test frames a point at most, at least 1.
-        training_frames: frames that a receiver trains on, at least 2.
-        trainings: how often every receiver is trained, each time on frames of its own, 1 to 1000; all are
-            tested on the same frames, and the first is kept. 1 tells nothing of what hangs on one training.
-        target_frame_errors: stop a point once every receiver has this many frames in error; null spends all.
-        precision: stop a point once every receiver's 95 % interval reaches at most this share of its bit
-            error rate to either side, above 0 and below 1; null spends all.
-        least_ber: with ``precision``, a receiver whose interval lies below this rate needs no more frames; 0
-            to below 1.
-        sampling: a function that draws scenes where errors are expected and weighs them back, as
-            PACKAGE.MODULE.NAME; null counts scenes as they are. task=test alone, for one curve and one training.
+        frames: most test frames per point, at least 1.
+        training_frames: training frames per receiver, at least 2.
+        trainings: independent trainings of each receiver, 1 to 1000. All are tested on the same frames; the
+            first is saved. With 1 the scatter between trainings stays unknown.
+        target_frame_errors: stop a point when every receiver has this many wrong frames; null counts all
+            frames.
+        precision: stop a point when every receiver's 95 % interval is within this share of its BER, above 0
+            and below 1; null counts all frames.
+        least_ber: with ``precision``: stop also when the interval lies below this rate, 0 to below 1.
+        sampling: importance sampler, as PACKAGE.MODULE.NAME; null draws frames from the scene itself. For
+            task=test with one curve and one training.
 
     Raises:
         VoccError: a number outside its range, or two stop rules that contradict each other.
@@ -124,12 +124,13 @@ class Experiment:
 
     Args:
         name: its name in the results.
-        axis: a value of a scene, or ``contrast``, by which frames are sorted into bins after they are drawn.
-        values: the points of the axis, ascending; for ``contrast`` the edges of the bins.
-        scene: distributions of the test scenes that replace those of the world.
-        training: distributions of the training scenes that replace those of the world.
-        row_axis: a second value of a scene, for a grid; null for one curve.
-        rows: the values of that, ascending.
+        axis: the quantity that varies: a value of the scene, or ``contrast``, by which drawn frames are
+            sorted into bins.
+        values: values of the axis, ascending; for ``contrast`` the edges of the bins.
+        scene: ranges of the test scenes; they replace those of ``scene``.
+        training: ranges of the training scenes; they replace those of ``scene``.
+        row_axis: a second quantity, for a grid; null for one curve.
+        rows: values of ``row_axis``, ascending.
 
     Raises:
         VoccError: an unknown axis, values that are not finite or not ascending, or rows without axis.
@@ -260,18 +261,18 @@ else:
 
 @dataclass
 class SceneSettings:
-    """The scenes that are simulated, and what a receiver learns from.
+    """The simulated scenes: ranges and effects.
 
     Args:
         name: its name in the results.
-        ambient_lx: illuminance of the ambient light, lx.
+        ambient_lx: illuminance by ambient light, lx.
         led_luminance_cd_m2: luminance of an On LED, cd/m2.
-        distance_m: from the lens to the panel, m.
-        background_grey: grey value that auto-ISO gives the background, 1 to 255.
-        offset_x_m: panel centre right of the optical axis, m.
-        offset_y_m: panel centre below the optical axis, m.
-        camera: what the scene sets on the camera; null leaves the camera's own.
-        effects: the effects of the scene by name, each with its parameters; what is not named is not run.
+        distance_m: distance from the lens to the panel, m.
+        background_grey: grey value that auto-ISO gives to the background, 1 to 255.
+        offset_x_m: panel's centre right of the optical axis, m.
+        offset_y_m: panel's centre below the optical axis, m.
+        camera: camera values that the scene sets; null keeps those of ``camera``.
+        effects: effects by name, each with its parameters; other effects are not run.
     """
 
     name: str = ""
@@ -288,22 +289,23 @@ class SceneSettings:
 
 @dataclass
 class ReceiverSettings:
-    """Which receivers run, and what they share.
+    """The receivers of a run and their common parts.
 
     Args:
         names: receivers in the order of the results.
-        locator: ``paper``, ``refined``, or one from outside by its name in ``locators`` or FILE.py:NAME,
-            finds the panel in the frame; ``truth`` takes the true corners.
-        features: what the receiver ``flda`` and classifiers without inputs of their own see, where it is not
-            [agr, gri, ngr]; those from outside are named in ``features`` or FILE.py:NAME.
-        samples_per_led: samples along an LED cell's side, 2 to 64.
+        locator: what finds the panel: ``paper``, ``refined``, ``detector``, a name in ``locators``, or
+            FILE.py:NAME. ``truth`` takes the true corners.
+        features: features of the receiver ``flda`` and of classifiers without ``inputs``; your own are
+            named in ``features`` or as FILE.py:NAME.
+        samples_per_led: samples along the side of an LED cell, 2 to 64.
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
-        cells: ``resampled``, or ``pixels``: whole pixels of the box about the LEDs' discs.
-        save: the receiver that is saved and decodes recordings; null takes the classifier where there is one,
-            ``flda`` where there are features of your own, else ``flda_3``.
-        location: limits of the paper's locator.
-        false_alarms: a panel is found where at most as many false alarms are expected in a frame without one,
-            above 0; of ``detector``. Null takes 1e-2, or what a model has.
+        cells: ``resampled``: bilinear samples; ``pixels``: whole pixels of the box around the discs of the
+            LEDs.
+        save: the receiver that is saved as receiver.pt. Null saves the classifier if there is one, ``flda``
+            if there are features of your own, else ``flda_3``.
+        location: limits of the locator ``paper``.
+        false_alarms: for ``detector``: accept a panel if at most this many false alarms are expected in a
+            frame without one, above 0. Null takes 0.01, or the value in the model.
     """
 
     names: list[str] = field(default_factory=lambda: ["flda_3"])
@@ -322,12 +324,12 @@ class ClassifierSettings:
     """A classifier that plugs in; see :class:`vocc_torch.measure.plan.ClassifierPlan`.
 
     Args:
-        build: ``_target_`` names its class; the other keys are its arguments.
-        inputs: what it sees of each LED.
+        build: ``_target_`` names the class; the other keys are its arguments.
+        inputs: what the classifier sees of each LED.
         file: a Python file that defines the class, or null.
-        training: the recipe for a torch module.
-        frames: training panels; null takes budget.training_frames.
-        scene: distributions of its training scenes that replace those of the study.
+        training: how a torch module is trained.
+        frames: training frames; null takes budget.training_frames.
+        scene: ranges of its training scenes; they replace those of ``scene``.
     """
 
     build: dict[str, Any] = field(default_factory=dict)
@@ -340,13 +342,12 @@ class ClassifierSettings:
 
 @dataclass
 class ExecutorSettings:
-    """Who counts; see :class:`vocc_torch.measure.workers.Workers`.
+    """Where frames are counted; see :class:`vocc_torch.measure.workers.Workers`.
 
     Args:
-        kind: ``here`` is this process, ``processes`` are others of this machine, ``ray`` and ``dask``
-            clusters; ``auto`` takes the first two as ``workers`` says. It changes speed, never results.
-        address: of the cluster, HOST:PORT; ``auto`` is the Ray cluster that runs on this machine, ``local``
-            starts one.
+        kind: where frames are counted: ``here`` (this process), ``processes`` (of this machine), ``ray`` or
+            ``dask`` (clusters), ``auto`` (here or processes, by ``workers``). Results are equal.
+        address: the cluster, HOST:PORT; ``auto`` is the Ray cluster on this machine, ``local`` starts one.
     """
 
     kind: str = MISSING
@@ -358,9 +359,9 @@ class RunSettings:
     """What every run has.
 
     Args:
-        task: what is done.
-        name: the run's folder below runs/; the same name goes on where a run was interrupted.
-        seed: of every random draw, at least 0.
+        task: what the command does.
+        name: folder below runs/. The same name resumes an interrupted run.
+        seed: seed of all random draws, at least 0.
     """
 
     task: str = MISSING
@@ -373,11 +374,11 @@ class WorldSettings:
     """What is in front of the receiver, and how it is computed.
 
     Args:
-        device: ``auto`` takes CUDA where there is one; ``cpu``, ``cuda``, ``cuda:1``.
-        precision: of the simulation, ``float32`` or ``float64``.
-        framing: ``crop`` renders the panel's surroundings, ``filled`` lays them into a full frame, ``full``
-            renders the whole sensor; the decisions are the same.
-        scene: what is simulated.
+        device: ``auto`` takes CUDA if there is a GPU; ``cpu``, ``cuda``, ``cuda:1``.
+        precision: floating-point type of the simulation, ``float32`` or ``float64``.
+        framing: ``crop`` renders the panel's surroundings, ``filled`` pastes them into a full frame,
+            ``full`` renders the whole sensor. Decisions are equal.
+        scene: the simulated scenes.
         camera: the camera.
         panel: the LED panel.
     """
@@ -395,10 +396,10 @@ class ReceiverParts:
     """What receives, with every part that plugs in.
 
     Args:
-        receiver: which receivers run, and what they share.
+        receiver: the receivers of the run and their common parts.
         classifiers: classifiers that plug in, by name.
-        locators: locators from outside, by name, each with ``_target_`` and arguments.
-        features: features from outside, likewise.
+        locators: locators of your own by name, each with ``_target_`` and arguments.
+        features: features of your own by name, each with ``_target_`` and arguments.
     """
 
     receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
@@ -409,20 +410,20 @@ class ReceiverParts:
 
 @dataclass
 class Settings(ReceiverParts, WorldSettings, RunSettings):
-    """What every task is told; a study adds a section of its own.
+    """The configuration of every task; a study adds its own section.
 
     Args:
-        batch_frames: frames computed at a time; changes speed and memory, never results.
-        workers: processes of one thread each; 0 takes one a core, null begins in this process and goes on in
-            one a core, at most 8, once that is quicker; changes speed, never results.
-        executor: who counts.
-        tensorboard: whether boards are written.
-        input: for task=decode and task=receive a picture, a folder of pictures, a video or an array; for
-            task=transmit a file; for task=record the folder of that; for task=collect a sweep's folder.
+        batch_frames: frames computed at a time. Changes speed and memory, not results.
+        workers: processes of one thread each. 0 takes one per core; null adds processes, at most 8, when
+            they are faster. Results are equal.
+        executor: where frames are counted.
+        tensorboard: write a TensorBoard log.
+        input: task=decode, receive: a picture, a folder, a film, an array or a live source; task=transmit:
+            a file; task=record: the folder of task=transmit; task=collect: the folder of a sweep.
         model: a receiver.pt for task=decode and task=receive; null trains one.
         plug_ins: Python files and packages whose code a model may run, such as [mine.py].
-        experiment: the BER curve.
-        budget: how many frames.
+        experiment: what is measured.
+        budget: numbers of frames and trainings.
     """
 
     batch_frames: int = MISSING

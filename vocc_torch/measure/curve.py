@@ -37,30 +37,31 @@ class Row(PointKey):
     """A point as ``ber.csv`` states it; the fields are the file's columns, in order.
 
     Args:
-        frames: frames decoded.
-        bits: bits sent in them.
+        frames: decoded frames.
+        bits: bits in them.
         bit_errors: wrong bits, a multiple of one half.
         ber: bit error rate.
-        ber_low: lower end of its 95 % interval; 0 where there were no errors.
-        ber_high: upper end; where there were no errors, the one-sided 95 % limit.
+        ber_low: lower end of the 95 % interval; 0 without errors.
+        ber_high: upper end of the 95 % interval; without errors a one-sided 95 % limit.
         frame_errors: frames with a wrong bit.
         panels_missed: frames whose panel was not found.
-        stopped_by: why no more frames were run.
-        trainings: how often the receiver was trained; all before this is of the first training, which is the
-            one that is kept.
-        ber_mean: mean rate of all trainings; None, as all that follows, after a single one.
-        ber_sd: standard deviation of the rate from one training to the next, on these frames.
-        ber_best: the lowest rate of a training.
-        ber_worst: the highest.
-        algorithm_low: lower end of the 95 % interval of the algorithm's rate, over trainings and frames.
-        algorithm_high: upper end; where no training made an error, the one-sided 95 % limit.
-        method: ``counting``, or ``rare``: frames were drawn where errors are expected, and weighed.
-        effective_frames: of ``rare``, how many counted frames would tell the rate as well.
-        unseen_below: of ``rare``, the share of frames below which a kind of wrong frame that was not sought
-            may have gone unseen (95 %).
-        location_share: share of the wrong bits in frames whose panel was missed, or has a corner more than a
-            quarter of a cell off; None at the true corners, without errors, and for ``rare``. It is near 1
-            whatever the cause where most frames are so far off, as with ``paper``.
+        stopped_by: why counting stopped.
+        trainings: number of trainings. All columns before this one are of the first training, which is
+            saved.
+        ber_mean: mean BER of all trainings; empty after a single training, as all ``ber_*`` and
+            ``algorithm_*`` below.
+        ber_sd: standard deviation of the BER between trainings, on these frames.
+        ber_best: lowest BER of a training.
+        ber_worst: highest BER of a training.
+        algorithm_low: lower end of the 95 % interval of the algorithm's BER, over trainings and frames.
+        algorithm_high: upper end of that interval; without errors a one-sided 95 % limit.
+        method: ``counting``, or ``rare`` for importance sampling.
+        effective_frames: for ``rare``: counted frames that give an equal interval.
+        unseen_below: for ``rare``: kinds of wrong frames that are rarer than this share may be missing (95
+            %).
+        location_share: share of the wrong bits in frames whose panel was missed or has a corner more than a
+            quarter of a cell off; empty at true corners, without errors, and for ``rare``. If most frames
+            are so far off, as with ``paper``, it is near 1 whatever the cause.
 
     Raises:
         VoccError: a value that is not finite, or rates out of order.

@@ -14,13 +14,13 @@ class LocatorLimits:
     """The limits of the paper's locator, which are the keys of ``receiver.location``.
 
     Args:
-        closing_px: side of the closing's square, px, odd, 1 to 65535; 1.5 times the greatest LED pitch
-            expected at level 0.
-        min_area_px: least area of a closed blob, px^2, at least 1.
-        min_rectangularity: least share of its rectangle that a blob fills, 0 to 1.
-        min_compactness: least compactness of a blob, 0 to 1; discs have 0.785 to 0.805, square panels of
-            random bits more than 0.82.
-        quadrilateral: ``min_area``, the minimum-area rectangle, or ``upright``, the bounding box.
+        closing_px: side of the closing square, px, odd, 1 to 65535; at full resolution 1.5 times the
+            largest LED pitch.
+        min_area_px: smallest area of a closed blob, px^2, at least 1.
+        min_rectangularity: smallest share of its rectangle that a blob fills, 0 to 1.
+        min_compactness: smallest compactness of a blob, 0 to 1. Discs have 0.785 to 0.805, square panels of
+            random bits above 0.82.
+        quadrilateral: ``min_area`` (rectangle of least area) or ``upright`` (bounding box).
 
     Raises:
         VoccError: a value outside its range.

@@ -10,18 +10,17 @@ MOST_FRAMES = 256
 
 @dataclass
 class CalibrateConfig:
-    """What ``task=calibrate`` looks at, and what a recording cannot tell.
+    """What ``task=calibrate`` fits, and values that a recording does not contain.
 
     Args:
         channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``, ``green``
             or ``blue``.
-        frames: frames that are fitted, at most, 2 to 256, spread evenly over the recording; all are read.
-        bits: an array .npy (N,R,C) of bool, what the panel showed in frame 0, 1, ..., which may be all On or
-            all Off; null decides the bits from the frames.
-        ambient_lx: illuminance of the ambient light, lx, by a light meter; null takes what the photon
-            transfer curve and ``quantum_efficiency`` say.
-        fps: frames a second, above 0 and at most 1e6, for the symbols' times; null takes a video's own times.
-        quantum_efficiency: of the sensor, above 0 and at most 1, for the illuminance where that is null.
+        frames: most frames to fit, 2 to 256, spread evenly over the recording.
+        bits: known bits of each frame, an .npy file of bool (N,R,C); null decides the bits from the frames.
+        ambient_lx: illuminance by ambient light, lx, from a light meter; null estimates it from the noise
+            and ``quantum_efficiency``.
+        fps: frames per second, above 0 and at most 1e6; null takes the film's time stamps.
+        quantum_efficiency: of the sensor, above 0 and at most 1; used if ``ambient_lx`` is null.
 
     Raises:
         VoccError: an unknown channel, or a number out of its range.

@@ -26,8 +26,8 @@ class TransmitConfig(Signalling):
     """How ``task=transmit`` writes a message, and the film that it makes.
 
     Args:
-        repeats: how often the message is shown, 1 to 1000.
-        cell_px: side of an LED's cell in the film, px, 1 to 256.
+        repeats: how many times the message is shown, 1 to 1000.
+        cell_px: side of an LED cell in the film, px, 1 to 256.
     """
 
     repeats: int = 1
@@ -42,21 +42,21 @@ class TransmitConfig(Signalling):
 
 @dataclass
 class RecordConfig:
-    """The camera's time in ``task=record``.
+    """The simulated camera of ``task=record``.
 
     Args:
-        fps: frames a second, above 0 to 1e6.
-        drift: share by which the panel's clock is slower than it says, -0.1 to 0.1.
-        start_s: when the first frame is taken, s from the film's begin, at least 0; null draws it within a
+        fps: frames per second, above 0 to 1e6.
+        drift: relative error of the panel's clock, positive if it is slow, -0.1 to 0.1.
+        start_s: time of the first frame after the film's start, s, at least 0; null draws it within a
             symbol.
-        readout_s: from the first row's exposure to the last row's, s, above 0 to 1.
-        dropped: chance that a frame is lost, 0 to below 1.
-        burst_frames: frames that are lost in a row, 1 to 10,000.
-        repeated: chance that a frame is the one before it once more, 0 to below 1.
-        black: chance that a frame is black, 0 to below 1.
-        speed_m_s: by which the distance grows, m/s.
-        margin: with framing=crop, how many times the panel's surroundings are recorded, 1 to 100.
-        quality: of the film, x264's rate factor from 0 (lossless) to 51.
+        readout_s: rolling shutter: time from the first row's exposure to the last row's, s, above 0 to 1.
+        dropped: probability that a frame is lost, 0 to below 1.
+        burst_frames: consecutive frames per loss, 1 to 10,000.
+        repeated: probability that a frame repeats the previous one, 0 to below 1.
+        black: probability that a frame is black, 0 to below 1.
+        speed_m_s: speed at which the panel moves away, m/s.
+        margin: with framing=crop: recorded size in units of the panel's surroundings, 1 to 100.
+        quality: x264 rate factor of the film, 0 (lossless) to 51.
 
     Raises:
         VoccError: a value out of its range.
@@ -98,15 +98,15 @@ class ReceiveConfig:
     """How ``task=receive`` reads a recording.
 
     Args:
-        plan: the plan that task=transmit wrote; null takes the plan.yaml beside the input.
-        fps: frames a second; null takes the video's times, and without them the camera is taken to be faster
-            than the panel.
-        locate_every: look for the panel in each so manieth frame, 1 to 10000.
-        follow: ``auto``: the panel is followed from frame to frame from where it is seen to move; ``true``:
-            always; ``false``: it is looked for now and then alone.
+        plan: the plan.yaml of task=transmit; null takes the one beside the input.
+        fps: frames per second; null takes the film's time stamps. Without time stamps the camera must be
+            faster than the panel.
+        locate_every: locate the panel in every n-th frame, 1 to 10000.
+        follow: follow the panel from frame to frame: ``auto`` if it moves, ``true`` always, ``false``
+            never.
         channel: how colour becomes grey: ``luma``, ``max``, ``red``, ``green`` or ``blue``.
-        soft: soft values: ``scores`` (the receiver's own), ``calibrated`` (log-likelihood ratios) or
-            ``hard``.
+        soft: soft values: ``scores`` of the receiver, ``calibrated`` log-likelihood ratios, or ``hard``
+            bits.
 
     Raises:
         VoccError: a value out of its range.
@@ -145,16 +145,16 @@ class MessagesConfig:
     """How far messages carry: what ``task=messages`` varies, and what it sends.
 
     Args:
-        distance_m: distances of the panel, m, ascending; none leaves the axis out.
-        ambient_lx: illuminances of the ambient light, lx, ascending; none leaves the axis out.
-        ratio: frames of the camera a symbol, 1.5 to 100, ascending; none leaves the axis out.
-        at_distance_m: the distance where something else is varied, m.
-        at_ratio: the ratio where something else is varied.
-        codes: those compared: ``none``, or rs or ldpc with a rate, such as ldpc-0.5.
-        recordings: recordings of a point, each of a scene of its own, at least 2.
-        blocks: blocks in a recording, 1 to 1000.
-        signalling: how symbols are written, but for the code.
-        record: the camera's time, but for its rate.
+        distance_m: distances of the panel, m, ascending; [] leaves them out.
+        ambient_lx: illuminances by ambient light, lx, ascending; [] leaves them out.
+        ratio: camera frames per symbol, 1.5 to 100, ascending; [] leaves them out.
+        at_distance_m: distance while another quantity varies, m.
+        at_ratio: frames per symbol while another quantity varies.
+        codes: codes to compare: none, or rs or ldpc with a rate, such as ldpc-0.5.
+        recordings: recordings per point, each of another scene, at least 2.
+        blocks: blocks per recording, 1 to 1000.
+        signalling: how symbols are written, without the code.
+        record: the camera, without its frame rate.
 
     Raises:
         VoccError: a value out of its range.

@@ -29,17 +29,15 @@ class Signalling:
     """How a message is written on the panel, symbol by symbol.
 
     Args:
-        symbol_rate_hz: symbols a second, above 0 to 1e6.
-        code: ``rs`` (Reed-Solomon, by reedsolo), ``ldpc`` (5G LDPC on soft values, by sionna-no-rt) or
-            ``none``.
-        code_rate: share of a packet's code word that is information, above 0 and below 1; with ``none`` it
-            has no effect.
-        block_symbols: symbols in a block, over which packets are interleaved: 32, 64, 128 or 256.
-        bands: bands of rows with a clock cell each, at least 1 and at most the panel's rows.
-        sync_cells: cells that say where in its block a symbol stands, at least 1.
-        anchors: whether the four corner LEDs are always On, for location.
-        interleave: whether a packet is spread over its whole block in time and over the whole panel.
-        scramble: whether packets are made to look random, so that any text has random transitions.
+        symbol_rate_hz: symbols per second, above 0 to 1e6.
+        code: ``rs`` (Reed-Solomon), ``ldpc`` (5G LDPC on soft values) or ``none``.
+        code_rate: information bits over all bits of a packet, above 0 and below 1; unused with ``none``.
+        block_symbols: symbols per block: 32, 64, 128 or 256. Packets are interleaved within a block.
+        bands: bands of rows, each with a clock cell, 1 to the panel's rows.
+        sync_cells: known cells that mark a symbol's place in its block, at least 1.
+        anchors: keep the four corner LEDs On, for location.
+        interleave: spread each packet over its block and over the panel.
+        scramble: scramble packets, so that any text has random transitions.
 
     Raises:
         VoccError: a value out of its range.

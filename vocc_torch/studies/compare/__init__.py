@@ -8,14 +8,15 @@ from vocc_torch.measure.config import Experiment, SceneSettings, demand_file_wor
 
 @dataclass
 class TradeoffConfig:
-    """What ``task=tradeoff`` compares, and how times are taken.
+    """What ``task=tradeoff`` compares, and how it is timed.
 
     Args:
-        locators: what finds the panel; every receiver is measured with each.
-        batch_sizes: frames at a time.
-        frames: what is handed to the receiver while times are taken: ``whole`` frames or ``crops``.
-        repeats: timed rounds, at least 1; small batches have more, so that all meet as many frames.
-        threads: threads within an operation while times are taken; 0 for torch's own choice.
+        locators: locators; every receiver is measured with each.
+        batch_sizes: frames per call.
+        frames: what is timed: ``whole`` frames or ``crops``.
+        repeats: timed rounds, at least 1. Small batches have more rounds, so that all see equally many
+            frames.
+        threads: torch's threads during timing; 0 is torch's choice.
     """
 
     locators: list[str] = field(default_factory=list)
@@ -34,8 +35,8 @@ class RivalsConfig:
         reference: the receiver that the others are compared with.
         points: a value of an experiment's axis that the table states, by experiment.
         scenes: other scenes by name.
-        scene_frames: test frames for each pair of scenes; 0 for no pairs.
-        scene_training_frames: most frames that a receiver learns from there, at least 2.
+        scene_frames: test frames for each pair of training and test scene; 0 leaves pairs out.
+        scene_training_frames: most training frames in these scenes, at least 2.
 
     Raises:
         VoccError: a name that is no word.
@@ -73,12 +74,13 @@ class EffectsConfig:
     """What ``task=effects`` looks at: see :class:`vocc_torch.studies.compare.effect_plan.EffectStudy`.
 
     Args:
-        names: some of the effects; all by default.
-        located_frames: frames with the paper's locator where an effect fills the sensor; 0 leaves it out.
-        severity_frames: frames at each severity, true corners; 0 leaves the severities out.
+        names: effects to measure; [] measures all.
+        located_frames: frames with the locator ``paper`` if an effect fills the sensor; 0 leaves the
+            locator out.
+        severity_frames: frames per severity, at true corners; 0 leaves severities out.
         repeats: timed rounds, at least 1.
-        parts: what is added: by an effect's name, it with what it needs.
-        severity: by an effect's name, the parameter along which it becomes harsher.
+        parts: what is added for each effect: the effect and those that it needs.
+        severity: the parameter that makes each effect more severe, and its values.
     """
 
     names: list[str] = field(default_factory=list)

@@ -17,19 +17,17 @@ class DecodeConfig:
 
     Args:
         channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``,
-            ``green``, ``blue``, ``auto``: the channel or mix that the first frames are read best in, or
-            ``unmix``: three colours sent at once on one panel, each read by itself.
-        annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
-        scale: enlarge annotated pictures by this whole number, 1 to 16.
-        most: panels that are read in a frame, at most, 1 to 64; more than one only with the detector,
-            or one from outside that finds several.
-        follow: whether the panel is followed from frame to frame, with a full search only now and then:
-            ``true`` for a recording in order, ``auto`` for videos alone, ``false`` where each frame stands
-            for itself; null follows in a live source alone.
-        turn: clockwise angle by which each frame is turned before it is read, 0, 90, 180 or 270 degrees, for
-            a panel that does not hang upright.
-        mirror: whether left and right are then exchanged, for a panel that is seen in a mirror.
-        show: whether a viewer shows each frame with corners and bits while it is read (extra ``viewer``).
+            ``green``, ``blue``, ``auto`` (the channel or mix with the best margins in the first frames), or
+            ``unmix`` (three colours that one panel sends at once).
+        annotate: write each picture with corners and bits drawn in; not for films.
+        scale: enlarge these pictures by a whole number, 1 to 16.
+        most: most panels per frame, 1 to 64. More than 1 needs a locator that finds several, such as the
+            detector.
+        follow: follow the panel from frame to frame and search the whole frame only now and then: ``true``
+            always, ``auto`` in films, ``false`` never. Null follows in live sources only.
+        turn: turn each frame clockwise before reading, 0, 90, 180 or 270 degrees.
+        mirror: exchange left and right after turning.
+        show: show each frame with corners and bits while it is read (extra ``viewer``).
 
     Raises:
         VoccError: an unknown channel, a number out of its range, or another word for ``follow``.

@@ -13,11 +13,11 @@ class ExportConfig:
     """What ``task=export`` writes.
 
     Args:
-        points: ``train`` writes the scenes that a receiver trains on, ``test`` those of each value of the
+        points: ``train`` exports the training frames, ``test`` the test frames at each value of the
             experiment.
-        frames: how many of each point, 1 to 10000000.
-        shard_frames: frames in a folder, a multiple of 64 from 64 to 8192; a killed run begins those that
-            were under way again.
+        frames: frames per point, 1 to 10000000.
+        shard_frames: frames per folder, a multiple of 64, 64 to 8192. A resumed run renders unfinished
+            folders again.
 
     Raises:
         VoccError: a value out of its range.

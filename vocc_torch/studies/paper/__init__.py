@@ -10,10 +10,10 @@ class FiguresConfig:
     """What ``task=figures`` makes.
 
     Args:
-        names: some of the figures, such as fig22; all by default.
-        readings: of what the paper leaves open: names of ``readings.yaml``, and files of the same form; the
-            first is reported in full.
-        experiments: the error rates that are measured, by name.
+        names: figures to make, such as [fig22]; [] makes all.
+        readings: readings of what the paper leaves open, by name or as a YAML file; the first is reported
+            in full.
+        experiments: the measured error rates, by name.
     """
 
     names: list[str] = field(default_factory=list)

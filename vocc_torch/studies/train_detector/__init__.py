@@ -10,14 +10,14 @@ MOST = 1_000_000
 
 @dataclass
 class TrainDetectorConfig:
-    """How much the detector's networks see.
+    """How long the detector's networks are trained.
 
     Args:
-        rounds: rounds of 208 rendered frames, at least 1: of streets with and without a panel, and of a plain scene.
+        rounds: rounds of 208 rendered frames of streets and of a plain scene, at least 1.
         scout_steps: steps of the scout's training, at least 1.
         judge_steps: steps of the judge's training, at least 1.
         placer_steps: steps of the placer's training, at least 1.
-        batch: 1 for batches of 64, 128 and 156 pictures; larger ones by as much, and as many more mined frames.
+        batch: multiple of the batch sizes 64, 128 and 156, and of the mined frames, at least 1.
 
     Raises:
         VoccError: a number out of its range.
