@@ -373,7 +373,7 @@ def test_help_describes_keys_and_lists_what_is_there_by_name_and_needs_no_torch(
     for key in ("seed:", "focal_length_mm:", "sigma_px:", "training_frames:"):
         assert key in text
     assert "# most test frames per point, at least 1\n  frames: 1024" in text
-    assert "# side of the closing's square" in text
+    assert "# side of the closing square" in text
     effects = tuple(kind.name for kind in PHYSICAL_ORDER)
     known = {"Effects": effects, "Receivers": RECEIVER_NAMES, "Locators": OWN_LOCATORS}
     assert {what: tuple(names.split(", ")) for what, names in NAMES.items()} == known
