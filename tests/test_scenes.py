@@ -155,7 +155,7 @@ def test_an_own_scene_is_a_yaml_of_ten_lines(app, tmp_path):
 
 def test_a_test_beyond_the_scene_is_said():
     (said, *_) = strangers(plan_of("scene=night", "experiment.values=[4000]"))
-    wanted = "note: this tests ambient_lx from 4000 to 4000, and the receiver trains on 1 to 50;"
+    wanted = "note: the test has ambient_lx from 4000 to 4000, training has 1 to 50;"
     assert said.startswith(wanted)
     assert (
         strangers(plan_of("scene=night", "experiment=scenes", "experiment.values=[40]"))

@@ -392,7 +392,7 @@ def measure(
     return Table(sweep.curves_of(experiment, axis, keys, outcomes))
 
 
-OWN = "own"
+OWN = "of each receiver"
 """What the table calls the locator of each receiver."""
 
 

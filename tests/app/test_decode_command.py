@@ -111,11 +111,11 @@ def test_where_nothing_is_sure_what_to_give_is_said_and_is_enough(
     bits, shape = truth_of(photo, FAR)
     few = (*shape, "budget.training_frames=16", "decode.annotate=false")
     Image.new("L", (640, 480), 90).save(tmp_path / "flat.png")
-    with pytest.raises(VoccError, match="no place looks like one surely enough"):
+    with pytest.raises(VoccError, match="no candidate is sure enough"):
         decode("flat.png", *few)
     with pytest.raises(
         VoccError,
-        match="no panel of 4 x 4 LEDs in 1 of 1 frames: at the likeliest place",
+        match="no panel of 4 x 4 LEDs in 1 of 1 frames: the best candidate",
     ) as said:
         decode(photo.parent / FAR, *few, "receiver.false_alarms=1e-5")
     word = re.search(r"give (receiver\.false_alarms=\S+)", str(said.value))[1]

@@ -117,9 +117,7 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
         finally:
             run.kill()
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
-    assert out.endswith(
-        "interrupted: the same command with name=two goes on from there\n"
-    )
+    assert out.endswith("interrupted: the same command with name=two resumes\n")
     # What had been counted stays.
     left = {
         path.relative_to(stand_in / "runs").as_posix()

@@ -175,7 +175,7 @@ def test_workers_end_with_a_killed_parent_and_an_interrupted_run_says_how_to_go_
         "vocc-torch: interrupted\n",
     )
     assert interrupted["out"].endswith(
-        "interrupted: the same command with name=x goes on from there\n"
+        "interrupted: the same command with name=x resumes\n"
     )
     known = len(killed["rows"])
     where = lives["cwd"] / "runs" / "x" / "ledger.sqlite"

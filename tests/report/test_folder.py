@@ -13,5 +13,5 @@ def test_every_place_is_a_line_and_the_board_a_command_and_an_address():
     print_places(console, Path("runs/a b"), [("table", "ber.csv")], board=True)
     table, command, address = console.file.getvalue().splitlines()
     assert table == "table     runs/a b/ber.csv"
-    assert command == "board     tensorboard --logdir 'runs/a b/tensorboard'"
+    assert command == "dashboard tensorboard --logdir 'runs/a b/tensorboard'"
     assert address.strip().startswith("http://127.0.0.1:6006/")

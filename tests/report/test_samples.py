@@ -49,8 +49,8 @@ def test_a_dozen_scenes_stand_on_the_page(make_plan, tmp_path, monkeypatch):
         assert 60 < np.median(pixels) < 130  # the background
         assert " m, ambient " in axes.get_xlabel()
     names = [axes.get_title(loc="left") for axes in figure.axes]
-    assert names[0] == "What a receiver trains on"
-    assert names[6].startswith("What is tested: ")
+    assert names[0] == "Training frames"
+    assert names[6].startswith("Test frames: ")
 
 
 def test_a_wide_panel_leaves_no_empty_band(make_plan):

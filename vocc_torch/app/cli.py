@@ -268,7 +268,7 @@ def run_jobs(jobs: Jobs) -> int:
         return 1  # whoever read the output has gone, which is no mistake
     except KeyboardInterrupt:
         if (name := jobs.to_go_on()) is not None:
-            print(f"interrupted: the same command with name={name} goes on from there")
+            print(f"interrupted: the same command with name={name} resumes")
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
     except Exception as error:

@@ -82,9 +82,7 @@ class AppConfig(Settings):
         )
         if finds and self.receiver.locator == "truth":
             finders = "paper, refined or detector"
-            rule = (
-                f"{finders} for task={self.task}: a recording does not tell its corners"
-            )
+            rule = f"{finders} for task={self.task}: a recording has no true corners"
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
 

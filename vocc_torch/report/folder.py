@@ -69,7 +69,7 @@ def print_places(
     lines = [f"{kind:<9} {printable(str(folder / name))}" for kind, name in places]
     if board:
         command, address = board_hint(folder / "tensorboard").splitlines()
-        lines += [f"{'board':<9} {printable(command)}", f"{'':<9} {address}"]
+        lines += [f"{'dashboard':<9} {printable(command)}", f"{'':<9} {address}"]
     say(console, *lines)
 
 

@@ -174,7 +174,7 @@ def dimming_figure(
         maps,
         title,
         (
-            f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: cannot be told from it (95 %)"
+            f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: not distinguishable from it (95 %)"
             f" \N{MIDDLE DOT} pale: no errors, limit"
         ),
         2,

@@ -575,9 +575,9 @@ def interval_note(rows: Iterable[Row]) -> str:
     rows, note = list(rows), "bars: 95 % intervals over frames"
     trainings = max((row.trainings for row in rows), default=1)
     if trainings > 1:
-        note += f" of the first training \N{MIDDLE DOT} pale, with the mean: over {trainings} trainings"
+        note += f" of the first training \N{MIDDLE DOT} pale: mean and interval over {trainings} trainings"
     if any(row.error_free for row in rows):
-        note += " \N{MIDDLE DOT} arrows: no error, the rate is below this (95 %)"
+        note += " \N{MIDDLE DOT} arrows: no errors, 95 % upper limit"
     return note
 
 

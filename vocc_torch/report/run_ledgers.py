@@ -75,7 +75,7 @@ def resumable(
             if isinstance(error, KeyboardInterrupt):
                 say(
                     console,
-                    f"interrupted: the same command with name={settings.name} goes on from there",
+                    f"interrupted: the same command with name={settings.name} resumes",
                 )
         else:
             for name in (CONFIG, SAMPLES):

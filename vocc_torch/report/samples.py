@@ -89,8 +89,8 @@ def write_samples(
         VoccError: the file cannot be written.
     """
     heads = {
-        "train": "What a receiver trains on",
-        "test": f"What is tested: {plan.experiment.name}",
+        "train": "Training frames",
+        "test": f"Test frames: {plan.experiment.name}",
     }
     simulator = replace(plan.world, framing="crop").simulator()
     most = SETTINGS.most // len(kinds)

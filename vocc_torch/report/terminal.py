@@ -264,9 +264,7 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
         if training.missed
         else ""
     )
-    repeated = (
-        f", and {often - 1} more times on as many of their own" if often > 1 else ""
-    )
+    repeated = f", in {often} independent trainings" if often > 1 else ""
     view.say(f"trained on {training.frames} frames{missed}{repeated}")
     for name, cost in training.costs.items():
         if cost.frames:

@@ -399,5 +399,5 @@ def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) 
         key = "BER: each job's lowest and highest point"
         free = any(row.error_free for table in tables for row in table)
         console.print(
-            Text(key + "; <: no error seen, rate below this (95 %)" * free, style="dim")
+            Text(key + "; <: no errors, 95 % upper limit" * free, style="dim")
         )

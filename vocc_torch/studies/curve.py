@@ -222,7 +222,7 @@ def interrupted_keeps(path: Path | None, view: terminal.StudyView) -> Iterator[N
 def kept(plan: Plan) -> str:
     """Say which receiver is kept, and how it looks for panels."""
     if (locator := plan.receiver.locator) == "truth":
-        rule = "the locator paper, for a recording tells no corners"
+        rule = "the locator paper: a recording has no true corners"
         return f"receiver.pt holds {plan.receiver.save} with {rule}"
     return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
 
@@ -240,9 +240,11 @@ def strangers(plan: Plan) -> list[str]:
         )
         low, high, (least, most) = min(lows), max(highs), getattr(trained, name).bounds
         if low < least or high > most:
-            beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
+            beyond = (
+                f"{name} from {low:g} to {high:g}, training has {least:g} to {most:g}"
+            )
             lines.append(
-                f"note: this tests {beyond}; experiment=scenes keeps the scene's own"
+                f"note: the test has {beyond}; experiment=scenes tests the scene's own values"
             )
     return lines
 
@@ -351,10 +353,12 @@ def location_note(curves: curve.Curves) -> list[str]:
         1 - share
     ):  # then they are hardly worse than the other frames
         return []
-    remedy = "refined" if curves.locator == "paper" else "truth, to see the rest"
-    share_text = (
-        f"{100 * frames:.1f} % of the frames, located over a quarter of a cell off"
+    remedy = (
+        "refined"
+        if curves.locator == "paper"
+        else "truth, to see decision errors alone"
     )
+    share_text = f"the {100 * frames:.1f} % of the frames with corners over a quarter of a cell off"
     return [
         f"{100 * share:.0f} % of {best}'s wrong bits are in {share_text}: try receiver.locator={remedy}"
     ]
@@ -430,7 +434,7 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
             for word, values in places.items()
             if values
         ]
-        lines.append(f"  {name}: {'; '.join(parts) or 'no difference shown'}")
+        lines.append(f"  {name}: {'; '.join(parts) or 'no difference found'}")
     same = (
         "the same frames, training by training" if curves.trained else "the same frames"
     )

@@ -141,8 +141,7 @@ def test_the_first_payload_of_a_packet_stays_and_a_contradiction_is_reported(tmp
     write_messages(assembly, tmp_path)
     assert (tmp_path / "message.bin").read_bytes() == TEXT
     assert list(doubts(assembly)) == [
-        "1 packets have other content than the first packet of the same message and number: "
-        "they were passed over"
+        "1 packets contradict the first packet of the same message and number: they are ignored"
     ]
 
 

@@ -1,4 +1,4 @@
-"""Receivers in scenes that they did not learn in: what each learns from there."""
+"""Receivers in scenes without training: what each learns from there."""
 
 from dataclasses import replace
 

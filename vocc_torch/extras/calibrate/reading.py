@@ -66,11 +66,11 @@ class Footage:
         if count < 4:
             said.append(
                 f"{count} frame{'s' * (count > 1)} with the panel: "
-                "noise and what moves cannot be told; give a recording"
+                "noise and motion cannot be estimated; give a recording"
             )
         if count < self.looked / 2:
             said.append(
-                f"the panel was found in {count} of {self.looked} frames: the scene is of these only"
+                f"the panel was found in {count} of {self.looked} frames: the scene describes only these"
             )
         return said
 

@@ -185,7 +185,7 @@ class Findings:
         """Note a value; without an interval where it hangs on a gamma that the recording does not tell."""
         if value.key in WORDS["by_gamma"] and self.loose:
             note = "; ".join(
-                filter(None, (value.note, "no interval: gamma is not told"))
+                filter(None, (value.note, "no interval: gamma is not determined"))
             )
             value = value._replace(deviation=math.nan, note=note)
         self.values.append(value)

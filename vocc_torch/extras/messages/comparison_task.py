@@ -148,7 +148,7 @@ def summary(results: Sequence[Carried]) -> Iterator[str]:
             f" by {' '.join(result.variant)}; raw bit error rate {rate_text(result.raw.ber)}"
         )
     if false := sum(result.false for result in results):
-        yield f"{false} packets have a right checksum and nobody sent them"
+        yield f"{false} packets with a right checksum were never sent"
 
 
 def figure_of(results: Sequence[Carried]) -> plots.Figure:

@@ -201,8 +201,8 @@ def doubts(assembly: Assembly) -> Iterator[str]:
     """Say where packets contradict each other, or belong to messages that are not written."""
     if assembly.contradictions:
         yield (
-            f"{assembly.contradictions} packets have "
-            "other content than the first packet of the same message and number: they were passed over"
+            f"{assembly.contradictions} packets contradict "
+            "the first packet of the same message and number: they are ignored"
         )
     complete = sum(message.complete for message in assembly.messages)
     if complete and complete < len(assembly.messages):

@@ -73,7 +73,7 @@ def costs(plan: MessagePlan) -> list[str]:
 
     Example:
         >>> print(costs(MessagePlan(PanelShape(8, 8), Signalling(code="none")))[-1])
-        left for the message: 78.1 %
+        78.1 % of the cells: the message
     """
     layout, options = Layout(plan), plan.signalling
     code, words = code_of(layout), layout.packets * layout.word_bits
@@ -89,9 +89,10 @@ def costs(plan: MessagePlan) -> list[str]:
         * layout.packets
         * OVERHEAD_BYTES
         / cells,
-        "left for the message": 8
-        * layout.packets
-        * payload_bytes(code.info_bytes)
-        / cells,
+        "the message": 8 * layout.packets * payload_bytes(code.info_bytes) / cells,
     }
-    return [f"{name}: {100 * share:.1f} %" for name, share in shares.items() if share]
+    return [
+        f"{100 * share:.1f} % of the cells: {name}"
+        for name, share in shares.items()
+        if share
+    ]

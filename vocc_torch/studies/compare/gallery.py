@@ -43,7 +43,7 @@ def gallery_figure(study: EffectStudy) -> Figure:
     note = f"{study.model.nearest_m:g} m, {light}; difference: from the scene, enlarged"
     width, height = GALLERY.cell_in
     size = max(7.0, width * len(layout[0])), 1.2 + height * len(layout)
-    title = "One panel under each effect, at its harshest"
+    title = "One panel under each effect, at its strongest"
     figure, axes = plots.sheet(layout, size, title, note)
     for place, (name, picture) in enumerate(pictures.items()):
         axes[place].imshow(

@@ -91,10 +91,10 @@ def scenes_figure(comparison: ReceiverComparison) -> Figure:
         maps.append(heatmap.Matrix(rates, texts, labels, shown, title))
     note = (
         f"{transfers[0].counts.frames} test frames a pair \N{MIDDLE DOT} pale: no errors, 95 % limit"
-        " \N{MIDDLE DOT} below a rate: over that of the same receiver trained on the scenes of the test, on"
-        " the same frames, where a paired 95 % interval tells them apart"
+        " \N{MIDDLE DOT} second line: ratio to the same receiver trained on the test scenes, if its paired"
+        " 95 % interval excludes 1"
     )
-    title = "Receivers in scenes that they did not learn in"
+    title = "Receivers in scenes without training"
     return heatmap.matrix_figure(maps, title, note, len(maps))[0]
 
 

@@ -98,15 +98,15 @@ class Reading:
     @property
     def judged(self) -> str:
         """How sure the reading is, in words."""
-        doubt = ", which may be no panel" if self.is_doubtful else ""
-        doubt += ", of one level of light" * self.one_level
+        doubt = ", may be no panel" if self.is_doubtful else ""
+        doubt += ", LEDs look alike" * self.one_level
         others = (
             f"; {self.candidates} blobs could have been the panel"
             if self.candidates > 1
             else ""
         )
         if not math.isnan(self.false_alarms):
-            others = f"; {self.false_alarms:.2g} false alarms expected in a frame without a panel"
+            others = f"; {self.false_alarms:.2g} false alarms expected per frame without a panel"
         return f"{self.place}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
 
     def row(self) -> list[str]:

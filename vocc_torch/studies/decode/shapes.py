@@ -52,9 +52,13 @@ class ShapeChoice(NamedTuple):
         first, second = (
             f"{one.rows} x {one.columns}" for one in (self.shape, self.rival)
         )
-        rates = f"{self.false_alarms:.2g} false alarms expected, and {self.rival_alarms:.2g} for {second}"
-        sure = "sure" if self.is_sure else "not sure, give panel.rows and panel.columns"
-        return f"panel {first}, {sure}: {rates}"
+        rate, rival = f"{self.false_alarms:.2g}", f"{self.rival_alarms:.2g}"
+        if self.is_sure:
+            return f"panel is {first}: {rate} expected false alarms, next {second} with {rival}"
+        return (
+            f"panel may be {first} ({rate} expected false alarms) or {second} ({rival}): "
+            "give panel.rows and panel.columns"
+        )
 
 
 def find_shape(

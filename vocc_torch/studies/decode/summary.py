@@ -122,33 +122,35 @@ class Summary:
                 ["see receiver.location for the locator's limits", *tries]
             )
         tries += [
-            "receiver=recommended for one bright panel that is surely there"
+            "receiver=recommended if one bright panel is surely there"
         ] * is_trained
         expected, frames = self.least_alarms * self.frames, self.frames
         if not expected < BY_CHANCE or not is_adjustable(receiver.locator):
             tries = ["check panel.rows and panel.columns", *tries]
-            return "no place looks like one surely enough: " + ", or try ".join(tries)
+            return "no candidate is sure enough: " + ", or try ".join(tries)
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
         enough = (
             f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
         )
-        told = f"{self.least_alarms:.2g} false alarms are expected in a frame without a panel"
-        told += f", {expected:.2g} in {frames}" * (frames > 1)
+        told = (
+            f"{self.least_alarms:.2g} expected false alarms per frame without a panel"
+        )
+        told += f" ({expected:.2g} in {frames} frames)" * (frames > 1)
         sized = (
             f"if the panel has {receiver.shape.rows} x {receiver.shape.columns} LEDs"
         )
-        return f"at the likeliest place, in {self.likeliest}, {told}: give {enough} to have it read, {sized}"
+        return f"the best candidate, in {self.likeliest}, has {told}; {enough} accepts it, {sized}"
 
     def warn(self, receiver: Receiver) -> None:
         """Warn of what makes the bits doubtful."""
         if self.doubtful:
-            look = "look where it was found, at panel_score and at margin before you believe the bits"
+            look = "check its place, panel_score and margin before you trust the bits"
             warnings.warn(
                 f"{self.doubtful} of {self.counted} may show no panel: {look}",
                 stacklevel=2,
             )
         if self.alike:
-            look = "where all are On or all Off, their bits mean nothing"
+            look = "if all are On or all Off, their bits mean nothing"
             warnings.warn(
                 f"LEDs look alike in {self.alike} of {self.counted}: {look}",
                 stacklevel=2,
@@ -156,10 +158,10 @@ class Summary:
         if self.strange:
             learned = receiver.trained_on
             below = "; ".join(
-                f"{name} {value:.3g}, not {learned[name][0]:.3g} at least"
+                f"{name} {value:.3g}, in training at least {learned[name][0]:.3g}"
                 for name, value in self.unlike.items()
             )
-            which = f"{self.strange} of {self.counted} are harder than what {receiver.name} learned from"
+            which = f"{self.strange} of {self.counted} are harder than the training frames of {receiver.name}"
             warnings.warn(
                 f"{which} ({below}): expected_errors may be too low", stacklevel=2
             )

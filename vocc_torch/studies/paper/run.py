@@ -96,7 +96,7 @@ def measure(
             view.advance(study.key, frames)
 
         def finished(study: sweep.Study, _: sweep.Measured) -> None:
-            view.say(f"{study.key} is measured")
+            view.say(f"measured {study.key}")
 
         campaign = sweep.run_campaign(
             ordered, pool, opened, advance=advance, finished=finished
