@@ -93,6 +93,7 @@ class Distribution:
         )
         if len(self.values) != expected or not all(map(_is_finite, self.values)):
             raise VoccError(f"{shown} must have {expected} finite values")
+        object.__setattr__(self, "values", tuple(map(float, self.values)))
         if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
             raise VoccError(f"{shown}: low must not exceed high")
         if self.kind == "log_uniform" and self.values[0] <= 0:
@@ -106,29 +107,12 @@ class Distribution:
     def parse(cls, spec: float | Sequence[object], name: str) -> Self:
         """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
         allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
-        refused = f"scene.{name} is {spec!r}: it must be {allowed}"
-        words = (
-            [spec]
-            if isinstance(spec, str) or not isinstance(spec, Sequence)
-            else list(spec)
-        )
-        kind = (
-            words.pop(0)
-            if words and words[0] in KINDS and len(words) > 1
-            else "constant"
-        )
-        if not all(map(_is_finite, words)):
-            raise VoccError(refused)
-        values = tuple(float(word) for word in words if isinstance(word, int | float))
-        if (
-            isinstance(spec, Sequence)
-            and kind == "constant"
-            and spec[:1] != ["constant"]
-        ):
-            raise VoccError(refused)
+        is_list = isinstance(spec, Sequence) and not isinstance(spec, str)
+        words: Any = spec if is_list and spec else ["constant", spec]
         try:
-            return cls(kind, values)  # type: ignore[arg-type]  # one of KINDS
+            return cls(words[0], tuple(words[1:]))
         except VoccError as error:
+            refused = f"scene.{name} is {spec!r}: it must be {allowed}"
             raise VoccError(f"{refused} ({error})") from None
 
     @property

@@ -1,6 +1,5 @@
 """Parts from outside the package: found by name, built from settings, told apart by their code."""
 
-import ast
 import atexit
 import functools
 import importlib
@@ -13,6 +12,7 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,13 +23,7 @@ from vocc_torch.sources import digest_of, package_digest
 TARGET = "_target_"
 """The key that names a class or function."""
 
-ARGUMENTS = "_args_"
-"""The key of arguments without a name."""
-
-PARTIAL = "_partial_"
-"""The key that asks for a function with some of its arguments set, and no call."""
-
-DIRECTIVES = (TARGET, ARGUMENTS, PARTIAL, "_recursive_", "_convert_")
+DIRECTIVES = (TARGET, "_args_", "_partial_", "_recursive_", "_convert_")
 """Keys that ask for a call, which no file may do."""
 
 RELEASED = ("sklearn",)
@@ -92,29 +86,16 @@ class ModuleFile:
         Raises:
             VoccError: the file cannot be read.
         """
-        texts, files, folder = dict[str, bytes](), [self.place], self.place.parent
-        for path in files:
-            text = texts[path.relative_to(folder).as_posix()] = read_file(path)
-            try:
-                nodes = list(ast.walk(ast.parse(text)))
-            except (SyntaxError, ValueError):
-                nodes = []  # told of when the file is run
-            names = [
-                alias.name
-                for node in nodes
-                if isinstance(node, ast.Import)
-                for alias in node.names
-            ]
-            names += [
-                node.module
-                for node in nodes
-                if isinstance(node, ast.ImportFrom) and node.module
-            ]
-            for name in {name.partition(".")[0] for name in names} - {__package__}:
-                beside = [folder / f"{name}.py", *(folder / name).rglob("*.py")]
-                files += [
-                    found for found in beside if found.is_file() and found not in files
-                ]
+        folder, finder = self.place.parent, ModuleFinder([str(self.place.parent)])
+        texts = {self.place.name: read_file(self.place)}
+        with suppress(SyntaxError, ValueError):  # told of when the file is run
+            finder.run_script(str(self.place))
+        for path in (
+            Path(getattr(module, "__file__", None) or "")
+            for module in finder.modules.values()
+        ):
+            if path != self.place and path.is_file():
+                texts[path.relative_to(folder).as_posix()] = read_file(path)
         return texts
 
     @property
@@ -353,16 +334,14 @@ class PlugIn:
         path, colon, _ = self.target.rpartition(":")
         return ModuleFile(path) if colon else None
 
-    def found(self) -> object:
+    def found(self) -> Any:
         """Import the class or function.
 
         Raises:
             VoccError: there is none of that name, or its module cannot be imported.
         """
         try:
-            if self.file:
-                return self.file.named(self.target.rpartition(":")[2])
-            return pkgutil.resolve_name(self.target)
+            return named(self.target)
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
@@ -530,7 +509,7 @@ def assembled(value: object) -> Any:
     """Build the parts that a configuration describes within a value, the inner ones first.
 
     Args:
-        value: plain values; a mapping with ``_target_`` is a call, with ``_args_`` and ``_partial_``.
+        value: plain values; a mapping with ``_target_`` is a call.
 
     Raises:
         VoccError: a directive that there is not.
@@ -547,15 +526,16 @@ def assembled(value: object) -> Any:
     target = parts.pop(TARGET, None)
     if target is None:
         return parts
-    positional, partial = parts.pop(ARGUMENTS, ()), parts.pop(PARTIAL, False)
-    path, colon, name = target.rpartition(":")
-    call: Any = ModuleFile(path).named(name) if colon else pkgutil.resolve_name(target)
     if unknown := [key for key in DIRECTIVES if key in parts]:
-        raise VoccError(
-            f"{target}: {unknown[0]} is no key of a part: known are {', '.join(DIRECTIVES[:3])}"
-        )
-    return (
-        functools.partial(call, *positional, **parts)
-        if partial
-        else call(*positional, **parts)
-    )
+        raise VoccError(f"{target}: {unknown[0]} is no key of a part")
+    return named(target)(**parts)
+
+
+def named(target: str) -> Any:
+    """Import what a target names.
+
+    Raises:
+        VoccError: its file cannot be run, or has nothing of that name.
+    """
+    path, colon, name = target.rpartition(":")
+    return ModuleFile(path).named(name) if colon else pkgutil.resolve_name(target)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vocc_torch.errors import VoccError, whole_number
+from vocc_torch.errors import whole_number
 
 BLOCK_FRAMES = 64
 """Frames in a block, the unit of random draws and of Monte Carlo bookkeeping."""
@@ -43,9 +43,6 @@ class BlockKey:
         point: name of the study point, for instance ``"ambient/ambient_lx=4000"``.
         block: index of the block within the point, at least 0.
 
-    Raises:
-        VoccError: ``seed`` or ``block`` is negative or no whole number.
-
     Example:
         >>> key = BlockKey(seed=0, point="train", block=3)
         >>> float(key.generator("bits").random()) == float(key.generator("bits").random())
@@ -57,11 +54,6 @@ class BlockKey:
     seed: int
     point: str
     block: int
-
-    def __post_init__(self) -> None:
-        """Refuse what SeedSequence would refuse later and less clearly."""
-        for name in ("seed", "block"):
-            whole_number(name, getattr(self, name), 0)
 
     def generator(self, stream: str) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again."""
@@ -108,9 +100,6 @@ class FrameKey:
         take: which picture of the scene it is: the test frame, or a preamble; each has noise of its own, and
             shares what belongs to the scene.
 
-    Raises:
-        VoccError: an index outside the block.
-
     Example:
         >>> block = BlockKey(seed=0, point="doc", block=0)
         >>> keys = [FrameKey(block, 5), FrameKey(block, 5, "on"), FrameKey(block, 6)]
@@ -123,13 +112,6 @@ class FrameKey:
     block: BlockKey
     frame: int
     take: str = "frame"
-
-    def __post_init__(self) -> None:
-        """Check the index."""
-        if not 0 <= self.frame < BLOCK_FRAMES:
-            raise VoccError(
-                f"frame is {self.frame}: it must be 0 to {BLOCK_FRAMES - 1}"
-            )
 
     def generator(self, stream: str, *, of_scene: bool = False) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again.

@@ -5,7 +5,7 @@ its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top lef
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Self
@@ -30,21 +30,21 @@ _NOTHING = nullcontext()
 class Batched:
     """A record of tensors with one row a frame, which are taken, moved and overwritten together."""
 
+    def each(self, change: Callable[[Tensor], Tensor]) -> Self:
+        """Change every tensor; other fields stay as they are."""
+        values = (getattr(self, name) for name in self.__dataclass_fields__)
+        return type(self)(
+            *(change(value) if isinstance(value, Tensor) else value for value in values)
+        )
+
     def __getitem__(self, rows: slice | Tensor) -> Self:
         """Take some of the rows, by a slice, a bool mask or their numbers (n,) int64."""
-        return type(self)(
-            *(getattr(self, name)[rows] for name in self.__dataclass_fields__)
-        )
+        return self.each(lambda value: value[rows])
 
     def to(self, device: torch.device | str) -> Self:
         """Move every field to ``device``; on the way to an accelerator nothing waits."""
         ahead = torch.device(device).type != "cpu"
-        return type(self)(
-            *(
-                getattr(self, name).to(device, non_blocking=ahead)
-                for name in self.__dataclass_fields__
-            )
-        )
+        return self.each(lambda value: value.to(device, non_blocking=ahead))
 
     def put(self, rows: slice | Tensor, others: "Batched") -> None:
         """Overwrite the chosen rows in place, of the fields that ``others`` has too."""
@@ -243,7 +243,7 @@ def without_autocast(device: torch.device) -> AbstractContextManager[object]:
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
+class Frames(Batched):
     """Camera frames, or crops of them.
 
     Args:
@@ -334,14 +334,6 @@ class Frames:
     def __len__(self) -> int:
         """Count the frames."""
         return int(self.grey.shape[0])
-
-    def __getitem__(self, rows: slice | Tensor) -> "Frames":
-        """Take a slice of the frames, or those of an index or a bool mask."""
-        surround = None if self.surround is None else self.surround[rows]
-        colour = None if self.colour is None else self.colour[rows]
-        return Frames(
-            self.grey[rows], self.origin_px[rows], self.sensor_px, surround, colour
-        )
 
 
 Images = Frames | Tensor | NDArray[np.uint8]

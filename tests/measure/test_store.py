@@ -239,7 +239,7 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
                 "receiver": {**RECEIVER, "classifiers": QDA},
                 "made_with": {"torch": "2.4", "classifiers.b": "2e"},
             },
-            ": mine/qda.py changed since this run began: go back",
+            ": classifiers.b was 1f, is 2e; receiver.classifiers.0.digest was 1f, is 2e: go back",
         ),
         (
             {"made_with": {"torch": "2.5", "classifiers.b": "1f"}},

@@ -195,7 +195,7 @@ def run_job(job: CommandJob, jobs: Jobs, heard: Sequence[int] = ()) -> None:
     """Run one job; what ends it is a result too, because raising would end a multirun with it."""
     one_of_many, folder, words = job.number is not None, job.folder, job.words
     number = job.number or 0
-    jobs.begun(number, folder)
+    jobs.tell(number, folder=str(folder))
     trace, mine, heading = "", False, " ".join(words)
     try:
         if one_of_many:
@@ -233,7 +233,7 @@ def run_job(job: CommandJob, jobs: Jobs, heard: Sequence[int] = ()) -> None:
         with contextlib.suppress(VoccError):  # it may be what failed
             configuration = as_yaml(resolved(job.config))
         write_down(folder, complaint, trace, configuration)
-    jobs.failed(number, complaint, trace)
+    jobs.tell(number, complaint=complaint, trace=trace)
 
 
 def run_jobs(jobs: Jobs) -> int:
@@ -285,7 +285,7 @@ def run_jobs(jobs: Jobs) -> int:
         print(
             f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}"
         )
-    failures = jobs.told("failed")
+    failures = [word for word in jobs.told() if "complaint" in word]
     if failures and jobs.parallel:
         numbers = ", ".join(str(failure["job"]) for failure in failures)
         count = len(jobs.folders())
@@ -378,7 +378,7 @@ def run() -> int:
     register()
     sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
     ours = f".vocc-torch.{os.getpid()}.tmp."
-    with tempfile.TemporaryDirectory(
-        prefix=ours, ignore_cleanup_errors=True
-    ) as mailbox:
-        return run_jobs(Jobs(Path(mailbox), os.getpid()))
+    with tempfile.TemporaryDirectory(prefix=ours, ignore_cleanup_errors=True) as folder:
+        mailbox = Path(folder, "jobs")
+        mailbox.touch()
+        return run_jobs(Jobs(mailbox, os.getpid()))

@@ -7,7 +7,6 @@ import io
 import json
 import multiprocessing
 import os
-import shutil
 import signal
 import sys
 import threading
@@ -26,23 +25,23 @@ FAILED, CONFIG = "failed.txt", "config.yaml"
 
 @dataclass(frozen=True)
 class Jobs:
-    """What the jobs of one command tell the process that started them, through files.
+    """What the jobs of one command tell the process that started them, through a file.
 
     A job may run in a worker process, where nothing that it does to this object comes back. It is small and
     can be pickled.
 
     Args:
-        mailbox: an empty folder that lasts as long as the command.
+        mailbox: an empty file that lasts as long as the command.
         parent: number of the process that started the jobs.
 
     Example:
         >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as mailbox:
-        ...     jobs = Jobs(Path(mailbox), os.getpid())
-        ...     jobs.begun(3, Path("runs/two/3"))
-        ...     jobs.failed(3, "panel.rows is 0: it must be at least 1")
-        ...     [(one["job"], one["complaint"]) for one in jobs.told("failed")], jobs.parallel
-        ([(3, 'panel.rows is 0: it must be at least 1')], False)
+        >>> with tempfile.NamedTemporaryFile() as mailbox:
+        ...     jobs = Jobs(Path(mailbox.name), os.getpid())
+        ...     jobs.tell(3, folder="runs/two/3")
+        ...     jobs.tell(3, complaint="panel.rows is 0: it must be at least 1")
+        ...     jobs.told(), jobs.parallel
+        ([{'job': 3, 'elsewhere': False, 'folder': 'runs/two/3', 'complaint': 'panel.rows ...'}], False)
     """
 
     mailbox: Path
@@ -53,58 +52,43 @@ class Jobs:
         """Whether this is another process than the one that started the jobs."""
         return os.getpid() != self.parent
 
-    def begun(self, job: int, folder: Path) -> None:
-        """Tell that a job has begun, and in which folder.
+    def tell(self, job: int, **about: str) -> None:
+        """Leave a word of a job: its ``folder``, or its ``complaint`` and a ``trace`` if it failed.
 
         Raises:
             VoccError: there is no telling.
         """
-        self._tell("begun", job=job, folder=str(folder), elsewhere=self.elsewhere)
-
-    def failed(self, job: int, complaint: str, trace: str = "") -> None:
-        """Tell that a job has no results, in one line why, and the traceback of an error not the user's.
-
-        Raises:
-            VoccError: there is no telling; Hydra takes the complaint to the parent once all jobs are done.
-        """
+        word = json.dumps({"job": job, "elsewhere": self.elsewhere, **about})
         try:
-            self._tell("failed", job=job, complaint=complaint, trace=trace)
-        except VoccError:
-            raise VoccError(complaint) from None
+            with self.mailbox.open("a", encoding="utf-8") as file:
+                file.write(f"{word}\n")
+        except OSError as error:
+            said = about.get("complaint") or f"{self.mailbox}: {error.strerror}"
+            raise VoccError(said) from None
 
-    def _tell(self, what: str, **about: Any) -> None:
-        """Leave a word of a job."""
-        write_atomically(
-            self.mailbox / f"{about['job']}.{what}", json.dumps(about).encode()
-        )
-
-    def told(self, what: str) -> list[dict[str, Any]]:
-        """Give what the jobs have told, ``begun`` or ``failed``, by the number of the job."""
-        words = [
-            json.loads(path.read_bytes()) for path in self.mailbox.glob(f"*.{what}")
-        ]
-        return sorted(words, key=lambda word: int(word["job"]))
+    def told(self) -> list[dict[str, Any]]:
+        """Give all that each job has told, by its number."""
+        words: dict[int, dict[str, Any]] = {}
+        for line in self.mailbox.read_text("utf-8").splitlines():
+            word = json.loads(line)
+            words.setdefault(word["job"], {}).update(word)
+        return [words[job] for job in sorted(words)]
 
     def folders(self) -> list[Path]:
         """Give the folders of all jobs that have begun."""
-        return [Path(word["folder"]) for word in self.told("begun")]
+        return [Path(word["folder"]) for word in self.told()]
 
     @property
     def parallel(self) -> bool:
         """Whether jobs have begun in other processes than the one that started them."""
-        return any(word["elsewhere"] for word in self.told("begun"))
+        return any(word["elsewhere"] for word in self.told())
 
     def to_go_on(self) -> str | None:
         """Give the name under which jobs of other processes go on that had counted something, or None."""
-        resumable = [
-            folder for folder in self.folders() if any(folder.rglob("*.sqlite"))
-        ]
-        if not resumable or not self.parallel:
-            return None
-        folder, runs = resumable[0].parent, Path.cwd() / "runs"
-        if folder.is_relative_to(runs):
-            return folder.relative_to(runs).as_posix()
-        return str(folder)
+        for folder in self.folders() if self.parallel else ():
+            if any(folder.rglob("*.sqlite")):
+                return os.path.relpath(folder.parent, "runs")
+        return None
 
 
 def begin_again(folder: Path) -> bool:
@@ -223,7 +207,7 @@ def watch_joblib() -> None:
 
 @contextlib.contextmanager
 def beside_others(job: int) -> Iterator[None]:
-    """Set a worker process up for a job: numbered lines of the terminal's width, and no ear for Ctrl-C.
+    """Set a worker process up for a job: numbered lines, and no ear for Ctrl-C.
 
     Ctrl-C reaches every process of the terminal; the one that started the jobs ends them.
 
@@ -234,17 +218,8 @@ def beside_others(job: int) -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     # The launcher leaves its own method here, which the processes that a job starts in turn do not know.
     multiprocessing.set_start_method("spawn", force=True)
-    prefix, width = f"job {job} | ", os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = str(
-        max(40, shutil.get_terminal_size().columns - len(prefix))
-    )
-    try:
-        with (
-            contextlib.closing(JobLines(sys.stdout, prefix)) as lines,
-            contextlib.redirect_stdout(lines),
-        ):
-            yield
-    finally:
-        del os.environ["COLUMNS"]
-        if width is not None:
-            os.environ["COLUMNS"] = width
+    with (
+        contextlib.closing(JobLines(sys.stdout, f"job {job} | ")) as lines,
+        contextlib.redirect_stdout(lines),
+    ):
+        yield

@@ -1,15 +1,16 @@
 """The tasks: what runs each, and the keys that its configuration has."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from functools import cache
+from importlib import resources
+from typing import Any
+
+import yaml
 
 from vocc_torch.app.config import AppConfig
 from vocc_torch.errors import VoccError, demand_word
-from vocc_torch.extras.messages.config import MessagesConfig, RecordConfig
-from vocc_torch.extras.messages.signalling import Signalling
-from vocc_torch.hardware import Camera
-from vocc_torch.measure.config import Budget, PanelSettings, ReceiverSettings
-from vocc_torch.measure.schema import has_key, part_of
+from vocc_torch.measure.schema import has_key, keys_of, part_of
 
 
 @dataclass(frozen=True)
@@ -28,152 +29,38 @@ class Task:
     part: str | None = None
     brought: tuple[str, ...] = ()
 
+    @classmethod
+    def of(
+        cls, run: str, keys: Any, part: str | None = None, brought: Any = ()
+    ) -> "Task":
+        """Read a task as ``tasks.yaml`` has it."""
+        return cls(run, tuple(expanded(keys)), part, tuple(expanded(brought)))
 
-def without(section: str, schema: type, *names: str) -> tuple[str, ...]:
-    """List the keys of a section, some left out.
+
+def expanded(entries: Iterable[Any]) -> Iterator[str]:
+    """Give the keys of nested lists; of a section that lacks some keys all others.
 
     Example:
-        >>> without("camera", Camera, "gamma")[:2]
-        ('camera.focal_length_mm', 'camera.sensor_width_mm')
+        >>> list(expanded(["seed", ["executor -kind"]]))
+        ['seed', 'executor.address']
     """
-    others = (item.name for item in fields(schema) if item.name not in names)
-    return tuple(f"{section}.{name}" for name in others)
+    for entry in entries:
+        if isinstance(entry, list):
+            yield from expanded(entry)
+            continue
+        section, *lacking = entry.split(" -")
+        if not lacking:
+            yield section
+        for item in fields(keys_of(AppConfig)[section]) if lacking else ():
+            if item.name not in lacking:
+                yield f"{section}.{item.name}"
 
-
-WORLD = ("seed", "device", "precision", "framing", "batch_frames", "scene")
-DEVICES = (*WORLD, "camera", "panel")
-FILM = (*WORLD, "camera", *without("panel", PanelSettings, "rows", "columns"))
-PARTS = ("classifiers", "locators", "features")
-TRAINED = (
-    *without("receiver", ReceiverSettings, "names"),
-    *PARTS,
-    "budget.training_frames",
-)
-EXECUTED = ("workers", "executor")
-RECORDED = ("input", "model", "plug_ins")
-BROUGHT = (
-    *(
-        key
-        for key in (*FILM, *TRAINED)
-        if key not in ("device", "receiver.false_alarms")
-    ),
-    "receiver.names",
-)
 
 TASKS = {
-    "train": Task(
-        "studies.curve:run_train", (*DEVICES, *TRAINED, "experiment.training")
-    ),
-    "test": Task(
-        "studies.curve:run_test",
-        (
-            *DEVICES,
-            "receiver",
-            *PARTS,
-            *EXECUTED,
-            "tensorboard",
-            "budget",
-            "experiment",
-        ),
-    ),
-    "decode": Task(
-        "studies.decode.run:run_decode",
-        (*DEVICES, *TRAINED, *RECORDED),
-        "decode",
-        BROUGHT,
-    ),
-    "figures": Task(
-        "studies.paper.run:run_figures",
-        (
-            *WORLD,
-            # A reading of the paper sets the others.
-            *without("camera", Camera, "focal_length_mm"),
-            *without("panel", PanelSettings, "board_reflectance"),
-            *without("receiver", ReceiverSettings, "locator", "false_alarms"),
-            *(*PARTS, *EXECUTED, "tensorboard", "budget"),
-        ),
-        "figures",
-    ),
-    "effects": Task(
-        "studies.compare.effects:run_effects_task",
-        (
-            *DEVICES,
-            *without(
-                *("receiver", ReceiverSettings),
-                *("locator", "false_alarms", "features"),
-            ),
-            *without("budget", Budget, "trainings"),
-            *(*EXECUTED, "tensorboard"),
-        ),
-        "effects",
-    ),
-    "tradeoff": Task(
-        "studies.compare.tradeoff:run_tradeoff",
-        (
-            *DEVICES,
-            *without("receiver", ReceiverSettings, "save"),
-            *(*PARTS, *EXECUTED, "tensorboard", "budget"),
-        ),
-        "tradeoff",
-    ),
-    "classifiers": Task(
-        "studies.compare.classifiers:run_classifiers",
-        (*DEVICES, "receiver", *PARTS, *EXECUTED, "tensorboard", "budget"),
-        "rivals",
-    ),
-    "collect": Task("studies.collect:run_collect", ("input",)),
-    "export": Task(
-        "studies.export.run:run_export",
-        (*DEVICES, *EXECUTED, "experiment"),
-        "export",
-    ),
-    "export_receiver": Task(
-        "studies.export_receiver:run_export_receiver",
-        (*DEVICES, *TRAINED, "model", "plug_ins"),
-        "export_receiver",
-        (*TRAINED, *without("panel", PanelSettings, "rows", "columns")),
-    ),
-    "transmit": Task(
-        "extras.messages.transmit_task:run_transmit",
-        ("input", "panel.rows", "panel.columns"),
-        "transmit",
-    ),
-    "record": Task(
-        "extras.messages.record_task:run_record", (*FILM, "input"), "record"
-    ),
-    "receive": Task(
-        "extras.messages.receive_task:run_receive",
-        (*FILM, *TRAINED, *RECORDED),
-        "receive",
-        (*BROUGHT, "receiver.false_alarms"),
-    ),
-    "messages": Task(
-        "extras.messages.comparison_task:run_messages",
-        (
-            *DEVICES,
-            *without("receiver", ReceiverSettings, "save"),
-            *(*PARTS, *EXECUTED, "budget.training_frames"),
-            *("experiment.scene", "experiment.training"),
-            *without("messages", MessagesConfig, "signalling", "record"),
-            *without(
-                *("messages.signalling", Signalling),
-                *("code", "code_rate", "interleave", "scramble"),
-            ),
-            *without("messages.record", RecordConfig, "fps", "start_s", "quality"),
-        ),
-        "messages",
-    ),
-    "calibrate": Task(
-        "extras.calibrate.task:run_calibrate",
-        (
-            *("input", "panel", *without("camera", Camera, "iso_limits")),
-            *("receiver.locator", "receiver.location", "receiver.false_alarms"),
-        ),
-        "calibrate",
-    ),
-    "train_detector": Task(
-        "studies.train_detector.run:run_train_detector", ("seed",), "train_detector"
-    ),
+    name: Task.of(**about)
+    for name, about in yaml.safe_load(
+        resources.files(__package__).joinpath("tasks.yaml").read_text("utf-8")
+    )["tasks"].items()
 }
 
 

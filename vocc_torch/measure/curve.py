@@ -162,11 +162,11 @@ class Point(PointKey):
                 bits of a frame where that is more.
 
         Raises:
-            VoccError: no frames, or a value that is not finite.
+            VoccError: a value that is not finite.
         """
         counts = self.counts
         # The size comes from points whose panels may have more LEDs.
-        size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
+        size = min(errors_per_frame_error, counts.bits / counts.frames)
         interval = ber_interval(counts, errors_per_frame_error=size)
         columns = dict(counts.columns)
         if not columns and self.locator != "truth":
@@ -346,18 +346,11 @@ class Curves:
         )
 
     def pair(self, a: str, b: str, value: float | None = None) -> PairedCounts:
-        """Compare receiver a with receiver b, at one value or over all of them.
-
-        Raises:
-            VoccError: two receivers that were not compared.
-        """
+        """Compare receiver a with receiver b, at one value or over all of them."""
         if value is None:
             return sum((self.pair(a, b, at) for at in self.values), PairedCounts())
-        if (a, b, value) in self.paired:
-            return self.paired[a, b, value]
-        if (b, a, value) in self.paired:
-            return self.paired[b, a, value].swapped()
-        raise VoccError(f"{a} and {b} were not compared at {self.axis}={value:g}")
+        known = self.paired.get((a, b, value))
+        return known or self.paired[b, a, value].swapped()
 
     def tested(self, receiver: str, value: float) -> Counts:
         """Give a receiver's errors: those of all trainings together, where there are several."""

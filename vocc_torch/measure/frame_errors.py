@@ -43,9 +43,6 @@ class FrameErrors:
         misplaced: (L,N) bool, whether the panel was missed or located off its place; nowhere by default.
         keys: whose errors the rows are; none where rows are known by their places alone.
 
-    Raises:
-        VoccError: frames of so many bits that 64 bits do not hold the sum of squared errors.
-
     Example:
         >>> half = np.array([[4, 0, 64], [0, 2, 64]])
         >>> errors = FrameErrors(half, np.array([[True, True, False]] * 2), leds=64)
@@ -65,9 +62,6 @@ class FrameErrors:
         keys: Sequence[Key] = (),
     ) -> None:
         frames = half_errors.shape[1]
-        if frames * (2 * int(leds)) ** 2 > np.iinfo(np.int64).max:
-            rule = f"less: squared errors of {frames} frames overflow 64 bits"
-            raise VoccError.of("leds", leds, rule)
         self.half_errors, self.found = half_errors, found
         self.leds, self.keys = leds, tuple(keys)
         self.groups = np.zeros(frames, np.int64) if groups is None else groups

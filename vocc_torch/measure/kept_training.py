@@ -36,7 +36,7 @@ class KeptTrainings:
     """What was trained, in the stores of a run.
 
     Args:
-        stores: at least one; the first takes what is new, all are asked for what is known.
+        stores: the first takes what is new, all are asked for what is known; none keeps nothing.
     """
 
     def __init__(self, stores: Iterable[Store]) -> None:
@@ -66,8 +66,8 @@ class KeptTrainings:
             packed = _packed(training)
             if _alike(training, _unpacked(packed, plan), plan):
                 content = canonical(packed)
-        if 0 < len(content) <= MOST_BYTES:
-            self._stores[0].add_trained(key, content)
+        for store in self._stores[:1] if 0 < len(content) <= MOST_BYTES else ():
+            store.add_trained(key, content)
 
     def or_trained(
         self, plan: Plan, train: Callable[[], Training]

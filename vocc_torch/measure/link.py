@@ -111,10 +111,8 @@ class Link:
     @classmethod
     def of(cls, plan: Plan) -> Self:
         """Build the link that a plan describes."""
-        (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-        return cls(
-            plan.world.simulator(), locator, plan.receiver.reader, plan.batch_frames
-        )
+        simulator, receiver = plan.world.simulator(), plan.receiver
+        return cls(simulator, receiver.finder, receiver.reader, plan.batch_frames)
 
     def observe(
         self,

@@ -171,6 +171,11 @@ class ReceiverPlan:
                 f"{key} is {stray[0]!r}: it must be {' or '.join(known)}, or FILE.py:NAME"
             )
 
+    @property
+    def finder(self) -> PanelLocator | None:
+        """What finds the panel; None for the simulator's own corners."""
+        return self.finders([self.locator])[self.locator]
+
     def finders(self, locators: Sequence[Locator]) -> dict[str, PanelLocator | None]:
         """Give what finds the panel by name, None for the simulator's own corners.
 

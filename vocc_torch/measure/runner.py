@@ -6,7 +6,7 @@ until the stop rule holds; neither workers nor batches nor an interruption chang
 """
 
 import itertools
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import ExitStack, suppress
@@ -129,6 +129,11 @@ Sorter = Callable[[Link, Observation], torch.Tensor]
 """Gives the group (B,) int64 of each frame of a batch; below 0 it is not counted."""
 
 
+def unsorted(_: Link, seen: Observation) -> torch.Tensor:
+    """Count all frames in group 0."""
+    return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
+
+
 @dataclass(frozen=True, eq=False)
 class Job:
     """Receivers on the frames of one kind of scenes.
@@ -138,7 +143,7 @@ class Job:
         model: the scenes.
         point: name that keys their random draws.
         receivers: what decides.
-        sorter: sorts the frames into groups, or None.
+        sorter: sorts the frames into groups.
         name: of its rows in the store, where several jobs count the same point; the point's by default.
 
     Example:
@@ -159,7 +164,7 @@ class Job:
     model: SceneModel
     point: str
     receivers: Deciders
-    sorter: Sorter | None = None
+    sorter: Sorter = unsorted
     name: str = ""
 
     @property
@@ -174,15 +179,13 @@ class Job:
             blocks: indices of the point's blocks.
             frames: how many frames of these to use, from the first on.
         """
-        link, keys = (
-            Link.of(self.plan),
-            [BlockKey(self.plan.seed, self.point, block) for block in blocks],
-        )
-        deciders = self.receivers
-        finders, preambles = deciders.finders(self.plan), deciders.needs_preambles
-        wrong, found, off, groups = [], [], [], []
+        link, deciders, batches = Link.of(self.plan), self.receivers, []
         every = link.observe_each(
-            finders, self.model, keys, preambles=preambles, frames=frames
+            deciders.finders(self.plan),
+            self.model,
+            [BlockKey(self.plan.seed, self.point, block) for block in blocks],
+            preambles=deciders.needs_preambles,
+            frames=frames,
         )
         for views in every:
             decided = list(deciders(views))
@@ -190,23 +193,16 @@ class Job:
                 half_errors(bits, view.bits, view.panels.found)
                 for bits, view in decided
             ]
-            wrong.append(torch.stack(halves))
-            found.append(torch.stack([view.panels.found for _, view in decided]))
-            off.append(torch.stack([view.misplaced for _, view in decided]))
-            if self.sorter is not None:
-                groups.append(self.sorter(link, next(iter(views.values()))))
-        numbers, located, misplaced = (
-            torch.cat(rows, dim=1).cpu().numpy() for rows in (wrong, found, off)
+            found = [view.panels.found for _, view in decided]
+            off = [view.misplaced for _, view in decided]
+            groups = self.sorter(link, next(iter(views.values())))
+            batches.append((*map(torch.stack, (halves, found, off)), groups))
+        numbers, located, misplaced, sorted_by = (
+            torch.cat(parts, dim=-1).cpu().numpy()
+            for parts in zip(*batches, strict=True)
         )
-        sorted_by = torch.cat(groups).cpu().numpy() if groups else None
-        return FrameErrors(
-            numbers,
-            located,
-            link.reader.shape.leds,
-            sorted_by,
-            misplaced,
-            deciders.keys,
-        )
+        leds = link.reader.shape.leds
+        return FrameErrors(numbers, located, leds, sorted_by, misplaced, deciders.keys)
 
     def __call__(self, parts: Sequence[Part]) -> list[bytes]:
         """Count some blocks; of these only the last may be used in part."""
@@ -366,9 +362,9 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
         label: counts for label, counts in tallies.items() if label[0].training == 0
     }
     if counts and rule.target_frame_errors is not None:
-        errors: dict[Key, int] = {}
+        errors = Counter[Key]()
         for (key, _), counted in counts.items():
-            errors[key] = errors.get(key, 0) + counted.frame_errors
+            errors[key] += counted.frame_errors
         if min(errors.values()) >= rule.target_frame_errors:
             return "frame_errors"
     power_of_two = 1 << (blocks.bit_length() - 1)
@@ -413,17 +409,10 @@ def count(
     def fill() -> None:
         # Passing by what is known already; up to where the first point is finished.
         while len(calls) < workers.window and not (begun and begun[0].stopped_by):
-            point = next(
-                (
-                    waiting
-                    for waiting in begun
-                    if not (waiting.exhausted or waiting.stopped_by)
-                ),
-                None,
-            )
-            if point is None:
-                if (point := next(upcoming, None)) is None:
-                    return
+            ahead = (one for one in begun if not (one.exhausted or one.stopped_by))
+            if (point := next(ahead, None) or next(upcoming, None)) is None:
+                return
+            if point not in begun:
                 begun.append(point)
             if missing := point.take(blocks):
                 calls[workers.submit(point.job, missing)] = point, missing

@@ -92,7 +92,7 @@ class Exposure:
         ((scene, _, names, takes),) = link.rendered(
             simulator, model, keys, batch, preambles
         )
-        first, *lit = (_on(take, torch.device("cpu")) for take in takes)
+        first, *lit = (take.to("cpu") for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(lit))
 
 
@@ -215,7 +215,7 @@ def prepared(
         ("locate", None): exposure.truth[rows].to(device),
     }
     for bits, take in zip(("on", "off"), exposure.preambles, strict=False):
-        results[bits] = _on(take[rows], device)
+        results[bits] = take[rows].to(device)
     for stages in chains:
         for key, stage in stages.values():
             if key not in results:
@@ -229,12 +229,4 @@ def read(host: Frames, device: torch.device) -> Frames:
     A single frame on the CPU is taken as it lies there.
     """
     grey = host.grey if len(host) == 1 else torch.stack(list(host.grey.unbind()))
-    return _on(Frames(grey, host.origin_px, host.sensor_px, host.surround), device)
-
-
-def _on(frames: Frames, device: torch.device) -> Frames:
-    """Give frames on a device."""
-    surround = None if frames.surround is None else frames.surround.to(device)
-    return Frames(
-        frames.grey.to(device), frames.origin_px.to(device), frames.sensor_px, surround
-    )
+    return replace(host, grey=grey).to(device)

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from vocc_torch import __version__
-from vocc_torch.errors import VoccError, whole_number
-from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.errors import VoccError
 from vocc_torch.sources import package_digest
 
 SUFFIX = ".sqlite"
@@ -258,15 +257,10 @@ class Store(AbstractContextManager["Store"]):
             content: what was counted.
 
         Raises:
-            VoccError: a value outside its range, a row that contradicts one that is there, or the disk is
-                full or refuses. The file is then as it was before.
+            VoccError: a row that contradicts one that is there, or the disk is full or refuses. The file is
+                then as it was before.
         """
-        row = (
-            point,
-            whole_number("block", block, 0, 2**63 - 1),
-            whole_number("frames", frames, 1, BLOCK_FRAMES),
-            content,
-        )
+        row = point, block, frames, content
         with _told(self.path):
             if not self._connection.in_transaction:
                 self._demand_file()
@@ -349,30 +343,18 @@ def canonical(settings: Mapping[str, object]) -> str:
 
 
 def what_changed(there: object, here: object) -> list[str]:
-    """Say in which settings a store and this run differ, the files of classifiers first.
+    """Say in which settings a store and this run differ.
 
     Example:
         >>> what_changed({"seed": 0, "world": {"dtype": "a"}}, {"seed": 1, "world": {"dtype": "b"}})
         ['seed was 0, is 1', 'dtype was a, is b']
     """
     old, new = dict(_leaves(there)), dict(_leaves(here))
-    differing = {name for name in {*old, *new} if old.get(name) != new.get(name)}
-    digests = sorted(
-        name
-        for name in differing
-        if name.endswith(".digest") and {*old} & {*new} & {name}
-    )
-    changes = [
-        f"{new.get(name[:-6] + 'file')} changed since this run began"
-        for name in digests
-    ]
-    for name in sorted(differing - set(digests)):
-        # A changed file is told of already.
-        if not (digests and name.startswith("made_with.classifiers.")):
-            was, now = (_cut(leaves.get(name, "not set"), 40) for leaves in (old, new))
-            changes.append(
-                f"{name.removeprefix('world.').removeprefix('made_with.')} was {was}, is {now}"
-            )
+    changes = []
+    for name in sorted(name for name in {*old, *new} if old.get(name) != new.get(name)):
+        was, now = (_cut(leaves.get(name, "not set"), 40) for leaves in (old, new))
+        key = name.removeprefix("world.").removeprefix("made_with.")
+        changes.append(f"{key} was {was}, is {now}")
     return changes
 
 

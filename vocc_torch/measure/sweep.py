@@ -101,21 +101,18 @@ def run_campaign(
     trainings = {
         study.key: dict(zip(study.locators, every, strict=False)) for study in studies
     }
-    banks, results = {}, {}
-    for study in studies:
-        names = study.plan.receiver.names
-        banks[study.key] = {
-            locator: training.bank(names)
+    banks = {
+        study.key: {
+            locator: training.bank(study.plan.receiver.names)
             for locator, training in trainings[study.key].items()
         }
+        for study in studies
+    }
 
-    points = run_studies(
-        studies,
-        banks,
-        stores,
-        workers,
-        lambda one, _at, frames, _: advance(one, frames),
-    )
+    def progress(study: Study, _: float, frames: int, __: runner.Tallies) -> None:
+        advance(study, frames)
+
+    points, results = run_studies(studies, banks, stores, workers, progress), {}
     for study in studies:
         outcomes = itertools.islice(points, len(monte_carlo_values(study.plan)))
         results[study.key] = measured(
@@ -146,13 +143,9 @@ def plain_job(study: Study, banks: Banks, value: float, _: Workers) -> runner.Jo
         for locator, first in banks.items()
         for number, bank in enumerate((first, *first.more))
     ]
-    model, point = (
-        plan.experiment.model_at(plan.world, value),
-        point_name(plan.experiment, value),
-    )
-    return runner.Job(
-        plan, model, point, runner.Banks(every), partial(group_of, plan.experiment)
-    )
+    experiment, receivers = plan.experiment, runner.Banks(every)
+    model, point = experiment.model_at(plan.world, value), point_name(experiment, value)
+    return runner.Job(plan, model, point, receivers, partial(group_of, experiment))
 
 
 def run_studies(
@@ -207,7 +200,7 @@ def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Ten
     A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
     """
     if experiment.axis != "contrast":
-        return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
+        return runner.unsorted(link, seen)
     contrast = link.simulator.contrast(seen.scene)
     edges = torch.tensor(
         experiment.values, dtype=contrast.dtype, device=contrast.device
@@ -230,6 +223,9 @@ def point_name(experiment: Experiment, value: float) -> str:
     digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
     return f"{experiment.name}/{experiment.axis}={digits}"
 
+
+Pairs: TypeAlias = dict[tuple[str, str, float], PairedCounts]
+"""Comparisons by the two receivers and the value."""
 
 Kind = Literal["train", "test"]
 
@@ -309,12 +305,16 @@ def curves_of(
     """
     names = tuple(receivers)
     counts: dict[tuple[str, float], Counts] = {}
-    pairs: dict[tuple[str, str, float], PairedCounts] = {}
+    pairs: Pairs = {}
     trained: dict[tuple[str, float], Trained] = {}
-    trained_pairs: dict[tuple[str, str, float], PairedCounts] = {}
+    trained_pairs: Pairs = {}
+
+    def named(errors: FrameErrors, at: float) -> Pairs:
+        places = errors.pairs.items()
+        return {(names[a], names[b], at): pair for (a, b), pair in places}
+
     for at, outcome in outcomes.items():
-        errors = outcome.errors
-        trainings = []
+        errors, trainings = outcome.errors, []
         for number in range(1 + max(key.training for key in errors.keys)):
             keys = [replace(key, training=number) for key in receivers.values()]
             trainings.append(errors.of([errors.place(key) for key in keys]))
@@ -322,18 +322,15 @@ def curves_of(
             (name, at): outcome.counts[key, 0] for name, key in receivers.items()
         }
         if outcome.comparable:
-            pairs |= {
-                (names[a], names[b], at): pair
-                for (a, b), pair in trainings[0].pairs.items()
-            }
+            pairs |= named(trainings[0], at)
         if len(trainings) > 1:
             pooled = FrameErrors.pooled(trainings)
-            for row, name in enumerate(names):
-                of_each = tuple(errors.counts[row] for errors in trainings)
-                trained[name, at] = Trained(of_each, pooled.counts[row])
-            trained_pairs |= {
-                (names[a], names[b], at): pair for (a, b), pair in pooled.pairs.items()
+            of_each = zip(*(errors.counts for errors in trainings), strict=True)
+            several = map(Trained, of_each, pooled.counts)
+            trained |= {
+                (name, at): found for name, found in zip(names, several, strict=True)
             }
+            trained_pairs |= named(pooled, at)
     stopped = {at: outcome.stopped_by for at, outcome in outcomes.items()}
     locators = dict.fromkeys(key.locator for key in receivers.values())
     return curve.Curves(

@@ -3,7 +3,7 @@
 import itertools
 import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import locator_settings, locator_words
+from vocc_torch.receiver.reader import Readings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, training_point
 from vocc_torch.simulation.scene import SceneModel, narrowed
@@ -162,13 +163,11 @@ def train_flda(
     stream = PanelStream(link, scenes, plan.seed, None, training_point(number))
     samples: list[tuple[Tensor, Tensor]] = []
     # A block at a time: sums then do not depend on the batch's size.
-    for features, bits in stream(0, frames):
+    for block, (features, bits) in enumerate(stream(0, frames)):
         flda.update(features[..., :_N_FEATURES], bits)
         if sum(len(statuses) for _, statuses in samples) < FIGURE_SAMPLES:
             samples.append((features.flatten(0, -2).cpu(), bits.reshape(-1).cpu()))
-        progress(min(BLOCK_FRAMES, frames))
-        frames -= BLOCK_FRAMES
-    frames = plan.budget.training_frames
+        progress(min(BLOCK_FRAMES, frames - block * BLOCK_FRAMES))
     if not stream.frames:
         help_ = "check scene, camera and receiver.location"
         raise VoccError(f"training found no panel in any of {frames} frames: {help_}")
@@ -194,7 +193,7 @@ def training_key(plan: Plan) -> str:
 def train_plans(
     plans: Sequence[Plan],
     workers: Workers,
-    known: "KeptTrainings | None" = None,
+    known: "KeptTrainings",
     progress: Progress = lambda frames: None,
 ) -> list[Training]:
     """Train every plan with its own locator, each receiver by itself on one thread.
@@ -204,7 +203,7 @@ def train_plans(
     Args:
         plans: the studies.
         workers: who does it; here too on one thread.
-        known: what was trained before, and where it is kept; None for nowhere.
+        known: what was trained before, and where it is kept.
         progress: called with the training frames of each receiver that is trained, or was.
 
     Returns:
@@ -214,7 +213,7 @@ def train_plans(
         VoccError: as :func:`train`, or a worker that was ended from outside.
     """
     parts: dict[str, Plan] = {}
-    keys_of_plans = []
+    parts_of_plans = []
     for plan in plans:
         # A part need not have the receiver that is kept.
         receiver = replace(plan.receiver, save="flda_3")
@@ -223,12 +222,12 @@ def train_plans(
             replace(receiver, names=(classifier.name,), classifiers=(classifier,))
             for classifier in receiver.classifiers
         ]
-        split = [replace(plan, receiver=part) for part in alone]
-        keys_of_plans.append([training_key(part) for part in split])
-        parts |= zip(keys_of_plans[-1], split, strict=True)
+        split = (replace(plan, receiver=part) for part in alone)
+        parts_of_plans.append({training_key(part): part for part in split})
+        parts |= parts_of_plans[-1]
     trained: dict[str, Training] = {}
     for key, part in parts.items():
-        if known is not None and (stored := known.find(key, part)) is not None:
+        if (stored := known.find(key, part)) is not None:
             trained[key] = stored
             progress(part.budget.training_frames)
     # The longest training begins first.
@@ -238,9 +237,8 @@ def train_plans(
     for key, call in calls.items():
         trained[key] = call.result()
         progress(parts[key].budget.training_frames)
-        if known is not None:
-            known.keep(key, parts[key], trained[key])
-    return [Training.joined([trained[key] for key in keys]) for keys in keys_of_plans]
+        known.keep(key, parts[key], trained[key])
+    return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
 
 
 def _panels(plan: Plan) -> int:
@@ -263,10 +261,7 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
         training.flda.select(feature_indices(name)) if learned is None else learned
     )
     # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
-    locator = (
-        plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator]
-        or plan.receiver.location
-    )
+    locator = plan.receiver.finder or plan.receiver.location
     return Receiver(name, locator, plan.receiver.reader, classifier)
 
 
@@ -276,10 +271,8 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     These frames are neither trained on nor tested.
     """
     link, frames = Link.of(plan), min(CALIBRATION_FRAMES, plan.budget.training_frames)
-    model, keys = (
-        plan.experiment.training_model(plan.world),
-        block_keys(plan.seed, "calibrate", frames),
-    )
+    model = plan.experiment.training_model(plan.world)
+    keys = block_keys(plan.seed, "calibrate", frames)
     receiver = trained_receiver(plan, training).to(link.simulator.device)
     scores, bits, looks = [], [], []
     for observation in link.observe(model, keys, preambles=False, frames=frames):
@@ -317,8 +310,7 @@ def receiver_for(
         receiver = calibrated_receiver(
             studied, train(replace(studied, experiment=untouched))
         )
-        (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
-        receiver.locator = receiver.locator if locator is None else locator
+        receiver.locator = plan.receiver.finder or receiver.locator
         return receiver
     receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
     expected, has = plan.receiver.reader.shape, receiver.shape
@@ -356,30 +348,6 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     return replace(settings, receiver=named, classifiers=classifiers, locators=locators)
 
 
-def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, ...]]:
-    """Collect batches of frames into blocks, so that sums do not depend on a simulation's batches.
-
-    Args:
-        batches: tensors of equal length each.
-
-    Yields:
-        The same frames, 64 at a time; what there is of the last block at the end.
-
-    Example:
-        >>> [len(block) for block, in in_blocks((torch.zeros(50),) for _ in range(3))]
-        [64, 64, 22]
-    """
-    waiting: list[tuple[Tensor, ...]] = []
-    for batch in batches:
-        waiting.append(batch)
-        while sum(len(parts[0]) for parts in waiting) >= BLOCK_FRAMES:
-            joined = [torch.cat(parts) for parts in zip(*waiting, strict=True)]
-            waiting = [tuple(part[BLOCK_FRAMES:] for part in joined)]
-            yield tuple(part[:BLOCK_FRAMES] for part in joined)
-    if any(len(parts[0]) for parts in waiting):
-        yield tuple(torch.cat(parts) for parts in zip(*waiting, strict=True))
-
-
 @dataclass
 class PanelStream:
     """Training panels as a classifier sees them, simulated anew whenever they are asked for.
@@ -412,7 +380,7 @@ class PanelStream:
             rule = f"a multiple of {BLOCK_FRAMES}"
             raise VoccError.of("first", first, rule)
         begun = time.perf_counter()
-        for x, bits, found in in_blocks(self._read(first, count)):
+        for x, bits, found in self._read(first, count):
             self.frames += int(found.sum())
             self.seconds += time.perf_counter() - begun
             yield x[found], bits[found]
@@ -420,15 +388,33 @@ class PanelStream:
         self.seconds += time.perf_counter() - begun
 
     def _read(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
-        """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
+        """Yield what the classifier sees, bits, and whether the panel was found, block by block."""
         keys = block_keys(self.seed, self.point, first + count, first)
-        observed = self.link.observe(self.model, keys, preambles=False, frames=count)
-        for view in observed:
-            readings, x = view.readings, view.readings.features
-            if self.inputs is not None:
-                shape = self.link.reader.shape
-                x = self.inputs.of(readings, readings.cell_px, shape)
-            yield x, view.bits, view.panels.found
+        # Batches may be smaller or larger than a block.
+        blocks = -(-self.link.batch_frames // BLOCK_FRAMES)
+        for start in range(0, len(keys), blocks):
+            views = self.link.observe(
+                self.model,
+                keys[start : start + blocks],
+                preambles=False,
+                frames=count - start * BLOCK_FRAMES,
+            )
+            parts = [
+                (self._inputs(view.readings), view.bits, view.panels.found)
+                for view in views
+            ]
+            yield from zip(
+                *(
+                    torch.split(torch.cat(part), BLOCK_FRAMES)
+                    for part in zip(*parts, strict=True)
+                ),
+                strict=True,
+            )
+
+    def _inputs(self, readings: Readings) -> Tensor:
+        if self.inputs is None:
+            return readings.features
+        return self.inputs.of(readings, readings.cell_px, self.link.reader.shape)
 
 
 def train_classifiers(

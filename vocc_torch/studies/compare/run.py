@@ -35,13 +35,13 @@ class Run:
 
     Args:
         pool: the processes that train and count.
-        store: where trainings and blocks are recorded, or None.
+        store: where trainings and blocks are recorded.
         console: where stages are shown, or None.
         stages: how many stages there are.
     """
 
     pool: Workers
-    store: Store | None = None
+    store: Store
     console: Console | None = None
     stages: int = 1
     _begun: int = field(default=0, init=False)
@@ -80,7 +80,7 @@ class Run:
             )
         }
         with self.stage("training", len(parts)) as advance:
-            recorded = None if self.store is None else KeptTrainings([self.store])
+            recorded = KeptTrainings([self.store])
             return train_plans(plans, self.pool, recorded, lambda frames: advance(1))
 
     def count(
