@@ -1,7 +1,7 @@
 """YAML as plain values: the core schema of YAML 1.2, without what multiplies, repeats or misleads."""
 
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -108,3 +108,19 @@ def read_yaml(path: str | Path, what: str = "file") -> Any:
     return parse_yaml(
         read_file(path, what, MOST_BYTES), f"{what} {printable(str(path))}"
     )
+
+
+def leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Walk nested mappings and lists of mappings: each value with its name, the keys joined by dots.
+
+    Example:
+        >>> dict(leaves({"a": {"b": 1}, "c": [{"d": [2, 3]}]}))
+        {'a.b': 1, 'c.0.d': [2, 3]}
+    """
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        value = dict(enumerate(value))
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from leaves(inner, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value

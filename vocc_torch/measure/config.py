@@ -18,7 +18,7 @@ from vocc_torch.errors import VoccError, demand_least, demand_word
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.plugins import DIRECTIVES, demand_plain
 from vocc_torch.receiver.limits import LocatorLimits
-from vocc_torch.yaml_text import read_yaml
+from vocc_torch.yaml_text import leaves, read_yaml
 
 if TYPE_CHECKING:
     from vocc_torch.measure.plan import World
@@ -487,13 +487,4 @@ def read_flat(path: str | Path) -> dict[str, object]:
     if not isinstance(read, dict) or not read:
         raise VoccError(f"{path} is not a configuration: it must be a mapping of keys")
     demand_plain(str(path), read, allowed=DIRECTIVES)
-    return _flat(read, "")
-
-
-def _flat(settings: dict[Any, Any], prefix: str) -> dict[str, object]:
-    """Join the keys of nested mappings by dots."""
-    flat: dict[str, object] = {}
-    for key, value in settings.items():
-        name = f"{prefix}{key}"
-        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
-    return flat
+    return {name: value for name, value in leaves(read) if value != {}}

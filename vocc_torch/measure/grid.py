@@ -95,31 +95,15 @@ class Grid:
                     for row in counts
                 ]
             )
-
-            def wrong_bits(i: int, j: int) -> float:
-                """What a wrong frame of a cell is taken to have, from the nearest with errors each way."""
+            low, high = np.empty((2, *sizes.shape))
+            for i, j in np.ndindex(*sizes.shape):
                 ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
-                return max(
-                    1.0,
-                    *(
-                        float(next((size for size in way if size > 0), 0.0))
-                        for way in ways
-                    ),
-                )
-
-            found = [
-                intervals.ber_interval(
-                    cell,
-                    confidence if cell.half_errors else of_limits,
-                    wrong_bits(i, j),
-                )
-                for i, row in enumerate(counts)
-                for j, cell in enumerate(row)
-            ]
-            ends = np.array([(end.low, end.high) for end in found]).reshape(
-                len(self.rows), -1, 2
-            )
-            self._known[receiver, tail] = ends[..., 0], ends[..., 1]
+                nearest = [float(way[way > 0][0]) for way in ways if way.any()]
+                cell, size = counts[i][j], max([1.0, *nearest])
+                level = confidence if cell.half_errors else of_limits
+                found = intervals.ber_interval(cell, level, size)
+                low[i, j], high[i, j] = found.low, found.high
+            self._known[receiver, tail] = low, high
         return self._known[receiver, tail]
 
 

@@ -16,6 +16,7 @@ from typing import Any, Self
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.sources import package_digest
+from vocc_torch.yaml_text import leaves
 
 SUFFIX = ".sqlite"
 """How a store's name ends."""
@@ -295,25 +296,20 @@ def _told(path: Path) -> Iterator[None]:
         KeyError,
         RecursionError,
     ) as error:
-        kind = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+        if isinstance(error, OSError) or code in (*_FULL, *_REFUSED):
+            reason = getattr(error, "strerror", None) or error
+            room = "make room, then start the same run again"
+            help_ = room if code in _FULL else f"make it writable, or {_ANOTHER}"
+            raise VoccError(
+                f"cannot write {_shown(path)}: {reason}: {help_}"
+            ) from error
         busy = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-        refusal = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(
-            kind
-        )
+        refusals = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}
+        told = refusals.get(code, ": ".join(_DAMAGED))
         if isinstance(error, sqlite3.ProgrammingError):
-            refusal = "is closed: open it again"
-        elif (
-            not refusal
-            and not isinstance(error, OSError)
-            and kind not in (*_FULL, *_REFUSED)
-        ):
-            refusal = ": ".join(_DAMAGED)
-        if refusal:
-            raise VoccError(f"{_shown(path)} {refusal}") from None
-        reason = getattr(error, "strerror", None) or error
-        room = "make room, then start the same run again"
-        help_ = room if kind in _FULL else f"make it writable, or {_ANOTHER}"
-        raise VoccError(f"cannot write {_shown(path)}: {reason}: {help_}") from error
+            told = "is closed: open it again"
+        raise VoccError(f"{_shown(path)} {told}") from None
 
 
 def _shown(path: Path) -> Path:
@@ -349,24 +345,17 @@ def what_changed(there: object, here: object) -> list[str]:
         >>> what_changed({"seed": 0, "world": {"dtype": "a"}}, {"seed": 1, "world": {"dtype": "b"}})
         ['seed was 0, is 1', 'dtype was a, is b']
     """
-    old, new = dict(_leaves(there)), dict(_leaves(here))
+    old, new = (
+        {name: _text(value) for name, value in leaves(of)} for of in (there, here)
+    )
     changes = []
     for name in sorted(name for name in {*old, *new} if old.get(name) != new.get(name)):
-        was, now = (_cut(leaves.get(name, "not set"), 40) for leaves in (old, new))
+        was, now = (_cut(texts.get(name, "not set"), 40) for texts in (old, new))
         key = name.removeprefix("world.").removeprefix("made_with.")
         changes.append(f"{key} was {was}, is {now}")
     return changes
 
 
-def _leaves(value: object, name: str = "") -> Iterator[tuple[str, str]]:
-    """Walk nested mappings and lists of mappings: each value's dotted name, and how it is written."""
-    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-        value = {str(index): item for index, item in enumerate(value)}
-    if isinstance(value, dict) and value:
-        for key, inner in value.items():
-            yield from _leaves(inner, f"{name}.{key}" if name else key)
-    else:
-        yield (
-            name,
-            value if isinstance(value, str) else json.dumps(value).replace('"', ""),
-        )
+def _text(value: object) -> str:
+    """Write a setting, without quotes."""
+    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
