@@ -57,7 +57,7 @@ def test_a_figure_has_the_verdicts_of_what_it_drew_and_the_title_says_so(some):
     assert {row["claim"].partition(".")[0] for row in rows} == {"ambient"}
     count = len({row["claim"] for row in rows})
     title = (some / "report.md").read_text().splitlines()[0]
-    assert title == f"# fig22 of Do and Yoo (2019), claims: {count}, readings: 3"
+    assert title == f"# Do and Yoo (2019), fig22; claims: {count}, readings: 3"
     assert "The assumption that matters most" in (some / "report.md").read_text()
 
 

@@ -126,7 +126,7 @@ class Report:
         tables = {first: [paper_rows(one.table()) for one in curves]}
         tensorboard.write_figures(settings, self.folder, pictures, tables)
         size = f"claims: {len(card.judged())}, readings: {len(card.readings)}"
-        title = f"{', '.join(self.plan.names)} of Do and Yoo (2019), {size}"
+        title = f"Do and Yoo (2019), {', '.join(self.plan.names)}; {size}"
         values: dict[str, Any] = {
             "title": title,
             "report": self,

@@ -179,17 +179,13 @@ def weighed(comparisons: Sequence[Comparison]) -> Judgement:
     against = [
         number for number, difference in enumerate(differences) if difference.high < 0
     ]
-    measured = (
-        f"{support} of {len(comparisons)} comparisons for it, {len(against)} against"
-    )
+    measured = f"{support} of {len(comparisons)} comparisons support it, {len(against)} contradict it"
     if against:
         surest = min(against, key=lambda number: differences[number].high)
-        return Judgement(
-            "differ", measured, f"the other way round: {comparisons[surest].text()}"
-        )
+        return Judgement("differ", measured, comparisons[surest].text())
     if support >= STRICT.least_support * len(comparisons):
         return Judgement("agree", measured)
-    return Judgement("cannot say", measured, "too few differences are beyond chance")
+    return Judgement("cannot say", measured, "too few differences are significant")
 
 
 def minimum(
@@ -212,10 +208,8 @@ def minimum(
         return Judgement("differ", measured, reason, interval)
     number = values.index(at)
     reasons = {
-        "other values may be the lowest too": 2 * len(candidates) > len(values),
-        "no error was seen at several values": sum(
-            not ber[value] for value in candidates
-        )
+        "too many to decide": 2 * len(candidates) > len(values),
+        "several values have no errors": sum(not ber[value] for value in candidates)
         > 1,
         "the lowest rate is elsewhere": not {*lowest}
         & {*values[max(0, number - 1) : number + 2]},
@@ -249,7 +243,7 @@ def valley(curves: curve.Curves, receiver: str, measured: str) -> Judgement:
         if all(any((other, value) in surely_above for other in side) for side in sides):
             return Judgement("agree", measured)
     return Judgement(
-        "cannot say", measured, "a rise on both sides is not beyond chance"
+        "cannot say", measured, "the rise is not significant on both sides"
     )
 
 
@@ -284,7 +278,7 @@ def quoted(
         if share is None:
             return Judgement("cannot say", "no gain", "two features made no error")
         found, apart = share, rates.gain_difference(curves, share, at, gain)
-        measured = f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}]"
+        measured = f"{100 * found.value:.0f} % [{100 * found.low:.0f} %, {100 * found.high:.0f} %]"
         wide = found.high - found.low > STRICT.widest_gain
         gap = f"{100 * (found.value - gain):+.0f} points"
     else:
