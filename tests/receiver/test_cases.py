@@ -162,3 +162,8 @@ def test_a_case_can_fail():
         Blind().test_panels_are_found()
     _, corners = rendered()
     assert float(torch.maximum(*cell_size_px(corners, PanelShape())).min()) > 4
+
+
+def test_a_case_without_a_method_is_refused_by_the_methods_name():
+    with pytest.raises(TypeError, match="TestNothing must write classifier and panels"):
+        type("TestNothing", (ClassifierCase,), {})

@@ -57,7 +57,7 @@ def run_export_receiver(
     finds = receiver.locator.exportable
     if not finds:
         console.print(
-            "the graph is told the corners: this locator cannot be in one",
+            "the graph takes the corners as an input: it has no locator",
             highlight=False,
         )
     for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):

@@ -20,6 +20,20 @@ class PartCase:
 
     may_round: ClassVar[bool] = False
 
+    def __init_subclass__(cls) -> None:
+        """Refuse a test class that leaves a method unwritten: pytest skips abstract classes silently.
+
+        Raises:
+            TypeError: it names the methods.
+        """
+        left = [
+            name
+            for name in dir(cls)
+            if getattr(getattr(cls, name), "__isabstractmethod__", False)
+        ]
+        if left and cls.__name__.startswith("Test"):
+            raise TypeError(f"{cls.__name__} must write {' and '.join(left)}")
+
     @abstractmethod
     def asked(self) -> tuple[Answer, Tensor]:
         """Give a part, ready to answer, and a batch of at least three rows."""
