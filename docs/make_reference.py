@@ -19,6 +19,7 @@ import vocc_torch as vt
 from vocc_torch.app.config import AppConfig, descriptions, register
 from vocc_torch.app.resolve import task_plain
 from vocc_torch.app.tasks import TASKS
+from vocc_torch.distributions import Distribution
 from vocc_torch.measure.curve import Row
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 
@@ -180,8 +181,10 @@ def keys_page() -> str:
                 section = key.partition(".")[0] if "." in key else "general"
                 rows = texts.setdefault(section, [])
                 if key in said and all(f"`{key}=`" != row[0] for row in rows):
-                    shown = "" if key == "name" else f"`{short(value)}`"
-                    rows.append((f"`{key}=`", shown, marked(said[key])))
+                    first = {"name": "", "task": "`test`"}
+                    shown = first.get(key, f"`{short(value)}`")
+                    words = marked(said[key]).replace("_target_", "`_target_`")
+                    rows.append((f"`{key}=`", shown, words))
     blocks = [
         f"## {name}\n\n{table(['key', 'default', 'meaning'], rows)}"
         for name, rows in texts.items()
@@ -235,7 +238,9 @@ def effects_page() -> str:
     for kind in PHYSICAL_ORDER:
         said = sections(kind.__doc__ or "")
         parameters = ", ".join(
-            f"`{part.name}{default_of(part)}`" for part in fields(kind)
+            f"`{part.name}{default_of(part)}`"
+            for part in fields(kind)
+            if not part.name.startswith("_")
         )
         whole = "yes" if kind.fills_sensor else ""
         draws = "yes" if kind.sampled else ""
@@ -268,7 +273,11 @@ def effects_page() -> str:
 
 def default_of(part: Field[object]) -> str:
     """Write a parameter's default."""
-    return "" if part.default in (MISSING, None) else f"={part.default}"
+    if part.default in (MISSING, None):
+        return ""
+    if isinstance(part.default, Distribution):
+        return f"=[{', '.join(map(str, (part.default.kind, *part.default.values)))}]"
+    return f"={part.default}"
 
 
 PAGES = {

@@ -57,13 +57,13 @@ TEMPLATES = ("own", "sklearn")
 def load_scene(
     scene: str | Path | Mapping[str, object] = "paper", *overrides: str
 ) -> World:
-    """Give the world of a scene: camera, panel, the distributions of its values, and its effects.
+    """Load a scene: camera, panel, ranges of its values, and effects.
 
     Args:
-        scene: the name of one that ships, such as ``night``; a YAML file as those in ``conf/scene``; or a
-            mapping like one. These say what differs from ``paper``; ``effects`` are all that is named. An
-            effect from outside (``_target_``) runs its code: read a stranger's file first.
-        overrides: as on the command line, such as ``camera.focal_length_mm=25`` and ``panel.rows=16``.
+        scene: the name of a scene that ships, such as ``night``; a YAML file like those in ``conf/scene``;
+            or such a mapping. It states what differs from ``paper``; its ``effects`` replace those of
+            ``paper``. An effect with ``_target_`` runs code: check files of others first.
+        overrides: words of the command line, such as ``camera.focal_length_mm=25`` and ``panel.rows=16``.
 
     Raises:
         VoccError: an unknown scene or key, a value outside its range, or an interpolation (``${``).
@@ -118,16 +118,18 @@ def train(
     frames: int = 1000,
     seed: int = 0,
 ) -> Receiver:
-    """Train a receiver on simulated frames of a scene, and find out what its scores are worth.
+    """Train a receiver on simulated frames and calibrate its scores.
 
     Args:
-        scene: what :func:`load_scene` gave, or the name of a scene.
-        locator: ``paper``, ``refined``, or one of your own as ``FILE.py:NAME`` or ``PACKAGE.MODULE.NAME``.
-        classifier: an FLDA receiver such as ``flda_3``, a classifier that ships such as ``lmmse`` or
-            ``mlp``, or one of your own as ``FILE.py:NAME`` or ``PACKAGE.MODULE.NAME``.
-        features: what FLDA or a classifier of your own sees, such as ``["agr", "gri", "mine.py:deviation"]``.
-        frames: training frames, at least 2; a network has a number of its own.
-        seed: of every random draw.
+        scene: a scene of :func:`load_scene`, or its name.
+        locator: ``paper``, ``refined``, ``detector``, or your own as ``FILE.py:NAME`` or
+            ``PACKAGE.MODULE.NAME``.
+        classifier: an FLDA receiver such as ``flda_3``, a classifier that ships such as ``lmmse``, or your
+            own as ``FILE.py:NAME`` or ``PACKAGE.MODULE.NAME``.
+        features: features of FLDA or of your own classifier, such as ``["agr", "gri",
+            "mine.py:deviation"]``.
+        frames: training frames, at least 2; a network has its own number.
+        seed: seed of all random draws.
 
     Returns:
         A receiver that decodes images and can be saved.
@@ -181,11 +183,11 @@ class Simulated(NamedTuple):
     """One batch of B simulated frames with their truth.
 
     Args:
-        frames: uint8 crops about the panel, or whole frames where an effect fills the sensor.
-        bits: (B,R,C) bool, what was sent.
+        frames: uint8 crops around the panel, or whole frames if an effect fills the sensor.
+        bits: (B,R,C) bool, the bits sent.
         corners_px: (B,4,2) float64 true corners on the sensor, clockwise from the top left.
-        scene: the values of each scene.
-        further: the bits (B,R,C) of LEDs of further colours, ``second`` and ``third``, where there are.
+        scene: the scene values of each frame.
+        further: bits (B,R,C) of further colours, ``second`` and ``third``, if there are any.
     """
 
     frames: Frames
@@ -204,14 +206,14 @@ def simulate(
     batch: int = BLOCK_FRAMES,
     point: str = "frames",
 ) -> Iterator[Simulated]:
-    """Simulate frames of a scene; the same ones for every size of a batch.
+    """Simulate frames of a scene. They do not depend on the batch size.
 
     Args:
-        scene: what :func:`load_scene` gave, or the name of a scene.
-        frames: how many, at least 1.
-        seed: of every random draw.
-        batch: frames at a time, at least 1; no more scenes than that are drawn ahead.
-        point: names the draws, so that another name gives other frames.
+        scene: a scene of :func:`load_scene`, or its name.
+        frames: number of frames, at least 1.
+        seed: seed of all random draws.
+        batch: frames per batch, at least 1.
+        point: name of the random draws; another name gives other frames.
 
     Raises:
         VoccError: an unknown scene, or a number outside its range.
@@ -228,14 +230,14 @@ def simulate(
 class SimulatedFrames(IterableDataset[Simulated]):
     """Batches of :func:`simulate` for ``torch.utils.data.DataLoader(..., batch_size=None)``.
 
-    The workers of a loader share the batches; frames and their order are the same for every number of them.
+    The workers of a loader share the batches. Frames and their order do not depend on the number of workers.
 
     Args:
-        world: what :func:`load_scene` gave.
-        frames: how many, at least 1.
-        seed: of every random draw.
-        batch: frames at a time, at least 1.
-        point: names the draws.
+        world: a scene of :func:`load_scene`.
+        frames: number of frames, at least 1.
+        seed: seed of all random draws.
+        batch: frames per batch, at least 1.
+        point: name of the random draws.
 
     Example:
         >>> from torch.utils.data import DataLoader
@@ -291,7 +293,7 @@ class Table:
         return self.curves.table().rows
 
     def plot(self, path: str | Path | None = None) -> "Figure":
-        """Draw the curves; ``path`` saves them as a picture too: ``.png``, ``.pdf`` or ``.svg``."""
+        """Draw the curves; ``path`` also saves them as ``.png``, ``.pdf`` or ``.svg``."""
         table = self.curves.table()
         figure = plots.ber_figure(
             table, styles.axis_label(table.axis), "Bit error rate"
@@ -335,20 +337,20 @@ def measure(
     progress: Callable[[int], None] = lambda frames: None,
     store: str | Path | None = None,
 ) -> Table:
-    """Measure bit error rates of receivers on the same simulated frames; each looks for the panel itself.
+    """Measure bit error rates of receivers on the same simulated frames, each with its own locator.
 
     ``vocc-torch experiment=scenes`` with the same scene, seed, locator and training counts the same errors.
 
     Args:
-        receivers: one, or several by name.
-        scene: what :func:`load_scene` gave, or the name of a scene.
-        axis: the value of a scene that varies, such as ``distance_m``.
-        values: of the axis, ascending.
-        frames: at each value, at least 1.
-        seed: of every random draw.
-        experiment: names the draws, as ``experiment.name`` does.
+        receivers: a receiver, or several by name.
+        scene: a scene of :func:`load_scene`, or its name.
+        axis: the scene value that varies, such as ``distance_m``.
+        values: values of the axis, ascending.
+        frames: frames per value, at least 1.
+        seed: seed of all random draws.
+        experiment: name of the random draws, as ``experiment.name``.
         progress: called with the frames added since the last call.
-        store: a file that takes what is counted; the same call goes on from it where it was interrupted.
+        store: a file for the counts; the same call resumes from it.
 
     Raises:
         VoccError: an unknown axis or scene, values out of order, or a panel of another shape.

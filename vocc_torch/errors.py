@@ -9,7 +9,7 @@ from typing import Self
 
 
 class VoccError(ValueError):
-    """A mistake at the boundary: one line that names the key or argument, its value and what is allowed.
+    """A mistake of the user: one line that names the key or argument, its value and what is allowed.
 
     The line begins with the key, so that a :func:`section` can say where the key came from. The command line
     prints it without a traceback and exits with status 2.

@@ -59,10 +59,10 @@ class Scene(Batched):
     Args:
         ambient_lx: illuminance of the ambient light, lx, 0 to 1e12; 0 only for a camera with ISO limits.
         led_luminance_cd_m2: luminance of an On LED's own light, cd/m2, 0 to 1e12; at 0 On is Off.
-        distance_m: from the lens to the panel, m, above 0, at most 1e9.
+        distance_m: distance from the lens to the panel, m, above 0, at most 1e9.
         background_grey: grey value that auto-ISO gives the background, digital numbers, above 0 to 255.
-        offset_x_m: panel centre right of the optical axis, m, -1e9 to 1e9; a frame cuts what lies outside it.
-        offset_y_m: panel centre below the optical axis, m, likewise.
+        offset_x_m: panel's centre right of the optical axis, m, -1e9 to 1e9.
+        offset_y_m: panel's centre below the optical axis, m, -1e9 to 1e9.
 
     Example:
         >>> scene = Scene.of(frames=2, ambient_lx=8000.0, distance_m=50.0)
@@ -250,10 +250,9 @@ class Frames(Batched):
         grey: (B,1,H,W) grey values in digital numbers: uint8 once quantised, floating before.
         origin_px: (B,2) int64, the sensor coordinates ``(x, y)`` of each crop's top left pixel.
         sensor_px: ``(height, width)`` of the sensor.
-        surround: (B,) the uniform grey value of all the sensor outside the crop, or None where ``grey`` is
-            the whole frame, or where a smaller ``grey`` says nothing of the rest.
-        colour: (B,3,H,W) red, green and blue, of which ``grey`` is the luma or a channel; None where all is
-            grey.
+        surround: (B,) uniform grey value outside the crop; None for whole frames, or if it is unknown.
+        colour: (B,3,H,W) red, green and blue, of which ``grey`` is the luma or a channel; None for grey
+            frames.
 
     Example:
         >>> frames = Frames.whole(torch.zeros(2, 1, 4, 6, dtype=torch.uint8))
@@ -348,8 +347,8 @@ class Panels(Batched):
         corners_px: (B,4,2) float64 sensor coordinates of the corners of the LED cells' grid, clockwise from
             the top left; zeros where no panel was found.
         found: (B,) bool.
-        score: (B,) float64, how panel-like the chosen blob is, 0 to 1; 1 for known corners.
-        candidates: (B,) int64, how many blobs passed the locator's limits.
+        score: (B,) float64 score of the chosen candidate, 0 to 1; 1 for known corners.
+        candidates: (B,) int64, number of candidates within the locator's limits.
 
     Example:
         >>> Panels.known(torch.zeros(3, 4, 2)).found.tolist()

@@ -23,26 +23,23 @@ _PARTS = ("count", "mean", "scatter")
 class FLDA(torch.nn.Module):
     """Fisher's linear discriminant of two classes of feature vectors, Off and On (Eqs. 10 to 19).
 
-    The within-class scatter is that of Eq. 15, pooled over samples, divided by their number N. Only the
-    scale of the direction differs from Eq. 14's bare sum, and no decision does: the score becomes the
-    log-likelihood ratio, On over Off, of two Gaussians with that common covariance and equal priors.
-    scikit-learn's ``LinearDiscriminantAnalysis`` solves the same, and by default adds the logarithm of the
-    ratio of the classes' samples.
-    The threshold is Eq. 19 as written, the midpoint of the projected class means; the paper's words beside it
-    ("the mean of the projections of all") say the same only for equally many Off and On samples.
+    The within-class scatter is that of Eq. 15 divided by the number of samples. This changes the scale of
+    Eq. 14's direction and no decision. The score is the log-likelihood ratio, On over Off, of two Gaussians
+    with this common covariance and equal priors. scikit-learn's ``LinearDiscriminantAnalysis`` gives the same
+    direction; its threshold also has the ratio of the classes' samples.
+    The threshold is the midpoint of the projected class means (Eq. 19). The paper's words ("the mean of the
+    projections of all") agree with it only for equally many Off and On samples.
 
-    The statistics are float64 buffers and stay so under ``.half()`` or ``.to(dtype)``: a device must know
-    float64. The solution follows from them after each change, with an error of about the
-    condition number (of the within-class covariance, features in units of their deviations) times 2e-16, and
-    whatever the pieces were in which the samples came. Features may be up to 1e140; a spread below 1e-150, or
-    below 2e-15 of a feature's mean, counts as none. Where the condition number is above 1e12, or the
-    statistics do not determine the solution, an ``FLDAWarning`` says so: a constant feature gets weight 0,
-    collinear features the least-norm solution, and features that separate the classes without any variance
-    rule, with very large but finite scores, where their part of the means' difference is above a millionth.
-    ``fit`` is not differentiable. For gradients through the training set use
-    :func:`vocc_torch.receiver.discriminant.discriminant`. Scores are differentiable in the features. Scoring
-    works under ``torch.vmap`` and ``torch.compile(fullgraph=True)``; there, features that are not finite are
-    not refused.
+    The statistics are float64 buffers, also after ``.half()`` or ``.to(dtype)``, so the device must support
+    float64. The solution has a relative error of about the condition number of the within-class covariance
+    times 2e-16, in whatever pieces the samples come. Features may be up to 1e140. A spread below 1e-150, or
+    below 2e-15 of the feature's mean, counts as zero. An ``FLDAWarning`` tells of a condition number above
+    1e12 and of statistics that do not determine the solution. A constant feature then gets weight 0,
+    collinear features get the least-norm solution, and features that separate the classes without variance
+    decide alone, with large finite scores.
+    Scores are differentiable in the features, ``fit`` is not differentiable: for gradients through the
+    training set use :func:`vocc_torch.receiver.discriminant.discriminant`. Scoring works under ``torch.vmap``
+    and ``torch.compile(fullgraph=True)``, which do not refuse features that are not finite.
 
     Args:
         n_features: F, at least 1.

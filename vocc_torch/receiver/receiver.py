@@ -37,12 +37,13 @@ class Decoded(NamedTuple):
         scores: (B,R,C) float64, at least 0 is On; zeros where no panel was found.
         corners_px: (B,4,2) float64 image coordinates, clockwise from the top left; zeros where not found.
         found: (B,) bool.
-        panel_score: (B,) float64, how panel-like the chosen blob is, 0 to 1.
-        candidates: (B,) int64, how many blobs could have been the panel.
-        llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), of the decisions' signs; the scores
-            where the receiver was never calibrated; zeros where no panel was found.
+        panel_score: (B,) float64 score of the chosen candidate, 0 to 1.
+        candidates: (B,) int64, number of blobs that could be the panel.
+        llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), with the signs of the bits; the
+            scores if the receiver is not calibrated; zeros where no panel was found.
         appearance: (B,3) float64 pitch (px), level and contrast; see :mod:`vocc_torch.receiver.calibration`.
-        false_alarms: (B,) float64, false alarms expected in a panel-free frame at this score; else NaN.
+        false_alarms: (B,) float64, expected false alarms in a frame without a panel at this score; NaN if
+            unknown.
     """
 
     bits: torch.Tensor
@@ -158,15 +159,15 @@ class Receiver(torch.nn.Module):
     """Locate the panel, rectify it, measure its LEDs and decide their bits.
 
     Args:
-        name: of an FLDA receiver, which says which features it uses, or of the classifier.
+        name: name of the FLDA receiver, which selects its features, or of the classifier.
         locator: the panel locator.
-        reader: rectification and features; it holds the panel's shape.
+        reader: rectification and features; holds the panel's shape.
         classifier: FLDA fitted on the named features, or another trained classifier.
-        calibration: what its scores are worth, or None.
-        trained_on: the looks of the panels that it learned from; empty where nobody knows.
+        calibration: calibration of the scores, or None.
+        trained_on: ranges of pitch, level and contrast in training; empty if unknown.
 
     Raises:
-        VoccError: an unknown name, or a classifier of another number of features or of other ones.
+        VoccError: an unknown name, or a classifier for other features.
     """
 
     _place: torch.Tensor
@@ -196,7 +197,7 @@ class Receiver(torch.nn.Module):
 
     @property
     def classifier(self) -> FLDA | Guarded:
-        """What decides: FLDA, or another classifier."""
+        """FLDA or another classifier."""
         return (
             self.decider
             if isinstance(self.decider, Guarded)
@@ -205,14 +206,14 @@ class Receiver(torch.nn.Module):
 
     @property
     def stages(self) -> StagedReceiver:
-        """Its stages."""
+        """The stages: locate, rectify, measure, decide."""
         return StagedReceiver(
             ReceiverBank.of({self.name: self.decider}), self.reader, self.locator
         )
 
     @property
     def device(self) -> torch.device:
-        """Where its classifier is."""
+        """Device of the classifier."""
         return self._place.device
 
     @property
@@ -236,7 +237,7 @@ class Receiver(torch.nn.Module):
         return Decoded(*(batch.clone() for batch in decoded))
 
     def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
-        """Read up to ``most`` panels of each image: the image of each panel, and what was read of it.
+        """Read up to ``most`` panels per image. Return the image number of each panel, and what was read.
 
         Raises:
             VoccError: as :meth:`decode`, or a locator that sees one panel alone.
@@ -256,7 +257,7 @@ class Receiver(torch.nn.Module):
         return whose.tolist(), Decoded(*(batch.clone() for batch in decoded))
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
-        """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
+        """Read the bits of frames or crops, at ``panels`` if given; score 0 is On (Eq. 18).
 
         Args:
             frames: B frames or crops, or whole images as :meth:`decode` takes.
@@ -287,7 +288,7 @@ class Receiver(torch.nn.Module):
         return self.decider.score(readings)
 
     def get_extra_state(self) -> Settings:
-        """Give what a ``state_dict`` holds of the receiver: what decides, and what its scores are worth."""
+        """Return the state of classifier and calibration for ``state_dict``."""
         settings, arrays = self.decider.model()
         worth = None if self.calibration is None else asdict(self.calibration)
         return {
@@ -298,7 +299,7 @@ class Receiver(torch.nn.Module):
         }
 
     def set_extra_state(self, state: Settings) -> None:
-        """Take what :meth:`get_extra_state` gave of a receiver with a classifier of the same name.
+        """Load a state of :meth:`get_extra_state`; the classifier's name must be the same.
 
         Raises:
             VoccError: a classifier of another name, or one from outside: only ``load`` takes its code.

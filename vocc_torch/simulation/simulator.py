@@ -46,13 +46,12 @@ class Simulator:
     Args:
         camera: the camera; by default the paper's.
         panel: the LED panel; by default the paper's.
-        effects: effect name to parameters, or effects that are built; by default the paper's. What is not
-            named is never built.
-        framing: ``crop`` renders the panel's surroundings only and states the uniform rest as a grey value;
-            ``filled`` lays that crop into a full frame of that grey value; ``full`` renders the whole sensor.
-            All three give the same pixels, once quantised to the last bit; an effect that fills the sensor
-            makes every framing ``full``, and one that may reach anywhere every window, too.
-        device: where the tensors live.
+        effects: effect names with parameters, or built effects; by default the paper's. Other effects are
+            never built.
+        framing: ``crop`` renders the panel's surroundings and states the uniform grey around them;
+            ``filled`` pastes this crop into a full frame; ``full`` renders the whole sensor. Quantised
+            pixels are equal. An effect that fills the sensor always makes whole frames.
+        device: device of the tensors.
         dtype: working precision, ``torch.float32`` or ``torch.float64``.
 
     Raises:

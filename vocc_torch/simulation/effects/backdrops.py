@@ -25,7 +25,7 @@ from vocc_torch.simulation.sketch import Sketch
 
 @dataclass(frozen=True, slots=True)
 class Photographs(Backdrop):
-    """Photographs of a folder behind the panel: one a frame, at a random place, scale and level, or mirrored.
+    """Photographs of a folder behind the panel, at a random place, scale and brightness in each frame.
 
     Grey values become light by undoing the gamma, and each photograph has a mean of 1 before its level. It
     covers the sensor, magnified up to twice more than that needs; one of fewer pixels than the sensor is
@@ -181,7 +181,7 @@ def light_of(
 
 @dataclass(frozen=True, slots=True)
 class Leaves(street.Sketched):
-    """Shapes of all sizes that cover one another, plain or patterned, some of them lamps.
+    """Overlapping shapes of all sizes, plain or patterned, some of them lamps.
 
     Discs, rectangles, triangles and stars lie at random places and turns, the largest behind. Their radii
     have the density ``r^-3``, with which dead leaves have the statistics of natural images at every scale.

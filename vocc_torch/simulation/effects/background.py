@@ -63,7 +63,7 @@ def power_law_noise(generator: Generator, size: raster.Size, beta: float) -> Sin
 
 @dataclass(frozen=True, slots=True)
 class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
-    """Background luminance times a texture of mean 1, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
+    """A texture of mean 1 times the background, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
 
     g is :func:`power_law_noise` over the whole sensor and c the contrast. The texture is log-normal, as the
     luminances of natural scenes nearly are, so it is never negative; its logarithm has the power law. Its
@@ -209,7 +209,7 @@ FARTHEST_M = 100.0
 
 @dataclass(frozen=True, slots=True)
 class SecondPanel(Effect, on=Quantity.BACKGROUND):
-    """A panel of the same make in the plane of ours, which sends data of its own.
+    """A second panel of the same kind in the same plane, which sends its own data.
 
     Its LEDs are those of our panel, moved by the offset: they reflect daylight alike, stand on a board where
     ours do, and shine at ``luminance_share`` of the scene's LED luminance. Its bits, On or Off with equal

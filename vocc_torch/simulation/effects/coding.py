@@ -133,7 +133,7 @@ class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
 
 @dataclass(frozen=True, slots=True)
 class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
-    """What a recorder writes over a picture: black bars above and below, or aside, and a line of lettering.
+    """Black bars and a line of text that a recorder writes over the picture.
 
     Neither lens nor sensor sees it, so its edges are sharp and free of noise. Of the bars' frames half have
     them aside. Letters are those of a fixed bitmap, a whole number of times enlarged, white or black, near

@@ -86,7 +86,7 @@ def channel_shares(peak_nm: float, width_nm: float) -> tuple[float, float, float
 
 @dataclass(frozen=True, slots=True)
 class Colour(Effect, on=Quantity.LED_LUMINANCE):
-    """LEDs of one colour, or of three at once, before a camera of three channels, balanced to daylight.
+    """LEDs of one colour, or of three at once, seen by a colour camera balanced to daylight.
 
     Frames then have ``colour``, (B,3,H,W), beside their grey, which is its luma or a channel. A channel sees
     an LED's light as its sensitivity weighs the LED's spectrum, over daylight's of the same luminance. So

@@ -23,7 +23,7 @@ from vocc_torch.simulation.sketch import Sketch
 
 @dataclass(frozen=True, slots=True)
 class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
-    """Frames without a panel: no LEDs, no board, no frame around them; all else is as it is with one.
+    """Frames without a panel, otherwise as frames with one.
 
     Of such a frame the true panel is said not to be found. Which frames these are belongs to the scene, so a
     frame and its preambles are alike. Sampled: not differentiable in the share; the light of the panels that
@@ -73,7 +73,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class LedLook(Effect, on=Quantity.LED_LUMINANCE):
-    """Another make of LED in every frame, on the panel's pitch: wide, pointlike, square, grey, white, unseen.
+    """Another kind of LED in every frame: size, shape, reflectance, and whether Off LEDs can be seen.
 
     What the panel itself says of its LEDs' size and surface is replaced. A square LED has the width that a
     round one has as its diameter. One that is smaller than the panel's sends the same light from its smaller
@@ -129,7 +129,7 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
 
 @dataclass(frozen=True, slots=True)
 class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
-    """Rows that are driven in turn: a short exposure sees some of them bright and others dark.
+    """Rows that are driven in turn, so that a short exposure sees some of them dark.
 
     Row i is in group ``i mod groups``; each group is lit for its share of a period of ``1 / refresh_hz``, at
     ``groups`` times the mean luminance. A row's light is what the exposure catches of that, from a phase that
@@ -184,7 +184,7 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
 @dataclass(frozen=True, slots=True)
 class Housing(street.Sketched):
-    """What a panel is built into: a board behind its LEDs, dark or light or none, a rim, and cables.
+    """The panel's housing: a dark or light board behind the LEDs or none, a rim, and cables.
 
     All lie in the panel's plane and are matt, in the scene's daylight. The board covers the LEDs' cells and
     the rim surrounds it; either may be left out. Cables run off from the rim in bent strips. The panel's

@@ -41,7 +41,7 @@ FREE_VIEW = "leave the effect out for a free view"
 
 @dataclass(frozen=True, slots=True)
 class RollingShutter(Effect, on=Quantity.SYMBOLS):
-    """Row i of the sensor is exposed over ``[t_i, t_i + T]``, ``t_i = i readout_s / (height - 1)``.
+    """Rolling shutter: row i is exposed over ``[t_i, t_i + T]``, ``t_i = i readout_s / (height - 1)``.
 
     The panel shows symbol after symbol, each for ``symbol_s``. The symbol that was sent with the frame, the
     truth, is the one that shows in the middle of the exposure of the row that the panel's centre lies in (or
@@ -235,7 +235,7 @@ class Playback(RollingShutter):
 
 @dataclass(frozen=True, slots=True)
 class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
-    """Each LED independently is stuck Off or stuck On, whatever its bit.
+    """LEDs that are stuck Off or On, each independently of its bit.
 
     A stuck-On LED shines at the scene's LED luminance. Every frame of a block is another panel, with stuck
     LEDs of its own; a frame and its preambles show one panel, and what is stuck in one is stuck in all. A
@@ -290,7 +290,7 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
 
 @dataclass(frozen=True, slots=True)
 class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
-    """A factor for each LED's own light: ``exp(s z - s^2 / 2)`` with ``s^2 = ln(1 + v^2)``.
+    """Unequal LEDs: each has a light factor ``exp(s z - s^2 / 2)``, ``s^2 = ln(1 + v^2)``.
 
     The factor is log-normal with mean 1, v is its coefficient of variation and z is standard normal.
     Luminances spread so because the many causes (binning, temperature, ageing, dirt) each multiply. Every
@@ -333,7 +333,7 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
 
 @dataclass(frozen=True, slots=True)
 class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
-    """The air's transmission coefficient on the LEDs' own light (Eq. 20), ``T = exp(-3.91 d / V)``.
+    """Air dims the LEDs' own light by ``T = exp(-3.91 d / V)`` (Eq. 20).
 
     Linear in the light, and differentiable in it and in the distance.
 
@@ -383,7 +383,7 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
 
 @dataclass(frozen=True, slots=True)
 class Airlight(Effect, on=Quantity.UNLIT):
-    """Koschmieder's law, ``L_seen = L T + L_air (1 - T)`` with ``T = exp(-3.912 d / V)``.
+    """Fog adds scattered daylight (Koschmieder): ``L T + L_air (1 - T)``, ``T = exp(-3.912 d / V)``.
 
     The path of length d takes its share of what lies behind it and adds daylight that it scatters towards the
     camera. ``L_air`` is the horizon's luminance, ``horizon_factor E / pi``: a sky of one luminance that

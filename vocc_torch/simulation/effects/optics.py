@@ -36,7 +36,7 @@ PLANE_PX = 1 << 17
 
 @dataclass(frozen=True, slots=True)
 class MotionBlur(Effect, on=Quantity.EXPOSURE):
-    """Uniform straight motion across the view, on luminous exposure: a streak of ``v t F / d`` pixels.
+    """Uniform straight motion across the view: a streak of ``v t F / d`` pixels.
 
     v is the panel's velocity relative to the camera, across the line of sight; t the exposure time, F the
     focal length in pixels and d each frame's distance. The streak is centred where the frame has the panel,
@@ -116,7 +116,7 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
 
 @dataclass(frozen=True, slots=True)
 class Defocus(Effect, on=Quantity.EXPOSURE):
-    """The thin lens's blur disc on luminous exposure, of the diameter ``c = f^2 / (N (s - f)) |d - s| / d``.
+    """The blur disc of a thin lens, of diameter ``c = f^2 / (N (s - f)) |d - s| / d``.
 
     f is the focal length, N the f-number, s the distance in focus and d each frame's distance to the panel.
     A panel at 50 m has a disc of 0.45 px with the paper's lens focused at infinity, and of 1.8 px with it
@@ -214,7 +214,7 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
 
 @dataclass(frozen=True, slots=True)
 class Diffraction(Effect, on=Quantity.EXPOSURE):
-    """The Airy pattern of a circular aperture on luminous exposure: ``(2 J1(v) / v)^2``.
+    """Diffraction at a circular aperture, the Airy pattern ``(2 J1(v) / v)^2``.
 
     ``v = pi r / (lambda N)`` at the distance r from the middle, for a wavelength lambda and an f-number N;
     the first dark ring lies at ``1.22 lambda N`` and holds 83.8 % of the light. The f-number and the pixel
@@ -365,7 +365,7 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
 
 @dataclass(frozen=True, slots=True)
 class Vignetting(Effect, on=Quantity.EXPOSURE):
-    """Natural vignetting on luminous exposure, ``cos^4`` of the field angle; the lens barrel's on request.
+    """Natural vignetting, ``cos^4`` of the field angle, and optionally that of the lens barrel.
 
     A pixel at the distance r from the optical axis, for a focal length F in pixels, sees the field angle
     ``atan(r / F)``: it gets ``1 / (1 + (r / F)^2)^2`` of the light on the axis. The barrel of a real lens

@@ -289,7 +289,7 @@ class SensorPattern(ElectronNoise):
 
 @dataclass(frozen=True, slots=True)
 class Prnu(SensorPattern):
-    """Each pixel's own response, ``mu_e (1 + s z)`` with z standard normal, the same in every frame of a run.
+    """Unequal response of pixels, ``mu_e (1 + s z)`` with z standard normal, fixed during a run.
 
     The pattern belongs to the sensor: it follows from the run's seed and the pixel's place alone, so
     training frames, test frames and preambles all carry it. It multiplies what light frees, before dark
@@ -325,7 +325,7 @@ class Prnu(SensorPattern):
 
 @dataclass(frozen=True, slots=True)
 class DarkCurrent(Effect, on=Quantity.ELECTRONS):
-    """Mean dark signal ``mu_d = mu_I t`` on top of the photoelectrons, t being the exposure time.
+    """Mean dark signal ``mu_d = mu_I t`` in electrons, with exposure time t.
 
     The number of thermal electrons is Poisson distributed too: where the scene names ``shot_noise``, which
     follows, it covers them. At the paper's 1/1500 s a dark current matters from some 10,000 electrons a
@@ -356,7 +356,7 @@ class DarkCurrent(Effect, on=Quantity.ELECTRONS):
 
 @dataclass(frozen=True, slots=True)
 class HotPixels(SensorPattern):
-    """Pixels that each are hot with the same probability, with ``mu_I t`` electrons more than the others.
+    """Hot pixels: each pixel has ``mu_I t`` more electrons with the same probability.
 
     Which pixels are hot belongs to the sensor: it follows from the run's seed and the pixel's place alone. A
     pixel that is hot at one share is hot at every larger one. Shot noise, which follows, covers their charge.
@@ -393,7 +393,7 @@ class HotPixels(SensorPattern):
 
 @dataclass(frozen=True, slots=True)
 class ShotNoise(ElectronNoise):
-    """Poisson distributed electrons, variance equal to the mean: ``P(n) = mu^n exp(-mu) / n!``.
+    """Photon shot noise: Poisson distributed electrons, ``P(n) = mu^n exp(-mu) / n!``.
 
     Exact at every mean: each pixel's standard normal number is put through the Poisson quantile function,
     with no normal approximation. So the pixel keeps its draw whatever its own mean and its neighbours' are,
@@ -467,7 +467,7 @@ class FullWell(Effect, on=Quantity.ELECTRONS):
 
 @dataclass(frozen=True, slots=True)
 class Dsnu(SensorPattern):
-    """Each pixel's own offset, ``s z`` electrons with z standard normal, the same in every frame of a run.
+    """Unequal offset of pixels, ``s z`` electrons with z standard normal, fixed during a run.
 
     The pattern belongs to the sensor: it follows from the run's seed and the pixel's place alone. It is an
     offset of the readout, added after the charge is collected, so it has no shot noise; hot pixels, whose
@@ -503,7 +503,7 @@ class Dsnu(SensorPattern):
 
 @dataclass(frozen=True, slots=True)
 class RowNoise(ElectronNoise):
-    """An offset that all pixels of a sensor row share, ``s z`` electrons with z standard normal.
+    """Row noise: an offset of ``s z`` electrons per sensor row, z standard normal.
 
     It is drawn for all the sensor's rows, anew in every picture; a crop takes its own rows. The light keeps
     its gradient. It fills the sensor.
@@ -537,7 +537,7 @@ class RowNoise(ElectronNoise):
 
 @dataclass(frozen=True, slots=True)
 class ReadNoise(ElectronNoise):
-    """Gaussian noise of each pixel, ``s z`` electrons with z standard normal, anew in every picture.
+    """Gaussian noise of each pixel, ``s z`` electrons with z standard normal, new in every frame.
 
     EMVA's temporal dark noise at zero exposure time: the intercept of the photon-transfer curve is its
     square. Readings may fall below zero. The light keeps its gradient. It fills the sensor.
@@ -578,7 +578,7 @@ class ReadNoise(ElectronNoise):
 
 @dataclass(frozen=True, slots=True)
 class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
-    """The luminous exposure that a number of electrons stands for, ``H = mu_e / k``.
+    """Convert electrons back to luminous exposure, ``H = mu_e / k``.
 
     k is the conversion of the scene's own ``photoelectrons``, in electrons per lx s, so the mean picture
     keeps its brightness and the noise becomes noise of exposure: its variance against its mean is a line of

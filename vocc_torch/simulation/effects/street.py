@@ -92,7 +92,7 @@ def in_strips(
 
 @dataclass(frozen=True, slots=True)
 class Scenery(Effect, on=Quantity.BACKGROUND):
-    """A sky, a far skyline and a ground, each with a texture, in place of a plain background.
+    """Textured sky, skyline and ground in place of a plain background.
 
     The horizon lies near the sensor's middle. The sky has 2 to 7 times the plain background's luminance, the
     skyline 0.15 to 1.5, the ground 0.3 to 2; each has a texture of equal contrast in every octave. Auto-ISO

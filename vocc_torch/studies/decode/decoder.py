@@ -59,31 +59,32 @@ def decode(
 ) -> Iterator[Reading]:
     """Read the bits of pictures, films, arrays or a live source, frame by frame.
 
-    ``vocc-torch task=decode`` reads the same bits. Files of a folder that cannot be read are named in a
-    warning after all others.
+    ``vocc-torch task=decode`` reads the same bits. A warning at the end names the
+    files of a folder that cannot be read.
 
     Args:
         source: a path of a picture, a folder of pictures, a film or a NumPy file; a live source
             (``camera:0``, ``rtsp://...``, ``-``); a Pillow picture; or an array or tensor (H,W), (H,W,3),
             (B,H,W) or (B,H,W,3) of integers or of floats from 0 to 1.
-        model: a receiver, the file of one, or the name of one that ships.
-        rows: of the panel; None takes those of the receiver, ``auto`` tries usual shapes and warns where
+        model: a receiver, its file, or the name of one that ships.
+        rows: rows of the panel; None takes those of the receiver, ``auto`` tries usual shapes and warns if
             none is sure.
-        columns: likewise.
+        columns: columns, as ``rows``.
         channel: how colour becomes grey, as ``decode.channel``.
-        most: panels read in a frame, at most.
-        follow: whether the panel is followed from frame to frame; None follows in a live source alone.
-        turn: clockwise angle in degrees by which frames are turned, 0, 90, 180 or 270.
-        mirror: whether left and right are then exchanged.
-        false_alarms: in a frame without a panel, at which one is found; None takes the receiver's.
+        most: most panels per frame.
+        follow: follow the panel from frame to frame; None follows in live sources only.
+        turn: turn frames clockwise, 0, 90, 180 or 270 degrees.
+        mirror: exchange left and right after turning.
+        false_alarms: accept a panel if at most this many false alarms are expected in a frame without one;
+            None takes the receiver's.
         plug_ins: Python files and packages whose code the model may run.
         device: ``auto``, ``cpu`` or ``cuda``.
 
     Returns:
-        One reading a panel: ``bits`` (R,C), ``text``, ``corners_px``, ``found``, ``margin`` and ``frame``.
+        One reading per panel: ``bits`` (R,C), ``text``, ``corners_px``, ``found``, ``margin`` and ``frame``.
 
     Raises:
-        VoccError: a source, model or option that cannot be used, by its name.
+        VoccError: a source, model or option that cannot be used.
 
     Example:
         >>> import numpy as np

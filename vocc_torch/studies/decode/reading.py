@@ -51,19 +51,20 @@ class Reading:
     """What was read from one recorded frame.
 
     Args:
-        frame: where it came from; its pictures are dropped once drawn.
+        frame: the frame that was read; pictures are dropped after drawing.
         found: whether a panel was found.
         corners_px: (4,2) corners, clockwise from the top left.
         bits: (R,C) bool.
-        unlike: a pitch or contrast, by name, below all that the receiver learned from.
-        margin: the smallest distance of a score from the threshold.
-        panel_score: how panel-like it is, by the locator.
-        candidates: how many panels, or blobs that may be one, the frame shows.
-        is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
-        expected_errors: wrong bits that the log-likelihood ratios let expect.
-        one_level: whether all LEDs look alike, so that all may be On, or all Off.
-        false_alarms: those expected in a frame without a panel at this score; NaN where none is stated.
-        panel: its number in the frame, from 0, the likeliest first; followed, that of its track.
+        unlike: pitch or contrast, by name, if below all training panels.
+        margin: smallest distance of an LED's score from the threshold.
+        panel_score: the locator's score of the panel, 0 to 1.
+        candidates: panels, or blobs that could be one, in the frame.
+        is_doubtful: may be no panel: a low score, or an LED between On and Off.
+        expected_errors: expected number of wrong bits, from the log-likelihood ratios.
+        one_level: all LEDs look alike, so all may be On or all Off.
+        false_alarms: expected false alarms in a frame without a panel at this score; NaN if unknown.
+        panel: number of the panel in the frame, from 0, best first; while followed, the number of its
+            track.
     """
 
     frame: RecordedFrame
@@ -91,13 +92,13 @@ class Reading:
 
     @property
     def place(self) -> str:
-        """The picture, or the film and which of its frames."""
+        """Name of the picture, or of the film with the frame's number."""
         numbered = self.frame.index or self.frame.time_s is not None
         return self.frame.source + (f", frame {self.frame.index}" if numbered else "")
 
     @property
     def judged(self) -> str:
-        """How sure the reading is, in words."""
+        """The reading and its doubts, in words."""
         doubt = ", may be no panel" if self.is_doubtful else ""
         doubt += ", LEDs look alike" * self.one_level
         others = (
