@@ -134,7 +134,7 @@ def time_stages(
         itertools.chain(*zip(batches[-1:] + batches[:-1], batches, strict=True))
     )
     calls = {
-        str(key): map(stage, itertools.cycle(turns)).__next__
+        key: map(stage, itertools.cycle(turns)).__next__
         for stages in chains.values()
         for name, (key, stage) in stages.items()
         if name != "preambles"
@@ -145,7 +145,7 @@ def time_stages(
         spent = dict.fromkeys(STAGES, np.zeros(repeats))
         for stage, (key, _) in stages.items():
             if stage != "preambles":
-                spent[stage] = 1e3 / batch * np.array(timed[str(key)])
+                spent[stage] = 1e3 / batch * np.array(timed[key])
         if "preambles" in stages:
             spent["preambles"] = 2 * np.sum([spent[of] for of in _MEASURING], axis=0)
         times[name] = StageTimes(

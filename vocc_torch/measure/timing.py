@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -35,15 +35,18 @@ def median_of(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
     return Estimate(median, low, high)
 
 
+Name = TypeVar("Name")
+
+
 def interleaved(
-    calls: Mapping[str, Callable[[], object]],
+    calls: Mapping[Name, Callable[[], object]],
     repeats: int,
     device: torch.device,
     *,
     warm_up: int = 2,
     primed: bool = False,
     clock: Callable[[], float] = time.perf_counter,
-) -> dict[str, tuple[float, ...]]:
+) -> dict[Name, tuple[float, ...]]:
     """Time calls in rounds, each once a round, so that a busy spell of the machine meets all of them.
 
     Every other round runs backwards: no call always finds the caches as the same other one left them, and a
@@ -66,7 +69,7 @@ def interleaved(
         >>> list(spent), len(spent["sum"]), min(spent["sum"]) > 0
         (['sum', 'none'], 5, True)
     """
-    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    seconds: dict[Name, list[float]] = {name: [] for name in calls}
     if device.type == "cpu":
         settle_memory()
     for turn in range(warm_up + repeats):

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from torch import Tensor
 
-from vocc_torch.arrays import Bools, Floats
+from vocc_torch.arrays import Bools, Bytes, Floats
 from vocc_torch.report.plots import (
     LOOK,
     Axes,
@@ -105,10 +105,24 @@ def status_cloud(
     axes.set(xlabel=labels[0], ylabel=labels[1], **limits)
 
 
-def picture_figure(pictures: Mapping[str, Floats], title: str) -> Figure:
-    """Draw pictures (h,w) beside each other, black at 0 and white at 255, by their heading."""
-    layout = rows_of(range(len(pictures)), 3)
-    figure, axes = sheet(layout, panel_size(layout), title)
+def picture_figure(
+    pictures: Mapping[str, Floats | Bytes],
+    title: str,
+    footnote: str = "",
+    columns: int = 3,
+    cell_in: tuple[float, float] = LOOK.panel_in,
+) -> Figure:
+    """Draw pictures beside each other, pixels as squares, greys black at 0 and white at 255.
+
+    Args:
+        pictures: by what stands above them.
+        title: what the figure shows.
+        footnote: what it rests on.
+        columns: most pictures in a row.
+        cell_in: room of a picture, inches.
+    """
+    layout = rows_of(range(len(pictures)), columns)
+    figure, axes = sheet(layout, panel_size(layout, cell_in), title, footnote)
     for place, (heading, grey) in enumerate(pictures.items()):
         axes[place].imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes[place].set(xticks=[], yticks=[])

@@ -88,6 +88,7 @@ class Panel:
         x_scale: ``log`` or ``linear``; logarithmic over more than a decade by default.
         y_scale: ``log`` or ``linear``.
         reason: words in the place of curves.
+        spread_pt: distance of neighbouring curves at one value, points.
     """
 
     curves: Sequence[Curve] = ()
@@ -97,6 +98,7 @@ class Panel:
     x_scale: str = ""
     y_scale: str = "log"
     reason: str = ""
+    spread_pt: float = LOOK.spread_pt
 
     @property
     def values(self) -> list[float]:
@@ -112,7 +114,11 @@ class Panel:
 
 
 def curve_figure(
-    panels: Sequence[Panel], title: str, footnote: str = "", columns: int = 3
+    panels: Sequence[Panel],
+    title: str,
+    footnote: str = "",
+    columns: int = 3,
+    panel_in: tuple[float, float] = LOOK.panel_in,
 ) -> Figure:
     """Draw curves with error bars in one panel or in several, with one vertical axis.
 
@@ -121,6 +127,7 @@ def curve_figure(
         title: what the figure shows.
         footnote: what it rests on.
         columns: most panels in a row.
+        panel_in: room of a panel of several, inches.
 
     Raises:
         VoccError: no panel.
@@ -134,7 +141,7 @@ def curve_figure(
     if not panels:
         raise VoccError("panels is empty: a figure needs at least one panel")
     layout = rows_of(range(len(panels)), columns)
-    size = LOOK.single_in if len(panels) == 1 else panel_size(layout)
+    size = LOOK.single_in if len(panels) == 1 else panel_size(layout, panel_in)
     curves = [curve for panel in panels for curve in panel.curves]
     styles = {curve.style.label: curve.style for curve in curves}
     quoted = any(curve.stars for curve in curves)
@@ -164,9 +171,11 @@ def rows_of(places: Sequence[int], columns: int) -> list[list[int]]:
     return [padded[first : first + columns] for first in range(0, len(padded), columns)]
 
 
-def panel_size(layout: Sequence[Sequence[int]]) -> tuple[float, float]:
+def panel_size(
+    layout: Sequence[Sequence[int]], panel_in: tuple[float, float] = LOOK.panel_in
+) -> tuple[float, float]:
     """Give the size of a figure of many panels, inches."""
-    width, height = LOOK.panel_in
+    width, height = panel_in
     return max(7.0, width * len(layout[0])), max(3.6, 1.0 + height * len(layout))
 
 
@@ -273,7 +282,7 @@ def draw_panel(axes: Axes, panel: Panel, labels: Sequence[str]) -> None:
     axes.margins(x=0.06)
     for curve in panel.curves:
         place = labels.index(curve.style.label) - (len(labels) - 1) / 2
-        draw_curve(axes, curve, place * LOOK.spread_pt)
+        draw_curve(axes, curve, place * panel.spread_pt)
     few = LOOK.ticks if len(axes.figure.axes) > 1 else 2 * LOOK.ticks
     axes.xaxis.set_major_locator(ticker.FixedLocator(panel.values, few))
     axes.xaxis.set_major_formatter(lambda value, _: value_text(value))

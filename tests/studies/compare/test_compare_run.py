@@ -1,32 +1,38 @@
 """A comparison's counts are recorded, and taken from the store when it goes on."""
 
-import pytest
+from dataclasses import replace
 
-from vocc_torch.measure.config import Budget
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.runner import Banks, Job
+from vocc_torch.measure.frame_errors import Key
+from vocc_torch.measure.plan import Budget
 from vocc_torch.measure.store import Store
-from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.flda import FLDA
-from vocc_torch.studies.compare.run import Run
+from vocc_torch.studies.compare.run import Case, Run
 
 FRAMES = 70
 
 
-@pytest.fixture
-def job(make_plan):
-    plan = make_plan(names=("average_greyscale",), frames=FRAMES)
-    bank = ReceiverBank(["average_greyscale"], FLDA(3))
-    return Job(plan, plan.world.scene, "run", Banks([("truth", bank, 0)]))
-
-
-def test_what_is_recorded_is_not_counted_again(job, tmp_path, monkeypatch):
+def test_what_is_recorded_is_not_counted_again(make_plan, tmp_path, monkeypatch):
+    """Nor is an equal case, of which the longer one is counted."""
+    plan = make_plan(names=("average_greyscale", "flda_3"), frames=FRAMES)
+    short = replace(plan, budget=replace(plan.budget, frames=FRAMES - 50))
+    other = replace(plan, budget=Budget(FRAMES, 33))
+    asked = [(short, [plan]), (plan, [plan]), (plan, [other, plan])]
+    cases = [Case(*case, 66.0) for case in asked]
     path = tmp_path / "ledger.sqlite"
     with Store.open(path, {"seed": 0}) as store, Workers(1) as pool:
-        (first,) = Run(pool, store).count([(job, Budget(FRAMES))])
+        run = Run(pool, store)
+        run.train([plan, other])
+        first, whole, both = run.count(cases)
+        assert len(store) == 4
     with Store.open(path, {"seed": 0}) as store, Workers(1) as pool:
         monkeypatch.setattr(pool, "submit", None)
-        (again,) = Run(pool, store).count([(job, Budget(FRAMES))])
-    assert again.errors.counts == first.errors.counts
-    assert first.errors.counts[0].frames == FRAMES
-    assert first.errors.counts[0].bit_errors > 0
+        run = Run(pool, store)
+        run.train([plan, other])
+        again = run.count(cases)
+    pairs = zip(again, (first, whole, both), strict=True)
+    assert all(a.errors.counts == b.errors.counts for a, b in pairs)
+    assert [of.errors.counts[0].frames for of in again] == [20, FRAMES, FRAMES]
+    assert whole.errors.counts[0].bit_errors > 0
+    rows = [both.errors.place(Key("truth", "flda_3", number)) for number in (0, 1)]
+    assert both.errors.counts[rows[1]] == whole.errors.counts[1]
+    assert rows == [1, 3]

@@ -15,14 +15,17 @@ from vocc_torch.measure.runner import Outcome
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.measure.sweep import curves_of
 from vocc_torch.measure.train import Making
-from vocc_torch.studies.compare import TradeoffConfig, price_report
+from vocc_torch.studies.compare import TradeoffConfig
+from vocc_torch.studies.compare.figures import price_figure
 from vocc_torch.studies.compare.prices import (
     OperatingPoint,
     PriceList,
-    Setting,
     TradeoffStudy,
     ranked,
+    recommendation,
+    setting_name,
 )
+from vocc_torch.studies.compare.tradeoff import price_rows, stage_rows
 
 LEDS, FRAMES = 64, 1000
 NAMES = ("average_greyscale", "flda_2", "flda_3")
@@ -62,12 +65,12 @@ def study(make_plan):
 @pytest.fixture
 def prices(study):
     times = {
-        (setting, batch): spent(ms / factor)
-        for setting, ms in zip(study.settings, ALONE_MS, strict=True)
+        (key, batch): spent(ms / factor)
+        for key, ms in zip(study.keys, ALONE_MS, strict=True)
         for batch, factor in ((1, 1), (32, 2))
     }
-    costs = dict.fromkeys(study.settings, Making(1.5, 1.0, 1000, 80, 1700))
-    made = measured([setting.name for setting in study.settings], BIT_ERRORS)
+    costs = dict.fromkeys(study.keys, Making(1.5, 1.0, 1000, 80, 1700))
+    made = measured(list(map(setting_name, study.keys)), BIT_ERRORS)
     return PriceList(study, costs, made, times, "a machine", waited_share=0.2)
 
 
@@ -80,8 +83,8 @@ def test_the_frontier_is_what_nothing_beats(prices):
         )
     )
     def holds(pairs):
-        settings = [Setting(str(row), "paper") for row in range(len(pairs))]
-        names = [setting.name for setting in settings]
+        settings = [Key("paper", str(row)) for row in range(len(pairs))]
+        names = list(map(setting_name, settings))
         made = measured(names, [wrong for _, wrong in pairs])
         points = [
             OperatingPoint(setting, 1, Estimate(ms, ms, ms), row.rate)
@@ -120,16 +123,16 @@ def test_several_trainings_give_the_algorithms_rate(prices):
 
 
 def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices):
-    rows = price_report.price_rows(prices)
-    assert len(rows) == 2 * len(ALONE_MS)
+    rows = price_rows(prices, prices.points(1))
+    assert len(rows) == len(ALONE_MS)
     assert {len(row) for row in rows} == {14}
-    first = price_report.stage_rows(prices)[0]
+    first = stage_rows(prices)[0]
     total = sum(first[f"{stage}_ms"] for stage in STAGES)
     assert total == pytest.approx(ALONE_MS[0])
 
 
 def test_words_take_what_the_table_says(prices):
-    words = price_report.recommendation(prices)
+    words = recommendation(prices)
     assert max(map(len, words.splitlines())) <= 110
     text = " ".join(words.split())
     assert "Within 1.00 ms a frame: none; the quickest is Average greyscale" in text
@@ -138,13 +141,12 @@ def test_words_take_what_the_table_says(prices):
     assert "Other work had the processor for 20 % of the time." in text
 
 
-def test_the_figure_numbers_every_setting_and_names_its_axes(prices):
-    figure = price_report.price_figure(prices)
-    (axes,) = figure.axes
-    labels = axes.get_xlabel(), axes.get_ylabel()
-    assert labels == ("Time a frame (ms)", "Bit error rate")
-    texts = figure.legends[-1].get_texts()
-    assert len(texts) == len(ALONE_MS)
-    assert texts[0].get_text().startswith("1  Average greyscale")
-    bold = [text for text in texts if text.get_fontweight() == "bold"]
-    assert len(bold) == len(texts) - 1
+def test_the_figure_has_a_panel_a_locator_with_the_frontier(prices):
+    first, second = price_figure(prices).axes
+    assert first.get_xlabel() == "Time a frame (ms)"
+    assert first.get_ylabel() == "Bit error rate"
+    titles = [axes.get_title(loc="left") for axes in (first, second)]
+    assert titles == ["paper's locator", "refined locator"]
+    line = next(line for line in first.lines if "quicker" in line.get_label())
+    times = np.array(ALONE_MS)[[0, 1, 2, 4, 5]] / 2
+    np.testing.assert_allclose(line.get_xdata(), times)

@@ -71,7 +71,7 @@ class Severity:
 
 @dataclass
 class EffectsConfig:
-    """What ``task=effects`` looks at: see :class:`vocc_torch.studies.compare.effect_plan.EffectStudy`.
+    """What ``task=effects`` looks at: see :class:`vocc_torch.studies.compare.effect_scenes.EffectStudy`.
 
     Args:
         names: effects to measure; [] measures all.

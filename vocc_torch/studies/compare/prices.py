@@ -1,51 +1,56 @@
-"""What each receiver costs in time and makes in errors on the same frames."""
+"""What each receiver costs in time and makes in errors on the same frames, and which one to take."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, whole_number
-from vocc_torch.measure import curve, estimate, stage_times
+from vocc_torch.measure import estimate
+from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.stage_times import StageTimes
 from vocc_torch.measure.train import Making
+from vocc_torch.report import styles
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.compare import TradeoffConfig
+from vocc_torch.studies.compare.report import rate_texts
 
 FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
 """How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
 
+LOCATED_BY = styles.Words(
+    truth="true corners", paper="paper's locator", refined="refined locator"
+)
 
 Rank = Literal["frontier", "perhaps", "beaten"]
 
 
 @dataclass(frozen=True)
-class TimingSettings:
-    """How times are taken and judged."""
+class PriceSettings:
+    """How times are taken and judged, and what is recommended for."""
 
     least_frames: int = 48  # timed rounds meet at least so many, whatever the batch
     most_batch: int = 1024  # frames at a time
     busy_share: float = 0.05  # waiting from which times are said to be doubtful
+    frames_per_s: tuple[int, ...] = (1000, 100, 60, 30)  # rates of cameras
+    rates: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)  # bit error rates
+    columns: int = 110  # of a line of words
 
 
-TIMING = TimingSettings()
+SETTINGS = PriceSettings()
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A receiver and what finds the panel for it.
+def setting_name(key: Key) -> str:
+    """Name a receiver with its locator as no other is named, also for a folder."""
+    return f"{key.receiver}-{key.locator}"
 
-    Args:
-        receiver: what decides.
-        locator: where the corners come from.
-    """
 
-    receiver: str
-    locator: str
-
-    @property
-    def name(self) -> str:
-        """A name that no other setting has, also for a folder."""
-        return f"{self.receiver}-{self.locator}"
+def setting_words(key: Key) -> str:
+    """Name a receiver and what finds the panel for it, for people."""
+    label = styles.receiver_styles([key.receiver])[key.receiver].label
+    return f"{label}, {LOCATED_BY[key.locator]}"
 
 
 @dataclass(frozen=True)
@@ -78,23 +83,19 @@ class TradeoffStudy:
         self.plan.receiver.demand_locators("tradeoff.locators", config.locators)
         demand_word("tradeoff.frames", config.frames, FRAMINGS)
         for batch in config.batch_sizes:
-            whole_number("tradeoff.batch_sizes", batch, 1, TIMING.most_batch)
+            whole_number("tradeoff.batch_sizes", batch, 1, SETTINGS.most_batch)
         demand_least("tradeoff.", config, repeats=1, threads=0)
         why = "task=tradeoff, which compares receivers on the same frames"
         self.plan.budget.demand_no_stop_rule(why)
 
     @property
-    def settings(self) -> tuple[Setting, ...]:
+    def keys(self) -> list[Key]:
         """Every receiver with every locator."""
-        return tuple(
-            Setting(name, locator)
+        return [
+            Key(locator, name)
             for locator in self.config.locators
             for name in self.plan.receiver.names
-        )
-
-    def rounds(self, batch: int) -> int:
-        """Timed rounds with batches of a size."""
-        return max(self.config.repeats, -(-TIMING.least_frames // batch))
+        ]
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class OperatingPoint:
     """The time that a receiver takes, the errors that it makes, and whether another one beats it.
 
     Args:
-        setting: the receiver.
+        key: the receiver and its locator.
         batch: frames at a time.
         time_ms: median time a frame with its quartiles, ms, above 0.
         ber: bit error rate with its 95 % interval; without errors its upper end is a limit. After several
@@ -111,7 +112,7 @@ class OperatingPoint:
             is so whose rate is lower beyond chance, else ``perhaps``.
     """
 
-    setting: Setting
+    key: Key
     batch: int
     time_ms: estimate.Estimate
     ber: estimate.Estimate
@@ -125,18 +126,14 @@ class OperatingPoint:
     def beats(self, other: "OperatingPoint") -> bool:
         """Whether it is no slower and no worse, and better in one."""
         values, others = (self.ms, self.ber.value), (other.ms, other.ber.value)
-        return values != others and all(
-            value <= limit for value, limit in zip(values, others, strict=True)
-        )
+        return values != others and values[0] <= others[0] and values[1] <= others[1]
 
-
-def most_accurate(points: Sequence[OperatingPoint]) -> OperatingPoint | None:
-    """Choose the lowest rate; of equal rates the interval's end decides, then the time."""
-
-    def order(point: OperatingPoint) -> tuple[float, float, float]:
-        return point.ber.value, point.ber.high, point.ms
-
-    return min(points, key=order, default=None)
+    def __str__(self) -> str:
+        """Write receiver, rate and time."""
+        rate, interval = rate_texts(self.ber)
+        bounds = f" ({interval})" if interval else ""
+        time = styles.number_text(self.ms)
+        return f"{setting_words(self.key)}: BER {rate}{bounds}, {time} ms"
 
 
 @dataclass(frozen=True)
@@ -145,68 +142,97 @@ class PriceList:
 
     Args:
         study: what was compared.
-        costs: what it took to train each setting.
-        errors: of every setting by its name, at one value.
-        times: the stages' times, by setting and batch.
+        costs: what it took to train each receiver.
+        errors: of every receiver by its :func:`setting_name`, at one value.
+        times: the stages' times, by receiver and batch.
         machine: what was measured on.
         waited_share: share of the time in which other work had the processor, 0 to 1.
     """
 
     study: TradeoffStudy
-    costs: Mapping[Setting, Making]
-    errors: curve.Curves
-    times: Mapping[tuple[Setting, int], stage_times.StageTimes]
+    costs: Mapping[Key, Making]
+    errors: Curves
+    times: Mapping[tuple[Key, int], StageTimes]
     machine: str
     waited_share: float = 0.0
 
     @property
     def frames(self) -> int:
         """Frames that errors were counted on."""
-        return self.errors.total(self.study.settings[0].name).frames
+        return self.errors.total(self.errors.receivers[0]).frames
 
-    @property
-    def batches(self) -> list[int]:
-        """Batch sizes that were timed, ascending."""
-        return sorted({batch for _, batch in self.times})
-
-    def points(self, batch: int | None = None) -> list[OperatingPoint]:
-        """Give every setting's operating point with batches of a size, or with its quickest ones."""
-        points, rates = [], {row.receiver: row.rate for row in self.errors.table()}
-        for setting in self.study.settings:
+    def points(self, *batches: int) -> list[OperatingPoint]:
+        """Give every receiver's operating point with the quickest of some batches; of all by default."""
+        rates = {row.receiver: row.rate for row in self.errors.table()}
+        points = []
+        for key in self.study.keys:
             totals = {
-                size: self.times[setting, size].total
-                for size in ([batch] if batch else self.batches)
+                batch: self.times[key, batch].total
+                for batch in batches or self.study.config.batch_sizes
             }
-            best = min(totals, key=lambda size: totals[size].value)
-            rate = rates[setting.name]
-            points.append(OperatingPoint(setting, best, totals[best], rate))
+            best = min(totals, key=lambda batch: totals[batch].value)
+            rate = rates[setting_name(key)]
+            points.append(OperatingPoint(key, best, totals[best], rate))
         return ranked(points, self.errors)
 
+    def conditions(self) -> str:
+        """Say what the prices rest on."""
+        study = self.study
+        handed = "whole frames" if study.config.frames == "whole" else "crops"
+        text = (
+            f"{self.frames} frames of the scene {study.scene_name}, the same for all;"
+            f" times on {handed} in each receiver's best batch; {self.machine}."
+        )
+        if self.waited_share >= SETTINGS.busy_share:
+            share = 100 * self.waited_share
+            text += f" Other work had the processor for {share:.0f} % of the time."
+        return text
 
-def ranked(
-    points: Sequence[OperatingPoint], errors: curve.Curves
-) -> list[OperatingPoint]:
+
+def ranked(points: Sequence[OperatingPoint], errors: Curves) -> list[OperatingPoint]:
     """Say of each point whether another one beats it, and how surely.
 
     Args:
         points: in any order.
-        errors: of every setting by its name, at one value.
+        errors: of every receiver by its :func:`setting_name`, at one value.
     """
-    pairs = estimate.all_pairs(len(points))
-    confidence, (value,) = estimate.joint_confidence(pairs), errors.values
-    found = []
+    # By intervals of all pairs that hold together at 95 %.
+    confidence = estimate.joint_confidence(estimate.all_pairs(len(points)))
+    (value,), found = errors.values, []
     for point in points:
-        # By intervals of all pairs that hold together at 95 %.
-        surely = [
-            errors.difference(
-                point.setting.name, better.setting.name, value, confidence
-            ).low
-            > 0
-            for better in points
-            if better.beats(point)
-        ]
         rank: Rank = "frontier"
-        if surely:
-            rank = "beaten" if any(surely) else "perhaps"
+        for better in points:
+            if better.beats(point):
+                pair = setting_name(point.key), setting_name(better.key)
+                surely = errors.difference(*pair, value, confidence).low > 0
+                rank = "beaten" if surely or rank == "beaten" else "perhaps"
         found.append(replace(point, rank=rank))
     return found
+
+
+def recommendation(prices: PriceList) -> str:
+    """Say which receiver to take within a time, and below a bit error rate.
+
+    A receiver keeps within a time where its upper quartile does, and below a rate where its whole interval
+    does. Of equal rates the interval's end decides, then the time.
+    """
+    points = prices.points()
+    best = sorted(points, key=lambda point: (point.ber.value, point.ber.high, point.ms))
+    quick = sorted(points, key=lambda point: (point.ms, point.ber.value))
+    lines = [prices.conditions()]
+    for speed in SETTINGS.frames_per_s:
+        limit_ms = 1e3 / speed
+        taken = next((point for point in best if point.time_ms.high <= limit_ms), None)
+        answer = f"take {taken}" if taken else f"none; the quickest is {quick[0]}"
+        lines.append(f"Within {styles.number_text(limit_ms)} ms a frame: {answer}.")
+    nearest = min(points, key=lambda point: (point.ber.high, point.ms))
+    for rate in SETTINGS.rates:
+        taken = next((point for point in quick if point.ber.high < rate), None)
+        none = f"none is shown to be; the nearest is {nearest}"
+        answer = f"take {taken}" if taken else none
+        lines.append(f"For a BER below {styles.rate_text(rate)}: {answer}.")
+        if not taken:
+            break
+    for name, why in prices.study.left_out.items():
+        lines.append(f"Left out: {name}, since {why}.")
+    return "\n".join(textwrap.fill(line, SETTINGS.columns) for line in lines) + "\n"

@@ -1,32 +1,43 @@
-"""What every comparison does: train, count and report; resumed."""
+"""What every comparison does: train receivers, and count their errors case by case; resumed."""
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeAlias
 
-from vocc_torch.measure import intervals, runner
-from vocc_torch.measure.config import Budget, Settings
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure import runner
+from vocc_torch.measure.build import build_plan, without_absent
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.kept_training import KeptTrainings
-from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.store import Store
-from vocc_torch.measure.train import Training, train_plans
+from vocc_torch.measure.plan import Experiment, Plan, identity
+from vocc_torch.measure.store import Store, canonical
+from vocc_torch.measure.sweep import point_name
+from vocc_torch.measure.train import Training, train_plans, training_key
+from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import run_ledgers, styles, tensorboard
-from vocc_torch.report.plots import Figure
-from vocc_torch.report.terminal import Console, ProgressView
-from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.report import run_ledgers
+from vocc_torch.report.terminal import Console, ProgressView, Stopwatch
 
 Advance = Callable[[float], None]
 """Called with the units of work done since the last call."""
 
-Row: TypeAlias = dict[str, str | int | float | None]
-"""A row of a table by its columns; what is missing is blank."""
+
+@dataclass(frozen=True)
+class Case:
+    """Frames of one kind of scenes, decided by receivers of one or more trainings.
+
+    Args:
+        plan: scenes, receivers and how many frames.
+        trained_on: plans of the trainings, each with the locator whose corners its receivers get.
+        value: of the experiment's axis; None for the scenes as they are.
+    """
+
+    plan: Plan
+    trained_on: Sequence[Plan]
+    value: float | None = None
 
 
 @dataclass(eq=False)
@@ -36,14 +47,15 @@ class Run:
     Args:
         pool: the processes that train and count.
         store: where trainings and blocks are recorded.
-        console: where stages are shown, or None.
+        console: where stages are shown.
         stages: how many stages there are.
     """
 
     pool: Workers
     store: Store
-    console: Console | None = None
+    console: Console = field(default_factory=lambda: Console(quiet=True))
     stages: int = 1
+    _trainings: dict[str, Training] = field(default_factory=dict, init=False)
     _begun: int = field(default=0, init=False)
 
     @contextmanager
@@ -56,66 +68,118 @@ class Run:
         """
         self._begun += 1
         label = f"{self._begun} of {self.stages}: {name}"
-        start_s = time.perf_counter()
-        if self.console is None:
-            yield lambda done: None
-            return
-        with ProgressView(max(1.0, units), self.console, label, unit="") as view:
+        with (
+            Stopwatch(self.console).stage(name),
+            ProgressView(max(1.0, units), self.console, label, unit="") as view,
+        ):
             yield lambda done: view.advance(label, done)
-        spent_s = time.perf_counter() - start_s
-        self.console.print(f"{name:<20} {spent_s:6.1f} s", highlight=False)
 
-    def train(self, plans: Sequence[Plan]) -> list[Training]:
+    def training(self, plan: Plan) -> Training:
+        """Give the training of a plan that :meth:`train` has met."""
+        return self._trainings[training_key(plan)]
+
+    def train(self, plans: Sequence[Plan], name: str = "training") -> None:
         """Train every plan with its locator.
+
+        Args:
+            plans: equal ones are trained once.
+            name: of the stage.
 
         Raises:
             VoccError: no panel in any training frame, or a classifier that cannot be trained.
         """
-        parts = {
-            repr((plan.world, plan.receiver.reader, plan.receiver.locator, learner))
-            for plan in plans
-            for learner in (
-                "flda",
-                *(classifier.name for classifier in plan.receiver.classifiers),
+        missing = {training_key(plan): plan for plan in plans}
+        learners = sum(1 + len(plan.receiver.classifiers) for plan in missing.values())
+        known = KeptTrainings([self.store])
+        with self.stage(name, learners) as advance:
+            trained = train_plans(
+                list(missing.values()), self.pool, known, lambda frames: advance(1)
             )
-        }
-        with self.stage("training", len(parts)) as advance:
-            recorded = KeptTrainings([self.store])
-            return train_plans(plans, self.pool, recorded, lambda frames: advance(1))
+        self._trainings |= zip(missing, trained, strict=True)
 
     def count(
-        self,
-        jobs: Sequence[tuple[runner.Job, Budget]],
-        name: str = "bit errors",
+        self, cases: Sequence[Case], name: str = "bit errors"
     ) -> list[runner.Outcome]:
-        """Count the errors of each job until its budget is spent.
+        """Count the errors of each case until its budget is spent; equal ones are counted once.
 
         Args:
-            jobs: with the rule that ends each.
+            cases: whose trainings are there.
             name: of the stage.
         """
-        with self.stage(name, sum(rule.frames for _, rule in jobs)) as advance:
+        jobs = list(map(self._job, cases))
+        by_frames = sorted(jobs, key=attrgetter("plan.budget.frames"))
+        longest = {job.name: job for job in by_frames}
+        frames = sum(job.plan.budget.frames for job in longest.values())
+        with self.stage(name, frames) as advance:
             points = [
                 runner.PointTask(
-                    job, rule, self.store, lambda frames, _: advance(frames)
+                    job, job.plan.budget, self.store, lambda done, _: advance(done)
                 )
-                for job, rule in jobs
+                for job in longest.values()
             ]
-            batches = [job.plan.batch_frames for job, _ in jobs]
-            batch_frames = max(batches, default=BLOCK_FRAMES)
-            return list(runner.count(points, self.pool, batch_frames))
+            batch_frames = max(job.plan.batch_frames for job in jobs)
+            counted = runner.count(points, self.pool, batch_frames)
+            outcomes = dict(zip(longest, counted, strict=True))
+        return [
+            first_frames(outcomes[job.name], job.plan.budget.frames) for job in jobs
+        ]
+
+    def _job(self, case: Case) -> runner.Job:
+        """Give what counts a case; of each locator the trainings are numbered, and repeated ones go on."""
+        plan, experiment = case.plan, case.plan.experiment
+        point, model = experiment.name, experiment.training_model(plan.world)
+        if case.value is not None:
+            point = point_name(experiment, case.value)
+            model = experiment.model_at(plan.world, case.value)
+        keys = list(map(training_key, case.trained_on))
+        banks: list[tuple[str, ReceiverBank, int]] = []
+        for source, key in zip(case.trained_on, keys, strict=True):
+            locator = source.receiver.locator
+            first = self._trainings[key].bank(plan.receiver.names)
+            number = sum(locator == other for other, _, _ in banks)
+            for repeated, bank in enumerate((first, *first.more)):
+                banks.append((locator, bank, number + repeated))
+        receivers = runner.Banks(banks)
+        settings = identity(plan, [locator for locator, _, _ in banks])
+        text = canonical(settings | {"trained_on": keys})
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        return runner.Job(plan, model, point, receivers, name=f"{point} {digest}")
+
+
+def first_frames(outcome: runner.Outcome, frames: int) -> runner.Outcome:
+    """Give what the first frames of a point gave."""
+    errors = outcome.errors.of(frames=slice(frames))
+    rows = zip(errors.keys, errors.counts, strict=True)
+    counts = {(key, 0): counts for key, counts in rows}
+    return runner.Outcome(errors, counts, outcome.stopped_by)
+
+
+def scene_plan(settings: Settings, folder: Path) -> tuple[Plan, dict[str, str]]:
+    """Build the plan of the scene itself, which no experiment narrows.
+
+    Returns:
+        The plan, and the receivers that cannot be built here with the reason.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan = build_plan(settings, folder)
+    receiver, left_out = without_absent(plan.receiver)
+    nearest_m = plan.world.scene.nearest_m
+    experiment = Experiment(settings.task, "distance_m", (nearest_m,))
+    return replace(plan, receiver=receiver, experiment=experiment), left_out
 
 
 @contextmanager
 def comparison(
-    settings: Settings, folder: Path, identity: dict[str, object], stages: int
+    settings: Settings, folder: Path, plan: Plan, stages: int
 ) -> Iterator[Run]:
     """Open a comparison's store in its folder, and its workers.
 
     Args:
         settings: the configuration.
         folder: the run's folder.
-        identity: what the counts depend on.
+        plan: of the scene itself; cases are recorded with what else their counts depend on.
         stages: how many stages there are.
 
     Raises:
@@ -123,81 +187,10 @@ def comparison(
     """
     run_folder.refuse_results(folder, run_folder.LEDGER)
     console, ledger = Console(), folder / run_folder.LEDGER
+    counted_for = identity(plan, [plan.receiver.locator])
     with (
         run_ledgers.resumable(settings, folder, console),
-        run_ledgers.open_ledger(ledger, identity, console) as store,
+        run_ledgers.open_ledger(ledger, counted_for, console) as store,
     ):
         run_folder.write_config(settings, folder)
         yield Run(Workers.of(settings), store, console, stages)
-
-
-def write_report(
-    settings: Settings,
-    folder: Path,
-    rows: Mapping[str, Sequence[Row]],
-    figures: Mapping[str, Figure],
-    others: Sequence[str] = (),
-    **board: Mapping[str, Any] | Any,
-) -> None:
-    """Write tables and figures, the board where it is wanted, and say where they are.
-
-    Args:
-        settings: the configuration.
-        folder: the run's folder.
-        rows: of the tables, by the file's name without its end; one without rows is not written.
-        figures: by the file's name without its end.
-        others: files that were written before.
-        **board: what else :func:`vocc_torch.report.tensorboard.write_figures` takes.
-    """
-    places = [("file", name) for name in others]
-    for name, table in rows.items():
-        if table:
-            fullest = sorted(table, key=len, reverse=True)
-            columns = list(dict.fromkeys(column for row in fullest for column in row))
-            lines = [[row.get(column) for column in columns] for row in table]
-            file = f"{name}.csv"
-            run_folder.write_rows(folder / file, [columns, *lines], short=True)
-            places.append(("table", file))
-    tensorboard.write_figures(settings, folder, figures, **board)
-    places += [("figure", f"{name}.png") for name in figures]
-    run_folder.print_places(Console(), folder, places, settings.tensorboard)
-
-
-def ends(name: str, found: Estimate | None) -> Row:
-    """Give an estimate's cells.
-
-    Example:
-        >>> ends("ms", Estimate(2.0, 1.0, 3.0))
-        {'ms': 2.0, 'ms_low': 1.0, 'ms_high': 3.0}
-    """
-    names = name, f"{name}_low", f"{name}_high"
-    values = (found.value, found.low, found.high) if found else (None, None, None)
-    return dict(zip(names, values, strict=True))
-
-
-def rate_texts(rate: Estimate) -> tuple[str, str]:
-    """Write a rate and its interval, or its limit.
-
-    Example:
-        >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
-        ('< 1.0e-4', '')
-    """
-    if rate.value == 0:
-        return f"< {styles.rate_text(rate.high)}", ""
-    return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
-
-
-def counted(counts: Counts) -> Row:
-    """Give the cells of counts: frames, bits and the bit error rate with its interval."""
-    rate = intervals.ber_interval(counts)
-    cells: Row = {"frames": counts.frames, "bits": counts.bits}
-    return {**cells, "bit_errors": counts.bit_errors, **ends("ber", rate)}
-
-
-def numbers_of(row: Row) -> dict[str, float]:
-    """Give a row's numbers, for the board."""
-    return {
-        name: float(cell)
-        for name, cell in row.items()
-        if isinstance(cell, int | float) and not isinstance(cell, bool)
-    }

@@ -1,37 +1,38 @@
 """``task=tradeoff``: receivers trained, counted on the same frames, timed when nothing else runs."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
-import torch
-
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import link, runner, stage_times, sweep, timing
-from vocc_torch.measure.build import build_plan, without_absent
-from vocc_torch.measure.config import Budget, Settings
+from vocc_torch.measure import link, stage_times, sweep, timing
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.frame_errors import Key
-from vocc_torch.measure.plan import Experiment, identity
-from vocc_torch.measure.train import Training
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.report.terminal import Console
-from vocc_torch.studies.compare import TradeoffConfig, price_report
+from vocc_torch.studies.compare import TradeoffConfig, figures
 from vocc_torch.studies.compare.prices import (
     FRAMINGS,
-    TIMING,
+    SETTINGS,
+    OperatingPoint,
     PriceList,
-    Setting,
     TradeoffStudy,
+    recommendation,
+    setting_name,
 )
-from vocc_torch.studies.compare.run import Run, comparison, numbers_of, write_report
+from vocc_torch.studies.compare.report import (
+    Row,
+    ends,
+    number,
+    numbers_of,
+    print_rows,
+    rate,
+    word,
+    write_report,
+)
+from vocc_torch.studies.compare.run import Case, Run, comparison, scene_plan
 from vocc_torch.types import resolve_device
-
-POINT = "tradeoff"
-"""The point that keys the random draws of all test frames."""
-
-Trainings = Mapping[str, Training]
-"""Trained receivers, by the locator's name."""
 
 
 def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> None:
@@ -41,29 +42,40 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
     study = build_tradeoff_study(settings, config, folder)
-    counted_for = identity(study.plan, study.config.locators)
-    with comparison(settings, folder, counted_for, 3) as run:
+    with comparison(settings, folder, study.plan, 3) as run:
         prices = price_receivers(study, run)
-    words = price_report.recommendation(prices)
+    words = recommendation(prices)
     write_atomically(folder / "recommendation.txt", words.encode())
-    price_report.print_prices(prices, words, Console())
-    rows = price_report.price_rows(prices)
-    settings_of = {setting.name: setting for setting in study.settings}
-    numbers = {
-        name: ({"receiver": setting.receiver, "locator": setting.locator}, numbers)
-        for name, setting in settings_of.items()
+    quickest = price_rows(prices, sorted(prices.points(), key=attrgetter("ms")))
+    columns = [
+        ("receiver", "receiver", word),
+        ("locator", "locator", word),
+        ("batch", "batch", number),
+        ("ms", "ms", number),
+        ("BER", "ber", rate),
+        ("", "rank", word),
+    ]
+    note = "frontier: nothing is both quicker and better; beaten: surely, perhaps: by chance"
+    print_rows(quickest, columns, f"{note}\n\n{words}")
+    every = [
+        point for batch in study.config.batch_sizes for point in prices.points(batch)
+    ]
+    rows = price_rows(prices, every)
+    runs = {
+        f"{row['receiver']}-{row['locator']}": (
+            {name: row[name] for name in ("receiver", "locator")},
+            numbers_of(row),
+        )
         for row in rows
-        if (row["receiver"], row["locator"]) == (setting.receiver, setting.locator)
-        for numbers in [numbers_of(row)]
     }
     write_report(
         settings,
         folder,
-        {"tradeoff": rows, "stages": price_report.stage_rows(prices)},
-        {"tradeoff": price_report.price_figure(prices)},
+        {"tradeoff": rows, "stages": stage_rows(prices)},
+        {"tradeoff": figures.price_figure(prices)},
         ["recommendation.txt"],
         texts={"recommendation": f"```\n{words}\n```"},
-        runs=numbers,
+        runs=runs,
     )
 
 
@@ -75,95 +87,103 @@ def build_tradeoff_study(
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    plan = build_plan(settings, folder)
-    receiver, left_out = without_absent(plan.receiver)
-    # All frames are of the scene itself: no experiment narrows them.
-    experiment = Experiment(POINT, "distance_m", (plan.world.scene.nearest_m,))
+    plan, left_out = scene_plan(settings, folder)
     # What ${receiver.locator} brought goes by its name.
     names = {settings.receiver.locator: plan.receiver.locator}
     locators = [names.get(name, name) for name in dict.fromkeys(config.locators)]
-    config = replace(
-        config, locators=locators, batch_sizes=sorted(set(config.batch_sizes))
-    )
-    plan = replace(plan, receiver=receiver, experiment=experiment)
+    batch_sizes = sorted(set(config.batch_sizes))
+    config = replace(config, locators=locators, batch_sizes=batch_sizes)
     return TradeoffStudy(plan, config, settings.scene.name, left_out)
 
 
 def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
     """Train every receiver, count errors, and take times once the workers have ended.
 
-    Args:
-        study: the study.
-        run: workers, store and progress.
+    Frames lie as uint8 in the host's memory while times are taken; rendering is not timed.
 
     Raises:
         VoccError: what training refuses, or a worker that was ended from outside.
     """
-    plan, names = study.plan, study.plan.receiver.names
-    plans = [
-        replace(plan, receiver=replace(plan.receiver, locator=locator))
-        for locator in study.config.locators
-    ]
+    plan, config, keys = study.plan, study.config, study.keys
+    trained = {locator: plan.locating_with(locator) for locator in config.locators}
     with run.pool:
-        trainings = dict(zip(study.config.locators, run.train(plans), strict=True))
-        banks = [
-            (locator, bank, number)
-            for locator, training in trainings.items()
-            for first in [training.bank(names)]
-            for number, bank in enumerate((first, *first.more))
-        ]
-        job = runner.Job(plan, plan.world.scene, POINT, runner.Banks(banks))
-        (outcome,) = run.count([(job, Budget(plan.budget.frames))])
-    receivers = {
-        setting.name: Key(setting.locator, setting.receiver)
-        for setting in study.settings
+        run.train(list(trained.values()))
+        (outcome,) = run.count([Case(plan, list(trained.values()))])
+    trainings = {locator: run.training(trained[locator]) for locator in trained}
+    experiment, names = plan.experiment, {setting_name(key): key for key in keys}
+    outcomes = {experiment.values[0]: outcome}
+    errors = sweep.curves_of(experiment.name, experiment.axis, names, outcomes)
+    device, finders = (
+        resolve_device(plan.world.device),
+        plan.receiver.finders(config.locators),
+    )
+    receivers = {}
+    for name, key in names.items():
+        bank = trainings[key.locator].bank([key.receiver])
+        finder = finders[key.locator]
+        receivers[name] = StagedReceiver(bank, plan.receiver.reader, finder)
+    frames = max(SETTINGS.least_frames, *config.batch_sizes)
+    times: dict[tuple[Key, int], stage_times.StageTimes] = {}
+    with (
+        run.stage("times", len(config.batch_sizes)) as advance,
+        timing.threads(config.threads),
+        timing.watched(device) as waiting,
+    ):
+        machine = timing.describe_machine(device)
+        exposure = stage_times.Exposure.of(
+            replace(plan.world, framing=FRAMINGS[config.frames]),
+            plan.world.scene,
+            link.block_keys(plan.seed, experiment.name, frames),
+            preambles=needs_preambles(plan.receiver.names),
+        )
+        for batch in config.batch_sizes:
+            rounds = max(config.repeats, -(-SETTINGS.least_frames // batch))
+            timed = stage_times.time_stages(receivers, exposure, batch, rounds, device)
+            times |= {(names[name], batch): spent for name, spent in timed.items()}
+            advance(1)
+    costs = {key: trainings[key.locator].making(key.receiver) for key in keys}
+    return PriceList(study, costs, errors, times, machine, waiting.share)
+
+
+def price_rows(prices: PriceList, points: Iterable[OperatingPoint]) -> list[Row]:
+    """Give the rows of ``tradeoff.csv``: a row for each receiver, locator and batch.
+
+    ``ms`` is the median time a frame with its quartiles. ``rank`` compares receivers with the same batch.
+    """
+    study = prices.study
+    return [
+        {
+            "receiver": point.key.receiver,
+            "locator": point.key.locator,
+            "device": str(resolve_device(study.plan.world.device)),
+            "frames": study.config.frames,
+            "batch": point.batch,
+            **five_digits(ends("ms", point.time_ms)),
+            "scenes": study.scene_name,
+            "test_frames": prices.frames,
+            **five_digits(ends("ber", point.ber)),
+            "rank": point.rank,
+        }
+        for point in points
+    ]
+
+
+def stage_rows(prices: PriceList) -> list[Row]:
+    """Give the rows of ``stages.csv``: each stage's median time a frame, and what training took."""
+    rows: list[Row] = []
+    for (key, batch), times in prices.times.items():
+        cost = prices.costs[key]
+        cells: Row = {"receiver": key.receiver, "locator": key.locator, "batch": batch}
+        cells |= {f"{name}_ms": times.stage(name).value for name in stage_times.STAGES}
+        cells |= {"training_s": cost.training_s, "training_frames": cost.frames}
+        cells |= {"parameters": cost.parameters, "size_bytes": cost.size_bytes}
+        rows.append(five_digits(cells))
+    return rows
+
+
+def five_digits(row: Row) -> Row:
+    """Round floats to five digits, more than any time or rate has."""
+    return {
+        name: float(f"{cell:.5g}") if isinstance(cell, float) else cell
+        for name, cell in row.items()
     }
-    outcomes = {plan.experiment.values[0]: outcome}
-    errors = sweep.curves_of(POINT, plan.experiment.axis, receivers, outcomes)
-    with run.stage("times", len(study.config.batch_sizes)) as advance:
-        device = resolve_device(plan.world.device)
-        with timing.threads(study.config.threads), timing.watched(device) as waiting:
-            machine = timing.describe_machine(device)
-            timings = {}
-            for batch in study.config.batch_sizes:
-                timings[batch] = time_batch(study, trainings, batch, device)
-                advance(1)
-    return PriceList(
-        study,
-        {
-            setting: trainings[setting.locator].making(setting.receiver)
-            for setting in study.settings
-        },
-        errors,
-        {
-            (setting, batch): timed[setting.name]
-            for batch, timed in timings.items()
-            for setting in study.settings
-        },
-        machine,
-        waiting.share,
-    )
-
-
-def time_batch(
-    study: TradeoffStudy, trainings: Trainings, batch: int, device: torch.device
-) -> dict[str, stage_times.StageTimes]:
-    """Time every stage of every receiver on uint8 frames in the host's memory; rendering is not timed."""
-    plan = study.plan
-    finders = plan.receiver.finders(study.config.locators)
-
-    def receiver_of(setting: Setting) -> StagedReceiver:
-        bank = trainings[setting.locator].bank([setting.receiver])
-        return StagedReceiver(bank, plan.receiver.reader, finders[setting.locator])
-
-    frames = max(TIMING.least_frames, *study.config.batch_sizes)
-    exposure = stage_times.Exposure.of(
-        replace(plan.world, framing=FRAMINGS[study.config.frames]),
-        plan.world.scene,
-        link.block_keys(plan.seed, POINT, frames),
-        preambles=needs_preambles(plan.receiver.names),
-    )
-    receivers = {setting.name: receiver_of(setting) for setting in study.settings}
-    return stage_times.time_stages(
-        receivers, exposure, batch, study.rounds(batch), device
-    )

@@ -13,7 +13,7 @@ from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.compare import EffectsConfig, Severity
-from vocc_torch.studies.compare.effect_plan import ORDER, EffectStudy
+from vocc_torch.studies.compare.effect_scenes import ORDER, EffectStudy
 
 CONF = Path(__file__).parents[3] / "conf"
 SHIPPED = OmegaConf.to_container(

@@ -1,20 +1,31 @@
 """Reports of many receivers compared, from numbers that are easy to check."""
 
 import csv
+from dataclasses import replace
+from itertools import product
 
+import numpy as np
 import pytest
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.plan import ClassifierPlan, World
+from vocc_torch.measure.runner import Outcome
 from vocc_torch.measure.train import Making
+from vocc_torch.plugins import PlugIn
+from vocc_torch.simulation import Distribution
+from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.classifiers import (
+    ReceiverComparison,
     classifier_rows,
     scene_rows,
+    transfers_of,
     write_points,
 )
-from vocc_torch.studies.compare.rival_figures import curves_figure, scenes_figure
-from vocc_torch.studies.compare.rival_results import ReceiverComparison, Transfer
+from vocc_torch.studies.compare.figures import curves_figure, scenes_figure
+from vocc_torch.studies.compare.rivals import ClassifierStudy
 
 FRAMES = 1000
 WRONG = {
@@ -71,18 +82,18 @@ def curves(experiment="distance"):
     )
 
 
-def transfer(receiver, trained_on, tested_on, wrong, at_home):
-    return Transfer(
-        receiver,
-        trained_on,
-        tested_on,
-        counts(wrong),
-        counts(at_home),
-        paired(at_home, wrong),
-    )
-
-
 PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
+
+
+def read(tested_on, errors):
+    """What receivers of both trainings got wrong in one kind of scenes."""
+    rows = [row for row, pair in enumerate(PAIRS) if pair[1] == tested_on]
+    keys = [Key("truth", name, at) for at in range(2) for name in errors]
+    half = np.zeros((len(keys), FRAMES), dtype=np.int64)
+    for row, (at, name) in enumerate(product(rows, errors)):
+        half[row, : errors[name][at]] = 2
+    found = FrameErrors(half, half >= 0, 64, keys=keys)
+    return Outcome(found, {}, "frames"), tested_on, [PAIRS[row][0] for row in rows]
 
 
 @pytest.fixture
@@ -92,13 +103,11 @@ def made_up():
         "net": (0, 40, 30, 0),
         "plain": (100, 100, 120, 110),
     }
-    transfers = []
-    for place, pair in enumerate(PAIRS):
-        home = 0 if pair[1] == "paper" else 3
-        transfers += [
-            transfer(name, *pair, wrong[place], wrong[home])
-            for name, wrong in errors.items()
-        ]
+    transfers = [
+        move
+        for scenes in ("paper", "night")
+        for move in transfers_of(*read(scenes, errors), list(errors))
+    ]
     return ReceiverComparison(
         reference="flda_3",
         curves={"distance": curves()},
@@ -148,8 +157,30 @@ def test_figures_have_a_panel_a_receiver_and_a_cell_a_pair_of_scenes(made_up):
     ]
     assert figure.axes[0].get_ylabel() == "Bit error rate"
     assert figure.axes[0].get_xlabel() == "Distance (m)"
-    out, back, _ = scenes_figure(made_up).axes
-    assert [label.get_text() for label in out.get_xticklabels()] == ["paper", "night"]
-    assert [label.get_text() for label in back.get_xticklabels()] == ["night"]
-    texts = [text.get_text() for text in back.texts]
-    assert texts[1] == "1.4e-2\n4.5 x"
+    axes, _ = scenes_figure(made_up).axes
+    arrow = "\n\N{RIGHTWARDS ARROW} "
+    labels = [label.get_text().split(arrow) for label in axes.get_xticklabels()]
+    assert labels == [list(pair) for pair in PAIRS[:3]]
+    texts = {text.get_position(): text.get_text() for text in axes.texts}
+    assert texts[1.5, 2.5] == "6.3e-4\n0 there"
+    assert texts[1.5, 1.5] == "1.4e-2\n4.5 x"
+
+
+NET = ClassifierPlan(
+    "net",
+    PlugIn("c", "net", "vocc_torch.receiver.classifiers.Mlp", {"hidden": [8]}),
+    scene={"ambient_lx": Distribution("log_uniform", (1000.0, 32000.0))},
+)
+
+
+def test_a_mix_of_scenes_is_of_those_of_its_home(make_plan):
+    plan = make_plan(names=("flda_3",))
+    receiver = replace(plan.receiver, names=("flda_3", "net"), classifiers=(NET,))
+    plan = replace(plan, receiver=receiver)
+    fog = replace(plan, world=World(device="cpu"))
+    config = RivalsConfig(reference="flda_3", scene_frames=70, scene_training_frames=64)
+    study = ClassifierStudy(plan, config, "paper", {"far": plan}, {"fog": fog})
+    home, fog = (plan.receiver.classifiers for plan in study.scene_plans.values())
+    assert (home[0].scene, fog[0].scene) == (NET.scene, {})
+    frames = {plan.budget.training_frames for plan in study.scene_plans.values()}
+    assert frames == {64}

@@ -10,36 +10,28 @@ from vocc_torch.errors import (
     demand_least,
     finite_number,
     section,
-    shown,
     told_known,
 )
-from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
+from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.measure.schema import typed
 from vocc_torch.plugins import TARGET
-from vocc_torch.receiver.bank import check_receivers
-from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation import effects as chain
 from vocc_torch.studies.compare import EffectsConfig, Severity
+from vocc_torch.studies.compare.run import scene_plan
 
 Effects = Mapping[str, chain.Parameters]
 """Effect name to parameters, as a scene names them."""
 
-Key = tuple[chain.Effect, ...]
-"""A scene's effects as they are built: what tells scenes apart."""
-
 ORDER = tuple(kind.name for kind in chain.PHYSICAL_ORDER)
 """Names of all effects in physical order."""
-
-POINT = "effects"
-"""The point that keys the random draws of all test frames: every scene is drawn alike."""
 
 TOGETHER = "all together"
 
 
-def fills(effects: Key) -> bool:
+def fills(effects: Effects) -> bool:
     """Whether a locator needs frames with these effects rendered whole."""
-    return any(effect.fills_sensor for effect in effects)
+    return any(effect.fills_sensor for effect in chain.build_effects(effects))
 
 
 @dataclass(frozen=True)
@@ -49,7 +41,7 @@ class ScenePair:
     Args:
         name: the effect; ``all together`` for many.
         present: the effects of the scene that has it.
-        absent: those of the scene that does not.
+        absent: those of the scene that does not, which are among the others.
         in_scene: whether the scene of the study has it.
     """
 
@@ -66,6 +58,18 @@ class ScenePair:
             for name in chain.kinds_of(self.present)
             if name in self.present and name not in self.absent
         )
+
+    @property
+    def label(self) -> str:
+        """The names of what it is about."""
+        differing = self.differing
+        return " + ".join(differing) if self.name in differing else self.name
+
+    @property
+    def fills_sensor(self) -> bool:
+        """Whether frames must be rendered whole for a locator because of it."""
+        built, differing = chain.build_effects(self.present), self.differing
+        return any(part.fills_sensor for part in built if part.name in differing)
 
 
 @dataclass(frozen=True)
@@ -89,12 +93,12 @@ class EffectStudy:
             cannot render, named by its key.
 
     Example:
-        >>> from vocc_torch.measure.plan import Budget, ReceiverPlan, World
+        >>> from vocc_torch.measure.plan import Budget, Experiment, ReceiverPlan, World
         >>> world = World(effects={"blooming": {"sigma_px": 1.5}}, device="cpu")
         >>> receivers = ReceiverPlan(names=("flda_3",))
         >>> plan = Plan(world, receivers, Experiment("e", "distance_m", (50.0,)), Budget(64), Path("runs"))
         >>> config = EffectsConfig(parts={"defocus": {"defocus": {"focus_distance_m": 9.0}}}, repeats=1)
-        >>> [(one.name, one.differing, one.in_scene) for one in EffectStudy(plan, config).pairs]
+        >>> [(pair.name, pair.differing, pair.in_scene) for pair in EffectStudy(plan, config).pairs]
         [('defocus', ('defocus',), False), ('blooming', ('blooming',), True)]
     """
 
@@ -104,55 +108,51 @@ class EffectStudy:
 
     def __post_init__(self) -> None:
         """Check every range, and build every scene once, so that a misfit is refused before any work."""
-        config, parts = self.config, self.config.parts
+        config = self.config
         demand_least("effects.", config, located_frames=0, severity_frames=0, repeats=1)
         why = "task=effects, which compares scenes on equally many frames"
         self.plan.budget.demand_no_stop_rule(why)
-        check_receivers(self.plan.receiver.names)
         chain.build_effects(self.scene)
-        for name, part in parts.items():
+        for name, part in config.parts.items():
+            key = f"effects.parts.{name}"
             if TARGET not in (part.get(name) or ()):
-                _check_name(name, ORDER, "effects.parts has")
+                _demand_known(name, ORDER, "effects.parts")
             if name not in part:
-                raise VoccError(
-                    f"effects.parts.{name} has no {name}: it must name the effect itself"
-                )
-            self._check(self._with_part(name), f"effects.parts.{name}")
-        known = self._known
+                raise VoccError(f"{key} has no {name}: it must name the effect itself")
+            self._check(self._with_part(name), key)
         for name in config.names:
-            _check_name(name, known, "effects.names has")
+            _demand_known(name, self.known, "effects.names")
         if len(set(config.names)) != len(config.names):
             raise VoccError.of("effects.names", list(config.names), "each name once")
         for pair in self.every_pair:
             self._check(pair.present, f"effects.parts.{pair.name}", shown=True)
         for name, severity in config.severity.items():
-            _check_name(name, known, "effects.severity has")
-            key, values, scene = (
-                f"effects.severity.{name}",
-                list(severity.values),
-                self.pair(name).present,
-            )
-            effect, dot, _ = severity.parameter.partition(".")
-            if not dot or effect not in scene:
-                rule = f"effect.parameter of one of {', '.join(scene)}"
-                raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
-            rule = "finite numbers from harmless to harsh, all rising or all falling"
-            for value in values:
-                finite_number(f"{key}.values", value, rule)
-            if not values or sorted(set(values)) not in (values, values[::-1]):
-                raise VoccError.of(f"{key}.values", values, rule)
-            for value in values:
-                said = f"{key}.values has {value}: scene.effects"
-                self._check(self.at(name, value), said, shown=name in self.severities)
+            _demand_known(name, self.known, "effects.severity")
+            self._check_severity(f"effects.severity.{name}", name, severity)
+
+    def _check_severity(self, key: str, name: str, severity: Severity) -> None:
+        """Refuse a severity without parameter or values, and one whose scenes cannot be rendered."""
+        values, scene = list(severity.values), self.pair(name).present
+        effect, dot, _ = severity.parameter.partition(".")
+        if not dot or effect not in scene:
+            rule = f"effect.parameter of one of {', '.join(scene)}"
+            raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
+        rule = "finite numbers from harmless to harsh, all rising or all falling"
+        for value in values:
+            finite_number(f"{key}.values", value, rule)
+        if not values or sorted(set(values)) not in (values, values[::-1]):
+            raise VoccError.of(f"{key}.values", values, rule)
+        for value in values:
+            said = f"{key}.values has {value}: scene.effects"
+            self._check(self.at(name, value), said, shown=name in self.severities)
 
     def _check(self, effects: Effects, key: str, *, shown: bool = False) -> None:
         """Refuse effects that make no chain, and where they are shown, those that this camera cannot show."""
         with section(key, before="scene.effects"):
             chain.build_effects(effects)
             if shown:
-                self.plan_of(effects, "truth").world.simulator().crop_px(
-                    self.model.nearest_m
-                )
+                world = replace(self.plan.world, effects=effects)
+                world.simulator().crop_px(world.scene.nearest_m)
 
     @property
     def scene(self) -> Effects:
@@ -160,42 +160,17 @@ class EffectStudy:
         return self.plan.world.effects
 
     @cached_property
-    def pairs(self) -> tuple[ScenePair, ...]:
-        """The scenes with and without each effect to look at, in physical order."""
-        return tuple(
-            self.pair(name)
-            for name in self._known
-            if name in (self.config.names or self._known)
-        )
-
-    @property
-    def identity(self) -> dict[str, object]:
-        """What the counts of all scenes depend on, but for the scenes, which their rows name."""
-        locators = ("paper", "truth")
-        made_with: dict[str, object] = {}
-        for effects in self.every_scene:
-            plan = self.plan_of(effects, "truth")
-            made_with |= identity(plan, locators)["made_with"]
-        return {**identity(self.plan, locators), "made_with": made_with}
-
-    @property
-    def every_scene(self) -> list[Effects]:
-        """The scene, and those with and without each effect."""
-        return [
-            self.scene,
-            *(
-                scene
-                for pair in self.every_pair
-                for scene in (pair.absent, pair.present)
-            ),
-        ]
-
-    @cached_property
-    def _known(self) -> tuple[str, ...]:
+    def known(self) -> tuple[str, ...]:
         """Names of the effects of the scene and of the parts, in physical order."""
         parts = {name: part[name] for name, part in self.config.parts.items()}
         effects = {**parts, **self.scene}
         return tuple(name for name in chain.kinds_of(effects) if name in effects)
+
+    @cached_property
+    def pairs(self) -> tuple[ScenePair, ...]:
+        """The scenes with and without each effect to look at, in physical order."""
+        chosen = self.config.names or self.known
+        return tuple(self.pair(name) for name in self.known if name in chosen)
 
     def pair(self, name: str) -> ScenePair:
         """Return the scenes with and without one effect.
@@ -206,11 +181,7 @@ class EffectStudy:
         scene = self._with_part(name)
         taken = needing(scene, name)
         absent = {key: value for key, value in scene.items() if key not in taken}
-        alone = {
-            key: value
-            for key, value in scene.items()
-            if key == name or key not in taken
-        }
+        alone = {**absent, name: scene[name]}
         present = alone if _buildable(alone) else scene
         return ScenePair(name, present, absent, name in self.scene)
 
@@ -218,8 +189,6 @@ class EffectStudy:
     def together(self) -> ScenePair | None:
         """The scene with all chosen effects at once, and without them; None where it has them all."""
         added = [pair for pair in self.pairs if not pair.in_scene]
-        if not added:
-            return None
         scene: dict[str, chain.Parameters] = dict(self.scene)
         for pair in added:
             for name, parameters in self._with_part(pair.name).items():
@@ -231,15 +200,10 @@ class EffectStudy:
                         f"effects.parts.{pair.name}.{name} is {clash}, and all together need one"
                     )
         differing = {name for pair in added for name in pair.differing}
-        present = {name: scene[name] for name in chain.kinds_of(scene) if name in scene}
-        absent = {
-            name: parameters
-            for name, parameters in present.items()
-            if name not in differing
-        }
+        absent = {name: scene[name] for name in scene if name not in differing}
         with section("effects.parts", before="scene.effects"):
-            chain.build_effects(present)
-        return ScenePair(TOGETHER, present, absent)
+            chain.build_effects(scene)
+        return ScenePair(TOGETHER, scene, absent) if added else None
 
     @property
     def every_pair(self) -> tuple[ScenePair, ...]:
@@ -270,50 +234,44 @@ class EffectStudy:
     def usual(self, name: str) -> float | None:
         """Return the value that a severity's parameter has in the table of effects; None if no number."""
         effect, _, parameter = self.config.severity[name].parameter.partition(".")
-        built = {
-            kind.name: kind for kind in chain.build_effects(self.pair(name).present)
-        }
-        value = getattr(built[effect], parameter, None)
-        return float(value) if isinstance(value, int | float) else None
+        for built in chain.build_effects(self.pair(name).present):
+            value = getattr(built, parameter, None)
+            if built.name == effect and isinstance(value, int | float):
+                return float(value)
+        return None
 
     def _with_part(self, name: str) -> dict[str, chain.Parameters]:
         """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
         part = self.config.parts.get(name, {})
         scene = {**part, **self.scene}
-        return (
-            scene if name in self.scene or _buildable(scene) else {**self.scene, **part}
-        )
-
-    @property
-    def model(self) -> SceneModel:
-        """The distributions of the scenes, in training and in test."""
-        return self.plan.world.scene
+        fits = name in self.scene or _buildable(scene)
+        return scene if fits else {**self.scene, **part}
 
     @property
     def shown(self) -> str:
         """The receiver that tables and figures show: the saved one where it runs, else the last."""
-        names = self.plan.receiver.names
-        return (
-            self.plan.receiver.reference
-            if self.plan.receiver.reference in names
-            else names[-1]
-        )
+        receiver = self.plan.receiver
+        runs = receiver.reference in receiver.names
+        return receiver.reference if runs else receiver.names[-1]
 
-    def plan_of(self, effects: Effects, locator: Locator) -> Plan:
-        """Return the plan of one scene, read with one locator."""
+    def plan_of(self, effects: Effects, locator: Locator, frames: int = 1) -> Plan:
+        """Return the plan of one scene, read with one locator.
+
+        Args:
+            effects: of the scene.
+            locator: the locator.
+            frames: test frames, at least 1.
+        """
         world = replace(self.plan.world, effects=effects)
-        return replace(
-            self.plan,
-            world=world,
-            receiver=replace(self.plan.receiver, locator=locator),
-        )
+        budget = replace(self.plan.budget, frames=frames)
+        return replace(self.plan.locating_with(locator), world=world, budget=budget)
 
     def frames_with(self, locator: Locator, effects: Effects) -> int:
         """Count the test frames of a scene that are read with a locator."""
         located, frames = self.config.located_frames, self.plan.budget.frames
-        if locator == "paper" and fills(chain.build_effects(effects)):
-            return min(located, frames)
-        return frames if locator == "truth" or located else 0
+        if locator == "truth" or (located and not fills(effects)):
+            return frames
+        return min(located, frames)
 
 
 def build_effect_study(
@@ -324,43 +282,24 @@ def build_effect_study(
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    plan = build_plan(settings, folder)
+    plan, _ = scene_plan(settings, folder)
     if (shown := settings.receiver.save) not in (None, *settings.receiver.names):
         rule = "null or of receiver.names: task=effects shows it"
         raise VoccError.of("receiver.save", repr(shown), rule)
-    for name, part in config.parts.items():
-        key = f"effects.parts.{name}"
-        if not isinstance(part, dict):
-            raise VoccError.of(
-                key, repr(part), "a mapping of effects, each with its parameters"
-            )
-        effect_settings(part, key)
-    severities = {
-        name: _severity(f"effects.severity.{name}", given_severity)
-        for name, given_severity in config.severity.items()
-    }
-    config = replace(config, severity=severities)
-    # All frames are of the scene itself: no experiment narrows them.
-    experiment = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
-    return EffectStudy(
-        replace(plan, experiment=experiment), config, settings.scene.name
-    )
+    parts, severities = {}, {}
+    for name, part in effect_settings(config.parts, "effects.parts").items():
+        parts[name] = effect_settings(part or {}, f"effects.parts.{name}")
+    for name, severity in effect_settings(config.severity, "effects.severity").items():
+        with section(f"effects.severity.{name}"):
+            severities[name] = typed(Severity, severity or {})
+    config = replace(config, parts=parts, severity=severities)
+    return EffectStudy(plan, config, settings.scene.name)
 
 
-def _severity(key: str, text: object) -> Severity:
-    """Read one severity of a configuration."""
-    match text:
-        case {"parameter": str(name), "values": list(values), **others} if not others:
-            return Severity(name, values)
-    raise VoccError.of(
-        key, shown(text), "a mapping of parameter, a text, and values, a list"
-    )
-
-
-def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
+def _demand_known(name: str, known: tuple[str, ...], key: str) -> None:
     """Refuse a name that is not known, and suggest the nearest."""
     if name not in known:
-        raise VoccError(f"{complaint} {name!r}: {told_known(name, known)}")
+        raise VoccError(f"{key} has {name!r}: {told_known(name, known)}")
 
 
 def _buildable(effects: Effects) -> bool:

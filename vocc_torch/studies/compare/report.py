@@ -1,0 +1,162 @@
+"""What every comparison leaves: tables on the terminal and in files, figures and the board."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from vocc_torch.measure import intervals
+from vocc_torch.measure.config import Settings
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import styles, tensorboard
+from vocc_torch.report.plots import Figure
+from vocc_torch.report.terminal import Console, Text, plain_table
+
+Row: TypeAlias = dict[str, str | int | float | None]
+"""A row of a table by its columns; what is missing is blank."""
+
+
+def write_report(
+    settings: Settings,
+    folder: Path,
+    rows: Mapping[str, Sequence[Row]],
+    figures: Mapping[str, Figure],
+    others: Sequence[str] = (),
+    **board: Mapping[str, Any],
+) -> None:
+    """Write tables and figures, the board where it is wanted, and say where they are.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        rows: of the tables, by the file's name without its end; the longest row has all columns. A table
+            without rows is not written.
+        figures: by the file's name without its end.
+        others: files that were written before.
+        **board: what else :func:`vocc_torch.report.tensorboard.write_figures` takes.
+    """
+    places = [("file", name) for name in others]
+    for name, table in rows.items():
+        if table:
+            fullest = max(table, key=len)
+            columns = list(fullest)
+            lines = [[row.get(column) for column in columns] for row in table]
+            file = f"{name}.csv"
+            run_folder.write_rows(folder / file, [columns, *lines], short=True)
+            places.append(("table", file))
+    tensorboard.write_figures(settings, folder, figures, **board)
+    places += [("figure", f"{name}.png") for name in figures]
+    run_folder.print_places(Console(), folder, places, settings.tensorboard)
+
+
+Writer = Callable[[Row, str], str]
+"""Writes a row's cell, by the column's name."""
+
+
+def print_rows(
+    rows: Iterable[Row], columns: Sequence[tuple[str, str, Writer]], note: str
+) -> None:
+    """Print a table on the terminal.
+
+    Args:
+        rows: as they are written to a file.
+        columns: head, name and how cells are written; words stand on the left.
+        note: what stands below the table.
+    """
+    console, table = Console(), plain_table(*(head for head, _, _ in columns))
+    for place, (_, _, write) in zip(table.columns, columns, strict=True):
+        place.justify = "left" if write is word else "right"
+    for row in rows:
+        cells = [write(row, name) for _, name, write in columns]
+        table.add_row(*map(Text, cells))
+    console.print(table)
+    console.print(Text(note, style="dim"), soft_wrap=True)
+
+
+def word(row: Row, name: str) -> str:
+    """Write a cell as it is."""
+    return str(row[name])
+
+
+def number(row: Row, name: str) -> str:
+    """Write a number with three digits.
+
+    Example:
+        >>> number({"ms": 12.345}, "ms"), number({"ms": None}, "ms")
+        ('12.3', '')
+    """
+    value = row.get(name)
+    return f"{value:.3g}" if isinstance(value, int | float) else ""
+
+
+def rate(row: Row, name: str) -> str:
+    """Write a rate over its interval, or its limit."""
+    found = estimate_of(row, name)
+    return "\n".join(filter(None, rate_texts(found))) if found else ""
+
+
+def ratio(row: Row, name: str) -> str:
+    """Write a ratio."""
+    found = estimate_of(row, name)
+    return ratio_text(found) if found else ""
+
+
+def estimate_of(row: Row, name: str) -> Estimate | None:
+    """Read an estimate from the cells of :func:`ends`."""
+    cells = [row.get(cell) for cell in ends(name, None)]
+    values = [float(cell) for cell in cells if isinstance(cell, int | float)]
+    return Estimate(*values) if values else None
+
+
+def ends(name: str, found: Estimate | None) -> Row:
+    """Give an estimate's cells.
+
+    Example:
+        >>> ends("ms", Estimate(2.0, 1.0, 3.0))
+        {'ms': 2.0, 'ms_low': 1.0, 'ms_high': 3.0}
+    """
+    names = name, f"{name}_low", f"{name}_high"
+    values = (found.value, found.low, found.high) if found else (None, None, None)
+    return dict(zip(names, values, strict=True))
+
+
+def counted(counts: Counts) -> Row:
+    """Give the cells of counts: frames, bits and the bit error rate with its interval."""
+    rate = intervals.ber_interval(counts)
+    cells: Row = {"frames": counts.frames, "bits": counts.bits}
+    return {**cells, "bit_errors": counts.bit_errors, **ends("ber", rate)}
+
+
+def numbers_of(row: Row) -> dict[str, float]:
+    """Give a row's numbers, for the board."""
+    return {
+        name: float(cell) for name, cell in row.items() if isinstance(cell, int | float)
+    }
+
+
+def rate_texts(rate: Estimate) -> tuple[str, str]:
+    """Write a rate and its interval, or its limit.
+
+    Example:
+        >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
+        ('< 1.0e-4', '')
+    """
+    if rate.value == 0:
+        return f"< {styles.rate_text(rate.high)}", ""
+    return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
+
+
+def ratio_text(ratio: Estimate) -> str:
+    """Write a ratio as a fraction or a multiple; a limit where the receiver made no error.
+
+    Example:
+        >>> ratios = (0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0)
+        >>> [ratio_text(Estimate(*ends)) for ends in ratios]
+        ['< 1/370', '1/32', '4.2 x']
+    """
+    limit = "" if ratio.value else "< "
+    value = ratio.value or ratio.high
+    if value > 0.95:
+        return f"{limit}{float(f'{value:.2g}'):g} x"
+    return f"{limit}1/{float(f'{1 / value:.2g}'):g}"
