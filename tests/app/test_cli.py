@@ -182,14 +182,6 @@ def test_a_stream_that_is_closed_takes_no_file_s_place(tmp_path):
     assert (tmp_path / "runs" / "x" / "plan.yaml").read_text().startswith("rows: 8")
 
 
-def test_a_key_of_hundreds_of_letters_is_one_line(app):
-    key = "classifiers." + "a" * 300
-    assert (
-        "has 328 letters: it is no known key"
-        in app(f"+{key}.build._target_=mine.py:A").complaint
-    )
-
-
 def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(app, monkeypatch):
     def broken(settings, folder):
         try:

@@ -1,12 +1,11 @@
 """A run's folder is below ``runs/``: whatever its name, nothing outside is made, changed or removed."""
 
 import tempfile
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from vocc_torch.app.config import AppConfig, run_folder
+from vocc_torch.app.config import run_folder
 from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
 from vocc_torch.files import locked
@@ -76,15 +75,14 @@ def test_only_folders_below_runs_are_given(outside):
             run_folder(name)
 
 
-def test_a_failed_job_is_begun_again_where_a_run_of_ours_failed(outside):
-    """Below runs/, and elsewhere beside a configuration that a run wrote."""
-    whole = "".join(f"{key.name}: 1\n" for key in fields(AppConfig))
+def test_a_failed_job_is_begun_again_below_runs_alone(outside):
     for place in (Path("runs/failed"), outside / "elsewhere"):
         place.mkdir()
-        (place / "config.yaml").write_text(whole)
         (place / "failed.txt").write_text("a reason\n")
-        assert begin_again(place)
-        assert list(place.iterdir()) == []
+    assert begin_again(Path("runs/failed"))
+    assert list(Path("runs/failed").iterdir()) == []
+    assert not begin_again(outside / "elsewhere")
+    assert (outside / "elsewhere" / "failed.txt").exists()
 
 
 def test_the_second_of_two_runs_at_once_is_refused_and_deletes_nothing(

@@ -272,7 +272,7 @@ def run_jobs(jobs: Jobs) -> int:
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        complaint = ended_by(error, words)
+        complaint = ended_by(error)
         if complaint is None:
             raise
         complain(complaint)

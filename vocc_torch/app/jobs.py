@@ -18,7 +18,7 @@ from typing import Any, TextIO
 
 from vocc_torch.app.config import inside_runs
 from vocc_torch.errors import VoccError
-from vocc_torch.files import UNFINISHED, read_file, write_atomically
+from vocc_torch.files import UNFINISHED, write_atomically
 
 FAILED, CONFIG = "failed.txt", "config.yaml"
 
@@ -94,7 +94,7 @@ class Jobs:
 def begin_again(folder: Path) -> bool:
     """Take away what a failed attempt left in a job's folder.
 
-    Outside ``runs/``, where hydra.run.dir may lead, only beside a configuration that a run wrote.
+    Outside ``runs/``, where hydra.run.dir may lead, nothing is taken away.
 
     Args:
         folder: the job's folder, which need not be there.
@@ -109,12 +109,7 @@ def begin_again(folder: Path) -> bool:
     names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
     names.discard(UNFINISHED)
     if not inside_runs(folder):
-        try:
-            lines = read_file(folder / CONFIG).decode("utf-8", "replace").splitlines()
-        except VoccError:
-            lines = []
-        if not {line.partition(":")[0] for line in lines} >= {"task", "name"}:
-            return not names
+        return not names
     attempted = FAILED in names and names <= {FAILED, CONFIG}
     resumable = bool({"ledger.sqlite", "ledgers"} & names)
     if attempted:

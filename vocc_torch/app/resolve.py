@@ -1,6 +1,5 @@
 """From the words of the command line to a task's settings, checked; and refusals in one line."""
 
-import errno
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -13,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from vocc_torch.app.config import AppConfig, described
 from vocc_torch.app.tasks import demand_used, is_brought, schema_of
-from vocc_torch.errors import VoccError, section, shown, stdout_refusal
+from vocc_torch.errors import VoccError, section, stdout_refusal
 from vocc_torch.measure.schema import (
     merge,
     options_of,
@@ -253,10 +252,10 @@ def complaint(error: BaseException) -> str:
     while cause is not None and cause not in chain:
         chain.append(cause)
         cause = cause.__cause__ or cause.__context__
-    for cause in chain:
+    # A refusal of ours says most, however it was wrapped.
+    for cause in sorted(chain, key=lambda cause: not isinstance(cause, VoccError)):
         if isinstance(cause, VoccError):
             return str(cause)
-    for cause in chain:
         if isinstance(cause, MissingConfigException) and cause.missing_cfg_file:
             group, _, name = cause.missing_cfg_file.rpartition("/")
             if (group, name) == ("hydra/launcher", "joblib"):
@@ -269,12 +268,11 @@ def complaint(error: BaseException) -> str:
     return " ".join(str(error).split("Set the environment variable")[0].split())
 
 
-def ended_by(error: Exception, words: Sequence[str]) -> str | None:
+def ended_by(error: Exception) -> str | None:
     """Say what was refused before or between the jobs; None for an error that is not the user's.
 
     Args:
         error: what ended the application, outside its jobs.
-        words: the command line.
     """
     if isinstance(error, BrokenProcessPool):
         return LOST_WORKER
@@ -293,9 +291,6 @@ def ended_by(error: Exception, words: Sequence[str]) -> str | None:
     )
     if isinstance(error, hydras):
         return complaint(error)
-    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-        longest = max((word.partition("=")[0] for word in words), key=len)
-        return f"{shown(longest)} has {len(longest)} letters: it is no known key"
     if isinstance(error, OSError):
         if refused := stdout_refusal(error):
             return refused

@@ -273,17 +273,17 @@ def without_absent(
         The receivers that can be built, and the reason for each other one by its name.
     """
     why = "scikit-learn is not installed; pip install scikit-learn adds it"
-    is_absent = find_spec("sklearn") is None
-    left_out = {
+    absent = {
         classifier.name: why
         for classifier in receiver.classifiers
-        if is_absent and "sklearn" in classifier.build.packages
+        if find_spec("sklearn") is None and "sklearn" in classifier.build.packages
     }
-    classifiers = tuple(
-        classifier
-        for classifier in receiver.classifiers
-        if classifier.name not in left_out
+    present = replace(
+        receiver,
+        names=tuple(name for name in receiver.names if name not in absent),
+        classifiers=tuple(
+            one for one in receiver.classifiers if one.name not in absent
+        ),
+        save="flda_3" if receiver.save in absent else receiver.save,
     )
-    names = tuple(name for name in receiver.names if name not in left_out)
-    save = "flda_3" if receiver.save in left_out else receiver.save
-    return replace(receiver, names=names, classifiers=classifiers, save=save), left_out
+    return present, absent

@@ -101,16 +101,14 @@ class Workers:
             rule = f"auto for executor={kind}"
             raise VoccError.of("executor.address", address, rule)
         cores = timing.usable_cores()
-        self.count = count or cores
-        if count is None:
-            self.count = min(cores, LIMITS.most_by_default)
+        by_default = min(cores, LIMITS.most_by_default)
+        self.count = by_default if count is None else count or cores
         self._most, self._kind, self._address = count or None, kind, address
         # Processes begin at once where a number was given.
         waits = count is None and self.count > 1
         self._patience_s = LIMITS.patience_s if waits else math.inf
         self._here = kind == "here" or (kind == "auto" and (self.count == 1 or waits))
         self._pool: WorkerPool | None = None
-        self._packed: tuple[object, bytes] = (None, b"")
 
     @classmethod
     def of(cls, settings: Settings) -> Self:
@@ -161,9 +159,7 @@ class Workers:
             self._patience_s -= time.process_time() - begun
             self._here = self._patience_s > 0
             return result
-        if self._packed[0] is not call:  # packed once for many blocks
-            self._packed = call, pickle.dumps(call)
-        packed = about_run(self._kind), self._packed[1], pickle.dumps(argument)
+        packed = about_run(self._kind), _packed(call), pickle.dumps(argument)
         try:
             return Reply(self._opened().submit(*packed))
         except futures.BrokenExecutor as error:
@@ -364,8 +360,9 @@ def _prepare(run: bytes) -> None:
     plugins.receive(files)
 
 
+_packed = functools.lru_cache(8)(pickle.dumps)
 _unpacked = functools.lru_cache(8)(pickle.loads)
-"""A call that comes with many arguments is unpacked once."""
+"""A call that goes with many arguments is packed and unpacked once."""
 
 
 def called(run: bytes, call: bytes, argument: bytes) -> bytes:

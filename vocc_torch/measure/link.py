@@ -1,7 +1,7 @@
 """The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Self, TypeVar
 
@@ -226,8 +226,7 @@ def rendered(
         panel_only: whether the panel's corners are known to all that look.
     """
     drawn = [model.draw(key, simulator.panel.shape) for key in keys]
-    device = simulator.device
-    scenes = Scene.cat([scene for scene, _ in drawn])
+    device, scenes = simulator.device, Scene.cat([scene for scene, _ in drawn])
     sent = torch.cat([bits for _, bits in drawn])
     names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
     # Small crops are rendered together, which costs less; whole frames take by take, for their memory.
@@ -235,33 +234,26 @@ def rendered(
         effect.unbounded or (effect.fills_sensor and not panel_only)
         for effect in simulator.effects
     )
-    small = simulator.framing == "crop" and not far
+    together = simulator.framing == "crop" and not far
     for start in frames:
         rows = slice(start, min(start + frames.step, frames.stop))
         scene, bits = scenes[rows], sent[rows]
-        shown, takes = {"frame": bits}, []
+        shown, takes = {"frame": bits}, list[Frames]()
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
-        for some in [list(shown)] if small else [[take] for take in shown]:
-            frame_keys = [
-                FrameKey(name.block, name.frame, take)
-                for take in some
-                for name in names[rows]
-            ]
-            lit = torch.cat([shown[take] for take in some])
-            many = Scene.cat([scene] * len(some))
+        for some in [list(shown)] if together else [[take] for take in shown]:
             with torch.autocast(device.type, enabled=False):
-                rendered = simulator.render(
-                    many,
-                    lit,
+                pictures = simulator.render(
+                    Scene.cat([scene] * len(some)),
+                    torch.cat([shown[take] for take in some]),
                     nearest_m=model.nearest_m,
-                    keys=frame_keys,
+                    keys=[
+                        replace(key, take=take) for take in some for key in names[rows]
+                    ],
                     panel_only=panel_only,
                 )
-            takes += [
-                rendered[at : at + len(scene)]
-                for at in range(0, len(rendered), len(scene))
-            ]
+            size = len(scene)
+            takes += [pictures[at : at + size] for at in range(0, len(pictures), size)]
         yield scene, bits.to(device, non_blocking=True), names[rows], tuple(takes)
 
 

@@ -1,5 +1,6 @@
 """What a study is made of: what is simulated, what receives, how much is measured, and its identity."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
@@ -368,15 +369,18 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
 
 
 def _plain(value: object) -> Any:
-    """Turn dataclasses into mappings, torch's types into their names, and whole floats into integers."""
+    """Turn what JSON does not have into what it has, and whole floats into integers: 25 and 25.0 are one."""
+
+    def number(text: str) -> float:
+        return int(float(text)) if float(text).is_integer() else float(text)
+
+    return json.loads(json.dumps(value, default=_fields), parse_float=number)
+
+
+def _fields(value: object) -> object:
+    """Give what can be given to a dataclass, by name; the name of a type of torch."""
     if is_dataclass(value):
         # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
         names = [attribute.name for attribute in fields(value) if attribute.init]
-        return {name: _plain(getattr(value, name)) for name in names}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, float) and value.is_integer():
-        return int(value)  # 25 and 25.0 are one
-    return str(value) if isinstance(value, torch.dtype) else value
+        return {name: getattr(value, name) for name in names}
+    return dict(value) if isinstance(value, Mapping) else str(value)

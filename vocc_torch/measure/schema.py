@@ -325,10 +325,9 @@ def _apply(config: Any, override: Override, word: str) -> None:
             raise VoccError(f"{key} is not set: ~ has nothing to remove")
         with open_dict(section):
             del section[name]
-    elif override.is_add() or override.is_force_add():
-        OmegaConf.update(config, key, override.value(), merge=True, force_add=True)
     else:
-        OmegaConf.update(config, key, override.value(), merge=True)
+        adds = override.is_add() or override.is_force_add()
+        OmegaConf.update(config, key, override.value(), merge=True, force_add=adds)
 
 
 def refuse_shadowed(scene: "SceneSettings", word: str) -> None:

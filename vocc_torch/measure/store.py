@@ -126,7 +126,7 @@ class Store(AbstractContextManager["Store"]):
         self._run("BEGIN EXCLUSIVE")
         # What a killed run left has been taken back by now; its journal would stay where nothing is written.
         self.path.with_name(f"{self.path.name}-journal").unlink(missing_ok=True)
-        if self._run("SELECT 1 FROM sqlite_master").fetchone():
+        if self._first("SELECT 1 FROM sqlite_master"):
             self._check()
         else:
             for statement in _TABLES:
@@ -138,11 +138,10 @@ class Store(AbstractContextManager["Store"]):
 
     def _check(self) -> None:
         """Refuse a file that is not a whole store of these settings."""
-        if self._run("PRAGMA application_id").fetchone() != (_APPLICATION,):
+        if self._first("PRAGMA application_id") != _APPLICATION:
             raise self._refusal("is no ledger of vocc-torch", _ANOTHER)
         release = f"continue it with the release that began it, or {_ANOTHER}"
-        ((version,),) = self._run("PRAGMA user_version")
-        if version != _FORMAT:
+        if (version := self._first("PRAGMA user_version")) != _FORMAT:
             raise self._refusal(
                 f"has format {version}, and this release {_FORMAT}", release
             )
@@ -168,12 +167,18 @@ class Store(AbstractContextManager["Store"]):
             raise self._refusal(
                 "; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}"
             )
-        if self._run("PRAGMA integrity_check(1)").fetchone() != ("ok",):
+        if self._first("PRAGMA integrity_check(1)") != "ok":
             raise self._refusal(*_DAMAGED)
         for table in ("blocks", "trained"):
             for *row, digest in self._run(f"SELECT * FROM {table}"):
                 if self._digest(*row) != digest:
                     raise self._refusal(*_DAMAGED)
+
+    def _first(self, query: str, *values: object) -> Any:
+        """Give the first value that a query finds, or None."""
+        with _told(self.path):
+            row = self._run(query, values).fetchone()
+            return None if row is None else row[0]
 
     def _digest(self, *row: object) -> str:
         """Give the checksum of a row of these settings."""
@@ -196,25 +201,19 @@ class Store(AbstractContextManager["Store"]):
 
     def __len__(self) -> int:
         """Count the rows."""
-        with _told(self.path):
-            return int(self._run("SELECT count(*) FROM blocks").fetchone()[0])
+        return int(self._first("SELECT count(*) FROM blocks"))
 
     def find(self, point: str, block: int, frames: int) -> bytes | None:
         """Give what was counted in exactly this many frames of a block, or None."""
-        with _told(self.path):
-            condition = "WHERE point=? AND block=? AND frames=?"
-            row = self._run(
-                f"SELECT content FROM blocks {condition}", (point, block, frames)
-            ).fetchone()
-            return None if row is None else bytes(row[0])
+        content = "SELECT content FROM blocks WHERE point=? AND block=? AND frames=?"
+        found: bytes | None = self._first(content, point, block, frames)
+        return found
 
     def trained(self, key: str) -> dict[str, Any] | None:
         """Give what :meth:`add_trained` wrote under a key, or None."""
+        text = self._first("SELECT content FROM trained WHERE key=?", key)
         with _told(self.path):
-            row = self._run(
-                "SELECT content FROM trained WHERE key=?", (key,)
-            ).fetchone()
-            return None if row is None else dict(json.loads(row[0]))
+            return None if text is None else dict(json.loads(text))
 
     def add_trained(self, key: str, content: str) -> None:
         """Write trained receivers, JSON text, under a key; what stood there is replaced.

@@ -180,23 +180,15 @@ def describe_machine(device: torch.device) -> str:
     counted = ", ".join(
         f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items()
     )
-    device_name = (
-        f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
-    )
-    named = None
+    is_cuda, told = device.type == "cuda", ""
     with suppress(OSError):
-        named = re.search(
-            r"^model name\s*:(.*)",
-            _CPU_FILE.read_text("utf-8", "replace"),
-            re.MULTILINE,
-        )
-    cpu = (
-        (named and named[1].strip())
-        or platform.processor()
-        or platform.machine()
-        or "unknown processor"
+        told = _CPU_FILE.read_text("utf-8", "replace")
+    named = re.search(r"^model name\s*:\s*(.*\S)", told, re.MULTILINE)
+    cpu = named[1] if named else platform.processor() or platform.machine()
+    gpu = f"{torch.cuda.get_device_name(device)}, " if is_cuda else ""
+    return (
+        f"{gpu}{cpu or 'unknown processor'} with {counted}, torch {torch.__version__}"
     )
-    return f"{device_name}{cpu} with {counted}, torch {torch.__version__}"
 
 
 def usable_cores() -> int:

@@ -117,7 +117,6 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
                 Exception
             ) as error:  # Pillow's readers raise many kinds for damaged files
                 if image and index and isinstance(error, EOFError):
-                    warn_of_missing_end(path, image, index)
                     return
                 raise refusal(path, error, index) from None
             grey = to_grey(colour, channel)
@@ -143,13 +142,6 @@ def heif_formats(path: Path) -> tuple[str, ...]:
         raise VoccError(f"input {path} is a HEIC picture: {extra}") from None
     pillow_heif.register_heif_opener()
     return ("HEIF",)
-
-
-def warn_of_missing_end(path: Path, image: Image.Image, frames: int) -> None:
-    """Warn of an animation whose file is cut off after some frames."""
-    if image.format == "GIF" and not path.read_bytes().rstrip(b"\0").endswith(b";"):
-        text = f"input {path} has no end: frames after the {frames} read may be missing"
-        warnings.warn(text, stacklevel=3)
 
 
 def refusal(path: Path, error: Exception, frames: int) -> VoccError:
