@@ -148,7 +148,7 @@ def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypa
         patch.setattr(terminal.StudyView, "count", interrupt)
         ran = app(*SHORT)
     assert ran.status == 130
-    assert "the same command with name=again goes on" in " ".join(ran.out.split())
+    assert "the same command with name=again resumes" in " ".join(ran.out.split())
     (table,) = rate_tables.read_tables("runs/again/ber.csv").values()
     assert [(row.value, row.frames, row.stopped_by) for row in table] == [
         *((4000.0, 128, "frames"), (8000.0, 64, "interrupted"))
