@@ -3,7 +3,7 @@
     python docs/run_pages.py docs/tutorials/*.md
 
 Python blocks of a page share their names. A block of kind ``text`` that follows a Python or Bash block
-holds its output. Pictures that a page saves are copied to ``docs/images`` as ``PAGE-NAME.png``.
+holds its output. Bash blocks after the last one with an output are not run. Pictures that a page saves are copied to ``docs/images`` as ``PAGE-NAME.png``.
 """
 
 import argparse
@@ -44,18 +44,26 @@ def bash_output(code: str) -> str:
 def run_page(page: Path, *, bash: bool) -> str:
     """Run a page in the current folder and return it with fresh outputs."""
     names: dict[str, object] = {"__name__": "page"}
+    text = page.read_text(encoding="utf-8")
+    shown = [
+        found.start()
+        for found in BLOCK.finditer(text)
+        if found["kind"] == "bash" and found["output"] is not None
+    ]
 
     def fresh(found: re.Match[str]) -> str:
         kind, code, output = found["kind"], found["code"], found["output"]
-        if kind == "bash" and (not bash or output is None):
+        if kind == "bash" and not (bash and shown and found.start() <= shown[-1]):
             return found[0]
         printed = python_output(code, names) if kind == "python" else bash_output(code)
+        if kind == "bash" and output is None:
+            return found[0]
         block = f"```{kind}\n{code}```\n"
         lines = [line.rstrip() for line in printed.splitlines()]
-        text = "\n".join(lines).strip("\n")
-        return f"{block}\n```text\n{text}\n```\n" if text else block
+        written = "\n".join(lines).strip("\n")
+        return f"{block}\n```text\n{written}\n```\n" if written else block
 
-    return BLOCK.sub(fresh, page.read_text(encoding="utf-8"))
+    return BLOCK.sub(fresh, text)
 
 
 def main() -> None:
