@@ -3,7 +3,8 @@
     python docs/run_pages.py docs/tutorials/*.md
 
 Python blocks of a page share their names. A block of kind ``text`` that follows a Python or Bash block
-holds its output. Bash blocks after the last one with an output are not run. Pictures that a page saves are copied to ``docs/images`` as ``PAGE-NAME.png``.
+holds its output. Bash blocks after the last one with an output are not run.
+Pictures that a page saves are copied to ``docs/images`` as ``PAGE-NAME.png``.
 """
 
 import argparse
