@@ -55,9 +55,9 @@ def describe(apart: Floats, found: Findings) -> None:
     lens(found)
     if curve is None or coded:
         why = (
-            "coding takes it away"
+            "compression removes it"
             if coded
-            else "rounding hides it, or fewer than 4 frames show none"
+            else "rounding hides it, or there are fewer than 4 frames"
         )
         found.say("noise", why=why)
     else:
@@ -156,7 +156,7 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
         if config.ambient_lx is None:
             by_grey, gamma = 2 * grey.deviation / grey.middle, by_gamma(fit, curve)[0]
             error = counted * math.hypot(curve.slope_error, by_grey, gamma)
-            lux, note = counted, "by the photons counted"
+            lux, note = counted, "from the photon noise"
             found.say("product")
         else:
             efficiency *= counted / config.ambient_lx

@@ -253,7 +253,11 @@ def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
     if camera.height_px * width == camera.width_px * height:
         return replace(
             camera, width_px=width, height_px=height
-        ), refusal + "taken for the whole sensor, scaled"
+        ), refusal + "they are treated as the whole sensor, scaled"
     wide = camera.sensor_width_mm * width / camera.width_px
     fitted = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
-    return fitted, refusal + "taken for the middle of it, with pixels of the same size"
+    return (
+        fitted,
+        refusal
+        + "they are treated as the middle of the sensor, with pixels of the same size",
+    )

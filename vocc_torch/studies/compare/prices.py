@@ -228,7 +228,7 @@ def recommendation(prices: PriceList) -> str:
     nearest = min(points, key=lambda point: (point.ber.high, point.ms))
     for rate in SETTINGS.rates:
         taken = next((point for point in quick if point.ber.high < rate), None)
-        none = f"none is shown to be; the nearest is {nearest}"
+        none = f"no receiver surely is; the best is {nearest}"
         answer = f"take {taken}" if taken else none
         lines.append(f"For a BER below {styles.rate_text(rate)}: {answer}.")
         if not taken:
