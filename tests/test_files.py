@@ -80,21 +80,6 @@ def test_what_stands_in_the_place_is_refused_by_name(tmp_path):
     assert names(tmp_path) == ["file", "folder"]
 
 
-@pytest.mark.parametrize("planted", ["folder", "link", "dangling"])
-def test_a_planted_temporary_name_is_neither_used_nor_in_the_way(tmp_path, planted):
-    (tmp_path / "victim").write_bytes(b"mine")
-    for number in (0, 1):
-        place = tmp_path / f".a.{os.getpid()}-{number}.tmp.txt"
-        place.mkdir() if planted == "folder" else place.symlink_to(
-            tmp_path / ("victim" if planted == "link" else "new")
-        )
-    before = names(tmp_path)
-    write_atomically(tmp_path / "a.txt", b"whole")
-    assert (tmp_path / "a.txt").read_bytes() == b"whole"
-    assert (tmp_path / "victim").read_bytes() == b"mine"
-    assert names(tmp_path) == sorted([*before, "a.txt"])
-
-
 def killed(code):
     """Run a program that kills itself, and give its number."""
     end = "import os; os.kill(os.getpid(), 9)"

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
-from omegaconf import OmegaConf
 from torch.utils.data import IterableDataset, get_worker_info
 
 from vocc_torch.boundary import checked
@@ -41,7 +40,7 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.report import folder, plots, rate_tables, styles, terminal
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import Frames, Scene
-from vocc_torch.yaml_text import read_yaml
+from vocc_torch.yaml_text import parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,8 +103,7 @@ def _shipped(group: str, name: str) -> dict[str, Any]:
         .joinpath(group, f"{name}.yaml")
         .read_text(encoding="utf-8")
     )
-    plain: Any = OmegaConf.to_container(OmegaConf.create(text))
-    return dict(plain)
+    return dict(parse_yaml(text))
 
 
 @checked

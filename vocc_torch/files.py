@@ -1,12 +1,12 @@
 """Reading ordinary files alone, writing them whole or not at all, and locking a folder that is written to."""
 
 import hashlib
-import itertools
 import os
 import re
 import shutil
 import stat
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedReader
@@ -198,7 +198,9 @@ def _to_replace(target: Path) -> Iterator[Path]:
     """Lend a temporary path that takes the target's place at the end, and is gone after an error."""
     if "\0" in str(target):
         raise VoccError(f"cannot write {printable(str(target))}: a path has no zeros")
-    temporary = _temporary(target)
+    # A name that :func:`sweep` knows when this process is gone.
+    mine = f".{target.stem}.{os.getpid()}-{time.time_ns()}.tmp{target.suffix}"
+    temporary = target.with_name(mine)
     try:
         yield temporary
         temporary.replace(target)
@@ -208,17 +210,6 @@ def _to_replace(target: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
         with suppress(OSError):  # that it cannot be deleted is not the error to tell of
             temporary.unlink(missing_ok=True)
-
-
-def _temporary(target: Path) -> Path:
-    """Name a path beside a target that is free, and that :func:`sweep` knows when this process is gone."""
-    mine = f".{target.stem}.{os.getpid()}"
-    names = (
-        target.with_name(f"{mine}-{number}.tmp{target.suffix}")
-        for number in itertools.count()
-    )
-    # Whatever has such a name already, a folder or a link, is not ours.
-    return next(path for path in names if not os.path.lexists(path))
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:

@@ -5,6 +5,7 @@ its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top lef
 """
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -475,16 +476,9 @@ def resolve_device(name: str) -> torch.device:
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        device = torch.device(name)
-    except RuntimeError:
-        device = None
-    if (
-        device is None
-        or device.type not in ("cpu", "cuda")
-        or (device.type == "cpu" and device.index)
-    ):
+    if not re.fullmatch(r"cpu(:0)?|cuda(:\d\d?)?", name):
         raise VoccError.of("device", repr(name), "auto, cpu or cuda")
+    device = torch.device(name)
     if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
         there = f"{torch.cuda.device_count()} CUDA devices"
         raise VoccError(

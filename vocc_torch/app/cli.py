@@ -11,16 +11,14 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import hydra
-from hydra import compose, initialize_config_module
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.app.config import AppConfig, inside_runs, register
 from vocc_torch.app.jobs import (
@@ -151,50 +149,22 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
     return str(error) if isinstance(error, VoccError) else None
 
 
-@dataclass(frozen=True)
-class CommandJob:
-    """One job.
+def run_job(
+    config: DictConfig, place: int | None, jobs: Jobs, heard: Sequence[int] = ()
+) -> None:
+    """Run one job; what ends it is a result too, because raising would end a multirun with it.
 
     Args:
         config: its configuration.
-        words: the overrides of the command line.
-        folder: of its results.
-        number: its place in a multirun, or None.
+        place: its number in a multirun, or None.
+        jobs: hears of it.
+        heard: Ctrl-C.
     """
-
-    config: DictConfig
-    words: Sequence[str]
-    folder: Path
-    number: int | None = None
-
-
-def hydras_job(config: DictConfig) -> CommandJob:
-    """Give the job that Hydra runs now."""
-    about = HydraConfig.get()
+    about, one_of_many, number = HydraConfig.get(), place is not None, place or 0
     # As they were typed: what a word interpolates is not resolved here.
-    words: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
-    number = int(about.job.num) if about.mode == RunMode.MULTIRUN else None
-    typed = [typed_word(str(word)) for word in words]
-    return CommandJob(config, typed, Path(about.runtime.output_dir), number)
-
-
-def composed_job(words: Sequence[str]) -> CommandJob:
-    """Compose the one job of a command line without flags: Hydra itself would compose it twice."""
-    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        config = compose(
-            "config", overrides=hydra_words(words), return_hydra_config=True
-        )
-    folder = Path(str(config.hydra.run.dir)).absolute()
-    folder.mkdir(parents=True, exist_ok=True)
-    with open_dict(config):
-        del config["hydra"]
-    return CommandJob(config, words, folder)
-
-
-def run_job(job: CommandJob, jobs: Jobs, heard: Sequence[int] = ()) -> None:
-    """Run one job; what ends it is a result too, because raising would end a multirun with it."""
-    one_of_many, folder, words = job.number is not None, job.folder, job.words
-    number = job.number or 0
+    typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
+    words = [typed_word(str(word)) for word in typed]
+    folder = Path(about.runtime.output_dir)
     jobs.tell(number, folder=str(folder))
     trace, mine, heading = "", False, " ".join(words)
     try:
@@ -205,7 +175,7 @@ def run_job(job: CommandJob, jobs: Jobs, heard: Sequence[int] = ()) -> None:
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))
             mine = begin_again(folder) and one_of_many
-            settings = resolved(job.config, words)
+            settings = resolved(config, words)
             if jobs.elsewhere and settings.workers is None:
                 settings.workers = 1  # the jobs share the cores
             with unfinished(folder, " ".join(words)):
@@ -231,7 +201,7 @@ def run_job(job: CommandJob, jobs: Jobs, heard: Sequence[int] = ()) -> None:
     if mine:
         configuration = ""
         with contextlib.suppress(VoccError):  # it may be what failed
-            configuration = as_yaml(resolved(job.config))
+            configuration = as_yaml(resolved(config))
         write_down(folder, complaint, trace, configuration)
     jobs.tell(number, complaint=complaint, trace=trace)
 
@@ -247,22 +217,19 @@ def run_jobs(jobs: Jobs) -> int:
         version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config"
     )
     def hydras(config: DictConfig) -> None:
-        job = hydras_job(config)
+        about = HydraConfig.get()
+        place = int(about.job.num) if about.mode == RunMode.MULTIRUN else None
         with contextlib.ExitStack() as stack:
             if jobs.elsewhere:
                 stack.enter_context(terminal_lines())
-                stack.enter_context(beside_others(job.number or 0))
-            run_job(job, jobs, heard)
+                stack.enter_context(beside_others(place or 0))
+            run_job(config, place, jobs, heard)
 
     heard: list[int] = []
-    words = sys.argv[1:]
     try:
         with terminal_lines(), ctrl_c_first(heard):
-            if any(word.startswith(("-", "hydra")) for word in words):
-                sys.argv[1:] = for_hydra(words)
-                hydras()
-            else:
-                run_job(composed_job([*words, *own_scenes(words)]), jobs, heard)
+            sys.argv[1:] = for_hydra(sys.argv[1:])
+            hydras()
             sys.stdout.flush()
     except BrokenPipeError:
         return 1  # whoever read the output has gone, which is no mistake

@@ -63,26 +63,19 @@ def run_doctor() -> int:
 
 
 def versions() -> Iterator[Check]:
-    """Versions of Python and of the libraries, the device and its threads."""
-    import torch
+    """Versions of Python and of the libraries, and what computes."""
+    from vocc_torch.measure.timing import describe_machine
+    from vocc_torch.types import resolve_device
 
-    from vocc_torch.measure.timing import usable_cores
-
-    system = (
-        f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    )
+    system = f"Python {platform.python_version()}, {platform.platform(terse=True)}"
     yield Check(DISTRIBUTION, True, f"{__version__}, {system}")
-    names = ("kornia", "numpy", "hydra-core")
+    names = ("torch", "kornia", "numpy", "hydra-core")
     libraries = ", ".join(f"{name} {version(name)}" for name in names)
-    yield Check("libraries", True, f"torch {torch.__version__}, {libraries}")
-    threads = f"{torch.get_num_threads()} threads of torch on {usable_cores()} cores"
-    if torch.cuda.is_available():
-        gigabytes = torch.cuda.get_device_properties(0).total_memory / 2**30
-        name = f"cuda, {torch.cuda.get_device_name(0)}, {gigabytes:.0f} GiB"
-        yield Check("device", True, f"{name}; {threads}")
-    else:
-        advice = "device=cuda needs an NVIDIA GPU and a torch built for it"
-        yield Check("device", True, f"cpu, {threads}", advice)
+    yield Check("libraries", True, libraries)
+    device = resolve_device("auto")
+    advice = "device=cuda needs an NVIDIA GPU and a torch built for it"
+    found = f"{device}, {describe_machine(device)}"
+    yield Check("device", True, found, advice * (device.type == "cpu"))
 
 
 def extras() -> Iterator[Check]:

@@ -199,19 +199,6 @@ def sign_test(paired: PairedCounts) -> float:
     return min(1.0, 2 * float(betainc(larger, fewer + 1, 0.5)))
 
 
-@dataclass(frozen=True, slots=True)
-class MeanGain(Estimate):
-    """The plain average of the gains at several points, with its interval.
-
-    Args:
-        points: points averaged.
-        left_out: points at which a made no error and no gain can be stated.
-    """
-
-    points: int
-    left_out: int
-
-
 def relative_gain(
     a: Counts, b: Counts, paired: PairedCounts, confidence: float = 0.95
 ) -> Estimate | None:
@@ -272,8 +259,8 @@ def _correlation(first: int, second: int, difference: int) -> float:
 
 
 def mean_gain(
-    points: Iterable[tuple[Counts, Counts, PairedCounts]], confidence: float = 0.95
-) -> MeanGain | None:
+    points: Iterable[tuple[Counts, Counts, PairedCounts]],
+) -> Estimate | None:
     """Average the relative gain over several points of an axis, such as bins of contrast.
 
     Every point counts the same, however many errors it has. The points are independent, and their intervals
@@ -282,12 +269,11 @@ def mean_gain(
     A point with few errors widens it for all. The gain of all errors together, in which each point weighs by
     its errors, is :func:`relative_gain` of the summed counts.
 
-    Points at which a made no error are left out, and their number is reported. Such a choice favours points
-    where a was unlucky: with many left out, read the average with care.
+    Points at which a made no error are left out. Such a choice favours points where a was unlucky: with many
+    left out, read the average with care.
 
     Args:
         points: ``(a, b, paired)`` of each point, on frames that no two points share.
-        confidence: above 0, below 1.
 
     Returns:
         The average, or None where a made no error anywhere.
@@ -296,17 +282,16 @@ def mean_gain(
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
         >>> both = a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10)
         >>> one, four = mean_gain([both]), mean_gain([both] * 4)
-        >>> f"{one.high - one.value:.2f} {four.high - four.value:.2f}", four.points
-        ('0.17 0.09', 4)
+        >>> f"{one.high - one.value:.2f} {four.high - four.value:.2f}"
+        '0.17 0.09'
     """
-    stated = [relative_gain(a, b, paired, confidence) for a, b, paired in points]
-    gains = [gain for gain in stated if gain is not None]
+    gains = [gain for pair in points if (gain := relative_gain(*pair)) is not None]
     if not gains:
         return None
     mean = math.fsum(gain.value for gain in gains) / len(gains)
     low = mean - math.hypot(*(gain.value - gain.low for gain in gains)) / len(gains)
     high = mean + math.hypot(*(gain.high - gain.value for gain in gains)) / len(gains)
-    return MeanGain(mean, low, min(1.0, high), len(gains), len(stated) - len(gains))
+    return Estimate(mean, low, min(1.0, high))
 
 
 def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Estimate:

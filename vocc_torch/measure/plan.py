@@ -227,39 +227,26 @@ class Plan:
                 receiver.location, receiver.false_alarms
             )
             locator.demand_shape(self.world.panel.shape)
-        tested = {
-            f"{at:g}": self.experiment.model_at(self.world, at)
-            for at in self.experiment.values
+        experiment, world = self.experiment, self.world
+        models = {
+            f"experiment.values has {at:g}": experiment.model_at(world, at)
+            for at in experiment.values
         }
-        for value, model in (
-            *tested.items(),
-            ("", self.experiment.training_model(self.world)),
-        ):
-            if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:
-                of_axis = value and self.experiment.axis == "ambient_lx"
-                said = (
-                    f"experiment.values has {value}"
-                    if of_axis
-                    else "scene.ambient_lx is 0"
-                )
+        models["scene.ambient_lx is 0"] = experiment.training_model(world)
+        for said, model in models.items():
+            if model.ambient_lx.bounds[0] == 0 and world.camera.iso_limits is None:
+                place = said if experiment.axis == "ambient_lx" else list(models)[-1]
                 rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
-                raise VoccError(f"{said}: {rule}")
+                raise VoccError(f"{place}: {rule}")
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
             rule = f"at most the {frames} frames of a point"
             raise VoccError.of("budget.target_frame_errors", target, rule)
-        if self.budget.sampling and (
-            self.experiment.axis == "contrast" or self.experiment.rows
-        ):
-            named, shape = (
-                ("axis", "contrast")
-                if self.experiment.axis == "contrast"
-                else ("rows", "a grid")
-            )
+        binned = experiment.axis == "contrast"
+        if (sampling := self.budget.sampling) and (binned or experiment.rows):
+            made = "axis makes contrast" if binned else "rows makes a grid"
             raise VoccError.of(
-                "budget.sampling",
-                self.budget.sampling,
-                f"null where experiment.{named} makes {shape}",
+                "budget.sampling", sampling, f"null where experiment.{made}"
             )
         demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
