@@ -38,6 +38,10 @@ MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 
 
+class ReaderGoneError(BaseException):
+    """Nobody reads the output any more; Hydra passes it on without a word."""
+
+
 def complain(message: str) -> None:
     """Print a user's mistake in one line."""
     # On a full disk nobody can be told, but by the exit status.
@@ -181,8 +185,8 @@ def run_job(
             with unfinished(folder, " ".join(words)):
                 run_task(settings, folder)
         return
-    except BrokenPipeError:
-        raise
+    except BrokenPipeError as error:
+        raise ReaderGoneError from error
     except Exception as error:
         if heard:
             raise KeyboardInterrupt from error
@@ -231,7 +235,7 @@ def run_jobs(jobs: Jobs) -> int:
             sys.argv[1:] = for_hydra(sys.argv[1:])
             hydras()
             sys.stdout.flush()
-    except BrokenPipeError:
+    except (BrokenPipeError, ReaderGoneError):
         return 1  # whoever read the output has gone, which is no mistake
     except KeyboardInterrupt:
         if (name := jobs.to_go_on()) is not None:
