@@ -102,7 +102,7 @@ def write_transfer(study: Findings, curve: TransferCurve, path: Path) -> None:
     axes.set(
         xscale="log",
         yscale="log",
-        xlabel="light, of that which is encoded as 118",
+        xlabel="light, relative to that of grey value 118",
         ylabel="variance, grey values squared",
     )
     axes.legend(fontsize=8, frameon=False)

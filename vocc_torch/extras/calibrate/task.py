@@ -70,7 +70,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     command = next_command(settings.name, study.panel)
     write_page(study, source.name, command, folder)
     named = [effect.effect for effect in study.effects if effect.asked]
-    unknown = [f"not told: {name}" for name in study.unknown]
+    unknown = [f"not determined: {name}" for name in study.unknown]
     run_folder.say(
         console, *unknown, f"effects: {', '.join(named)}", f"train: {command}"
     )
