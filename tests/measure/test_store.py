@@ -219,7 +219,7 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
     [
         (
             {"seed": 8},
-            "ledger runs/ledger.sqlite: seed was 7, is 8: go back, or choose another ledger",
+            "ledger runs/ledger.sqlite: seed was 7, is 8: use the earlier values, or choose another ledger",
         ),
         (
             {
@@ -228,7 +228,7 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
                     "camera": {"focal_length_mm": 18, "iso_limits": [100, 3200]},
                 }
             },
-            ": camera.focal_length_mm was 25, is 18; camera.iso_limits was null, is [100, 3200]: go back",
+            ": camera.focal_length_mm was 25, is 18; camera.iso_limits was null, is [100, 3200]: use the earlier values",
         ),
         (
             {"world": {**CAMERA, "effects": {}}},
@@ -239,11 +239,11 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
                 "receiver": {**RECEIVER, "classifiers": QDA},
                 "made_with": {"torch": "2.4", "classifiers.b": "2e"},
             },
-            ": classifiers.b was 1f, is 2e; receiver.classifiers.0.digest was 1f, is 2e: go back",
+            ": classifiers.b was 1f, is 2e; receiver.classifiers.0.digest was 1f, is 2e: use the earlier values",
         ),
         (
             {"made_with": {"torch": "2.5", "classifiers.b": "1f"}},
-            ": torch was 2.4, is 2.5: go back",
+            ": torch was 2.4, is 2.5: use the earlier values",
         ),
         ({"seed": True}, "seed was 7, is true"),
         ({f"k{n:03}": n for n in range(99)}, "k000 was not set, is 0; k001"),

@@ -118,29 +118,26 @@ def ber_interval(
 ) -> Estimate:
     """Give the interval of the bit error rate, with frames as the independent units.
 
-    **Some errors.** Korn and Graubard's interval: Clopper and Pearson's with ``bits / design_effect`` trials,
-    times a ratio of t quantiles that pays for a design effect which is itself an estimate. Their degrees of
-    freedom are the clusters less one. A frame without errors tells nothing of how errors cluster, so where
-    errors are rare that is far too many; here it is at most one more than the effective number of frames in
-    error, ``(sum e)^2 / sum e^2`` over the frames' errors e (Kish's effective size). Many frames in error
-    make the two the same.
+    **Some errors.** Korn and Graubard's interval: Clopper and Pearson's with ``bits / design_effect`` trials.
+    The trials are multiplied by a ratio of squared t quantiles, because the design effect is an estimate.
+    Korn and Graubard's degrees of freedom are the clusters less one. Frames without errors do not show how
+    errors cluster, so here the degrees of freedom are at most one more than the effective number of wrong
+    frames, ``(sum e)^2 / sum e^2`` over the frames' errors e (Kish). With many wrong frames both agree.
 
-    The interval is then cut to what holds however errors cluster: a wrong frame has one wrong bit at least
-    and all its bits wrong at most, so the rate lies between P(frame error) / (bits per frame) and P(frame
-    error), and the number of wrong frames is binomial.
+    The interval is then cut to limits that hold for any clustering. A wrong frame has between one and all of
+    its bits wrong, so the rate lies between P(frame error) / (bits per frame) and P(frame error). The number
+    of wrong frames is binomial.
 
     **No errors.** The low end is 0. The high end is a one-sided limit: P(frame error) is at most ``1 - (1 -
-    confidence)^(1 / frames)``. Error-free frames cannot tell how many bits a wrong one would have. Taken is
-    ``errors_per_frame_error``, by default 1, because where errors become rare the typical wrong frame has a
-    single LED on the wrong side of the threshold. It is an assumption, and the limit grows in proportion:
-    where errors come from lost panels, half the frame's bits is the number to give. A
-    :class:`~vocc_torch.measure.curve.BerTable` gives what the receiver's other points show.
+    confidence)^(1 / frames)``, times ``errors_per_frame_error`` wrong bits. Its default is 1, because rare
+    wrong frames typically have a single wrong LED. If errors come from lost panels, give half of the frame's
+    bits. :class:`~vocc_torch.measure.curve.BerTable` takes the number from the receiver's other points.
 
-    **All errors.** The high end is 1. **One frame** with errors: the interval covers most of 0 to 1, since
-    its bits count as one trial at most.
+    **All errors.** The high end is 1. **One frame** with errors: its bits count as one trial at most, so the
+    interval covers most of 0 to 1.
 
-    What no interval from these counts covers: a kind of wrong frame that is so rare that none came up (a lost
-    panel with a probability below about 3 / frames) though its many errors make up much of the rate.
+    No interval covers a kind of wrong frame that never occurred, such as a lost panel with a probability
+    below about 3 / frames, even if its many errors are much of the rate.
 
     Args:
         counts: at least one frame; where there are errors, at most ``MOST_TRIALS`` bits.

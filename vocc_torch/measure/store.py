@@ -165,7 +165,8 @@ class Store(AbstractContextManager["Store"]):
         if settings != self._settings:
             changes = what_changed(json.loads(settings), json.loads(self._settings))
             raise self._refusal(
-                "; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}"
+                "; ".join(changes) or _DAMAGED[0],
+                f"use the earlier values, or {_ANOTHER}",
             )
         if self._first("PRAGMA integrity_check(1)") != "ok":
             raise self._refusal(*_DAMAGED)
