@@ -228,7 +228,7 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
                     "camera": {"focal_length_mm": 18, "iso_limits": [100, 3200]},
                 }
             },
-            ": camera.focal_length_mm was 25, is 18; camera.iso_limits was null, is [100, 3200]: use the earlier values",
+            ": camera.focal_length_mm was 25, is 18; camera.iso_limits was null, is [100, 3200]: use the earlier",
         ),
         (
             {"world": {**CAMERA, "effects": {}}},
