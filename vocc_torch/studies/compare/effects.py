@@ -341,6 +341,7 @@ def print_effects(study: EffectStudy, rows: Sequence[Row]) -> None:
     ]
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
-        " retrained: trained with the effect; whole frames: a locator needs them; in the scene: compared with the scene without it."
+        " retrained: trained with the effect; whole frames: a locator needs them;"
+        " in the scene: compared with the scene without it."
     )
     print_rows(shown, columns, note)
