@@ -311,9 +311,9 @@ def with_quoted_input(word: str, sweeps: bool) -> str:
     key, _, name = word.partition("=")
     if key != "input" or re.fullmatch(r"[\w./:@-]*", name, re.ASCII) or "${" in name:
         return word
-    if sweeps or name[0] == name[-1] in ("'", '"'):
-        with contextlib.suppress(OSError, ValueError):
-            return f"{key}={quoted(name)}" if Path(name).exists() else word
+    may_be_other = sweeps or name[0] == name[-1] in ("'", '"')
+    if may_be_other and not os.path.exists(name):  # noqa: PTH110  # no name is too long for it
+        return word
     return f"{key}={quoted(name)}"
 
 
@@ -322,18 +322,20 @@ def own_scenes(words: Sequence[str]) -> list[str]:
 
     A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
-    found = []
-    for word in words:
-        key, _, names = word.partition("=")
-        for name in names.split(",") if key == "scene" else ():
-            # No path, and nothing that is too long for one.
-            is_name = re.fullmatch(r"\w[\w.-]{0,99}", name)
-            if is_name and Path("runs", name, "scene", f"{name}.yaml").is_file():
-                found.append(Path("runs", name))
+    found = {
+        f"runs/{name}": None
+        for word in words
+        if word.startswith("scene=")
+        for name in word.removeprefix("scene=").split(",")
+        # No path, and nothing that is too long for one.
+        if re.fullmatch(r"\w[\w.-]{0,99}", name)
+        and Path("runs", name, "scene", f"{name}.yaml").is_file()
+    }
     if not found or any(word.startswith("hydra.searchpath=") for word in words):
         return []
-    paths = ",".join(quoted(f"file://{path}") for path in dict.fromkeys(found))
-    return [f"hydra.searchpath=[{paths}]"]
+    return [
+        f"hydra.searchpath=[{','.join(quoted(f'file://{path}') for path in found)}]"
+    ]
 
 
 def run() -> int:

@@ -216,27 +216,24 @@ def refuse_without_effect(settings: AppConfig, words: Sequence[str]) -> None:
         refuse_shadowed(settings.scene, word)
         key = key_of(word)
         group, _, name = key.partition(".")
+        rule = ""
         if model and is_brought(task, key):
             key = "classifier" if key == "classifiers" else key
             rule = f"the model brings its own; leave {key} or model out"
-            raise VoccError(f"{said(word)}: {rule}")
-        if key == "plug_ins" and model in (None, SHIPPED):
+        elif key == "plug_ins" and model in (None, SHIPPED):
             rule = "it must be empty without a model, a new one names its parts"
-            raise VoccError(f"{said(word)}: {rule}")
-        if (
-            key == "receiver.false_alarms"
-            and not model
-            and finder not in (None, *STATING)
-        ):
+        elif key == "receiver.false_alarms" and finder not in (None, *STATING):
+            # A model finds panels with its own locator.
             rule = f"only detector states them, and receiver.locator is {finder}"
-            raise VoccError(f"{said(word)}: {rule}")
-        if (
-            group == "scene"
-            and name in experiment.training
+            rule *= not model
+        elif (
+            name in experiment.training
+            and group == "scene"
             and (task == "train" or (task == "test" and name in tested))
         ):
             rule = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
             rule += f" or experiment.scene.{name}" * (task == "test")
+        if rule:
             raise VoccError(f"{said(word)}: {rule}")
 
 

@@ -53,12 +53,11 @@ class PairedCounts(Tally):
     b_excess_squared: int = 0
     b_worse: int = 0
 
-    def side(self, side: str) -> Counts:
-        """The excess of receiver ``a`` or ``b`` as the counts that they are: errors a frame at a time."""
-        names = ("excess", "excess_squared", "worse")
-        return Counts(
-            self.frames, self.bits, *(getattr(self, f"{side}_{name}") for name in names)
-        )
+    @property
+    def sides(self) -> tuple[Counts, Counts]:
+        """The excess of either receiver as the counts that they are: errors a frame at a time."""
+        frames, bits, *sums = self.numbers
+        return Counts(frames, bits, *sums[:3]), Counts(frames, bits, *sums[3:])
 
     def swapped(self) -> "PairedCounts":
         """Give the same comparison seen from the other receiver."""
@@ -126,7 +125,7 @@ def paired_interval(
         ('1.56e-04 in [4.27e-05, 2.86e-04]', True)
     """
     difference = paired.difference
-    sides = [paired.side("a"), paired.side("b")]
+    sides = paired.sides
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
