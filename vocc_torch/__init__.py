@@ -104,5 +104,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """List what is public."""
+    """List the public names."""
     return [*__all__, "__version__"]

@@ -316,7 +316,7 @@ class Table:
 
 
 def _demand_path(path: object) -> None:
-    """Refuse what is no path of a file in a folder that there is."""
+    """Refuse a path that is no file in an existing folder."""
     if not isinstance(path, str | Path) or not Path(path).name:
         raise VoccError.of("path", shown(path), "that of a file")
     demand_folder(path)

@@ -104,7 +104,7 @@ def shown(value: object) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Write as escapes what is no printable character: a terminal's codes, and bytes that are no UTF-8.
+    r"""Escape characters that are not printable: terminal codes, and bytes that are not UTF-8.
 
     Example:
         >>> print(printable("red\x1b[31m.png"))
@@ -128,7 +128,7 @@ def told_known(given: object, known: Iterable[str]) -> str:
 
 
 def demand_kind(name: str, value: object, *kinds: type) -> None:
-    """Refuse by name what is of none of some classes.
+    """Refuse, by name, a value that has none of the types.
 
     Raises:
         VoccError: with the value and what it may be.
@@ -180,7 +180,7 @@ def demand_within(
     above: bool = False,
     null: bool = False,
 ) -> None:
-    """Refuse by name what is no number from ``low``, or ``above`` it, to ``high``.
+    """Refuse, by name, a value that is no number from ``low`` (or ``above`` it) to ``high``.
 
     Args:
         name: the key's.
@@ -205,7 +205,7 @@ def demand_within(
 
 
 def demand_word(name: str, value: str, words: Iterable[str], hint: str = "") -> None:
-    """Refuse by name what is none of some words; the hint follows them.
+    """Refuse, by name, a value that is none of the words; the hint follows them.
 
     Example:
         >>> demand_word("receive.soft", "hard", ("scores", "hard"))

@@ -128,7 +128,7 @@ def file_digest(path: str | Path) -> str:
 
 @contextmanager
 def atomic_file(path: str | Path) -> Iterator[Path]:
-    """Lend a temporary path beside ``path``; what is written there takes its place when the block ends well.
+    """Yield a temporary path beside ``path``; it replaces ``path`` when the block ends without an error.
 
     Missing folders are made. A link stays, and the file that it names is written. After an error inside the
     block the temporary file is gone and ``path`` is as it was.
@@ -294,7 +294,7 @@ def is_unfinished(folder: Path) -> bool:
 
 
 def sweep(paths: Iterable[Path]) -> None:
-    """Remove those paths that have a temporary name, as of :func:`atomic_file`, by a process that is gone.
+    """Remove temporary files of :func:`atomic_file` that ended processes left.
 
     Example:
         >>> import tempfile

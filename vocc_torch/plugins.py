@@ -1,4 +1,4 @@
-"""Parts from outside the package: found by name, built from settings, told apart by their code."""
+"""Parts from outside the package: found by name, built from settings, identified by their code."""
 
 import atexit
 import functools
@@ -65,7 +65,7 @@ class ModuleFile:
 
     @property
     def digest(self) -> str:
-        """What tells this text, and those that it imports from its own folder, from others.
+        """Digest of this text and of the texts that it imports from its folder.
 
         It is the start of their SHA-256, in hexadecimal.
 
@@ -81,7 +81,7 @@ class ModuleFile:
 
     @property
     def texts(self) -> dict[str, bytes]:
-        """Its text, and those of modules and packages that it imports from its own folder, by their paths.
+        """Its text and the texts of modules that it imports from its folder, by path.
 
         Raises:
             VoccError: the file cannot be read.
@@ -104,7 +104,7 @@ class ModuleFile:
         return f"{PREFIX}{Path(self.path).stem}_{self.digest}"
 
     def module(self) -> object:
-        """Run the file as a module; what it raises is told in one line.
+        """Run the file as a module; an exception becomes one line.
 
         Raises:
             VoccError: the file cannot be read or run, or a worker meets another text than its run began with.
@@ -315,7 +315,7 @@ class PlugIn:
 
     @property
     def defined_there(self) -> bool:
-        """Whether its file, one beside it, or its package defines the target, and does not only import it."""
+        """Whether its file, a file beside it, or its package defines the target instead of importing it."""
         module = sys.modules.get(getattr(self.found(), "__module__", None) or "")
         if self.file is None:
             return (
@@ -399,7 +399,7 @@ class PlugIn:
 
     @property
     def maker(self) -> str:
-        """What tells its code from another's: a digest of its file or package; empty for ours."""
+        """Identity of its code: a digest of its file or package; empty for this package."""
         if self.file:
             return self.file.digest
         try:
@@ -415,12 +415,12 @@ class PlugIn:
             return ""  # it cannot be built, which is told when it is
 
     def __hash__(self) -> int:
-        """Hash what tells it from most others; arguments may be lists."""
+        """Hash by name and target; arguments may be lists."""
         return hash((self.name, self.target))
 
     @property
     def files(self) -> dict[str, str]:
-        """What tells the files that its arguments name from others, by argument."""
+        """Digests of the files that its arguments name, by argument."""
         texts = {
             key: one for key, one in self.arguments.items() if isinstance(one, str)
         }
@@ -434,7 +434,7 @@ class PlugIn:
 
 
 def package_maker(name: str) -> str:
-    """Tell the code of a package from another's: a digest of its files, or scikit-learn's release."""
+    """Identify the code of a package: a digest of its files, or scikit-learn's release."""
     package = importlib.import_module(name)
     if name in RELEASED:
         return str(package.__version__)
@@ -458,7 +458,7 @@ def is_target(text: str) -> bool:
 
 
 def targets(build: object) -> Iterator[str]:
-    """Yield what is called to build a value, and the values within it.
+    """Yield the targets that build a value and the values within it.
 
     Example:
         >>> list(targets({"_target_": "a.B", "inner": [{"_target_": "c.d"}]}))

@@ -1,4 +1,4 @@
-"""``vocc-torch doctor``: what the machine has, what is missing, and how long a picture takes."""
+"""``vocc-torch doctor``: versions, device, missing extras, and the time of a picture."""
 
 import os
 import platform

@@ -25,7 +25,7 @@ FAILED, CONFIG = "failed.txt", "config.yaml"
 
 @dataclass(frozen=True)
 class Jobs:
-    """What the jobs of one command tell the process that started them, through a file.
+    """Messages of the jobs of one command to their parent process, through a file.
 
     A job may run in a worker process, where nothing that it does to this object comes back. It is small and
     can be pickled.
@@ -67,7 +67,7 @@ class Jobs:
             raise VoccError(said) from None
 
     def told(self) -> list[dict[str, Any]]:
-        """Give all that each job has told, by its number."""
+        """Return the messages of each job, by its number."""
         words: dict[int, dict[str, Any]] = {}
         for line in self.mailbox.read_text("utf-8").splitlines():
             word = json.loads(line)
@@ -136,7 +136,7 @@ def write_down(folder: Path, complaint: str, trace: str, configuration: str) -> 
 
 
 class JobLines(io.TextIOBase):
-    r"""Output of a job that runs beside others: whole lines, each with the job's number before it.
+    r"""Output of a parallel job: whole lines, each after the job's number.
 
     It is no terminal, so that live views write plain lines to it. What is written in one piece stays in one
     piece.

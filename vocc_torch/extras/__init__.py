@@ -1,1 +1,1 @@
-"""What has a research question of its own: it uses the core, and the core does not know it."""
+"""Studies with their own research question: they use the core, and the core does not know them."""

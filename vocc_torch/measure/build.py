@@ -38,7 +38,7 @@ RESERVED = (*bank.RECEIVER_NAMES, "flda", "_summary")
 
 
 def build_world(settings: WorldSettings) -> plans.World:
-    """Build what is in front of the receiver, checking every value on the way.
+    """Build scene, camera and panel, and check every value.
 
     Args:
         settings: the resolved configuration.

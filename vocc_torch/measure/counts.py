@@ -11,7 +11,7 @@ from vocc_torch.measure.estimate import Estimate
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Whole numbers that were counted over some frames; those of disjoint frames add, field by field.
+    """Integer counts over frames; counts of disjoint frames add, field by field.
 
     Args:
         frames: frames looked at.

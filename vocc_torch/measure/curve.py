@@ -113,7 +113,7 @@ class Row(PointKey):
 
     @property
     def wrong_bits(self) -> float:
-        """Wrong bits that go with the rate: those counted, or as many as the weights say."""
+        """Wrong bits of the rate: counted, or estimated by weights."""
         return self.bit_errors if self.method == "counting" else self.ber * self.bits
 
     @property
@@ -353,7 +353,7 @@ class Curves:
         return known or self.paired[b, a, value].swapped()
 
     def tested(self, receiver: str, value: float) -> Counts:
-        """Give a receiver's errors: those of all trainings together, where there are several."""
+        """Return a receiver's errors, summed over all its trainings."""
         of = self.trained.get((receiver, value))
         return self.counts[receiver, value] if of is None else of.pooled
 

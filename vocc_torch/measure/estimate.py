@@ -61,7 +61,7 @@ def all_pairs(compared: int) -> int:
 def may_be_least(
     compared: int, difference: Callable[[int, int, float], Estimate]
 ) -> list[int]:
-    """Give the places that may hold the least of some numbers: those that no other is surely below.
+    """Return the indices that may be the minimum: no other value is significantly lower.
 
     Multiple comparisons with the best (Hsu, Annals of Statistics 12, 1984) with Bonferroni's level: each
     meets the ``compared - 1`` others at one that leaves the true least among them in 95 % of studies.

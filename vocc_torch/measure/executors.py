@@ -1,4 +1,4 @@
-"""Who counts blocks: this process, processes of this machine, a Ray or a Dask cluster.
+"""Executors that count blocks: this process, processes of this machine, a Ray or a Dask cluster.
 
 A call and its result travel as bytes. A worker of another release or of other code of this package refuses.
 """
@@ -69,7 +69,7 @@ class WorkerPool(NamedTuple):
 
 
 class Workers:
-    """Who counts: this process with one thread, or others, behind ``concurrent.futures``.
+    """An executor behind ``concurrent.futures``: this process with one thread, or others.
 
     A cluster is joined with the context, processes of this machine begin with the first call for them. All end
     with the context, and processes also when this process is killed.
@@ -112,7 +112,7 @@ class Workers:
 
     @classmethod
     def of(cls, settings: Settings) -> Self:
-        """Take those that a configuration names.
+        """Take the executor of a configuration.
 
         Raises:
             VoccError: as the class, or a task, a device or a training that cannot be elsewhere.

@@ -144,7 +144,7 @@ class FrameErrors:
         return self.keys.index(key if key in self.keys else replace(key, training=0))
 
     def by_group(self) -> Iterator[tuple[int, Self]]:
-        """Give the frames of each group that has some, by the group; those below 0 are in none."""
+        """Return the frames of each non-empty group; frames of a negative group are in none."""
         for group in np.unique(self.groups[self.groups >= 0]).tolist():
             yield group, self.of(frames=self.groups == group)
 

@@ -155,7 +155,7 @@ class Best:
 
 
 def best_luminance(grid: Grid, receiver: str) -> list[Best]:
-    """Give the best luminance under each ambient light, and all that cannot be told from it.
+    """Return the best luminance at each ambient light, and all that are not distinguishable from it.
 
     **The candidates.** A luminance is ruled out where another one is better beyond doubt. The cells hold
     independent frames, so the difference of two bit error rates has the interval of Zou and Donner's method

@@ -56,7 +56,7 @@ class KeptTrainings:
         return None
 
     def keep(self, key: str, plan: Plan, training: Training) -> None:
-        """Write trained receivers down, but for those that cannot be kept: they are trained again.
+        """Save trained receivers. A receiver that cannot be saved is trained again on resume.
 
         Raises:
             VoccError: the ledger cannot be written.
@@ -72,7 +72,7 @@ class KeptTrainings:
     def or_trained(
         self, plan: Plan, train: Callable[[], Training]
     ) -> tuple[Training, bool]:
-        """Give a plan's trained receivers, and whether they were known; else they are trained and kept."""
+        """Return a plan's trained receivers and whether they were saved before; otherwise train and save them."""
         key = training_key(plan)
         if (stored := self.find(key, plan)) is not None:
             return stored, True

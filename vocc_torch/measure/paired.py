@@ -60,7 +60,7 @@ class PairedCounts(Tally):
         return Counts(frames, bits, *sums[:3]), Counts(frames, bits, *sums[3:])
 
     def swapped(self) -> "PairedCounts":
-        """Give the same comparison seen from the other receiver."""
+        """Return the comparison with both receivers exchanged."""
         frames, bits, *sides = self.numbers
         return PairedCounts(frames, bits, *sides[3:], *sides[:3])
 

@@ -1,4 +1,4 @@
-"""What a study is made of: what is simulated, what receives, how much is measured, and its identity."""
+"""The plan of a study: scene, receivers, budget, and identity."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The one counting engine: blocks of 64 frames in, errors by frame out, whoever counts and whatever stops.
+"""The counting engine: blocks of 64 frames in, errors per frame out, for every executor and stop rule.
 
 A study describes each of its points as a :class:`Job`: which scenes, which locators, which receivers.
 :func:`count` hands its blocks out, records each in the store as it comes back, and adds them in index order
@@ -260,7 +260,7 @@ class Outcome:
         return all(type(counts) is Counts for counts in self.counts.values())
 
     def by_group(self) -> Iterator[tuple[int, "Outcome"]]:
-        """Give what each group of frames gave, as an outcome of its own."""
+        """Return the outcome of each group of frames."""
         for group, errors in self.errors.by_group():
             counts = {
                 (key, 0): counts
@@ -304,7 +304,7 @@ class PointTask:
         self._added: list[FrameErrors] = []
 
     def take(self, blocks: int) -> list[Part]:
-        """Take the next blocks, and give those of them that the store does not know."""
+        """Take the next blocks, and return the blocks that are not in the store."""
         taken, missing = list(itertools.islice(self._parts, blocks)), []
         self.exhausted = (
             not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
@@ -327,7 +327,7 @@ class PointTask:
             self._waiting[part.block] = part, content
 
     def add(self) -> None:
-        """Add what is known, in order, until the rule holds; what lies beyond it is not counted."""
+        """Add known blocks in order until the stop rule holds; later blocks are not counted."""
         while not self.stopped_by and (blocks := len(self._added)) in self._waiting:
             part, content = self._waiting.pop(blocks)
             self._added.append(errors := self.job.read(content, part))

@@ -228,7 +228,7 @@ class Store(AbstractContextManager["Store"]):
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Write what is appended inside in one transaction: the disk is waited for once, at the end.
+        """Write all appended rows in one transaction, with one wait for the disk.
 
         Raises:
             VoccError: as :meth:`add`.
@@ -313,7 +313,7 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def _shown(path: Path) -> Path:
-    """Give a path as it is told: short where it lies in the working directory."""
+    """Return a path for messages, relative if it is in the working directory."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
@@ -323,7 +323,7 @@ def _cut(text: str, length: int) -> str:
 
 
 def canonical(settings: Mapping[str, object]) -> str:
-    """Write settings as JSON with sorted keys, so that what is equal is written the same.
+    """Write settings as JSON with sorted keys, so that equal settings have equal text.
 
     Raises:
         VoccError: a value that JSON does not have.

@@ -348,7 +348,7 @@ def curves_of(
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:
-    """The values that results carry: those of the axis, or the middles of the contrast bins.
+    """The values of the results: those of the axis, or the middles of the contrast bins.
 
     Example:
         >>> axis_values(Experiment("c", "contrast", (0.0, 0.06, 0.12)))

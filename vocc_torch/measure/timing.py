@@ -161,7 +161,7 @@ def settle_memory() -> None:
 
 
 def _finish(device: torch.device) -> None:
-    """Wait until the device has done what it was given; the CPU has when a call returns."""
+    """Wait until the device has finished; the CPU has when a call returns."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)
 

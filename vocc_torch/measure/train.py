@@ -45,7 +45,7 @@ _N_FEATURES = len(FLDA_FEATURES["flda_3"])
 
 @dataclass(frozen=True, slots=True)
 class Making:
-    """What it took to make a receiver.
+    """Time and frames of a receiver's training.
 
     Args:
         training_s: wall time of training, s, the simulation of its frames included; 0 without training.
@@ -111,7 +111,7 @@ class Training:
         )
 
     def making(self, name: str) -> Making:
-        """Say what it took to make a receiver; one that learns nothing has no parameters."""
+        """Return time, frames and parameters of a receiver's training; some have no parameters."""
         if name in self.costs:
             return self.costs[name]
         if name not in FLDA_FEATURES:
@@ -371,7 +371,7 @@ class PanelStream:
     seconds: float = 0.0
 
     def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Yield frames ``first`` to ``first + count`` in blocks; those without a located panel are left out.
+        """Yield frames ``first`` to ``first + count`` in blocks, without frames whose panel was not located.
 
         Raises:
             VoccError: ``first`` is no multiple of a block.

@@ -120,7 +120,7 @@ class ReceiverBank:
 
     @property
     def needed(self) -> frozenset[str]:
-        """What is measured for them: some of ``agr``, ``gri``, ``ngr``, ``average``, ``centre``."""
+        """Measurements that they need: some of ``agr``, ``gri``, ``ngr``, ``average``, ``centre``."""
         return frozenset(
             name for decider in self.deciders.values() for name in decider.features
         )

@@ -40,7 +40,7 @@ class Decider(Protocol):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What is measured for it: features, ``average`` or ``centre``."""
+        """Measurements that it needs: features, ``average`` or ``centre``."""
 
     @property
     def needs_patches(self) -> bool:
@@ -84,7 +84,7 @@ class FldaDecider:
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What is measured for it."""
+        """Measurements that it needs."""
         return FLDA_FEATURES[self.name]
 
     def score(self, readings: Readings, preambles: Preambles | None = None) -> Tensor:
@@ -111,7 +111,7 @@ class FldaDecider:
 
 @dataclass(frozen=True)
 class GreyDecider:
-    """A grey level against the middle of those of two preambles.
+    """A grey level, compared with the middle between two preambles.
 
     Args:
         name: of a greyscale receiver.
@@ -121,7 +121,7 @@ class GreyDecider:
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What is measured for it."""
+        """Measurements that it needs."""
         return (GREYSCALE_RECEIVERS[self.name],)
 
     @property
@@ -152,7 +152,7 @@ class GreyDecider:
 def decider_of(
     name: str, classifier: FLDA | FldaDecider | Guarded
 ) -> FldaDecider | Guarded:
-    """Give what decides in a receiver that is kept: a classifier under its name, or FLDA on named features.
+    """Return the classifier of a saved receiver: by its name, or FLDA on named features.
 
     Raises:
         VoccError: neither, a name that is not the classifier's, or another number of features.

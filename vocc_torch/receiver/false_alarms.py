@@ -93,7 +93,7 @@ class FalseAlarms:
         ).to(score.device)
 
     def interval(self, score: float) -> tuple[float, float]:
-        """Bounds of 95 % about what is expected at a score, from the frames that passed the last floor."""
+        """95 % bounds of the expected false alarms at a score, from the frames that passed the last floor."""
         middle = float(self.expected(torch.tensor([score], dtype=torch.float64))[0])
         excess = max((score - self.floors[-1]) / self.scale, 0.0)
         spread = np.exp(1.96 * np.sqrt((1 + excess**2) / self.above[-1]))

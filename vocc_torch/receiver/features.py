@@ -1,4 +1,4 @@
-"""What is measured of an LED: AGR (Eq. 4), GRI (Eqs 5 to 8), NGR (Eq. 9); grey values for the baselines."""
+"""Features of an LED: AGR (Eq. 4), GRI (Eqs 5 to 8), NGR (Eq. 9); grey values for the baselines."""
 
 import math
 from collections.abc import Collection
@@ -22,7 +22,7 @@ MOST_GREY = 1e9
 
 
 def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
-    """Return K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
+    """Return K of patches (B,1,(R+2)K,(C+2)K); refuse patches of another ``shape`` or without floats."""
     samples = patches.shape[-1] // (shape.columns + 2)
     expected = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
     if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != expected:
@@ -37,7 +37,7 @@ def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
 
 
 def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
-    """Return floating grey values, or refuse what is none.
+    """Return floating grey values, or refuse other values.
 
     Raises:
         VoccError: a value below 0, above 1e9, NaN, or integers.
@@ -290,7 +290,7 @@ def led_features(
     kernel: Gradient,
     needed: Collection[str],
 ) -> torch.Tensor:
-    """Features of each LED, in the order of ``FEATURE_NAMES``; zeros for those that are not needed.
+    """Features of each LED, in the order of ``FEATURE_NAMES``; features that are not needed are zero.
 
     Args:
         patches: see :func:`gradient_radial_inwardness`; grey values, as rectified.

@@ -78,7 +78,7 @@ class FLDA(torch.nn.Module):
 
     @property
     def statistics(self) -> ClassScatter:
-        """The sufficient statistics of all samples seen."""
+        """The sufficient statistics of all samples."""
         return ClassScatter(*(getattr(self, name) for name in _PARTS))
 
     @property
@@ -121,7 +121,7 @@ class FLDA(torch.nn.Module):
         return self
 
     def merge(self, other: "FLDA") -> Self:
-        """Add the samples that another discriminant has seen; ``other`` is left as it is.
+        """Add the samples of another discriminant; ``other`` does not change.
 
         Raises:
             VoccError: ``other`` has another number of features.

@@ -170,7 +170,7 @@ class Edges(NamedTuple):
 
 
 class Model(NamedTuple):
-    """A lattice's picture beside the one that was taken.
+    """A lattice's picture and the measured one.
 
     Args:
         grey: (B,H,W) float32, the picture as resampled about the lattice, DN.

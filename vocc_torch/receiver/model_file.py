@@ -98,7 +98,7 @@ def read_model(
     what: str = "model",
     wanted: str = "the receiver.pt that task=train wrote",
 ) -> tuple[Settings, dict[str, torch.Tensor]]:
-    """Read what :func:`write_model` wrote; refusals name ``what`` it is to be, and what is ``wanted``.
+    """Read a file of :func:`write_model`; refusals name ``what`` it should be and what is ``wanted``.
 
     Raises:
         VoccError: a file that is missing, damaged, of another kind or of another version.

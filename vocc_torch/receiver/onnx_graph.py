@@ -41,7 +41,7 @@ def demand_extra() -> None:
 
 
 class TensorReceiver(torch.nn.Module):
-    """A receiver as a function of tensors alone: what a graph is drawn of, and what it is held against.
+    """A receiver as a function of tensors, from which a graph is made and with which it is compared.
 
     Args:
         receiver: on the CPU.

@@ -191,7 +191,7 @@ class Reader:
         patches: Tensor | None,
         needed: Collection[str] | None = None,
     ) -> Readings:
-        """Measure located panels, and of them only what is needed; the rest is zeros.
+        """Measure located panels; values that are not needed are zero.
 
         Args:
             frames: B frames.

@@ -104,7 +104,7 @@ class Track:
         return self.log_odds >= SETTINGS.least_log_odds
 
     def meet(self, corners: Tensor, odds: float) -> None:
-        """Take corners (4,2) px for those of the panel in this frame."""
+        """Use corners (4,2) px as those of the panel in this frame."""
         place, shaped = parts(
             (corners - self.corners) / max(self.misses, 1) - self.motion
         )
@@ -160,11 +160,11 @@ class Tracker:
 
     @property
     def networks(self) -> Networks:
-        """The detector's networks: those of the locator where it has some."""
+        """The detector's networks: those of the locator if it is a detector."""
         return networks_of(self.locator, torch.device("cpu"))
 
     def __call__(self, frame: NDArray[np.uint8] | Tensor) -> list[Track]:
-        """Take the recording's next frame (H,W) uint8, and give the panels that are seen in it.
+        """Take the recording's next frame (H,W) uint8, and return its panels.
 
         Raises:
             VoccError: no frame, several, or one of another type or with colours.
@@ -226,7 +226,7 @@ class Tracker:
         return list(whose), list(numbers), panels
 
     def _found(self, frame: Frames) -> Iterator[tuple[Tensor, float, float]]:
-        """Search a whole frame: corners, score and false alarms of what is surely a panel."""
+        """Search a whole frame: corners, score and false alarms of sure panels."""
         found = self.locator.locate(frame, self.shape)
         if not self.locator.finds_several:
             found = found[:1]
@@ -261,7 +261,7 @@ class Tracker:
 
 
 def parts(moves: Tensor) -> tuple[Tensor, Tensor]:
-    """Part moves (4,2) of corners into that of the place (1,2), and the rest."""
+    """Split the moves (4,2) of corners into the mean move (1,2) and the remainder."""
     place = moves.mean(0, keepdim=True)
     return place, moves - place
 

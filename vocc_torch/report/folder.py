@@ -1,4 +1,4 @@
-"""A run's folder: what it may hold before, its configuration and tables, and where they are."""
+"""A run's folder: what it may hold before the run, its configuration and its tables."""
 
 import csv
 import shlex
@@ -65,7 +65,7 @@ def print_places(
     places: Iterable[tuple[str, str]],
     board: bool = False,
 ) -> None:
-    """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
+    """Print the paths of results, and how the TensorBoard log is opened."""
     lines = [f"{kind:<9} {printable(str(folder / name))}" for kind, name in places]
     if board:
         command, address = board_hint(folder / "tensorboard").splitlines()

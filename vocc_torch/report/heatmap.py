@@ -186,7 +186,7 @@ def dimming_figure(
 
 
 def draw_best(axes: Axes, bests: Sequence[Best], places: Mapping[float, float]) -> None:
-    """Draw the best luminances of a map at the left edge of their cells, with those not told from them."""
+    """Draw the best luminances of a map, with bars over those not distinguishable from them."""
     x = np.arange(len(bests)) + 0.08
     middle = [np.mean([places[value] for value in best.least_cd_m2]) for best in bests]
     low, high = (

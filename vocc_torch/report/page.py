@@ -28,7 +28,7 @@ _NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 
 
 def render(package: str, template: str, **values: object) -> str:
-    """Fill in a template. In ``*.md.j2`` every value stands for itself, whatever marks it holds.
+    """Fill in a template. In ``*.md.j2`` Markdown marks in values are escaped.
 
     What is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``fence``
     return Markdown. A further filter is ``rate`` ("1.5e-5").

@@ -104,7 +104,7 @@ class ProgressView:
         return self._task.completed
 
     def advance(self, doing: str, frames: float) -> None:
-        """Count frames that were run now, and name what is under way."""
+        """Add finished frames, and name the current stage."""
         self._bar.update(self._task.id, advance=frames, description=doing)
 
     def counted(self, items: Iterable[T], doing: str) -> Iterator[T]:

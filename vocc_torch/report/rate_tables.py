@@ -181,7 +181,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
 
 
 def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
-    """Write a grid's points, and beside them the best luminance of every receiver under each ambient light.
+    """Write a grid's points, and the best luminance of every receiver at each ambient light.
 
     The points have the grid's own intervals: a limit takes wrong frames to be as nearby. ``best_from`` to
     ``best_to`` is the luminance with the least bit error rate, or the plateau of those with equally few

@@ -26,7 +26,7 @@ CHANGE_NO_RESULT = ("device", "workers", "executor", "tensorboard", "batch_frame
 def open_ledger(
     path: Path, settings: Mapping[str, object], console: Console
 ) -> Iterator[Store]:
-    """Open a ledger and say what it knows; one in which nothing was counted is not left behind."""
+    """Open a ledger and print how many blocks it has; remove it if nothing is counted."""
     begun = not path.exists()
     try:
         ledger = Store.open(path, settings)

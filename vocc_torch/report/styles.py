@@ -85,7 +85,7 @@ def axis_label(axis: str) -> str:
 
 
 def value_text(value: float) -> str:
-    """Write an axis value in as few digits as tell it.
+    """Write an axis value in as few digits as identify it.
 
     Example:
         >>> [value_text(value) for value in (32000.0, 0.12, 2.5e-7)]

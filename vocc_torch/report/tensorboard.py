@@ -229,7 +229,7 @@ class BoardPart:
         return str(styles.LOOKS["steps"].get(self.table.axis, (1, label))[1])
 
     def repeats(self, row: Row) -> int:
-        """Say at how many steps beside each other a point is written.
+        """Return at how many neighbouring steps a point is written.
 
         TensorBoard takes what few points have for outliers: both ends of a chart have enough of them.
         """

@@ -294,7 +294,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count the time of what is done within."""
+        """Measure the time of the block."""
         begun = time.perf_counter()
         try:
             yield

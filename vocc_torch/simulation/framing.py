@@ -1,4 +1,4 @@
-"""Which part of the sensor is rendered, what stands for the rest, and how frames of like size go together."""
+"""Which part of the sensor is rendered, what represents the other pixels, and how frames of equal size are batched."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -199,7 +199,7 @@ def read_jobs(place: Path, name: str) -> list[SweepJob]:
 
 
 def differing_keys(jobs: Sequence[SweepJob]) -> list[str]:
-    """Name the keys that tell the jobs apart, the experiment first, else in the order of the configuration.
+    """Return the keys that differ between jobs, the experiment first, then in the order of the configuration.
 
     Left out are keys that change no result, and those of an experiment or a scene that follow from its name.
     A key that a configuration does not have counts as null there.
@@ -255,7 +255,7 @@ def setting_text(value: object) -> str:
 
 
 def label(job: SweepJob, keys: Sequence[str]) -> str:
-    """Say what is particular of a job, with the keys' last words where these tell them apart.
+    """Return the keys and values that differ between jobs, shortened where this is unambiguous.
 
     Example:
         >>> label(SweepJob("0", "done", settings={"camera.gamma": 2.2}), ["camera.gamma"])
@@ -303,7 +303,7 @@ def collected_rows(
 
 
 def changes_results(key: str) -> bool:
-    """Tell whether a key can change a number of a result."""
+    """Whether a key can change a number of a result."""
     return key.partition(".")[0] not in _NO_RESULT
 
 
@@ -358,7 +358,7 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
 
 
 def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) -> None:
-    """Print a row for each job: what is particular of it, each receiver's range of rates, its status.
+    """Print a row for each job: the differing keys, each receiver's range of rates, its status.
 
     Args:
         jobs: in order.

@@ -220,7 +220,7 @@ def interrupted_keeps(path: Path | None, view: terminal.StudyView) -> Iterator[N
 
 
 def kept(plan: Plan) -> str:
-    """Say which receiver is kept, and how it looks for panels."""
+    """Say which receiver is saved, and with which locator."""
     if (locator := plan.receiver.locator) == "truth":
         rule = "the locator paper: a recording has no true corners"
         return f"receiver.pt holds {plan.receiver.save} with {rule}"

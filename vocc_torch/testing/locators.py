@@ -98,7 +98,7 @@ class LocatorCase(PartCase):
         )
 
     def test_corners_are_clockwise(self) -> None:
-        """Corners go around an area, clockwise as seen."""
+        """Corners go clockwise around an area."""
         x, y = self.located()[1].corners_px.unbind(2)
         assert ((x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(1) > 0).all()
 

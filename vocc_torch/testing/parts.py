@@ -67,7 +67,7 @@ class PartCase:
         assert torch.equal(self.asked()[0](batch), first)
 
     def test_the_batch_stays_as_it_is(self) -> None:
-        """Nothing is written into what it is asked of."""
+        """The part does not change its input."""
         answer, batch = self.asked()
         before = batch.clone()
         answer(batch)

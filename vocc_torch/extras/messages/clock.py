@@ -163,7 +163,7 @@ class SymbolClock:
         )
 
     def finish(self) -> Ticks | None:
-        """Settle what is left."""
+        """Settle the remaining frames."""
         return self._settle(len(self._back), at_end=True) if self._back else None
 
     def _likelihood(self, llr: Singles) -> Singles:
@@ -260,7 +260,7 @@ class SymbolClock:
         return ticks
 
     def _doubtful(self, path: Integers) -> Bools:
-        """Say which frames beside a jump fit as well on its other side: few symbols do not tell their place.
+        """Mark the frames near a jump that fit equally well on its other side: few symbols do not determine the place.
 
         Where frames were lost, nobody knows which symbol is the first one after the gap but the sync cells.
         """
@@ -297,7 +297,7 @@ class SymbolClock:
 
 
 def rejoin(units: Integers, expected: Floats, astray: float) -> None:
-    """Put the first frames where those after them place them, if they lie farther from it than ``astray``.
+    """Move the first frames to the place that later frames imply, if they lie farther away than ``astray``.
 
     A frame amid a recording pays for the way to a wrong symbol and back; the first and the last pay once.
 

@@ -49,7 +49,7 @@ class Packets(NamedTuple):
 
 
 class SweepPoint(NamedTuple):
-    """A point: what is varied, and its value there."""
+    """A point: the quantity that varies, and its value."""
 
     axis: str
     value: float

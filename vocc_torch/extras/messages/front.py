@@ -81,7 +81,7 @@ class Front:
 
     @property
     def led_pitch_px(self) -> float | None:
-        """Distance of neighbouring LEDs where the panel was last seen, along its shorter cells."""
+        """Pitch of the LEDs in the last located panel, along the shorter side of a cell."""
         if self.corners_px is None:
             return None
         width, height = (
@@ -147,7 +147,7 @@ class Front:
         return self.corners_px
 
     def _cropped(self, greys: Sequence[Grey], corners: Tensor) -> Frames:
-        """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
+        """Crop frames to one window that holds the panel in all of them; other pixels are never copied."""
         height, width = greys[0].shape
         known = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
         if not len(known):

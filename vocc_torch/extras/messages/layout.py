@@ -18,7 +18,7 @@ LONGEST_WORD = 255
 
 
 def stream(name: str, count: int) -> Bytes:
-    """Give random bytes that everybody who knows a name has: SHAKE-128 of it.
+    """Derive random bytes from a name that sender and receiver know: SHAKE-128.
 
     Example:
         >>> stream("scramble", 3).tolist()
@@ -149,7 +149,7 @@ class Layout:
         return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
 
     def write(self, words: Bytes) -> Bools:
-        """Write a block's words of bits (packets, word_bits) on its symbols, (P,R,C); the rest is random."""
+        """Write a block's code words (packets, word_bits) on its symbols, (P,R,C); other cells are random."""
         carried = self._stream.copy()
         carried[self.places] = (
             words ^ self._stream[self.places] if self._scrambles else words

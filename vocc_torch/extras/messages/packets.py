@@ -89,7 +89,7 @@ def unpacked(info: bytes) -> Packet | None:
 
 @dataclass
 class Message:
-    """The packets of one message that arrived; their number bounds what it holds, not the length they claim.
+    """The arrived packets of one message. Their number, not the stated length, bounds the memory.
 
     Args:
         length: bytes of the whole message, as its packets say.

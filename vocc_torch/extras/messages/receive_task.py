@@ -54,7 +54,7 @@ def receive(
     recording: Iterable[RecordedFrame],
     fps: float | None = None,
 ) -> Iterator[Received]:
-    """Receive a recording packet by packet; what is held at a time does not grow with it.
+    """Receive a recording packet by packet, in constant memory.
 
     Args:
         receiver: reads the bits.
@@ -188,7 +188,7 @@ def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
 
 
 def suffix(number: int) -> str:
-    """Tell the files of several messages apart.
+    """Name the files of several messages.
 
     Example:
         >>> suffix(0), suffix(1)

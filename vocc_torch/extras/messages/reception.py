@@ -97,7 +97,7 @@ def film_of(message: bytes, plan: MessagePlan) -> Bools:
 
 
 class Reception:
-    """Receives a message from soft values, as they come; what it holds does not grow with the recording.
+    """Receives a message from a stream of soft values, in constant memory.
 
     Args:
         plan: how the message was written.
@@ -122,7 +122,7 @@ class Reception:
 
     @property
     def packets_sent(self) -> int:
-        """Packets that the recording has time for; without times, those of the blocks seen."""
+        """Packets that the duration of the recording allows; without time stamps those of the received blocks."""
         if self._first_s is None or self._last_s is None:
             return len(self._blocks) * self.layout.packets
         symbols = (self._last_s - self._first_s) * self.plan.signalling.symbol_rate_hz

@@ -171,7 +171,7 @@ def look(
 
 
 def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
-    """Join what was seen of several blocks."""
+    """Join the samples of several blocks."""
     placed = {
         name: np.concatenate([look.placed[name] for look in looks])
         for name in looks[0].placed
@@ -270,7 +270,7 @@ def sides(shape: PanelShape) -> Integers:
 def learned(
     scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape
 ) -> list[Component]:
-    """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
+    """Fit the next proposal to the samples of the last one; for failed locations, to the samples of all."""
     (nominal, dark), last_look = scenes.components[:2], looks[-1]
     components = [nominal, relearned(dark, joined(looks))]
     of_each = zip(last_look.margins, last_look.failed, strict=True)
@@ -290,7 +290,7 @@ def learned(
 def weakest(
     margins: Floats, failed: Bools, observed: PilotFrames
 ) -> Iterator[tuple[Integers, Floats]]:
-    """Give the weakest LEDs of a receiver, those that are Off and those that are On, and their weights.
+    """Return the weakest Off and On LEDs of a receiver, and their weights.
 
     Frames in which the panel was not found where it is tell nothing of LEDs, and are left out. So is one of
     the two whose wrong LEDs have less than a fiftieth of the weight of all that are wrong. Where few LEDs
@@ -397,7 +397,7 @@ def turned(maps: Numbers) -> list[Numbers]:
 
 
 def evened(weights: Floats) -> Floats:
-    """Give a root of weights, where a few of them are most of their sum: it tells of more than these."""
+    """Return a root of the weights if a few of them are most of the sum, so that more samples count."""
     powers, enough = (1.0, 0.75, 0.5, 0.25, 0.0), min(ENOUGH, 0.99 * len(weights))
     return next(
         weights
@@ -421,5 +421,5 @@ def tilts(observed: PilotFrames, frame: Integers, weights: Floats) -> dict[str, 
 
 
 def effective(weights: Floats) -> float:
-    """Give the number of equal weights that would tell as much."""
+    """Return the effective sample size of the weights."""
     return float(weights.sum() ** 2 / np.sum(weights**2))

@@ -72,7 +72,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiltedScenes(SceneModel):
-    """A scene model whose draws come from a mixture of components; its own fields say what is meant.
+    """A scene model that draws from a mixture of components; its own fields are the target distribution.
 
     Every block of 64 frames holds each component as often as its share says, in random order, so that any of
     its frames is equally likely to come from each. Values and bits are a function of the block's key, and so
@@ -97,7 +97,7 @@ class TiltedScenes(SceneModel):
     components: tuple[Component, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the shares; what is meant was checked as it was made."""
+        """Check the shares; the target distribution is checked already."""
         if (
             total := sum(component.frames for component in self.components)
         ) != BLOCK_FRAMES:

@@ -22,7 +22,7 @@ WEIGHT_UNIT = 2.0**-100
 
 @dataclass(frozen=True, slots=True)
 class WeightedCounts(Counts):
-    """Errors over frames that were drawn from other scenes than those meant, each with a weight.
+    """Weighted errors over frames that were drawn from a proposal distribution.
 
     A frame's weight w is the ratio of its probability in the scenes that are meant to that in those it was
     drawn from, so that the mean of w h over the frames is that of h over frames as they are meant. The fields
@@ -119,12 +119,12 @@ class WeightedCounts(Counts):
 
     @property
     def nominal_frames(self) -> float:
-        """Frames drawn as they are meant: those that would find a kind of error that nothing else seeks."""
+        """Frames drawn from the target distribution: they can find errors that the proposal does not seek."""
         return self.nominal / BLOCK_FRAMES
 
     @property
     def effective_frames(self) -> float:
-        """How many frames that are drawn as they are meant would tell the rate as well.
+        """Number of counted frames that would give an equal interval.
 
         The ratio of the two sampling variances, as these frames estimate both: mean w h^2 over mean (w h)^2.
         Without errors :attr:`nominal_frames`, which then limit the rate.

@@ -1,4 +1,4 @@
-"""Classifiers beside FLDA: what they see of an LED, how they are trained, and those that are shipped."""
+"""Classifiers other than FLDA: their inputs, their training, and the classifiers that ship."""
 
 from .adapters import SklearnClassifier, TorchClassifier, scaled
 from .inputs import Inputs, Patch

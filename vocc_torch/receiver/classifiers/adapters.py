@@ -50,7 +50,7 @@ class TorchClassifier:
         self._spread: torch.Tensor | None = None
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
-        """Train on ``recipe.frames`` panels of the stream, whatever the study's budget is."""
+        """Train on ``recipe.frames`` panels of the stream, independently of the study's budget."""
         count = 0
         x = bits = torch.empty(0)
         for part, panels in batches(0, self.recipe.frames):
@@ -128,7 +128,7 @@ class TorchClassifier:
         return sum(parameter.numel() for parameter in self.module.parameters())
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """What it learned: the module's state, and how inputs are scaled.
+        """The learned state: the module's parameters and the scale of the inputs.
 
         Raises:
             VoccError: not fitted.
@@ -184,7 +184,7 @@ def _leds(x: torch.Tensor) -> torch.Tensor:
 
 
 def is_estimator(value: object) -> bool:
-    """Whether something is a scikit-learn estimator, by what it offers; scikit-learn is not imported.
+    """Whether an object is a scikit-learn estimator, by its methods; scikit-learn is not imported.
 
     Example:
         >>> is_estimator(torch.nn.Linear(1, 1))

@@ -126,7 +126,7 @@ class Inputs:
     patch: Patch | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no choice."""
+        """Refuse a value that is no choice."""
         if len({*self.features}) < len(self.features):
             raise VoccError.of(
                 "inputs.features", [*self.features], "features, each once"
@@ -185,7 +185,7 @@ class Inputs:
     def of(
         self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape
     ) -> torch.Tensor:
-        """Return what is seen of every LED.
+        """Return the inputs of every LED.
 
         Args:
             readings: of B panels.

@@ -91,7 +91,7 @@ class Guarded:
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What is measured for it."""
+        """Measurements that it needs."""
         return self.inputs.features
 
     def score(self, readings: Readings, preambles: object = None) -> Tensor:
@@ -165,7 +165,7 @@ class Guarded:
         return scores.detach().to(torch.float64)
 
     def _answer(self, what: str, call: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
-        """Call a method on ``x``; refuse what is not one number an LED."""
+        """Call a method on ``x``; refuse a result that is not one number per LED."""
         answer: object = self._guarded(what, lambda: call(x))
         expected = tuple(x.shape[:-1])
         shape = (

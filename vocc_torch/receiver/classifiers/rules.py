@@ -50,7 +50,7 @@ class FldaClassifier(_Scored):
         return self
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
-        """Learn from a stream, of which nothing is kept but sums, and of those the rule alone."""
+        """Fit from a stream in one pass. Only running sums are held in memory."""
         flda: FLDA | None = None
         for x, bits in batches(0, frames):
             flda = flda or FLDA(x.shape[-1]).to(x.device)
@@ -67,7 +67,7 @@ class FldaClassifier(_Scored):
         return _fitted(self._rule).scores(x)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """What it learned: direction, threshold and centre."""
+        """The learned state: direction, threshold and centre."""
         return _fitted(self._rule)._asdict()
 
     def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:

@@ -110,7 +110,7 @@ def placed_well(
 
 
 def likeliest(odds: Tensor, most: int) -> Tensor:
-    """Give the rows of the likeliest candidates with log odds (n,): those near the best, and all likely ones.
+    """Return the rows of candidates whose log odds (n,) are near the best or high.
 
     Example:
         >>> likeliest(torch.tensor([-5.0, 9.0, 3.0, 8.0]), 3).tolist()
@@ -140,7 +140,7 @@ def flattened(quads: Tensor, shape: PanelShape) -> Tensor:
 
 
 def apart(quads: Tensor, odds: Tensor) -> list[int]:
-    """Give the rows of candidates, the likeliest first, without those that overlap a likelier one."""
+    """Return the rows of candidates, best first, without candidates that overlap a better one."""
     order = odds.argsort(descending=True, stable=True).tolist()
     centre, size = quads.mean(1), (quads[:, 0] - quads[:, 2]).norm(dim=1)
     rows: list[int] = []

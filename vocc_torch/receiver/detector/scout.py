@@ -139,7 +139,7 @@ def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
 
 
 def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
-    """Give the rows of at most so many candidates, the best first, one of those at nearly the same place."""
+    """Return the rows of the best candidates, at most one for each place."""
     order = score.argsort(descending=True, stable=True)
     quads = quads[order]
     centre = quads.mean(1)
@@ -213,7 +213,7 @@ def _nothing(like: Tensor) -> tuple[Tensor, Tensor]:
 def canvas_of(
     sides: Sequence[tuple[int, ...]],
 ) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Put levels into one picture, the first on the left, the others one below the other beside it.
+    """Put levels into one picture, the first on the left, the others in a column beside it.
 
     Args:
         sides: (height, width) of the levels, the largest first.

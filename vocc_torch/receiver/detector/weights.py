@@ -55,7 +55,7 @@ class Networks:
 
 @lru_cache(maxsize=8)
 def load_networks(path: Path | None, device: torch.device) -> Networks:
-    """Read the weights of a file, or those that ship; nothing in the file is executed.
+    """Read the weights of a file, or the weights that ship; nothing in the file is executed.
 
     Raises:
         VoccError: a file that is missing, damaged or of another kind.

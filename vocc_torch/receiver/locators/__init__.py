@@ -1,4 +1,4 @@
-"""What finds the panel in frames: one protocol, the locators that ship, and those from outside."""
+"""Locators: the protocol, the locators that ship, and your own."""
 
 from .detector import DetectorLocator
 from .outside import OutsideLocator

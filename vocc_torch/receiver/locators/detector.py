@@ -121,7 +121,7 @@ class DetectorLocator(PanelLocator):
         return cls(**values)
 
     def locate(self, frames: Images, shape: PanelShape) -> Candidates:
-        """Give every candidate, those too that are likely false; the best of each frame first.
+        """Return every candidate, also likely false ones; the best of each frame first.
 
         Raises:
             VoccError: what :func:`~vocc_torch.receiver.locators.paper.exact_frames` refuses, damaged weights,

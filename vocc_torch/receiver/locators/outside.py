@@ -148,7 +148,7 @@ class OutsideLocator(PanelLocator):
     def _answer(
         self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type
     ) -> Any:
-        """Give what it answers, of a kind.
+        """Return its answer as a tensor of the expected type.
 
         Raises:
             VoccError: it fails, or answers anything else.

@@ -297,7 +297,7 @@ def exact_frames(frames: Images) -> Frames:
 
 
 def _lies_on_sensor(frames: Frames) -> Tensor:
-    """Say of each frame whether it lies on its sensor, beside a finite surround, (B,) bool."""
+    """Whether each crop lies on its sensor and has a finite surround, (B,) bool."""
     x, y = frames.origin_px.unbind(1)
     if frames.surround is None:
         return x == x

@@ -179,7 +179,7 @@ class RefinedLocator(PanelLocator):
     def _left_to_paper(
         self, panels: Panels, rows: Tensor, frames: Frames, shape: PanelShape
     ) -> None:
-        """Give some panels the paper's places, in frames of theirs."""
+        """Replace some panels by those of the locator ``paper``."""
         if len(rows):
             panels.put(rows, self.paper(frames, shape))
 

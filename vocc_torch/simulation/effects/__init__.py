@@ -1,4 +1,4 @@
-"""The effects by their place in the chain: what a scene names is built and run, the rest costs nothing."""
+"""The effects by their place in the chain. Only effects that a scene names are built and run."""
 
 import functools
 import inspect
@@ -189,7 +189,7 @@ def _last_of(quantity: Quantity) -> str:
 
 
 def build_effects(named: Effects) -> tuple[Effect, ...]:
-    """Construct the named effects, and only those, in physical order.
+    """Construct the named effects in physical order.
 
     Args:
         named: effect name to its parameters, or effects, in any order.

@@ -65,7 +65,7 @@ class Photographs(Backdrop):
 
     @property
     def digest(self) -> str:
-        """What tells these pictures from others: their names and sizes."""
+        """Identity of these pictures: their names and sizes."""
         listing = "".join(
             f"{path.name}/{size}/"
             for path, size in pictures_of(self.folder, Path.cwd())

@@ -380,7 +380,7 @@ class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
 
 
 class Backdrop(Effect, on=Quantity.BACKGROUND):
-    """What stands behind the panel, told by the place on the sensor: crops and windows show their part of it.
+    """The background behind the panel as a function of the sensor's pixels, so that crops show their part of it.
 
     Auto-ISO meters the plain background, so a backdrop of mean 1 leaves the exposure as it is.
     """

@@ -232,7 +232,7 @@ class Layer:
 
 
 class Sketched(Effect, on=Quantity.BACKGROUND):
-    """Things that are drawn before the background, each frame's by a stream of its own."""
+    """Objects drawn before the background; each frame has its own random stream."""
 
     sampled = fills_sensor = True
 

@@ -13,7 +13,7 @@ MOST_PANELS = 64
 
 @dataclass
 class DecodeConfig:
-    """How ``task=decode`` reads a recording, and what it writes besides the bits.
+    """How ``task=decode`` reads a recording, and what else it writes.
 
     Args:
         channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``,

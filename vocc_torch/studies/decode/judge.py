@@ -1,4 +1,4 @@
-"""What tells a panel that was read well from a doubtful one."""
+"""Criteria for doubtful readings."""
 
 import torch
 

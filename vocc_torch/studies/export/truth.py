@@ -1,4 +1,4 @@
-"""What is known of exported frames: a row each in CSV files, and all of them in one COCO file."""
+"""Ground truth of exported frames: CSV files with a row per frame, and one COCO file."""
 
 import csv
 import json

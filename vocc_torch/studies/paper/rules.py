@@ -100,7 +100,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A verdict with what it rests on.
+    """A verdict with its reason.
 
     Args:
         verdict: ``agree``, ``differ`` or ``cannot say``.

@@ -103,7 +103,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Scorecard:
-    """What is said of each claim under each reading.
+    """The verdict on each claim under each reading.
 
     Args:
         readings: the first is reported in full.

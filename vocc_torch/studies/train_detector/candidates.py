@@ -20,7 +20,7 @@ from vocc_torch.studies.train_detector.pool import Pool
 
 @dataclass(frozen=True)
 class CandidateSettings:
-    """What is a candidate of a panel."""
+    """Criteria for a candidate."""
 
     of_level: int = 24  # proposals of the scout on each level of a frame
     looked_through: int = 4  # times as many proposals as are chosen
@@ -84,7 +84,7 @@ def proposals(net: scout.Scout, pool: Pool, frames: Tensor) -> Found:
 
 
 def best_of_frames(found: Found, most: int) -> Found:
-    """Take the best candidates of each frame, one of those at nearly the same place."""
+    """Take the best candidates of each frame, at most one for each place."""
     parts = [found.rows(slice(0))]
     for frame in torch.unique_consecutive(found.frame.sort().values):
         some = found.rows(found.frame == frame)
@@ -95,7 +95,7 @@ def best_of_frames(found: Found, most: int) -> Found:
 
 
 def with_truth(pool: Pool, found: Found) -> tuple[Found, Found]:
-    """Part candidates into those near a panel, and those of clutter; what is between is left out."""
+    """Split candidates into panels and clutter; candidates in between are left out."""
     truth = ordered(pool.corners_px[found.frame].float())
     quads = found.quads
     square = unit(quads)

@@ -23,7 +23,7 @@ from vocc_torch.types import Frames, PanelShape
 
 @dataclass(frozen=True)
 class PoolSettings:
-    """What is rendered."""
+    """The rendered scenes."""
 
     frames: int = 16  # of a block
     width_px: int = 960  # half of the camera's, of pixels as large

@@ -134,7 +134,7 @@ SAMPLERS: dict[str, type[Sampler]] = {
 
 
 class NetworkTraining:
-    """A network's training in rounds, each of which is kept in a file.
+    """A network's training in rounds; each round is saved.
 
     Args:
         path: of the file.

@@ -1,4 +1,4 @@
-"""Figs 8, 10 and 12: how grey values and features tell On LEDs from Off LEDs, alone and together."""
+"""Figs 8, 10 and 12: how well grey values and features separate On from Off LEDs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Separation:
-    """How well a number tells On LEDs from Off LEDs.
+    """How well a number separates On from Off LEDs.
 
     Args:
         auc: area under the ROC curve, the chance that an On LED reads higher than an Off LED.
