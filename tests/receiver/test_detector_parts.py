@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import maximum_filter
+from scipy.signal import correlate
 
 from vocc_torch.receiver.detector import pyramid as pyramid_file
+from vocc_torch.receiver.detector.convolution import Convolution
 from vocc_torch.receiver.detector.judge import judged
-from vocc_torch.receiver.detector.placer import Placer, corner_moves, slips
+from vocc_torch.receiver.detector.placer import (
+    Placer,
+    corner_moves,
+    placed,
+    placed_in_views,
+    slips,
+)
 from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate, halved
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
 from vocc_torch.receiver.resample import cell_homography
@@ -200,3 +208,43 @@ def test_the_placer_takes_any_shape():
             size = (4 * shape.rows + 8, 4 * shape.columns + 8)
             logit, moves = Placer()(noise(3, *size), shape)
             assert (logit.shape, moves.shape) == ((3,), (3, 4, 2))
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_convolutions_are_scipys(stride):
+    layer, grey = Convolution(2, 3, stride), noise(2, 2, 13, 9)
+    state = layer.weight.detach().double().numpy(), layer.bias.detach().numpy()
+    edged = np.pad(grey.double().numpy(), ((0, 0), (0, 0), (1, 1), (1, 1)))
+    expected = np.stack(
+        [
+            [
+                correlate(plane, kernel, "valid")[0] + bias
+                for kernel, bias in zip(*state, strict=True)
+            ]
+            for plane in edged
+        ]
+    )[..., ::stride, ::stride]
+    learning = layer(grey)
+    assert learning.requires_grad
+    with torch.inference_mode():
+        found = layer(grey)
+    for outputs in (learning.detach(), found):
+        assert np.abs(outputs.numpy() - expected).max() < 1e-2
+
+
+@pytest.mark.parametrize(("shape", "turn"), [((6, 6), 1), ((6, 8), 2)])
+def test_a_candidate_lies_alike_however_it_is_turned(shape, turn):
+    shape = PanelShape(*shape)
+    torch.manual_seed(3)
+    net = Placer().eval()
+    pyramid = Pyramid.of(noise(1, 1, 120, 160).byte())
+    quads = torch.tensor([[[30, 20], [88, 26], [90, 72], [28, 65]]]).double()
+    turned = quads.roll(turn, 1)
+    with torch.inference_mode():
+        odds, corners = placed_in_views(net, pyramid, quads, shape)
+        again, moved = placed_in_views(net, pyramid, turned, shape)
+        alone, _ = placed(net, pyramid, quads, shape)
+        other, _ = placed(net, pyramid, turned, shape)
+    assert (alone - other).abs() > 1e-4
+    assert torch.allclose(odds, again, atol=1e-5)
+    assert torch.allclose(corners.roll(turn, 1), moved, atol=1e-3)

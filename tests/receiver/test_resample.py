@@ -68,7 +68,10 @@ def test_homography_is_numpys_solution_and_opencvs_within_its_float32(seed):
         square + rng.uniform(-10, 10, (4, 2)) + rng.uniform(0, 900, 2)
     ).astype(np.float32)
     cells = np.float32([(0, 0), (5, 0), (5, 4), (0, 4)])
-    ours = cell_homography(torch.from_numpy(quadrilateral)[None], SHAPE)[0].numpy()
+    corners = torch.from_numpy(quadrilateral)[None]
+    ours = cell_homography(corners, SHAPE)[0].numpy()
+    learning = cell_homography(corners.clone().requires_grad_(), SHAPE)
+    assert np.array_equal(ours, learning[0].detach().numpy())
     np.testing.assert_allclose(
         ours, solved_homography(cells, quadrilateral), rtol=1e-8, atol=1e-10
     )

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from vocc_torch.receiver.detector.judge import judged, pitch_of
-from vocc_torch.receiver.detector.placer import placed, slips
+from vocc_torch.receiver.detector.placer import placed, placed_in_views, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.scout import propose
 from vocc_torch.receiver.detector.weights import Networks
@@ -20,13 +20,13 @@ class DetectorSettings:
     """How many candidates go how far."""
 
     judged: tuple[int, ...] = (6, 4)  # left after each look of the judge
-    placed: tuple[int, ...] = (4, 3)  # left after each look of the placer
+    placed: tuple[int, ...] = (4,)  # left after each look of the placer
     behind: float = 6.0  # log odds of the best, beyond which others go no further
     likely: float = 1.0  # log odds of a candidate that goes on however good others are
     perspective_leds: int = 16  # of a side, from which perspective stays
-    sure_logit: float = 6.0  # a candidate placed so well has not slipped
+    sure_logit: float = 4.0  # a candidate placed so well has not slipped
     least_logit: float = 1.0  # of the judge, of a best candidate that may have slipped
-    slipped: tuple[int, ...] = (4, 4, 4)  # slips left after each look of the placer
+    slipped: tuple[int, ...] = (4, 4)  # slips left after each look of the placer
     likelier: float = 1.0  # log odds by which a slip must be better than what is there
     least_pitch_px: float = 1.0  # of LEDs that can be told apart
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
@@ -92,7 +92,7 @@ def placed_well(
     shape: PanelShape,
     left: Sequence[int],
 ) -> tuple[Tensor, Tensor]:
-    """Place candidates (n,4,2) px several times, and score them where they lie at last.
+    """Place candidates (n,4,2) px several times, at last in all views, which score them.
 
     Args:
         networks: of the detector.
@@ -101,11 +101,10 @@ def placed_well(
         shape: rows and columns.
         left: how many of the best go on after each look.
     """
-    for look, count in enumerate(left):
-        quads = flattened(quads, shape) if look else quads
+    for count in left:
         odds, moved = placed(networks.placer, pyramid, quads, shape)
-        quads = moved[likeliest(odds, count)]
-    odds, _ = placed(networks.placer, pyramid, quads, shape)
+        quads = flattened(moved[likeliest(odds, count)], shape)
+    odds, quads = placed_in_views(networks.placer, pyramid, quads, shape)
     return quads, odds
 
 

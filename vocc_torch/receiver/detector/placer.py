@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from vocc_torch.receiver.detector.convolution import Convolution
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.resample import (
     cell_homography,
@@ -50,9 +51,9 @@ class Placer(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         wide = SETTINGS.channels
-        self.first = nn.Conv2d(SETTINGS.samples**2, wide, 3, 1, 1)
+        self.first = Convolution(SETTINGS.samples**2, wide)
         self.layers = nn.ModuleList(
-            [nn.Conv2d(wide, wide, 3, 1, 1) for _ in range(SETTINGS.layers)]
+            [Convolution(wide, wide) for _ in range(SETTINGS.layers)]
         )
         self.around = nn.Linear(2 * wide, wide)
         self.off = nn.Conv2d(wide, 3, 1)
@@ -67,7 +68,7 @@ class Placer(nn.Module):
         light = (patches - mean[:, None, None]) / contrast
         light = light.clamp(-SETTINGS.most, SETTINGS.most)
         cells = functional.pixel_unshuffle(light[:, None], SETTINGS.samples)
-        state = self.first(cells.contiguous(memory_format=torch.channels_last)).relu()
+        state = self.first(cells).relu()
         for number, layer in enumerate(self.layers):
             if number == len(self.layers) // 2:
                 state = state + self.around(_pooled(state))[..., None, None]
@@ -89,17 +90,17 @@ def corner_moves(off: Tensor, sure: Tensor, shape: PanelShape) -> Tensor:
         >>> bool((moves - 1).abs().max() < 1e-3)
         True
     """
-    fields, corners = _fields(shape, off.device)
+    fields, corners, ridge = _fields(shape, off.device)
     weight = sure.clamp(max=SETTINGS.most_weight).exp()[..., None] * fields
-    gram = weight.mT @ fields + torch.diag(fields.new_tensor(SETTINGS.ridge))
+    gram = weight.mT @ fields + ridge
     moves: Tensor = corners @ torch.linalg.solve(gram, weight.mT @ off)
     return moves
 
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Fields 1, u, v and uv at the cells (N,4) and at the corners (4,4); u and v are -1 to 1 in the panel."""
+def _fields(shape: PanelShape, device: torch.device) -> list[Tensor]:
+    """Fields 1, u, v and uv at cells (N,4) and corners (4,4), u and v -1 to 1 in the panel, and ridge (4,4)."""
     v, u = (
         (torch.arange(leds + 2 * SETTINGS.margin).float() - SETTINGS.margin + 0.5)
         * (2 / leds)
@@ -109,9 +110,9 @@ def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     v, u = torch.meshgrid(v, u, indexing="ij")
     cells = torch.stack([torch.ones_like(u), u, v, u * v], -1).view(-1, 4)
     u, v = (2 * corner_cells(PanelShape(1, 1)).float() - 1).unbind(1)
-    return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v], 1).to(
-        device
-    )
+    corners = torch.stack([torch.ones_like(u), u, v, u * v], 1)
+    ridge = torch.diag(torch.tensor(SETTINGS.ridge))
+    return [part.to(device) for part in (cells, corners, ridge)]
 
 
 def placed(
@@ -123,6 +124,28 @@ def placed(
     patches = pyramid.read_cells(quads, homography, shape, samples, SETTINGS.margin)
     logit, moves = net(patches, shape)
     return logit, map_cells(homography, corner_cells(shape) + moves.double())
+
+
+def placed_in_views(
+    net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
+    """Do what :func:`placed` does, in the mean of all turned and mirrored views of each candidate."""
+    order = _views(shape.rows == shape.columns)
+    seen = quads[:, order].flatten(0, 1)
+    logit, moved = placed(net, pyramid, seen, shape)
+    back = order.argsort(1)
+    moved = moved.view(-1, *order.shape, 2)
+    moved = moved[:, torch.arange(len(order))[:, None], back]
+    return logit.view(-1, len(order)).mean(1), moved.mean(1)
+
+
+@lru_cache(maxsize=2)
+@torch.inference_mode(False)
+def _views(square: bool) -> Tensor:
+    """Orders (V,4) of corners that a panel has, turned and mirrored; rows stay rows unless it is square."""
+    orders = [[0, 1, 2, 3], [2, 3, 0, 1], [1, 0, 3, 2], [3, 2, 1, 0]]
+    turned = [[1, 2, 3, 0], [3, 0, 1, 2], [0, 3, 2, 1], [2, 1, 0, 3]]
+    return torch.tensor(orders + turned * square)
 
 
 def slips(start: Tensor, placed: Tensor, shape: PanelShape) -> Tensor:

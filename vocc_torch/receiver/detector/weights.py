@@ -33,10 +33,8 @@ class Networks:
 
     @classmethod
     def fresh(cls) -> "Networks":
-        """Give untrained networks, laid out in memory for speed."""
-        networks = cls(Scout(), Judge(), Placer())
-        networks.parts().to(memory_format=torch.channels_last)
-        return networks
+        """Give untrained networks."""
+        return cls(Scout(), Judge(), Placer())
 
     def parts(self) -> nn.ModuleDict:
         """Give them as one module, for its state."""
