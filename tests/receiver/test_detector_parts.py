@@ -14,6 +14,7 @@ from vocc_torch.receiver.detector.convolution import Convolution
 from vocc_torch.receiver.detector.judge import judged
 from vocc_torch.receiver.detector.placer import (
     Placer,
+    asides,
     corner_moves,
     placed,
     placed_in_views,
@@ -193,7 +194,8 @@ def test_slips_are_cells_of_the_homography():
     cells = np.array([[0, 0], [9, 0], [9, 8], [0, 8]], np.float32)
     matrix = cv2.getPerspectiveTransform(cells, quad)
     start = torch.from_numpy(quad).double()
-    moved = slips(start, start, PanelShape(8, 9))
+    shape = PanelShape(8, 9)
+    moved = torch.cat([slips(start, shape), asides(start, shape)])
     back = cv2.perspectiveTransform(
         moved.view(1, -1, 2).numpy().astype(np.float32), np.linalg.inv(matrix)
     )

@@ -119,7 +119,8 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
             f"corners_px reaches {most:g} px: corners must be finite and within {SETTINGS.most_px:g} px"
         )
     if is_traced(corners) or corners.requires_grad or not corners.is_cpu:
-        return _homography(corners, shape)
+        homography: Tensor = _homography(corners, shape)
+        return homography
     # Of few corners, by NumPy: its calls take a fifth of the time of torch's.
     return torch.from_numpy(_homography(corners.numpy(), shape, np))
 

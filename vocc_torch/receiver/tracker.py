@@ -11,6 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.detector.nearby import LEAST_LOG_ODDS, Surroundings
+from vocc_torch.receiver.detector.placer import moved
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.locators.detector import networks_of
@@ -98,7 +99,7 @@ class Track:
         self.slips = (1 - SETTINGS.slip_forgotten) * self.slips + evidence
         slipped = int(self.slips.argmax())
         if self.slips[slipped] > self.slips[0] + SETTINGS.slip:
-            corners = around.moved(corners, SLIPS[slipped, None])[0]
+            corners = moved(corners, SLIPS[slipped, None, None], shape)[0]
             self.slips = torch.zeros(len(SLIPS))
         self.meet(corners, odds)
         return self.log_odds >= SETTINGS.least_log_odds

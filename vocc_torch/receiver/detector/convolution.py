@@ -29,12 +29,10 @@ class Convolution(nn.Conv2d):
         learns = torch.is_grad_enabled() and self.weight.requires_grad
         if not input.is_cpu or learns or not quick():
             return super().forward(input)
-        return torch._nnpack_spatial_convolution(
-            input, self.weight, self.bias, self.padding
-        )
+        return torch._nnpack_spatial_convolution(input, self.weight, self.bias, 1)
 
 
 @lru_cache(maxsize=1)
 def quick() -> bool:
     """Say whether torch has NNPACK on this machine."""
-    return torch.backends.nnpack.is_available()
+    return bool(torch._nnpack_available())

@@ -99,6 +99,7 @@ class Judge(nn.Module):
         # As a product of matrices it takes a third of the time.
         heat = self.heat.weight.flatten(1) @ fine.flatten(2)
         maps = functional.pixel_shuffle(coarse, SETTINGS.heat_px)
+        assert self.heat.bias is not None
         maps = maps + heat.view_as(maps) + self.heat.bias[:, None, None]
         return logit, maps
 

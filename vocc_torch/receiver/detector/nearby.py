@@ -7,10 +7,9 @@ from torch import Tensor
 
 from vocc_torch.receiver.detector.judge import pitch_of
 from vocc_torch.receiver.detector.pipeline import flattened
-from vocc_torch.receiver.detector.placer import placed
+from vocc_torch.receiver.detector.placer import moved, placed
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import Networks
-from vocc_torch.receiver.resample import corner_cells, map_points
 from vocc_torch.types import PanelShape
 
 
@@ -72,7 +71,9 @@ class Surroundings:
         if wide:
             reach = SETTINGS.reaches
             steps = torch.arange(-reach, reach + 1) * SETTINGS.reach_cells
-            starts = self.moved(corners, torch.cartesian_prod(steps, steps))
+            starts = moved(
+                corners, torch.cartesian_prod(steps, steps)[:, None], self.shape
+            )
         quads = starts - self.origin
         odds = quads.new_zeros(len(quads))
         for look in range(SETTINGS.looks):
@@ -87,10 +88,5 @@ class Surroundings:
 
     def odds_of(self, corners: Tensor, cells: Tensor) -> Tensor:
         """Give the log odds (n,) of a panel at corners (4,2) px moved by cells (n,2), across and down."""
-        quads = self.moved(corners, cells) - self.origin
+        quads = moved(corners, cells[:, None], self.shape) - self.origin
         return placed(self.networks.placer, self.pyramid, quads, self.shape)[0]
-
-    def moved(self, corners: Tensor, cells: Tensor) -> Tensor:
-        """Move corners (4,2) by cells (n,2) along their own lines, (n,4,2)."""
-        places = corner_cells(self.shape).to(corners) + cells.to(corners)[:, None]
-        return map_points(corners.expand(len(cells), 4, 2), places, self.shape)

@@ -1,14 +1,16 @@
 """The stages of the detector in one frame: propose, judge, place, and look again at what slipped."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from vocc_torch.receiver.detector.judge import judged, pitch_of
-from vocc_torch.receiver.detector.placer import placed, placed_in_views, slips
+from vocc_torch.receiver.detector.placer import asides, placed, placed_in_views, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.scout import propose
 from vocc_torch.receiver.detector.weights import Networks
@@ -27,7 +29,8 @@ class DetectorSettings:
     sure_logit: float = 4.0  # a candidate placed so well has not slipped
     least_logit: float = 1.0  # of the judge, of a best candidate that may have slipped
     slipped: tuple[int, ...] = (4, 4)  # slips left after each look of the placer
-    likelier: float = 1.0  # log odds by which a slip must be better than what is there
+    aside: float = 3.0  # log odds that a place a cell aside of a sure one may lack
+    likelier: float = 1.5  # log odds by which a slip must be better than what is there
     least_pitch_px: float = 1.0  # of LEDs that can be told apart
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
@@ -64,10 +67,26 @@ def with_surround(frame: Frames) -> tuple[Tensor, Tensor]:
     return grey, frame.origin_px[0] - beyond
 
 
-def candidates(
-    networks: Networks, pyramid: Pyramid, shape: PanelShape
-) -> tuple[Tensor, Tensor]:
-    """Propose, judge and place the candidates of one frame: corners (n,4,2) px and log odds (n,)."""
+class Placed(NamedTuple):
+    """Candidates where the placer has put them: corners (n,4,2) px and log odds (n,)."""
+
+    quads: Tensor
+    odds: Tensor
+
+    @property
+    def best(self) -> Tensor:
+        """Corners (4,2) of the likeliest."""
+        return self.quads[self.odds.argmax()]
+
+    def joined(self, others: "Placed") -> "Placed":
+        """Add those of others that are clearly likelier than all of these."""
+        likelier = others.odds > self.odds.amax() + SETTINGS.likelier
+        parts = zip(self, others, strict=True)
+        return Placed(*(torch.cat([these, those[likelier]]) for these, those in parts))
+
+
+def candidates(networks: Networks, pyramid: Pyramid, shape: PanelShape) -> Placed:
+    """Propose, judge and place the candidates of one frame."""
     options = SETTINGS
     quads, logit = propose(networks.scout, pyramid, shape)
     for count in options.judged:
@@ -75,14 +94,16 @@ def candidates(
         order = likeliest(logit, count)
         quads, logit = flattened(quads[order], shape), logit[order]
     start, likely = quads[0], logit[0]
-    quads, odds = placed_well(networks, pyramid, quads, shape, options.placed)
-    best = odds.amax()
-    if likely < options.least_logit or best >= options.sure_logit:
-        return quads, odds
-    slipped = slips(start, quads[odds.argmax()], shape)
-    again, score = placed_well(networks, pyramid, slipped, shape, options.slipped)
-    better = score > best + options.likelier
-    return torch.cat([quads, again[better]]), torch.cat([odds, score[better]])
+    found = placed_well(networks, pyramid, quads, shape, options.placed)
+    if likely >= options.least_logit and found.odds.amax() < options.sure_logit:
+        quads = torch.cat([slips(start, shape), asides(found.best, shape)])
+        left = options.slipped
+        found = found.joined(placed_well(networks, pyramid, quads, shape, left))
+    if found.odds.amax() >= options.sure_logit:
+        quads = asides(found.best, shape)
+        least = float(found.odds.amax()) - options.aside
+        found = found.joined(placed_well(networks, pyramid, quads, shape, (1,), least))
+    return found
 
 
 def placed_well(
@@ -91,7 +112,8 @@ def placed_well(
     quads: Tensor,
     shape: PanelShape,
     left: Sequence[int],
-) -> tuple[Tensor, Tensor]:
+    least: float = -math.inf,
+) -> Placed:
     """Place candidates (n,4,2) px several times, at last in all views, which score them.
 
     Args:
@@ -100,12 +122,15 @@ def placed_well(
         quads: corners.
         shape: rows and columns.
         left: how many of the best go on after each look.
+        least: log odds of those that go on.
     """
     for count in left:
         odds, moved = placed(networks.placer, pyramid, quads, shape)
-        quads = flattened(moved[likeliest(odds, count)], shape)
-    odds, quads = placed_in_views(networks.placer, pyramid, quads, shape)
-    return quads, odds
+        order = likeliest(odds, count)
+        quads = flattened(moved[order[odds[order] > least]], shape)
+    if len(quads):
+        odds, quads = placed_in_views(networks.placer, pyramid, quads, shape)
+    return Placed(quads, odds[: len(quads)])
 
 
 def likeliest(odds: Tensor, most: int) -> Tensor:

@@ -35,6 +35,9 @@ class PlacerSettings:
 
 SETTINGS = PlacerSettings()
 
+_AXES = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""A cell across and down, to either side."""
+
 
 class Placer(nn.Module):
     """Convolutions over cells: each says how far the lattice is off, and how sure it is.
@@ -148,20 +151,20 @@ def _views(square: bool) -> Tensor:
     return torch.tensor(orders + turned * square)
 
 
-def slips(start: Tensor, placed: Tensor, shape: PanelShape) -> Tensor:
-    """Move corners and sides of a candidate (4,2) px by a cell, and all of the one that was placed: (36,4,2)."""
-    moves = _slips().to(start)
-    whole = (moves != 0).any(2).all(1)[:, None, None]
-    quads = torch.where(whole, placed, start)
-    return map_points(quads, corner_cells(shape).to(start) + moves, shape)
-
-
-@lru_cache(maxsize=1)
-@torch.inference_mode(False)
-def _slips() -> Tensor:
-    """Moves (36,4,2), cells, of each corner, of each side, and of all four."""
+def slips(quad: Tensor, shape: PanelShape) -> Tensor:
+    """Move a corner or a side of a candidate (4,2) px by a cell, (32,4,2)."""
     corners = torch.eye(4)
-    groups = torch.cat([corners, corners + corners.roll(1, 1), torch.ones(1, 4)])
-    axes = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    moves: Tensor = (groups[:, None, :, None] * axes[None, :, None]).flatten(0, 1)
-    return moves
+    groups = torch.cat([corners, corners + corners.roll(1, 1)])
+    moves = groups[:, None, :, None] * _AXES[:, None]
+    return moved(quad, moves.flatten(0, 1), shape)
+
+
+def asides(quad: Tensor, shape: PanelShape) -> Tensor:
+    """Move a candidate (4,2) px by a cell, (4,4,2)."""
+    return moved(quad, _AXES[:, None], shape)
+
+
+def moved(quad: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
+    """Move corners (4,2) px by cells (n,4,2), or all alike by (n,1,2), along their own lines: (n,4,2)."""
+    places = corner_cells(shape).to(quad) + cells.to(quad)
+    return map_points(quad.expand(len(cells), 4, 2), places, shape)
