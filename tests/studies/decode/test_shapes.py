@@ -36,7 +36,7 @@ def test_a_shape_is_sure_where_the_next_is_far(monkeypatch):
     choice = shapes.find_shape("street", [grey, grey], 32, "auto")
     assert choice == (PanelShape(32, 8), 1e-6, PanelShape(32, 16), 1e-3, True)
     settings = shapes.ShapeSettings()
-    for rates in ([1e-6, 2e-5], [2e-4, 1.0], [1.0, 1.0]):
+    for rates in ([1e-6, 2e-5], [2e-3, 1.0], [1.0, 1.0]):
         told = iter([rates])
         assert not shapes.likeliest(
             "street", grey, [PanelShape()] * 2, settings

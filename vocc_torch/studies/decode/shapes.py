@@ -24,7 +24,8 @@ class ShapeSettings:
         *((16, 16), (8, 32), (32, 8), (16, 32), (32, 16), (32, 32)),
     )
     # rows and columns of usual panels: modules of 8 x 8 LEDs, and halves of them
-    sure_rate: float = 1e-4  # false alarms a frame of a shape that is sure, at most
+    # Most false alarms a frame of a shape that is sure: of all shapes together some 0.01.
+    sure_rate: float = 1e-3
     sure_ratio: float = (
         30.0  # of the next shape's false alarms to those of a sure one, at least
     )
