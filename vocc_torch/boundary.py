@@ -124,15 +124,19 @@ def fits(value: Any, hint: Any) -> bool:
     return isinstance(value, NUMBERS.get(kind, kind))
 
 
-def allowed(hint: Any) -> str:
+def allowed(hint: Any, words: Mapping[Any, str] = WORDS) -> str:
     """Say what an annotation allows.
+
+    Args:
+        hint: the annotation.
+        words: what to say of a class.
 
     Example:
         >>> allowed(Sequence[float] | None), allowed(Mapping[str, int])
         ('a list, each of it a finite number, or None', 'a mapping of text to a whole number')
     """
     if isinstance(hint, UnionType):
-        return ", or ".join(map(allowed, get_args(hint)))
+        return ", or ".join(allowed(part, words) for part in get_args(hint))
     kind, parts = get_origin(hint) or hint, get_args(hint)
     if kind is Sequence:
         return f"a list, each of it {allowed(parts[0])}"
@@ -140,4 +144,4 @@ def allowed(hint: Any) -> str:
         return f"a mapping of {allowed(parts[0])} to {allowed(parts[1])}"
     if kind is Literal:
         return " or ".join(map(str, parts))
-    return WORDS.get(kind, f"a {kind.__name__}")
+    return words.get(kind, f"a {kind.__name__}")

@@ -1,14 +1,14 @@
 """From plain values and words of the command line to typed settings; refusals are one line with the key."""
 
 import difflib
-import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field, fields, is_dataclass, make_dataclass
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, get_args, get_origin
+from types import NoneType
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
@@ -22,6 +22,7 @@ from omegaconf.errors import (
     OmegaConfBaseException,
 )
 
+from vocc_torch.boundary import WORDS, allowed
 from vocc_torch.errors import VoccError, shown
 
 if TYPE_CHECKING:
@@ -32,14 +33,13 @@ Section = TypeVar("Section")
 MOST_BRACKETS = 64
 """Most brackets of a kind in a word: the parser calls itself for each."""
 
-KINDS: dict[object, str] = {
-    bool: "true or false",
-    int: "a whole number",
+KINDS = {
+    **WORDS,
     float: "a number",
-    str: "text",
     list: "a list, as in [a,b]",
     tuple: "a list, as in [a,b]",
     dict: "a mapping, as in {key:value}",
+    NoneType: "null",
 }
 """What a value must be, by its type."""
 
@@ -178,23 +178,6 @@ def unknown_key(key: str, schema: type) -> str:
     return f"{key} is not a known key: {hint}"
 
 
-def kind_text(kind: Any) -> str:
-    """Say what a value of a type must be.
-
-    Example:
-        >>> kind_text(list[str]), kind_text(int | None)
-        ('a list, as in [a,b]', 'a whole number, or null')
-    """
-    if get_origin(kind) in (types.UnionType, typing.Union):
-        texts = [
-            kind_text(part) for part in get_args(kind) if part is not types.NoneType
-        ]
-        return texts[0] + ", or null" * (types.NoneType in get_args(kind))
-    if is_dataclass(kind):
-        return KINDS[dict]
-    return KINDS.get(get_origin(kind) or kind, "of another type")
-
-
 def refusal(error: OmegaConfBaseException, schema: type) -> str:
     """Say in one line what OmegaConf refused.
 
@@ -211,7 +194,8 @@ def refusal(error: OmegaConfBaseException, schema: type) -> str:
     if kind is None or isinstance(error, InterpolationResolutionError):
         return f"{key}: {' '.join(str(error.msg or error).split())}"
     value = "null" if error.value is None else shown(error.value)
-    return f"{key} is {value}: it must be {kind_text(kind)}"
+    rule = KINDS[dict] if is_dataclass(kind) else allowed(kind, KINDS)
+    return f"{key} is {value}: it must be {rule}"
 
 
 @cache
