@@ -19,7 +19,6 @@ class CalibrateConfig:
         bits: known bits of each frame, an .npy file of bool (N,R,C); null decides the bits from the frames.
         ambient_lx: illuminance by ambient light, lx, from a light meter; null estimates it from the noise
             and ``quantum_efficiency``.
-        fps: frames per second, above 0 and at most 1e6; null takes the film's time stamps.
         quantum_efficiency: of the sensor, above 0 and at most 1; used if ``ambient_lx`` is null.
 
     Raises:
@@ -30,15 +29,14 @@ class CalibrateConfig:
     frames: int = 24
     bits: str | None = None
     ambient_lx: float | None = None
-    fps: float | None = None
     quantum_efficiency: float = 0.6
 
     def __post_init__(self) -> None:
         """Check the channel and the numbers."""
         demand_word("calibrate.channel", self.channel, CHANNELS)
         whole_number("calibrate.frames", self.frames, 2, MOST_FRAMES)
-        for key, most in (("ambient_lx", 1e9), ("fps", 1e6)):
-            value = getattr(self, key)
-            demand_within(f"calibrate.{key}", value, 0, most, above=True, null=True)
+        demand_within(
+            "calibrate.ambient_lx", self.ambient_lx, 0, 1e9, above=True, null=True
+        )
         efficiency = self.quantum_efficiency
         demand_within("calibrate.quantum_efficiency", efficiency, 0, 1, above=True)

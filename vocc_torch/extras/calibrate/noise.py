@@ -1,10 +1,9 @@
 """Grey values of light: the encoding, and the mean and variance of what noisy light is written as."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
+from scipy import stats
 
 from vocc_torch.arrays import Floats
 from vocc_torch.simulation.photometry import MIDDLE_GREY
@@ -16,18 +15,16 @@ ROUNDING = 1 / 12
 
 
 @dataclass(frozen=True)
-class DarkSettings:
-    """How noise near black and white is averaged over."""
+class AverageSettings:
+    """How encoded light is averaged over its noise."""
 
-    nodes: int = 24  # of Gauss and Legendre
     widest_sigmas: float = 6.0  # of noise on either side
-    dark_sigmas: float = (
-        5.0  # light below so many of its deviations is dark: the encoding is bent there
-    )
-    least_grey: float = 0.3  # of the noise near white
+    nodes: int = 129  # over these: the encoding is bent near black and white
+    brightest: float = 4.0  # times white's grey value, beyond which all is white
+    levels: int = 4096  # of light, between which is interpolated
 
 
-DARK = DarkSettings()
+AVERAGE = AverageSettings()
 
 
 @dataclass(frozen=True)
@@ -48,42 +45,23 @@ def linear(grey: Floats, gamma: float) -> Floats:
     return np.asarray((np.maximum(grey, 1e-3) / MIDDLE_GREY) ** gamma)
 
 
-def encoded(x: Floats, gamma: float) -> Floats:
+def encoded(x: Floats, gamma: float, white: float = WHITE) -> Floats:
     """Encode light as grey values, clipped at white (Eq. 1)."""
-    return np.minimum(MIDDLE_GREY * np.maximum(x, LEAST_LIGHT) ** (1 / gamma), WHITE)
+    return np.minimum(MIDDLE_GREY * np.maximum(x, LEAST_LIGHT) ** (1 / gamma), white)
 
 
 def expected(x: Floats, gamma: float, noise: Noise) -> tuple[Floats, Floats]:
-    """Give the mean and the variance of the grey values that noisy light is written as.
-
-    Where light is far above its noise, by the encoding's derivatives; where it is dark, or clipped at white,
-    by an average over the noise.
-    """
-    grey = encoded(x, gamma)
-    if not (noise.slope or noise.floor):
-        return grey, np.full_like(x, ROUNDING)
-    variance = noise.slope * x + noise.floor
-    steep = np.where(grey < WHITE, grey / (gamma * x), 0.0)
-    mean = grey + steep * (1 / gamma - 1) / x * variance / 2
-    spread = steep**2 * variance
-    near = x < DARK.dark_sigmas * np.sqrt(variance)
-    near |= np.abs(grey - WHITE) < DARK.dark_sigmas * np.maximum(
-        np.sqrt(spread), DARK.least_grey
-    )
-    if near.any():
-        mean[near], spread[near] = averaged(x[near], np.sqrt(variance[near]), gamma)
-    return mean, spread + ROUNDING
-
-
-def averaged(x: Floats, sigma: Floats, gamma: float) -> tuple[Floats, Floats]:
-    """Average encoded light over normal noise, in the root of the light, where the encoding is smooth."""
-    nodes, shares = leggauss(DARK.nodes)
-    level = (x / sigma)[:, None]
-    low = np.sqrt(np.maximum(level - DARK.widest_sigmas, 0.0))
-    half = (np.sqrt(level + DARK.widest_sigmas) - low) / 2
-    root = low + half * (nodes + 1)
-    density = np.exp(-((root**2 - level) ** 2) / 2) / math.sqrt(2 * math.pi)
-    weights = half * shares * 2 * root * density
-    greys = encoded(sigma[:, None] * root**2, gamma)
-    first = (greys * weights).sum(1)
-    return first, (greys**2 * weights).sum(1) - first**2
+    """Give the mean and the variance of the grey values that noisy light is written as."""
+    if noise == Noise():
+        return encoded(x, gamma), np.full_like(x, ROUNDING)
+    levels = np.linspace(0.0, AVERAGE.brightest * WHITE, AVERAGE.levels)
+    light = linear(levels, gamma)
+    nodes = np.linspace(-AVERAGE.widest_sigmas, AVERAGE.widest_sigmas, AVERAGE.nodes)
+    shares = stats.norm.pdf(nodes)
+    shares /= shares.sum()
+    sigma = np.sqrt(noise.slope * light + noise.floor)
+    greys = encoded(light[:, None] + sigma[:, None] * nodes, gamma)
+    mean = greys @ shares
+    variance = greys**2 @ shares - mean**2
+    at = encoded(x, gamma, levels[-1])
+    return np.interp(at, levels, mean), np.interp(at, levels, variance) + ROUNDING

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy import sparse
+from scipy import sparse, spatial
 
 from vocc_torch.arrays import Bools, Floats, Integers, Numbers
 from vocc_torch.errors import VoccError
@@ -24,9 +24,7 @@ class ReadingSettings:
 
     batch: int = 8  # frames located at a time
     alike_size: float = 1.25  # ratio of sizes of one panel, at most
-    usual: float = 5.0  # times the usual distance to the nearest other place, at most
-    least_panels: float = 0.5  # of that distance, in panels
-    most_panels: float = 3.0  # of that distance, in panels
+    most_panels: float = 3.0  # from one place of it to the nearest other, at most
     white_share: float = 0.9  # of pixels, from which on a picture is white throughout
 
 
@@ -44,7 +42,6 @@ class Footage:
         read: frames that were read.
         looked: frames in which the panel was looked for.
         failures: what could not be read.
-        times_s: (B,) when each frame was taken, NaN where that is not known.
     """
 
     greys: Numbers
@@ -53,11 +50,10 @@ class Footage:
     read: int
     looked: int
     failures: list[str]
-    times_s: Floats
 
     def taken(self, rows: slice | Numbers) -> "Footage":
         """Take some frames."""
-        names = ("greys", "numbers", "corners_px", "times_s")
+        names = ("greys", "numbers", "corners_px")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def doubts(self) -> list[str]:
@@ -81,8 +77,11 @@ class Footage:
 
 def thinned(
     recording: Iterator[RecordedFrame], most: int
-) -> tuple[list[RecordedFrame], int]:
-    """Keep frames at equal steps, ``most`` to twice as many, however long the recording is; count all.
+) -> tuple[list[RecordedFrame], int, int]:
+    """Keep frames at equal steps, ``most`` to twice as many, however long the recording is.
+
+    Returns:
+        the frames, how many were read, and how many of them one step is.
 
     Raises:
         VoccError: frames of several sizes.
@@ -90,9 +89,9 @@ def thinned(
     Example:
         >>> one = np.zeros((2, 2), np.uint8)
         >>> many = (RecordedFrame("a", i, None, one, one) for i in range(1000))
-        >>> kept, read = thinned(many, 4)
-        >>> [frame.index for frame in kept], read
-        ([0, 256, 512, 768], 1000)
+        >>> kept, *counts = thinned(many, 4)
+        >>> [frame.index for frame in kept], counts
+        ([0, 256, 512, 768], [1000, 256])
     """
     chosen: list[RecordedFrame] = []
     step, number = 1, 0
@@ -107,26 +106,17 @@ def thinned(
             chosen.append(frame)
         if len(chosen) >= 2 * most:
             chosen, step = chosen[::2], 2 * step
-    return chosen, number
+    return chosen, number, step
 
 
 def agreeing(corners_px: Floats) -> Bools:
-    """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool.
-
-    Two belong together whose sizes differ by less than a quarter and whose middles by less than five times
-    what is usual from one to the nearest other, half a panel to three: lamps taken for it stand farther off.
-    """
-    middle, size = corners_px.mean(1), np.ptp(corners_px, axis=1).max(1).clip(min=1e-9)
-    ratio = np.abs(np.log(size / size[:, None])) < math.log(SETTINGS.alike_size)
-    apart = np.linalg.norm(middle - middle[:, None], axis=2) / np.maximum(
-        size, size[:, None]
-    )
-    nearest = np.median((apart + 1e9 * np.eye(len(apart))).min(1))
-    alike = ratio & (
-        apart
-        < np.clip(SETTINGS.usual * nearest, SETTINGS.least_panels, SETTINGS.most_panels)
-    )
-    _, label = sparse.csgraph.connected_components(alike)
+    """Choose frames of one panel: the largest chain of those alike in size and near in place, (B,) bool."""
+    size = np.ptp(corners_px, axis=1).max(1, keepdims=True)
+    farthest = SETTINGS.most_panels * np.median(size)
+    ratio = np.log(size) / math.log(SETTINGS.alike_size)
+    places = np.hstack([corners_px.mean(1) / farthest, ratio])
+    near = spatial.distance.cdist(places, places, "chebyshev") < 1
+    _, label = sparse.csgraph.connected_components(near)
     return np.asarray(label == np.bincount(label).argmax())
 
 
@@ -137,7 +127,7 @@ def read_footage(
 
     Args:
         source: a picture, a folder of pictures, a video or an array.
-        config: how colour becomes grey, frames a second, and how many to keep, at most twice as many.
+        config: how colour becomes grey, and how many frames to keep, at most twice as many.
         locator: what finds the panel.
         shape: rows and columns.
 
@@ -146,14 +136,16 @@ def read_footage(
     """
     failures: list[str] = []
     frames = readable(read_recording(source, config.channel, grey_only=True), failures)
-    chosen, read = thinned(frames, config.frames)
+    chosen, read, step = thinned(frames, config.frames)
     if not chosen:
         raise VoccError(failures[0])
     greys = np.stack([frame.grey for frame in chosen])
     white = float((greys >= 255).mean())
     if white > SETTINGS.white_share:
-        rule = "expose less, so that the panel is seen"
-        raise VoccError(f"input {source} is white in {white:.0%} of its pixels: {rule}")
+        raise VoccError(
+            f"input {source} is white in {white:.0%} of its pixels: "
+            "expose less, so that the panel is seen"
+        )
     batches = torch.split(torch.from_numpy(greys), SETTINGS.batch)
     located = [locator(Frames.whole(batch), shape) for batch in batches]
     corners = torch.cat([part.corners_px.double().cpu() for part in located]).numpy()
@@ -166,14 +158,11 @@ def read_footage(
     rows = found.nonzero()[0]
     rows = rows[agreeing(corners[rows])]
     if len(rows) == 1 and len(chosen) > 1:
-        rule = "record slower, shorten the exposure, or give another receiver.locator"
         raise VoccError(
-            f"input {source}: the panel's place jumps by panels between all frames: {rule}"
+            f"input {source}: the panel's place jumps by panels between all frames: "
+            "record slower, shorten the exposure, or give another receiver.locator"
         )
-    # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
-    step = 2 ** max(0, math.ceil(math.log2(read / len(chosen))))
+    # A folder's pictures are numbered from 0 each; steps count the frames read.
     numbers = np.arange(len(chosen)) * step
-    times = np.array([frame.time_s for frame in chosen], dtype=np.float64)
-    times = numbers / config.fps if config.fps else times
-    every = Footage(greys, numbers, corners, read, len(chosen), failures, times)
+    every = Footage(greys, numbers, corners, read, len(chosen), failures)
     return every.taken(rows)

@@ -9,28 +9,28 @@ from vocc_torch.arrays import Bools, Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.describe import describe
-from vocc_torch.extras.calibrate.drawing import PanelDrawing
+from vocc_torch.extras.calibrate.drawing import TURNED, PanelDrawing
 from vocc_torch.extras.calibrate.fit import (
     BASE,
     POSED,
     RANGES,
     RecordingFit,
     settled,
-    trusted,
 )
-from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
+from vocc_torch.extras.calibrate.leds import SETTINGS as LEDS
 from vocc_torch.extras.calibrate.leds import decided, mirrored, start
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.scene import WORDS, Findings
 from vocc_torch.extras.calibrate.surround import (
-    Falloff,
-    Surround,
+    background,
     compression,
     falloff,
+    noise_variance,
     tiled,
 )
 from vocc_torch.extras.calibrate.transfer import transfer
-from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.receiver.resample import cell_size_px
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class StudySettings:
     least_contrast: float = 6.0  # grey values between Off and On, as seen
     finest_pitch_px: int = 12  # of more pixels several are averaged into one
     noise_frames: int = 4  # fewer show no noise
+    undithered: float = 0.1  # variance of the background below which rounding hides it
     odd: float = 4.0  # times the squared residuals of the better frames, from which on a frame is left out
     odd_least: float = 0.5  # of these, in grey values squared
     better: float = 0.15  # share of all frames that the better ones are
@@ -50,9 +51,6 @@ class StudySettings:
 
 
 SETTINGS = StudySettings()
-
-BY_PIXEL = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
-"""With which power of the pixels' width values grow."""
 
 
 def drawing_of(
@@ -65,19 +63,27 @@ def drawing_of(
     """
     grid, sensor = SETTINGS.grid_px, np.array([camera.width_px, camera.height_px])
     low, high = footage.corners_px.min(1), footage.corners_px.max(1)
-    cell = (high - low).max(1, keepdims=True) / max(panel.shape.sides)
-    extent = (high - low + 2 * (SETTINGS.margin_cells * cell + SETTINGS.margin_px)).max(
-        0
-    )
-    size = np.minimum((np.ceil(extent / grid) * grid + grid).astype(int), sensor)
-    first = np.round((low + high) / 2 - size / 2).astype(int) // grid * grid
-    first = np.minimum(first.clip(min=0), sensor - size).clip(min=0) // grid * grid
-    width, height = np.minimum(size, sensor - first.max(0)).tolist()
-    drawing = PanelDrawing(camera, panel, torch.from_numpy(first), (height, width))
+    cell = (high - low).max() / max(panel.shape.sides)
+    margin = SETTINGS.margin_cells * cell + SETTINGS.margin_px
+    size = (((high - low).max(0) + 2 * margin) // grid + 2) * grid
+    size = np.minimum(size, sensor).astype(int)
+    first = ((low + high - size) / 2 // grid * grid).clip(0, sensor - size).astype(int)
+    width, height = size.tolist()
     places = zip(footage.greys, first.tolist(), strict=True)
-    return drawing, np.stack(
-        [grey[y : y + height, x : x + width] for grey, (x, y) in places]
-    ).astype(float)
+    greys = [grey[y : y + height, x : x + width] for grey, (x, y) in places]
+    drawing = PanelDrawing(camera, panel, torch.from_numpy(first), (height, width))
+    return drawing, np.stack(greys).astype(float)
+
+
+def coarsened(footage: Footage, camera: Camera, times: int) -> tuple[Footage, Camera]:
+    """Average so many by so many pixels into one; what is left over at the edges is cut."""
+    if times == 1:
+        return footage, camera
+    greys = tiled(footage.greys, times).mean((-2, -1))
+    height, width = greys.shape[1:]
+    wide = camera.sensor_width_mm * width * times / camera.width_px
+    coarse = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
+    return replace(footage, greys=greys, corners_px=footage.corners_px / times), coarse
 
 
 def calibrate(
@@ -99,86 +105,49 @@ def calibrate(
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
-    coded = compression(footage.greys)
-    times = coarseness(footage.corners_px, panel.shape)
     chosen = footage.taken(np.s_[:: -(-len(footage) // config.frames)])
-    coarse = coarser(camera, times)
-    used = binned(chosen, times)
+    # Near panels hold more pixels than a fit needs.
+    sizes = cell_size_px(torch.from_numpy(chosen.corners_px), panel.shape)
+    pitch = float(torch.minimum(*sizes).median())
+    times = max(1, int(pitch / SETTINGS.finest_pitch_px))
+    used, coarse = coarsened(chosen, camera, times)
     drawing, grey = drawing_of(used, coarse, panel)
-    around = Surround.of(used.greys, used.corners_px, max(panel.shape.sides))
-    fall = falloff(around, drawing, coarse.gamma)
     shown = None if bits is None else bits[used.numbers.clip(max=len(bits) - 1)]
-    begun = start(shaded(drawing, fall), grey, used.corners_px, shown)
+    begun = start(drawing, grey, used.corners_px, shown)
     demand_contrast(begun)
-    found = Findings(coarse, panel, config, used, begun, around, fall, coded)
-    quiet = around.noise() < FIT.undithered
-    rounds = 4 if bits is None else 0
-    fit, apart = placed(trusted(begun) if quiet else begun, found, rounds)
+    coded = compression(footage.greys)
+    found = Findings(camera, panel, config, used, begun, coded, times)
+    cells = max(panel.shape.sides)
+    outside = background(used.greys.shape[1:], used.corners_px, cells)
+    quiet = noise_variance(used.greys, outside) < SETTINGS.undithered
+    rounds = LEDS.rounds if bits is None else 0
+    fit, apart = placed(begun, found, rounds)
     good = fitting(fit)
-    if not good.all():  # some frames may have bent the others: each alone
-        alone = [begun.taken(slice(frame, frame + 1)) for frame in range(len(grey))]
-        good = fitting(*(settled(frame_fit, fit.free) for frame_fit in alone))
     if not good.all():
         study = calibrate(chosen.taken(good), camera, panel, config, bits)
         study.unknown.append(WORDS["sentences"]["odd"].format(count=int((~good).sum())))
         return study
-    fit = bounded(fit, found)
-    if fall.gain > 0:  # it was told with the camera's gamma
-        found.fall = falloff(around, drawing, fit.gamma)
-        fit = settled(replace(fit, drawing=shaded(drawing, found.fall)), fit.free)
-    for _ in range(0 if quiet or len(grey) < SETTINGS.noise_frames else 2):
+    if min(abs(fit.gamma - end) for end in RANGES["gamma"]) < 1e-3:
+        found.bound = fit.gamma
+        free = [name for name in fit.free if name != "gamma"]
+        fit = settled(fit.set(gamma=camera.gamma), free)
+    found.fall = falloff(used.greys, outside, fit)
+    if found.fall.gain > 0:
+        drawing = replace(drawing, corner_loss=found.fall.corner_loss)
+        fit = settled(replace(fit, drawing=drawing), fit.free)
+    if not quiet and len(grey) >= SETTINGS.noise_frames:
+        fit = settled(replace(fit, noise=transfer(fit).noise), fit.free)
         found.curve = transfer(fit)
-        fit = settled(trusted(replace(fit, noise=found.curve.noise)), fit.free, 6)
     found.fit = decided(fit, fit.free, rounds)
-    if found.curve is not None:
-        found.curve = transfer(found.fit)
     describe(apart, found)
-    finer(found, camera, times)
     return found
 
 
-def fitting(*fits: RecordingFit) -> Bools:
+def fitting(fit: RecordingFit) -> Bools:
     """Tell frames that are fitted about as well as the better ones, (B,): others' corners are wrong."""
-    misfit = np.concatenate(
-        [((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2)) for fit in fits]
-    )
-    return np.asarray(
-        misfit
-        <= SETTINGS.odd * max(np.quantile(misfit, SETTINGS.better), SETTINGS.odd_least)
-    )
-
-
-def coarseness(corners_px: Floats, shape: PanelShape) -> int:
-    """Say how many pixels are one: near panels hold more of them than a fit needs."""
-    sides = np.linalg.norm(np.roll(corners_px, -1, 1) - corners_px, axis=2)
-    means = sides.reshape(-1, 2, 2).mean(1) / (shape.columns, shape.rows)
-    return max(1, int(np.median(means.min(1)) / SETTINGS.finest_pitch_px))
-
-
-def coarser(camera: Camera, times: int) -> Camera:
-    """Give the camera whose pixels are so many times as wide; what is left over at the edges is cut."""
-    width, height = camera.width_px // times, camera.height_px // times
-    wide = camera.sensor_width_mm * width * times / camera.width_px
-    return replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
-
-
-def binned(footage: Footage, times: int) -> Footage:
-    """Average so many by so many pixels into one."""
-    if times == 1:
-        return footage
-    greys = tiled(footage.greys, times).mean((-2, -1))
-    return replace(footage, greys=greys, corners_px=footage.corners_px / times)
-
-
-def finer(found: Findings, camera: Camera, times: int) -> None:
-    """Say of single pixels what was found of many in one."""
-    for at, value in enumerate(found.values):
-        if value.key in BY_PIXEL:
-            scale = float(times) ** BY_PIXEL[value.key]
-            found.values[at] = value._replace(
-                setting=value.middle * scale, deviation=value.deviation * scale
-            )
-    found.camera = replace(camera, gamma=found.camera.gamma)
+    misfit = ((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2))
+    usual = max(np.quantile(misfit, SETTINGS.better), SETTINGS.odd_least)
+    return np.asarray(misfit <= SETTINGS.odd * usual)
 
 
 def placed(
@@ -189,35 +158,21 @@ def placed(
     Returns:
         the fit, and by how much each frame tells a pose from its mirror image.
     """
-    board = ("board",) if begun.has_board else ()
-    turned = begun.set("yaw_deg", SETTINGS.turned_deg)
-    turned = turned.set("pitch_deg", SETTINGS.turned_deg / 2)
+    board = () if begun.drawing.panel.board_reflectance is None else ("board",)
+    turn = SETTINGS.turned_deg
+    turned = begun.set(yaw_deg=turn, pitch_deg=turn / 2)
     fit = decided(turned, (*board, *POSED), rounds)
-    flat = fit.set("yaw_deg", 0.0).set("pitch_deg", 0.0).set("roll_deg", 0.0)
+    flat = fit.set(**dict.fromkeys(TURNED, 0.0))
     upright = settled(flat, (*board, *BASE))
     if found.judge("pose", upright, fit) is upright:
         return decided(upright, upright.free, rounds), np.zeros(len(fit.grey))
-    return mirrored(fit, fit.free)
-
-
-def bounded(fit: RecordingFit, found: Findings) -> RecordingFit:
-    """Take the camera's gamma where the recording's runs to its bound."""
-    if min(abs(fit.gamma - end) for end in RANGES["gamma"]) > 1e-3:
-        return fit
-    found.bound = fit.gamma
-    free = [name for name in fit.free if name != "gamma"]
-    return settled(fit.set("gamma", found.camera.gamma), free)
-
-
-def shaded(drawing: PanelDrawing, fall: Falloff) -> PanelDrawing:
-    """Dim the windows as the background falls off, where it does."""
-    return replace(drawing, corner_loss=fall.corner_loss if fall.gain > 0 else None)
+    return mirrored(fit)
 
 
 def demand_contrast(fit: RecordingFit) -> None:
     """Refuse frames in which no LED differs from another."""
     contrast = float(np.median(fit.value("on") - fit.value("off")))
-    if (fit.bits == fit.bits[0, 0]).all() or contrast < SETTINGS.least_contrast:
+    if fit.lit.all() or not fit.lit.any() or contrast < SETTINGS.least_contrast:
         raise VoccError(
             f"input: all LEDs look alike in all {len(fit.grey)} frames: show symbols with LEDs On and LEDs Off"
         )

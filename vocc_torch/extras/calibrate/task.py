@@ -2,7 +2,7 @@
 
 import shlex
 import warnings
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
 
@@ -13,7 +13,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.reading import read_footage
 from vocc_torch.extras.calibrate.report import write_page
-from vocc_torch.extras.calibrate.scene import of_size
 from vocc_torch.extras.calibrate.study import calibrate
 from vocc_torch.files import write_atomically
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
@@ -54,32 +53,43 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     with ProgressView(1, console, "reading the recording", unit="") as view:
         footage = read_footage(source, config, locator, panel.shape)
         view.say(f"frames: {len(footage)}")
-    camera, taken = of_size(whole(Camera, settings.camera), *footage.greys.shape[1:])
-    if taken:
-        warnings.warn(taken, stacklevel=2)
-    for doubt in footage.doubts():
-        warnings.warn(f"input {source}: {doubt}", stacklevel=2)
+    camera, doubt = of_size(whole(Camera, settings.camera), *footage.greys.shape[1:])
+    doubts = [doubt, *(f"input {source}: {said}" for said in footage.doubts())]
     with ProgressView(1, console, "fitting the scene", unit=""):
         study = calibrate(footage, camera, panel, config, bits)
     path = folder / "scene" / f"{settings.name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, study.text(path.stem, source.name).encode())
     run_folder.write_config(settings, folder)
-    for doubt in study.doubts:
-        warnings.warn(doubt, stacklevel=2)
+    for sentence in filter(None, doubts + study.doubts):
+        warnings.warn(sentence, stacklevel=2)
     command = next_command(settings.name, study.panel)
     write_page(study, source.name, command, folder)
-    named = [effect.effect for effect in study.effects if effect.asked]
-    unknown = [f"not determined: {name}" for name in study.unknown]
-    run_folder.say(
-        console, *unknown, f"effects: {', '.join(named)}", f"train: {command}"
-    )
+    unknown = [f"not determined: {sentence}" for sentence in study.unknown]
+    named = ", ".join(effect.effect for effect in study.effects if effect.asked)
+    run_folder.say(console, *unknown, f"effects: {named}", f"train: {command}")
     places = [("scene", str(path.relative_to(folder))), ("page", "page.html")]
     run_folder.print_places(console, folder, places)
     if footage.failures:
         raise VoccError(
             f"{footage.failures[0]}; the scene is of the frames that could be read"
         )
+
+
+def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
+    """Give the camera whose whole picture has the recording's size, and say what was taken.
+
+    A recording of the same shape is the whole sensor, scaled; another one is a part of it about the middle.
+    """
+    if (camera.height_px, camera.width_px) == (height, width):
+        return camera, ""
+    said = f"the frames are {width} x {height} px and camera= says {camera.width_px} x {camera.height_px}: "
+    fitted = replace(camera, width_px=width, height_px=height)
+    if camera.height_px * width == camera.width_px * height:
+        return fitted, said + "they are treated as the whole sensor, scaled"
+    wide = camera.sensor_width_mm * width / camera.width_px
+    said += "they are treated as the middle of the sensor, with pixels of the same size"
+    return replace(fitted, sensor_width_mm=wide), said
 
 
 def known_bits(path: Path, shape: PanelShape) -> Bools:
@@ -99,11 +109,13 @@ def known_bits(path: Path, shape: PanelShape) -> Bools:
 
 def next_command(name: str, fitted: LedPanel) -> str:
     """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
-    usual, found = asdict(LedPanel()), asdict(fitted)
-    usual, found = usual | usual.pop("shape"), found | found.pop("shape")
-    changed = {key: value for key, value in found.items() if value != usual[key]}
+    usual, found = (
+        asdict(panel) | asdict(panel.shape) | {"shape": None}
+        for panel in (LedPanel(), fitted)
+    )
     words = [
         f"panel.{key}={'null' if value is None else value}"
-        for key, value in changed.items()
+        for key, value in found.items()
+        if value != usual[key]
     ]
     return shlex.join(["vocc-torch", f"scene={name}", *words, "task=train"])
