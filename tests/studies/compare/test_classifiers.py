@@ -12,16 +12,13 @@ from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import ClassifierPlan, World
-from vocc_torch.measure.runner import Outcome
-from vocc_torch.measure.train import Making
+from vocc_torch.measure.train import Making, Training
 from vocc_torch.plugins import PlugIn
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.classifiers import (
-    ReceiverComparison,
     classifier_rows,
     scene_rows,
-    transfers_of,
     write_points,
 )
 from vocc_torch.studies.compare.figures import curves_figure, scenes_figure
@@ -85,46 +82,39 @@ def curves(experiment="distance"):
 PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
 
 
-def read(tested_on, errors):
-    """What receivers of both trainings got wrong in one kind of scenes."""
-    rows = [row for row, pair in enumerate(PAIRS) if pair[1] == tested_on]
-    keys = [Key("truth", name, at) for at in range(2) for name in errors]
-    half = np.zeros((len(keys), FRAMES), dtype=np.int64)
-    for row, (at, name) in enumerate(product(rows, errors)):
-        half[row, : errors[name][at]] = 2
-    found = FrameErrors(half, half >= 0, 64, keys=keys)
-    return Outcome(found, {}, "frames"), tested_on, [PAIRS[row][0] for row in rows]
+COSTS = {
+    "average_greyscale": Making(parameters=0),
+    "flda_3": Making(0.7, None, 1000, 4, 2600),
+    "net": Making(12.0, 6.0, 8000, 5185, 25_300),
+    "plain": Making(0.6, 0.5, 1000, None, 1340),
+}
 
 
 @pytest.fixture
 def made_up():
+    """Rows of three receivers that trained on two kinds of scenes, and what they were made of."""
     errors = {
         "flda_3": (200, 900, 250, 250),
         "net": (0, 40, 30, 0),
         "plain": (100, 100, 120, 110),
     }
-    transfers = [
-        move
-        for scenes in ("paper", "night")
-        for move in transfers_of(*read(scenes, errors), list(errors))
-    ]
-    return ReceiverComparison(
-        reference="flda_3",
-        curves={"distance": curves()},
-        costs={
-            "average_greyscale": Making(parameters=0),
-            "flda_3": Making(0.7, None, 1000, 4, 2600),
-            "net": Making(12.0, 6.0, 8000, 5185, 25_300),
-            "plain": Making(0.6, 0.5, 1000, None, 1340),
-        },
-        points={"distance": 70.0},
-        transfers=transfers,
-        home="paper",
-    )
+    scenes = []
+    for tested_on, rows in (("paper", (0, 1)), ("night", (2, 3))):
+        keys = [Key("truth", name, at) for at in range(2) for name in errors]
+        half = np.zeros((len(keys), FRAMES), dtype=np.int64)
+        for wrong, (at, name) in zip(half, product(rows, errors), strict=True):
+            wrong[: errors[name][at]] = 2
+        found = FrameErrors(half, half >= 0, 64, keys=keys)
+        scenes += scene_rows(found, tested_on, [PAIRS[row][0] for row in rows])
+    every = {"distance": curves()}
+    tables = {name: found.table() for name, found in every.items()}
+    config = RivalsConfig(reference="flda_3", points={"distance": 70.0})
+    training = Training(costs=COSTS)
+    return every, tables, classifier_rows(config, every, tables, training), scenes
 
 
 def test_the_tables_state_what_was_counted(made_up):
-    rows = {row["receiver"]: row for row in classifier_rows(made_up)}
+    rows = {row["receiver"]: row for row in made_up[2]}
     assert list(rows) == ["net", "flda_3", "plain", "average_greyscale"]
     assert (rows["net"]["parameters"], rows["plain"]["parameters"]) == (5185, None)
     net = rows["net"]
@@ -132,14 +122,14 @@ def test_the_tables_state_what_was_counted(made_up):
     assert rows["plain"]["distance_70_ratio"] == pytest.approx(2.5)
     scenes = {
         (row["trained_on"], row["tested_on"], row["receiver"]): row
-        for row in scene_rows(made_up)
+        for row in made_up[3]
     }
     assert scenes["paper", "night", "net"]["ratio"] is None
     assert scenes["night", "paper", "flda_3"]["ratio"] == pytest.approx(4.5)
 
 
 def test_points_and_pairs_are_written(made_up, tmp_path):
-    write_points(tmp_path, made_up)
+    write_points(tmp_path, *made_up[:2])
     with (tmp_path / "paired.csv").open(newline="") as file:
         pair = {(row["a"], row["b"], row["value"]): row for row in csv.DictReader(file)}
     assert pair["flda_3", "net", "30"]["a_worse"] == "295"
@@ -148,22 +138,21 @@ def test_points_and_pairs_are_written(made_up, tmp_path):
 
 
 def test_figures_have_a_panel_a_receiver_and_a_cell_a_pair_of_scenes(made_up):
-    figure = curves_figure(made_up, "distance")
-    assert [axes.get_title(loc="left").split("\n")[0] for axes in figure.axes] == [
-        "1. net",
+    _, tables, rows, scenes = made_up
+    figure = curves_figure(tables["distance"], rows, "flda_3", "distance_70")
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "1. net\n< 1/66 at 70",
         "2. FLDA: AGR + GRI + NGR",
-        "3. plain",
-        "4. Average greyscale",
+        "3. plain\n2.5 x at 70",
+        "4. Average greyscale\n20 x at 70",
     ]
     assert figure.axes[0].get_ylabel() == "Bit error rate"
     assert figure.axes[0].get_xlabel() == "Distance (m)"
-    axes, _ = scenes_figure(made_up).axes
+    axes, _ = scenes_figure(scenes, "paper", list(WRONG)).axes
     arrow = "\n\N{RIGHTWARDS ARROW} "
     labels = [label.get_text().split(arrow) for label in axes.get_xticklabels()]
     assert labels == [list(pair) for pair in PAIRS[:3]]
-    texts = {text.get_position(): text.get_text() for text in axes.texts}
-    assert texts[1.5, 2.5] == "6.3e-4\n0 there"
-    assert texts[1.5, 1.5] == "1.4e-2\n4.5 x"
+    assert "1.4e-2\n4.5 x" in {text.get_text() for text in axes.texts}
 
 
 NET = ClassifierPlan(

@@ -137,7 +137,6 @@ def severity(parameter, *values, of="blooming"):
 
 MISTAKES = [
     ({"names": ["blomming"]}, "effects.names has 'blomming': did you mean blooming?"),
-    ({"names": ["blooming"] * 2}, "each name once"),
     ({"parts": {"fogg": {}}}, "effects.parts has 'fogg': known: "),
     ({"parts": {"jpeg": {"gain": {}}}}, "effects.parts.jpeg has no jpeg"),
     (

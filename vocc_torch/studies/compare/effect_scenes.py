@@ -122,9 +122,7 @@ class EffectStudy:
             self._check(self._with_part(name), key)
         for name in config.names:
             _demand_known(name, self.known, "effects.names")
-        if len(set(config.names)) != len(config.names):
-            raise VoccError.of("effects.names", list(config.names), "each name once")
-        for pair in self.every_pair:
+        for pair in self.every_pair[1:]:
             self._check(pair.present, f"effects.parts.{pair.name}", shown=True)
         for name, severity in config.severity.items():
             _demand_known(name, self.known, "effects.severity")
@@ -206,9 +204,10 @@ class EffectStudy:
         return ScenePair(TOGETHER, scene, absent) if added else None
 
     @property
-    def every_pair(self) -> tuple[ScenePair, ...]:
-        """One at a time, and all together."""
-        return (*self.pairs, self.together) if self.together else self.pairs
+    def every_pair(self) -> list[ScenePair]:
+        """The scene itself, with no name and nothing that differs; one effect at a time; all together."""
+        scene = ScenePair("", self.scene, self.scene)
+        return [scene, *self.pairs, *([self.together] if self.together else [])]
 
     @property
     def severities(self) -> dict[str, list[float]]:

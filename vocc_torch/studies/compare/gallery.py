@@ -1,9 +1,7 @@
 """``gallery.png`` of ``task=effects``: one panel under each effect, at its harshest."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,7 +12,6 @@ from vocc_torch.report.plots import Figure
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.framing import panel_corners_px
 from vocc_torch.studies.compare.effect_scenes import Effects, EffectStudy, ScenePair
-from vocc_torch.types import Scene
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ SETTINGS = GallerySettings()
 def gallery_figure(study: EffectStudy) -> Figure:
     """Show the pictures of :func:`gallery_pictures` in rows, each with its name, pixels as squares."""
     nearest_m = study.plan.world.scene.nearest_m
-    note = f"{nearest_m:g} m, middle of the scene's light"
+    note = f"{nearest_m:g} m, the same frame for all"
     title = "One panel under each effect, at its strongest"
     pictures = dict(gallery_pictures(study))
     grid = SETTINGS.columns, SETTINGS.cell_in
@@ -44,22 +41,17 @@ def gallery_figure(study: EffectStudy) -> Figure:
 def gallery_pictures(study: EffectStudy) -> Iterator[tuple[str, Bytes]]:
     """Render the study's scene and its bits once, and with each effect at its harshest.
 
-    The panel is at the nearest distance; ambient light and LED luminance are those in the middle of the
-    scene's ranges, on a logarithmic scale. A severity that leaves no panel to see gives way to a milder one.
+    The panel is at the nearest distance; all else is drawn as for a test frame. A severity that leaves no
+    panel to see gives way to a milder one.
     What hardly changes the panel's surroundings is shown over the whole frame.
 
     Yields:
         What is shown, and its grey values (H,W).
     """
     world, model = study.plan.world, study.plan.world.scene
-    light: dict[str, Any] = {
-        name: math.sqrt(math.prod(getattr(model, name).bounds))
-        for name in ("ambient_lx", "led_luminance_cd_m2")
-    }
-    scene = Scene.of(distance_m=model.nearest_m, **light)
     key = FrameKey(BlockKey(study.plan.seed, "gallery", 0), 0)
-    shape = world.panel.shape.rows, world.panel.shape.columns
-    bits = torch.from_numpy(key.block.generator("bits").random(shape) < 0.5)
+    drawn, bits = model.draw(key.block, world.panel.shape)
+    scene = replace(drawn[:1], distance_m=torch.full((1,), model.nearest_m).double())
     corners = panel_corners_px(scene, world.camera, world.panel)[0].numpy()
     side = SETTINGS.side_panels * np.ptp(corners, axis=0).max()
     left, top = np.maximum(0, corners.mean(axis=0) - side / 2).round().astype(int)
@@ -67,7 +59,7 @@ def gallery_pictures(study: EffectStudy) -> Iterator[tuple[str, Bytes]]:
 
     def rendered(effects: Effects) -> Bytes:
         simulator = replace(world, effects=effects, framing="full").simulator()
-        grey = simulator.render(scene, bits[None], keys=[key]).grey[0, 0]
+        grey = simulator.render(scene, bits[:1], keys=[key]).grey[0, 0]
         return np.asarray(grey.clamp(0, 255).round().byte().cpu())
 
     plain = rendered(study.scene)

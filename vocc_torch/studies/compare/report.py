@@ -92,24 +92,24 @@ def number(row: Row, name: str) -> str:
 
 def rate(row: Row, name: str) -> str:
     """Write a rate over its interval, or its limit."""
-    found = estimate_of(row, name)
+    found = estimate_of(row, *ends(name))
     return "\n".join(filter(None, rate_texts(found))) if found else ""
 
 
 def ratio(row: Row, name: str) -> str:
     """Write a ratio."""
-    found = estimate_of(row, name)
+    found = estimate_of(row, *ends(name))
     return ratio_text(found) if found else ""
 
 
-def estimate_of(row: Row, name: str) -> Estimate | None:
-    """Read an estimate from the cells of :func:`ends`."""
-    cells = [row.get(cell) for cell in ends(name, None)]
+def estimate_of(row: Row, *names: str) -> Estimate | None:
+    """Read an estimate from three columns; None where they are blank."""
+    cells = [row.get(name) for name in names]
     values = [float(cell) for cell in cells if isinstance(cell, int | float)]
     return Estimate(*values) if values else None
 
 
-def ends(name: str, found: Estimate | None) -> Row:
+def ends(name: str, found: Estimate | None = None) -> Row:
     """Give an estimate's cells.
 
     Example:

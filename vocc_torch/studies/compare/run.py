@@ -136,9 +136,9 @@ class Run:
         for source, key in zip(case.trained_on, keys, strict=True):
             locator = source.receiver.locator
             first = self._trainings[key].bank(plan.receiver.names)
-            number = sum(locator == other for other, _, _ in banks)
-            for repeated, bank in enumerate((first, *first.more)):
-                banks.append((locator, bank, number + repeated))
+            for bank in (first, *first.more):
+                number = sum(locator == other for other, _, _ in banks)
+                banks.append((locator, bank, number))
         receivers = runner.Banks(banks)
         settings = identity(plan, [locator for locator, _, _ in banks])
         text = canonical(settings | {"trained_on": keys})
