@@ -18,15 +18,10 @@ from vocc_torch.report import rate_tables, run_ledgers, styles
 from vocc_torch.studies.compare import RivalsConfig, figures
 from vocc_torch.studies.compare.report import (
     Row,
-    Writer,
     counted,
     ends,
-    number,
     numbers_of,
     print_rows,
-    rate,
-    ratio,
-    word,
     write_report,
 )
 from vocc_torch.studies.compare.rivals import ClassifierStudy, build_classifier_study
@@ -225,16 +220,15 @@ def print_classifiers(
     left_out: Mapping[str, str],
 ) -> None:
     """Print a row for each receiver, the best first."""
-    columns: list[tuple[str, str, Writer]] = [("receiver", "receiver", word)]
+    columns = {"receiver": "receiver"}
     for name, value in config.points.items():
         unit = styles.axis_label(tables[name].axis).partition("(")[2].rstrip(")")
         point, place = (
             f"{styles.value_text(value)} {unit}".rstrip(),
             f"{name}_{value:g}",
         )
-        columns.append((f"BER at\n{point}", f"{place}_ber", rate))
-        columns.append((f"of\n{config.reference}", f"{place}_ratio", ratio))
+        columns[f"{place}_ber"] = f"BER at\n{point}"
+        columns[f"{place}_ratio"] = f"of\n{config.reference}"
     notes = ["Fewest wrong bits over all points first; 95 % intervals over frames."]
     notes += [f"Left out: {name}, since {why}." for name, why in left_out.items()]
-    columns.append(("train\ns", "training_s", number))
-    print_rows(rows, columns, "\n".join(notes))
+    print_rows(rows, {**columns, "training_s": "train\ns"}, "\n".join(notes))

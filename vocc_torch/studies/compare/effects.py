@@ -10,7 +10,6 @@ from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator
 from vocc_torch.measure.runner import Outcome
-from vocc_torch.report import styles
 from vocc_torch.studies.compare import EffectsConfig, figures
 from vocc_torch.studies.compare.effect_counts import (
     KINDS,
@@ -28,12 +27,8 @@ from vocc_torch.studies.compare.effect_scenes import (
 from vocc_torch.studies.compare.gallery import gallery_figure
 from vocc_torch.studies.compare.report import (
     Row,
-    Writer,
     counted,
-    estimate_of,
-    number,
     print_rows,
-    word,
     write_report,
 )
 from vocc_torch.studies.compare.run import comparison
@@ -154,27 +149,20 @@ def severity_rows(study: EffectStudy, outcomes: Mapping[Place, Outcome]) -> list
 
 def print_effects(rows: Sequence[Row]) -> None:
     """Print the rows of a receiver; changes are those of the bit error rate."""
-
-    def change(row: Row, reading: str) -> str:
-        found = estimate_of(row, *figures.change_columns(reading))
-        if found is not None:
-            interval = styles.ends_text(found.low, found.high)
-            return f"{styles.rate_text(found.value)}\n{interval}"
-        rate = row.get(f"{reading}_ber_with")
-        return styles.rate_text(rate) if isinstance(rate, float) else ""
-
-    columns: list[tuple[str, str, Writer]] = [("effect", "differs_in", word)]
-    columns.append(("in the\nscene", "in_scene", number))
-    columns.append(("whole\nframes", "fills_sensor", number))
-    columns += [(f"{kind}\nms", f"{kind}_ms", number) for kind in KINDS]
-    columns += [
-        (f"{reading.replace('_', ' ')}\nBER", reading, change)
-        for reading in READINGS
-        if f"{reading}_frames" in rows[-1]
-    ]
+    columns = {"differs_in": "effect", "in_scene": "in the\nscene"}
+    columns |= {"fills_sensor": "whole\nframes"}
+    columns |= {f"{kind}_ms": f"{kind}\nms" for kind in KINDS}
+    shown = [row.copy() for row in rows]
+    shown[0]["differs_in"] = "the scene itself"
+    for reading in READINGS:
+        if f"{reading}_frames" in rows[-1]:
+            columns[reading] = f"{reading.replace('_', ' ')}\nBER"
+            for row in shown:
+                rate = row.get(f"{reading}_ber_with")
+                row[reading] = row.get(f"{reading}_change", rate)
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
         " retrained: trained with the effect; whole frames: a locator needs them;"
         " in the scene: compared with the scene without it."
     )
-    print_rows([rows[0] | {"differs_in": "the scene itself"}, *rows[1:]], columns, note)
+    print_rows(shown, columns, note)

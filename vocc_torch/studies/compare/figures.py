@@ -14,8 +14,13 @@ from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
 from vocc_torch.studies.compare.prices import LOCATED_BY, PriceList
-from vocc_torch.studies.compare.report import Row, ends, estimate_of, ratio_text
-from vocc_torch.studies.compare.report import rate as rate_of
+from vocc_torch.studies.compare.report import (
+    Row,
+    cell_text,
+    ends,
+    estimate_of,
+    ratio_text,
+)
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,7 @@ def scenes_figure(rows: Sequence[Row], home: str, receivers: Sequence[str]) -> F
 def transfer_text(row: Row) -> str:
     """Write a rate, and under it how it compares with the receiver trained on the scenes of the test."""
     ratio = estimate_of(row, *ends("ratio"))
-    text = rate_of(row, "ber").partition("\n")[0]
+    text = cell_text(row, "ber").partition("\n")[0]
     return f"{text}\n{ratio_text(ratio)}" if ratio and ratio.leaves_out(1) else text
 
 

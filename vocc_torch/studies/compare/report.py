@@ -1,6 +1,6 @@
 """What every comparison leaves: tables on the terminal and in files, figures and the board."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -50,63 +50,46 @@ def write_report(
     run_folder.print_places(Console(), folder, places, settings.tensorboard)
 
 
-Writer = Callable[[Row, str], str]
-"""Writes a row's cell, by the column's name."""
-
-
-def print_rows(
-    rows: Iterable[Row], columns: Sequence[tuple[str, str, Writer]], note: str
-) -> None:
+def print_rows(rows: Sequence[Row], columns: Mapping[str, str], note: str) -> None:
     """Print a table on the terminal.
 
     Args:
-        rows: as they are written to a file.
-        columns: head, name and how cells are written; words stand on the left.
+        rows: as they are written to a file, at least one.
+        columns: their heads by name; words stand on the left.
         note: what stands below the table.
     """
-    console, table = Console(), plain_table(*(head for head, _, _ in columns))
-    for place, (_, _, write) in zip(table.columns, columns, strict=True):
-        place.justify = "left" if write is word else "right"
+    console, table = Console(), plain_table(*columns.values())
+    for place, name in zip(table.columns, columns, strict=True):
+        place.justify = "left" if isinstance(rows[0][name], str) else "right"
     for row in rows:
-        cells = [write(row, name) for _, name, write in columns]
-        table.add_row(*map(Text, cells))
+        table.add_row(*(Text(cell_text(row, name)) for name in columns))
     console.print(table)
     console.print(Text(note, style="dim"), soft_wrap=True)
 
 
-def word(row: Row, name: str) -> str:
-    """Write a cell as it is."""
-    return str(row[name])
-
-
-def number(row: Row, name: str) -> str:
-    """Write a number with three digits.
+def cell_text(row: Row, name: str) -> str:
+    r"""Write a cell: a ratio, a rate over its interval or its limit, or a number with three digits.
 
     Example:
-        >>> number({"ms": 12.345}, "ms"), number({"ms": None}, "ms")
-        ('12.3', '')
+        >>> row: Row = {"ms": 12.345, "ber": 0.012, "ber_low": 0.01, "ber_high": 0.02}
+        >>> cell_text(row, "ms"), cell_text(row, "ber")
+        ('12.3', '1.2e-2\n1.0e-2 to 2.0e-2')
     """
-    value = row.get(name)
-    return f"{value:.3g}" if isinstance(value, int | float) else ""
-
-
-def rate(row: Row, name: str) -> str:
-    """Write a rate over its interval, or its limit."""
-    found = estimate_of(row, *ends(name))
-    return "\n".join(filter(None, rate_texts(found))) if found else ""
-
-
-def ratio(row: Row, name: str) -> str:
-    """Write a ratio."""
-    found = estimate_of(row, *ends(name))
-    return ratio_text(found) if found else ""
+    value, found = row.get(name), estimate_of(row, *ends(name))
+    if found is not None and name.endswith("ratio"):
+        return ratio_text(found)
+    if found is not None and name != "ms":
+        return "\n".join(rate_texts(found)).rstrip()
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return "" if value is None else str(value)
 
 
 def estimate_of(row: Row, *names: str) -> Estimate | None:
-    """Read an estimate from three columns; None where they are blank."""
+    """Read an estimate from three columns; None where one is blank."""
     cells = [row.get(name) for name in names]
     values = [float(cell) for cell in cells if isinstance(cell, int | float)]
-    return Estimate(*values) if values else None
+    return Estimate(*values) if len(values) == len(names) else None
 
 
 def ends(name: str, found: Estimate | None = None) -> Row:
@@ -142,7 +125,7 @@ def rate_texts(rate: Estimate) -> tuple[str, str]:
         >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
         ('< 1.0e-4', '')
     """
-    if rate.value == 0:
+    if rate.value == rate.low == 0:
         return f"< {styles.rate_text(rate.high)}", ""
     return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
 

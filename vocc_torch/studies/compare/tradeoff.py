@@ -24,11 +24,8 @@ from vocc_torch.studies.compare.prices import (
 from vocc_torch.studies.compare.report import (
     Row,
     ends,
-    number,
     numbers_of,
     print_rows,
-    rate,
-    word,
     write_report,
 )
 from vocc_torch.studies.compare.run import Case, Run, comparison, scene_plan
@@ -47,14 +44,8 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     words = recommendation(prices)
     write_atomically(folder / "recommendation.txt", words.encode())
     quickest = price_rows(prices, sorted(prices.points(), key=attrgetter("ms")))
-    columns = [
-        ("receiver", "receiver", word),
-        ("locator", "locator", word),
-        ("batch", "batch", number),
-        ("ms", "ms", number),
-        ("BER", "ber", rate),
-        ("", "rank", word),
-    ]
+    columns = {name: name for name in ("receiver", "locator", "batch", "ms")}
+    columns |= {"ber": "BER", "rank": ""}
     note = "frontier: nothing is both quicker and better; beaten: surely, perhaps: by chance"
     print_rows(quickest, columns, f"{note}\n\n{words}")
     every = [
