@@ -6,6 +6,7 @@ from dataclasses import astuple
 from pathlib import Path
 
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator
@@ -28,6 +29,8 @@ from vocc_torch.studies.compare.gallery import gallery_figure
 from vocc_torch.studies.compare.report import (
     Row,
     counted,
+    ends,
+    estimate_of,
     print_rows,
     write_report,
 )
@@ -149,20 +152,21 @@ def severity_rows(study: EffectStudy, outcomes: Mapping[Place, Outcome]) -> list
 
 def print_effects(rows: Sequence[Row]) -> None:
     """Print the rows of a receiver; changes are those of the bit error rate."""
-    columns = {"differs_in": "effect", "in_scene": "in the\nscene"}
-    columns |= {"fills_sensor": "whole\nframes"}
+    columns = {"differs_in": "effect"}
     columns |= {f"{kind}_ms": f"{kind}\nms" for kind in KINDS}
     shown = [row.copy() for row in rows]
     shown[0]["differs_in"] = "the scene itself"
     for reading in READINGS:
         if f"{reading}_frames" in rows[-1]:
-            columns[reading] = f"{reading.replace('_', ' ')}\nBER"
+            columns[reading] = f"{reading.replace('_', ' ')}\nBER x 1000"
             for row in shown:
                 rate = row.get(f"{reading}_ber_with")
-                row[reading] = row.get(f"{reading}_change", rate)
+                row[reading] = 1000 * rate if isinstance(rate, float) else None
+                if found := estimate_of(row, *figures.change_columns(reading)):
+                    numbers = (1000 * number for number in astuple(found))
+                    row |= ends(reading, Estimate(*numbers))
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
-        " retrained: trained with the effect; whole frames: a locator needs them;"
-        " in the scene: compared with the scene without it."
+        " retrained: trained with the effect."
     )
     print_rows(shown, columns, note)

@@ -68,7 +68,7 @@ def print_rows(rows: Sequence[Row], columns: Mapping[str, str], note: str) -> No
 
 
 def cell_text(row: Row, name: str) -> str:
-    r"""Write a cell: a ratio, a rate over its interval or its limit, or a number with three digits.
+    r"""Write a cell: a ratio, a rate or a number over its interval, or a limit.
 
     Example:
         >>> row: Row = {"ms": 12.345, "ber": 0.012, "ber_low": 0.01, "ber_high": 0.02}
@@ -78,8 +78,10 @@ def cell_text(row: Row, name: str) -> str:
     value, found = row.get(name), estimate_of(row, *ends(name))
     if found is not None and name.endswith("ratio"):
         return ratio_text(found)
-    if found is not None and name != "ms":
+    if found is not None and name.endswith("ber"):
         return "\n".join(rate_texts(found)).rstrip()
+    if found is not None:
+        return f"{found.value:.3g}\n{found.low:.3g} to {found.high:.3g}"
     if isinstance(value, float):
         return f"{value:.3g}"
     return "" if value is None else str(value)
@@ -125,7 +127,7 @@ def rate_texts(rate: Estimate) -> tuple[str, str]:
         >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
         ('< 1.0e-4', '')
     """
-    if rate.value == rate.low == 0:
+    if rate.value == 0:
         return f"< {styles.rate_text(rate.high)}", ""
     return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
 
