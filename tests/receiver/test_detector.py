@@ -3,9 +3,13 @@
 import json
 import math
 from importlib import resources
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from vocc_torch import Camera, Scene, Simulator
 from vocc_torch.errors import VoccError
@@ -44,6 +48,24 @@ def test_what_is_found_does_not_depend_on_the_batch(rendered, panels):
     alone = DetectorLocator()(rendered[0][1:2], SHAPE)
     assert torch.equal(alone.corners_px[0], panels.corners_px[1])
     assert torch.equal(alone.score[0], panels.score[1])
+
+
+@pytest.mark.parametrize("scale", [0.25, 0.7, 1.0, 1.2])
+def test_a_photographed_panel_is_not_placed_a_row_aside(scale):
+    """Its outer rows are hazy and cut by the photograph's edges; corners by OpenCV from the centres of LEDs."""
+    data = Path(__file__).parents[1] / "data"
+    truth = json.loads((data / "pictures.json").read_text())["led-panel-8x8-photo.png"]
+    with Image.open(data / "led-panel-8x8-photo.png") as photo:
+        size = [round(side * scale) for side in photo.size]
+        grey = np.array(photo.convert("L").resize(size, Image.Resampling.BOX))
+    ends = np.array([[[0.5, 0.5], [7.5, 0.5], [7.5, 7.5], [0.5, 7.5]]], np.float32)
+    centres = np.array([truth["corner_led_centres_px"]], np.float32) * scale
+    matrix = cv2.getPerspectiveTransform(ends, centres)
+    cells = np.array([[[0, 0], [8, 0], [8, 8], [0, 8]]], np.float32)
+    expected = cv2.perspectiveTransform(cells, matrix)[0]
+    found = DetectorLocator()(torch.from_numpy(grey)[None, None], SHAPE)
+    off = np.linalg.norm(found.corners_px[0].numpy() - expected, axis=1).max()
+    assert off < 0.25 * 44 * scale
 
 
 @pytest.mark.parametrize("level", [0, 90, 255])
