@@ -1,0 +1,104 @@
+"""The components that a pilot begins with: patterns, and templates around single LEDs."""
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+
+from vocc_torch.arrays import Floats, Integers
+from vocc_torch.extras.rare.scenes import Component
+from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.types import PanelShape
+
+NOMINAL = 16
+"""Frames of a block that are drawn as they are meant."""
+PATTERNS = 16
+"""Frames with patterns that locators may fail at."""
+REACH = 2
+"""LEDs around a weak one whose bits are learned."""
+CLASSES = (0, 1, 2)
+"""How many sides of the panel an LED lies at."""
+
+
+def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
+    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
+    components = [
+        Component.nominal(NOMINAL, shape),
+        patterns(shape, PATTERNS if locates else PATTERNS // 4),
+    ]
+    frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
+    side = 2 * REACH + 1
+    for number, (rate, near) in enumerate(
+        [(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]
+    ):
+        template = np.full((side, side), 0.5)
+        template[1:-1, 1:-1] = near
+        template[REACH, REACH] = rate
+        frames = frames_left // 4 + (number < frames_left % 4)
+        components.append(
+            around_leds(shape, frames, template, 0.5, dict.fromkeys(CLASSES, 1.0), {})
+        )
+    return components
+
+
+def patterns(shape: PanelShape, frames: int) -> Component:
+    """Up to three rows or columns that are dark, neighbours or outer ones, and few or many LEDs On."""
+    maps = []
+    for axis, lines in enumerate(shape.sides):
+        for width in range(1, min(4, lines)):
+            for first in range(lines - width + 1):
+                map_of_rates = np.full(shape.sides, 0.5)
+                map_of_rates[(slice(None),) * axis + (slice(first, first + width),)] = (
+                    0.05
+                )
+                maps.append(map_of_rates)
+    for top, bottom, left, right in itertools.product(range(3), repeat=4):
+        if (
+            top + bottom + left + right <= 3
+            and 4 - (top, bottom, left, right).count(0) > 1
+        ):
+            map_of_rates = np.full(shape.sides, 0.05)
+            map_of_rates[top : shape.rows - bottom, left : shape.columns - right] = 0.5
+            maps.append(map_of_rates)
+    maps += [np.full(shape.sides, share) for share in (0.1, 0.25, 0.75, 0.9)]
+    return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))
+
+
+def around_leds(
+    shape: PanelShape,
+    frames: int,
+    template: Floats,
+    beyond: float,
+    by_class: Mapping[int, float],
+    tilts: Mapping[str, Floats],
+) -> Component:
+    """Lay a template of probabilities around each LED, with a share of each class of LEDs.
+
+    Args:
+        shape: of the panel.
+        frames: share of the component, in 64ths.
+        template: (5,5) probability to be On of an LED and those around it.
+        beyond: probability of all other LEDs to be On.
+        by_class: share of the LEDs that lie at none, one and two of the panel's sides.
+        tilts: as of a component.
+    """
+    wide = np.full(
+        (shape.leds, shape.rows + 2 * REACH, shape.columns + 2 * REACH), beyond
+    )
+    for led in range(shape.leds):
+        row, column = divmod(led, shape.columns)
+        wide[led, row : row + len(template), column : column + len(template)] = template
+    which = sides(shape).ravel()
+    share = np.array(
+        [by_class[side] / np.sum(which == side) for side in which.tolist()]
+    )
+    inner = wide[:, REACH : REACH + shape.rows, REACH : REACH + shape.columns]
+    return Component(frames, inner, share / share.sum(), tilts)
+
+
+def sides(shape: PanelShape) -> Integers:
+    """Count for each LED the sides of the panel that it lies at, (R,C); 2 is a corner."""
+    rows, columns = (
+        np.isin(np.arange(n), (0, n - 1)).astype(np.int64) for n in shape.sides
+    )
+    return rows[:, None] + columns
