@@ -3,9 +3,13 @@
 from typing import Any
 
 import numpy as np
+import torch
 
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.resample import map_points, sample_cells
 from vocc_torch.studies.decode.reading import Reading
+from vocc_torch.types import PanelShape
 
 ON_COLOUR = (0, 114, 178)
 OFF_COLOUR = (230, 159, 0)
@@ -45,31 +49,23 @@ class Viewer:
         outline = np.concatenate([reading.corners_px, reading.corners_px[:1]])
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
         colours = [ON_COLOUR if bit else OFF_COLOUR for bit in reading.bits.ravel()]
-        points = led_centres_px(reading.corners_px, reading.bits.shape)
+        points = led_centres_px(reading.corners_px, PanelShape(*reading.bits.shape))
         rerun.log(
             "frame/panel/bits",
             rerun.Points2D(points, colors=colours, radii=LED_RADIUS_PX),
         )
 
 
-def led_centres_px(
-    corners_px: np.ndarray[Any, Any], shape: tuple[int, ...]
-) -> np.ndarray[Any, Any]:
-    """Centres (R*C,2) of LEDs in raster order, bilinear between the corners (4,2).
+def led_centres_px(corners_px: Floats, shape: PanelShape) -> Floats:
+    """Centres (R*C,2) of LEDs in raster order within corners (4,2).
 
     Example:
-        >>> led_centres_px(np.array([[0, 0], [4, 0], [4, 2], [0, 2]]), (1, 2)).tolist()
+        >>> led_centres_px(np.array([[0, 0], [4, 0], [4, 2], [0, 2]]), PanelShape(1, 2)).tolist()
         [[1.0, 1.0], [3.0, 1.0]]
     """
-    rows, columns = shape
-    down, along = np.meshgrid(
-        (np.arange(rows) + 0.5) / rows,
-        (np.arange(columns) + 0.5) / columns,
-        indexing="ij",
-    )
-    v = down.reshape(-1, 1)
-    u = along.reshape(-1, 1)
-    top = corners_px[0] * (1 - u) + corners_px[1] * u
-    bottom = corners_px[3] * (1 - u) + corners_px[2] * u
-    centres: np.ndarray[Any, Any] = top * (1 - v) + bottom * v
+    rows, columns = (sample_cells(leds, 1, 0) for leds in (shape.rows, shape.columns))
+    cells = torch.cartesian_prod(rows, columns).flip(1)
+    centres: Floats = map_points(
+        torch.from_numpy(corners_px)[None], cells[None], shape
+    )[0].numpy()
     return centres

@@ -39,21 +39,17 @@ PHOTOGRAPHS = (
 """Training photographs. ``coffee``, ``china`` and ``horse`` are left to the validation."""
 
 
-def mosaics(seed: int, count: int, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Put frames (N,H,W) together from photographs, at several sizes, and drawings."""
-    out = np.empty((count, *size), np.uint8)
+def mosaics(seed: int, size: tuple[int, int, int]) -> NDArray[np.uint8]:
+    """Put frames (N,H,W) of a size together from photographs, at several sizes, and drawings."""
+    count, high, wide = size
     side = 272
+    rows, columns = -(-high // side), -(-wide // side)
+    frames = np.empty((count, rows, side, columns, side), np.uint8)
     for number in range(count):
         draw = np.random.default_rng((seed, number))
-        for top in range(0, size[0], side):
-            for left in range(0, size[1], side):
-                high, wide = (
-                    min(side, end - at)
-                    for end, at in zip(size, (top, left), strict=True)
-                )
-                tile = 255 * _tile(draw, side)[:high, :wide]
-                out[number, top : top + high, left : left + wide] = tile.round()
-    return out
+        for row, column in np.ndindex(rows, columns):
+            frames[number, row, :, column] = (255 * _tile(draw, side)).round()
+    return frames.reshape(count, rows * side, -1)[:, :high, :wide]
 
 
 def _tile(draw: Generator, side: int) -> Plane:

@@ -133,18 +133,13 @@ def judge_loss(logit: Tensor, maps: Tensor, pictures: Pictures) -> Tensor:
     inside &= pictures.panel[:, None]
     # Each corner is shared among the four places around it.
     place = pictures.quads / judging.SETTINGS.heat_px - 0.5
-    place = place.clamp(min=0).minimum(most - 1.001)
-    first = place.floor().long()
-    part = place - first
-    likely = maps.flatten(2).log_softmax(2)
-    cost = torch.zeros_like(likely[..., 0])
-    for right in (0, 1):
-        for below in (0, 1):
-            share = (1 - right + (2 * right - 1) * part[..., 0]) * (
-                1 - below + (2 * below - 1) * part[..., 1]
-            )
-            row = (first[..., 1] + below) * wide + first[..., 0] + right
-            cost = cost - share * likely.gather(2, row[..., None])[..., 0]
+    place = place.clamp(min=0).minimum(most - 1)
+    numbers = torch.arange(max(maps.shape[2:]), device=maps.device)
+    shares = (1 - (place[..., None] - numbers).abs()).clamp(min=0)
+    across, down = shares.unbind(2)
+    likely = maps.flatten(2).log_softmax(2).view_as(maps)
+    heat = down[..., : maps.shape[2], None] * across[..., None, :wide]
+    cost = -(heat * likely).sum((2, 3))
     off = functional.smooth_l1_loss(
         corners_of(maps),
         pictures.quads,

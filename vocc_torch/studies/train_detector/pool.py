@@ -1,12 +1,12 @@
 """The pool of training frames: rendered once, kept on disk, read from one buffer on any device."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -14,11 +14,11 @@ from torch import Tensor
 
 from vocc_torch.api import load_scene, simulate
 from vocc_torch.receiver.detector import pyramid as pyramids
-from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, halved
-from vocc_torch.receiver.resample import cell_homography, cell_size_px
+from vocc_torch.receiver.detector.pyramid import bilinear, halved
+from vocc_torch.receiver.resample import cell_size_px, rectify
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.studies.train_detector.clutter import mosaics
-from vocc_torch.types import Frames, PanelShape
+from vocc_torch.types import Frames, Panels, PanelShape
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,6 @@ class PoolBlock(NamedTuple):
     columns: int
     seed: int
 
-    @property
-    def name(self) -> str:
-        """Name for draws of its own."""
-        return self.path.stem
-
 
 def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
     """List the blocks: in each round three streets without a panel, three with, and one plain scene, twice."""
@@ -68,12 +63,14 @@ def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
         other = SHAPES[2:][number % len(SHAPES[2:])]
         plain = PLAIN[number % len(PLAIN)]
         shapes = (*((0, 0),) * 3, *SHAPES[:2], other)
-        for part, (rows, columns) in enumerate(shapes):
-            for scene in STREETS:
-                path = folder / f"{number:03d}_{scene}_{part}.npz"
-                blocks.append(PoolBlock(path, scene, rows, columns, seed))
-        path = folder / f"{number:03d}_{plain}.npz"
-        blocks.append(PoolBlock(path, plain, *SHAPES[0], seed))
+        scenes = [
+            (f"{scene}_{part}", scene, sides)
+            for part, sides in enumerate(shapes)
+            for scene in STREETS
+        ]
+        for name, scene, sides in (*scenes, (plain, plain, SHAPES[0])):
+            path = folder / f"{number:03d}_{name}.npz"
+            blocks.append(PoolBlock(path, scene, *sides, seed))
     return blocks
 
 
@@ -107,37 +104,21 @@ def render_block(block: PoolBlock) -> None:
         f"scene.offset_y_m=[uniform,{-down},{down}]",
         *([] if block.rows else [ABSENT]),
     )
-    world = load_scene(block.scene, *overrides)
-    point = f"train_detector {block.name}"
+    world = replace(load_scene(block.scene, *overrides), framing="filled")
+    point = f"train_detector {block.path.stem}"
     parts = list(simulate(world, options.frames, block.seed, point=point))
-    grey = torch.cat([whole_frames(one.frames) for one in parts])
+    grey = torch.cat([one.frames.grey for one in parts])
     corners = torch.cat([one.corners_px for one in parts]).double()
     bits = torch.cat([one.bits for one in parts])
-    contrasts = [
-        contrast(one[None, None], quad, sent, PanelShape(rows, columns))
-        for one, quad, sent in zip(grey, corners, bits, strict=True)
-    ]
     part = block.path.with_suffix(f".{os.getpid()}.part.npz")
     np.savez(
         part,
-        grey=grey.numpy(),
+        grey=grey[:, 0].numpy(),
         corners=corners.numpy() * bool(block.rows),
-        shape=[block.rows, block.columns],
-        readable=np.array(contrasts) * bool(block.rows) > options.least_contrast,
+        shape=np.tile((block.rows, block.columns), (len(grey), 1)),
+        readable=readable(grey, corners, bits).numpy() & bool(block.rows),
     )
     part.rename(block.path)
-
-
-def whole_frames(frames: Frames) -> Tensor:
-    """Put crops back into their frames (B,H,W) uint8."""
-    if frames.surround is None:
-        return frames.grey[:, 0]
-    high, wide = frames.grey.shape[2:]
-    surround = frames.surround.round().byte()[:, None, None]
-    out = surround.repeat(1, *frames.sensor_px)
-    for row, (left, top) in enumerate(frames.origin_px.tolist()):
-        out[row, top : top + high, left : left + wide] = frames.grey[row, 0]
-    return out
 
 
 @dataclass(frozen=True)
@@ -164,27 +145,21 @@ class Pool:
     def of(cls, paths: Sequence[Path], seed: int, device: torch.device) -> Self:
         """Read blocks in the order of their names, and put photographs and drawings beside them."""
         options = SETTINGS
-        greys, corners, shapes, readable = [], [], [], []
-        for path in sorted(paths):
-            with np.load(path, allow_pickle=False) as block:
-                greys.append(torch.from_numpy(block["grey"]))
-                corners.append(torch.from_numpy(block["corners"]))
-                shapes.append(
-                    torch.from_numpy(block["shape"]).expand(len(greys[-1]), 2)
-                )
-                readable.append(torch.from_numpy(block["readable"]))
-        size = (options.height_px, options.width_px)
-        extra = torch.from_numpy(mosaics(seed, options.mosaics, size))
-        greys.append(extra)
-        corners.append(torch.zeros(len(extra), 4, 2, dtype=torch.float64))
-        shapes.append(torch.zeros(len(extra), 2, dtype=torch.int64))
-        readable.append(torch.zeros(len(extra), dtype=torch.bool))
-        return cls(
-            *levels_of(torch.cat(greys), device),
-            torch.cat(corners).to(device),
-            torch.cat(shapes).to(device),
-            torch.cat(readable).to(device),
+        size = options.mosaics, options.height_px, options.width_px
+        blocks: list[Mapping[str, Any]] = [
+            {
+                "grey": mosaics(seed, size),
+                "corners": np.zeros((options.mosaics, 4, 2)),
+                "shape": np.zeros((options.mosaics, 2), int),
+                "readable": np.zeros(options.mosaics, bool),
+            }
+        ]
+        blocks[:0] = [np.load(path, allow_pickle=False) for path in sorted(paths)]
+        grey, *told = (
+            torch.from_numpy(np.concatenate([block[name] for block in blocks]))
+            for name in blocks[-1]
         )
+        return cls(*levels_of(grey, device), *(part.to(device) for part in told))
 
     @property
     def device(self) -> torch.device:
@@ -235,22 +210,25 @@ def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tenso
     return torch.cat(parts), *numbers
 
 
-def contrast(
-    grey: Tensor, corners_px: Tensor, bits: Tensor, shape: PanelShape
-) -> float:
-    """Say how far On and Off cells part at the true corners, in standard deviations; 0 beyond the frame."""
-    high, wide = grey.shape[2:]
-    inside = (corners_px >= -0.5) & (
-        corners_px <= corners_px.new_tensor([wide, high]) + 0.5
+def readable(grey: Tensor, corners_px: Tensor, bits: Tensor) -> Tensor:
+    """Say in which frames (B,1,H,W) panels are whole and their On and Off cells part at the true corners."""
+    wide_high = corners_px.new_tensor(grey.shape[:1:-1])
+    inside = (corners_px >= -0.5) & (corners_px <= wide_high + 0.5)
+    shape, side = PanelShape(*bits.shape[1:]), SETTINGS.samples
+    panels = Panels.known(corners_px)
+    cells = rectify(Frames.whole(grey), panels, shape, side, margin=0)
+    cells = cells.view(-1, shape.rows, side, shape.columns, side)
+    means = cells[:, :, 1:-1, :, 1:-1].mean((2, 4))
+    apart = torch.stack(
+        [
+            contrast(mean[sent], mean[~sent])
+            for mean, sent in zip(means, bits, strict=True)
+        ]
     )
-    if not bool(inside.all()) or bits.all() or not bits.any():
-        return 0.0
-    side = SETTINGS.samples
-    quads = corners_px[None]
-    homography = cell_homography(quads, shape)
-    cells = Pyramid.of(grey).read_cells(quads, homography, shape, (side, side), 0)[0]
-    cells = cells.view(shape.rows, side, shape.columns, side)[:, 1:-1, :, 1:-1]
-    means = cells.mean((1, 3))
-    on, off = means[bits], means[~bits]
+    return inside.all(2).all(1) & (apart > SETTINGS.least_contrast)
+
+
+def contrast(on: Tensor, off: Tensor) -> Tensor:
+    """Say how far On and Off cells part, in standard deviations; NaN where either are missing."""
     spread = (on.var(correction=0) + off.var(correction=0) + 1).sqrt()
-    return float((on.mean() - off.mean()) / spread)
+    return (on.mean() - off.mean()) / spread
