@@ -46,7 +46,7 @@ class FigureLook:
     single_in: tuple[float, float] = (10.0, 6.2)  # a figure of one panel, inches
     panel_in: tuple[float, float] = (3.6, 3.0)  # a panel of several, inches
     row_in: float = 0.3  # height of a row of intervals, inches
-    sign_in: float = 2.4  # width of a column of the legend, inches
+    sign_in: float = 2.6  # width of a column of the legend, inches
     title_letters: int = 34  # of a line above a panel
     ticks: int = 5  # most values that the axis of one of several panels names
     spread_pt: float = 4.5  # distance of neighbouring curves at one value, points
