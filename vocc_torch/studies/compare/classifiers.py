@@ -64,7 +64,6 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
         folder,
         {"classifiers": rows, "robustness": scenes},
         drawn,
-        ["ber.csv", "paired.csv"],
         tables={"": list(tables.values())},
         numbers={str(row["receiver"]): numbers_of(row) for row in rows},
     )

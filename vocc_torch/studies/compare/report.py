@@ -22,10 +22,9 @@ def write_report(
     folder: Path,
     rows: Mapping[str, Sequence[Row]],
     figures: Mapping[str, Figure],
-    others: Sequence[str] = (),
     **board: Mapping[str, Any],
 ) -> None:
-    """Write tables and figures, the board where it is wanted, and say where they are.
+    """Write tables and figures, the board where it is wanted, and say where all of the folder's files are.
 
     Args:
         settings: the configuration.
@@ -33,20 +32,20 @@ def write_report(
         rows: of the tables, by the file's name without its end; the longest row has all columns. A table
             without rows is not written.
         figures: by the file's name without its end.
-        others: files that were written before.
         **board: what else :func:`vocc_torch.report.tensorboard.write_figures` takes.
     """
-    places = [("file", name) for name in others]
     for name, table in rows.items():
         if table:
             fullest = max(table, key=len)
             columns = list(fullest)
             lines = [[row.get(column) for column in columns] for row in table]
-            file = f"{name}.csv"
-            run_folder.write_rows(folder / file, [columns, *lines], short=True)
-            places.append(("table", file))
+            run_folder.write_rows(folder / f"{name}.csv", [columns, *lines], short=True)
     tensorboard.write_figures(settings, folder, figures, **board)
-    places += [("figure", f"{name}.png") for name in figures]
+    places = [
+        (kind, path.name)
+        for end, kind in {"txt": "file", "csv": "table", "png": "figure"}.items()
+        for path in sorted(folder.glob(f"*.{end}"))
+    ]
     run_folder.print_places(Console(), folder, places, settings.tensorboard)
 
 

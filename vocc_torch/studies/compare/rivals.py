@@ -9,7 +9,6 @@ from vocc_torch.errors import VoccError, demand_least, demand_word, section
 from vocc_torch.measure.build import build_world
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Budget, Plan
-from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.run import scene_plan
 
@@ -71,7 +70,7 @@ class ClassifierStudy:
         }
 
     def _elsewhere(self, name: str, plan: Plan) -> Plan:
-        """Give the plan of a kind of scenes, with the receivers that learn."""
+        """Give the plan of a kind of scenes, whose classifiers learn from few frames."""
         most, learners = self.config.scene_training_frames, []
         for learner in plan.receiver.classifiers:
             recipe = learner.training
@@ -83,12 +82,9 @@ class ClassifierStudy:
                 scene=learner.scene if name == self.home else {},
             )
             learners.append(shortened)
-        # Receivers that need preambles learn nothing.
-        learn = {*FLDA_FEATURES, *(learner.name for learner in learners)}
-        names = tuple(name for name in plan.receiver.names if name in learn)
         return replace(
             plan,
-            receiver=replace(plan.receiver, names=names, classifiers=tuple(learners)),
+            receiver=replace(plan.receiver, classifiers=tuple(learners)),
             budget=Budget(
                 self.config.scene_frames, min(most, plan.budget.training_frames)
             ),

@@ -64,7 +64,6 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         folder,
         {"tradeoff": rows, "stages": stage_rows(prices)},
         {"tradeoff": figures.price_figure(prices)},
-        ["recommendation.txt"],
         texts={"recommendation": f"```\n{words}\n```"},
         runs=runs,
     )
@@ -100,19 +99,20 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
     with run.pool:
         run.train(list(trained.values()))
         (outcome,) = run.count([Case(plan, list(trained.values()))])
-    trainings = {locator: run.training(trained[locator]) for locator in trained}
+    trainings = {locator: run.training(of) for locator, of in trained.items()}
     experiment, names = plan.experiment, {setting_name(key): key for key in keys}
     outcomes = {experiment.values[0]: outcome}
     errors = sweep.curves_of(experiment.name, experiment.axis, names, outcomes)
-    device, finders = (
-        resolve_device(plan.world.device),
-        plan.receiver.finders(config.locators),
-    )
-    receivers = {}
-    for name, key in names.items():
-        bank = trainings[key.locator].bank([key.receiver])
-        finder = finders[key.locator]
-        receivers[name] = StagedReceiver(bank, plan.receiver.reader, finder)
+    device = resolve_device(plan.world.device)
+    finders = plan.receiver.finders(config.locators)
+    receivers = {
+        name: StagedReceiver(
+            trainings[key.locator].bank([key.receiver]),
+            plan.receiver.reader,
+            finders[key.locator],
+        )
+        for name, key in names.items()
+    }
     frames = max(SETTINGS.least_frames, *config.batch_sizes)
     times: dict[tuple[Key, int], stage_times.StageTimes] = {}
     with (
