@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vocc_torch.errors import whole_number
-
 BLOCK_FRAMES = 64
 """Frames in a block, the unit of random draws and of Monte Carlo bookkeeping."""
 
@@ -140,12 +138,9 @@ def sensor_generator(seed: int, stream: str) -> np.random.Generator:
         seed: the run's root seed, at least 0.
         stream: the name of what is drawn, for instance ``"effect.prnu/0/3"``.
 
-    Raises:
-        VoccError: a negative seed.
-
     Example:
         >>> float(sensor_generator(0, "prnu").random()) == float(sensor_generator(0, "prnu").random())
         True
     """
-    entropy = [whole_number("seed", seed, 0), *_words("sensor"), *_words(stream)]
+    entropy = [seed, *_words("sensor"), *_words(stream)]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from typing import TypeAlias
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
@@ -278,6 +279,10 @@ class BerTable:
         return tuple(sorted(rows, key=lambda row: row.value))
 
 
+Pairs: TypeAlias = Mapping[tuple[str, str, float], PairedCounts]
+"""Comparisons by the two receivers and the value."""
+
+
 @dataclass(frozen=True)
 class Curves:
     """Every receiver along one axis, with the panel's corners from one locator.
@@ -309,12 +314,10 @@ class Curves:
     receivers: tuple[str, ...]
     values: tuple[float, ...]
     counts: Mapping[tuple[str, float], Counts]
-    paired: Mapping[tuple[str, str, float], PairedCounts]
+    paired: Pairs
     stopped_by: Mapping[float, str]
     trained: Mapping[tuple[str, float], Trained] = field(default_factory=dict)
-    trained_pairs: Mapping[tuple[str, str, float], PairedCounts] = field(
-        default_factory=dict
-    )
+    trained_pairs: Pairs = field(default_factory=dict)
 
     def points(self) -> list[Point]:
         """Give the points by value, then by receiver."""
@@ -349,8 +352,7 @@ class Curves:
         """Compare receiver a with receiver b, at one value or over all of them."""
         if value is None:
             return sum((self.pair(a, b, at) for at in self.values), PairedCounts())
-        known = self.paired.get((a, b, value))
-        return known or self.paired[b, a, value].swapped()
+        return _of_either(self.paired, a, b, value)
 
     def tested(self, receiver: str, value: float) -> Counts:
         """Return a receiver's errors, summed over all its trainings."""
@@ -363,10 +365,7 @@ class Curves:
         """Give the algorithms' difference, a less b, at one value; None after a single training."""
         if (a, value) not in self.trained or (b, value) not in self.trained:
             return None
-        pair = (
-            self.trained_pairs.get((a, b, value))
-            or self.trained_pairs[b, a, value].swapped()
-        )
+        pair = _of_either(self.trained_pairs, a, b, value)
         return mean_difference(
             self.trained[a, value], self.trained[b, value], pair, confidence
         )
@@ -377,3 +376,8 @@ class Curves:
         """Give the rate of a less that of b at one value: the algorithms' after several trainings."""
         trained = self.trained_pair(a, b, value, confidence)
         return trained or paired_interval(self.pair(a, b, value), confidence)
+
+
+def _of_either(pairs: Pairs, a: str, b: str, value: float) -> PairedCounts:
+    """Give a comparison that is held as seen from one of the two receivers."""
+    return pairs.get((a, b, value)) or pairs[b, a, value].swapped()
