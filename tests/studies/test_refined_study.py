@@ -18,7 +18,7 @@ def test_the_plan_names_what_finds_the_panel():
         "refined": RefinedLocator(plan.location),
     }
     with pytest.raises(
-        VoccError, match="it must be truth or paper or refined or detector"
+        VoccError, match="it must be one of truth, paper, refined, detector"
     ):
         ReceiverPlan(locator="guess")
 

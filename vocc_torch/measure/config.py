@@ -159,10 +159,9 @@ class Experiment:
             )
         binned = self.axis == "contrast"
         is_grid = self.row_axis is not None or bool(self.rows)
-        known = [name for name in SCENE_FIELDS if name != self.axis]
-        if is_grid and self.row_axis not in known:
-            rule = f"one of {', '.join(known)}"
-            raise VoccError.of("experiment.row_axis", repr(self.row_axis), rule)
+        if is_grid:
+            known = [name for name in SCENE_FIELDS if name != self.axis]
+            demand_word("experiment.row_axis", self.row_axis, known)  # type: ignore[arg-type]  # None is refused
         for name, least in (("values", 1 + binned), ("rows", int(is_grid))):
             numbers = getattr(self, name)
             apart = 1 + 1e-5 * is_grid  # rows are named by six digits

@@ -10,7 +10,13 @@ import numpy as np
 import torch
 
 from vocc_torch.distributions import parsed_scene
-from vocc_torch.errors import VoccError, demand_least, finite_number, section
+from vocc_torch.errors import (
+    VoccError,
+    demand_least,
+    demand_word,
+    finite_number,
+    section,
+)
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.plugins import TARGET, PlugIn
@@ -101,10 +107,7 @@ class ClassifierPlan:
 
     def __post_init__(self) -> None:
         """Check what can be checked without building."""
-        if self.frames is not None and self.frames < 1:
-            raise VoccError.of(
-                f"classifiers.{self.name}.frames", self.frames, "at least 1, or null"
-            )
+        demand_least(f"classifiers.{self.name}.", self, frames=1)
 
 
 @dataclass(frozen=True)
@@ -166,11 +169,9 @@ class ReceiverPlan:
         Raises:
             VoccError: with those that are known.
         """
-        known = (*OWN_LOCATORS, *self.locators)
-        if stray := [name for name in names if name not in known]:
-            raise VoccError(
-                f"{key} is {stray[0]!r}: it must be {' or '.join(known)}, or FILE.py:NAME"
-            )
+        for name in names:
+            known = (*OWN_LOCATORS, *self.locators)
+            demand_word(key, name, known, ", or FILE.py:NAME")
 
     @property
     def finder(self) -> PanelLocator | None:
