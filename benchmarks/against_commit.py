@@ -28,6 +28,7 @@ CHILD = """
 import sys, time, torch
 torch.set_num_threads(1)
 from vocc_torch import PanelShape, Scene, Simulator
+from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -45,7 +46,7 @@ def drawn(blocks):
 
 def locate_and_measure(frames):
     panels = locator(frames, shape)
-    return panels, reader.read_features(frames, panels)
+    return panels, reader.measure(frames, panels, *reader.rectify([frames], panels), FEATURE_NAMES).features
 
 def trained():
     scene, bits = drawn(8)

@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+from dataclasses import astuple
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -36,7 +37,7 @@ from vocc_torch.receiver.detector.judge import pitch_of
 from vocc_torch.receiver.detector.pipeline import SETTINGS, candidates, with_surround
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import SHIPPED, Networks, load_networks
-from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms, write_table
+from vocc_torch.receiver.false_alarms import TABLE, FalseAlarms
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import Frames
 
@@ -128,7 +129,10 @@ def score(path: Path, frames: range, shapes: list[str]) -> None:
 
 def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     """Say how good a table's row is, as ``HEAD`` has it."""
-    at, floor = row.score_at(STATED), row.floors[-1]
+    floor, rates = row.floors[-1], np.array(row.above) / row.frames
+    far = row.scale * float(np.log(rates[-1] / STATED))
+    near = float(np.interp(-np.log(STATED), -np.log(rates), row.floors))
+    at = floor + far if rates[-1] > STATED else near
     excess = found[found > floor].sub(floor).sort().values.numpy()
     above = int((found >= at).sum())
     counted = clopper_pearson(above, len(found))
@@ -146,6 +150,15 @@ def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     return start + [f"{number:.4g}" for number in numbers]
 
 
+def cells(row: FalseAlarms) -> list[str]:
+    """Write a row of the package's table: several numbers are one cell."""
+    many = [part if isinstance(part, tuple) else (part,) for part in astuple(row)]
+    return [
+        " ".join(f"{n:.6g}" if isinstance(n, float) else str(n) for n in part)
+        for part in many
+    ]
+
+
 def write_tables(known: dict[tuple[int, str], float]) -> None:
     """Write the package's table, and how good it is."""
     shapes = sorted({text for _, text in known}, key=lambda text: shape_of(text).leds)
@@ -156,7 +169,10 @@ def write_tables(known: dict[tuple[int, str], float]) -> None:
         rows.append(FalseAlarms.of(LOCATOR, shape_of(text), found))
         lines.append(quality(rows[-1], found))
         print(dict(zip(lines[0], lines[-1], strict=True)), flush=True)
-    write_table(TABLE, rows)
+    with TABLE.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(FalseAlarms.__dataclass_fields__)
+        writer.writerows(map(cells, rows))
     with (RESULTS / "false_alarms.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(lines)
 

@@ -26,10 +26,12 @@ from peer_render import PeerConfig, render_frame
 from vocc_torch import FLDA, LedPanel, PanelShape, Receiver, Scene, Simulator
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
+from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
+from vocc_torch.types import Frames, Panels
 
 SHAPE = PanelShape(8, 8)
 NEAREST_M = 30.0
@@ -64,6 +66,12 @@ def train() -> Receiver:
     return Receiver("flda_3", locator, reader, flda)
 
 
+def features_of(reader: Reader, frames: Frames, panels: Panels) -> torch.Tensor:
+    """Measure the paper's features alone."""
+    (patches,) = reader.rectify([frames], panels)
+    return reader.measure(frames, panels, patches, FEATURE_NAMES).features
+
+
 def ours(
     framing: str, batch: int, receiver: Receiver, scene: Scene, bits: torch.Tensor
 ) -> NDArray[np.bool_]:
@@ -76,7 +84,7 @@ def ours(
             part = slice(start, start + batch)
             frames = simulator.render(scene[part], bits[part], nearest_m=NEAREST_M)
             panels = receiver.locator(frames, SHAPE)
-            features = receiver.reader.read_features(frames, panels)
+            features = features_of(receiver.reader, frames, panels)
             found = panels.found.view(-1, 1, 1)
             decided.append(receiver.classifier.predict(features) & found)
     return torch.cat(decided).numpy()

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import cv2
 import torch
-from link import NEAREST_M, SHAPE, scenes, train
+from link import NEAREST_M, SHAPE, features_of, scenes, train
 from peer_read import read_bits
 from peer_render import PeerConfig
 from torch import Tensor
@@ -69,7 +69,7 @@ def calls_of(
             greys = list(grey.split(batch))
             frames = [Frames.whole(part) for part in greys]
             panels = [locator(part, SHAPE) for part in frames]
-            read = ours.reader.read_features
+            read = partial(features_of, ours.reader)
             features = [
                 read(part, found) for part, found in zip(frames, panels, strict=True)
             ]

@@ -22,7 +22,6 @@ from vocc_torch.measure.counts import half_errors
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.receiver.calibration import calibration_error
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
@@ -85,6 +84,20 @@ class Table:
         if lines:
             with self.path.open("a", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
+
+
+def calibration_error(
+    ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20
+) -> float:
+    """Expected calibration error: how far stated probabilities of On are from what was sent, on average."""
+    order = torch.argsort(ratios.flatten(), stable=True)
+    stated, sent = (
+        torch.sigmoid(ratios.flatten()[order].double()),
+        bits.flatten()[order].double(),
+    )
+    parts = zip(stated.tensor_split(bins), sent.tensor_split(bins), strict=True)
+    apart = [float((a.mean() - b.mean()).abs()) * len(a) for a, b in parts if len(a)]
+    return sum(apart) / max(1, len(stated))
 
 
 def trained(models: Path) -> dict[str, Receiver]:

@@ -112,13 +112,13 @@ def test_autocast_around_the_link():
     wanted = everything()
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
     frames, panels = Simulator().render(scene, bits), Simulator().true_panels(scene)
-    features = Reader().read(frames, panels).features
-    average = Reader().read_greys(frames, panels).average
+    readings = Reader().read(frames, panels)
     for dtype in HALVES:
         with torch.autocast("cpu", dtype):
             same(everything(flda=trained.__wrapped__()), wanted)
-            assert torch.equal(Reader().read(frames, panels).features, features)
-            assert torch.equal(Reader().read_greys(frames, panels).average, average)
+            half = Reader().read(frames, panels)
+            assert torch.equal(half.features, readings.features)
+            assert torch.equal(half.greys.average, readings.greys.average)
             assert torch.is_autocast_enabled("cpu"), (
                 "the caller's own setting comes back"
             )

@@ -37,7 +37,7 @@ def readings(samples, frames=2, seed=0, low=1.0):
 def test_patches_are_the_windows_about_each_led(cells, samples, domain, seed):
     seen = readings(samples=4, seed=seed)
     patch = Patch(cells=cells, samples=samples, domain=domain, relative="white")
-    x = Inputs((), patch).of(seen, seen.cell_px, SHAPE).numpy()
+    x = Inputs((), patch).of(seen).numpy()
     light = (seen.patches[:, 0].double().numpy() / 255.0) ** (
         2.2 if domain == "exposure" else 1.0
     )
@@ -55,7 +55,7 @@ def test_patches_are_the_windows_about_each_led(cells, samples, domain, seed):
 def test_features_first_then_the_patch_then_level_and_pitch():
     seen = readings(samples=2)
     inputs = Inputs(("ngr", "agr"), Patch(cells=1, samples=1, level=True, pitch=True))
-    x = inputs.of(seen, seen.cell_px, SHAPE)
+    x = inputs.of(seen)
     assert x.shape == (2, SHAPE.rows, SHAPE.columns, inputs.size) == (2, 3, 5, 5)
     torch.testing.assert_close(x[..., :2], seen.features[..., [2, 0]].float())
     mean = seen.patches[:, 0, 2:-2, 2:-2].mean(dim=(1, 2)) / 255.0

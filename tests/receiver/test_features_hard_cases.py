@@ -106,12 +106,11 @@ def test_grey_values_that_are_none():
         broken = grey.clone()
         broken[0, 0, 14, 15] = value
         frames = Frames.whole(broken)
-        for read in (reader.read, reader.read_greys):
-            with pytest.raises(
-                VoccError,
-                match=r"^frames.grey at a panel holds .*: grey values must be finite, 0 to",
-            ):
-                read(frames, panels)
+        with pytest.raises(
+            VoccError,
+            match=r"^frames.grey at a panel holds .*: grey values must be finite, 0 to",
+        ):
+            reader.read(frames, panels)
         with pytest.raises(VoccError, match=r"^frames.grey at a panel holds"):
             reader.read_takes([Frames.whole(grey), frames], panels)
         elsewhere = grey.clone()

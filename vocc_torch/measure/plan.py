@@ -22,6 +22,7 @@ from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
+from vocc_torch.receiver.classifiers.inputs import demand_features
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.locators import (
     LOCATORS,
@@ -156,7 +157,7 @@ class ReceiverPlan:
         self.demand_locators("receiver.locator", [self.locator])
         for classifier in self.classifiers:
             with section(f"classifiers.{classifier.name}"):
-                classifier.inputs.demand_features(self.reader.names)
+                demand_features(classifier.inputs.features, self.reader.names)
 
     @property
     def reference(self) -> str:

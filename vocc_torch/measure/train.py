@@ -414,7 +414,7 @@ class PanelStream:
     def _inputs(self, readings: Readings) -> Tensor:
         if self.inputs is None:
             return readings.features
-        return self.inputs.of(readings, readings.cell_px, self.link.reader.shape)
+        return self.inputs.of(readings)
 
 
 def train_classifiers(

@@ -173,30 +173,6 @@ def beyond_others(frames: NDArray[np.int64]) -> int:
     return len(frames) - (int(others[-1]) + 1 if len(others) else 0)
 
 
-def calibration_error(
-    ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20
-) -> float:
-    """Expected calibration error: how far stated probabilities of On are from what was sent, on average.
-
-    Args:
-        ratios: log-likelihood ratios of any shape.
-        bits: the bits sent, bool.
-        bins: as many LEDs in each, by their ratio.
-
-    Example:
-        >>> calibration_error(torch.zeros(100), torch.arange(100) % 2 == 0, bins=1)
-        0.0
-    """
-    order = torch.argsort(ratios.flatten(), stable=True)
-    stated, sent = (
-        torch.sigmoid(ratios.flatten()[order].double()),
-        bits.flatten()[order].double(),
-    )
-    parts = zip(stated.tensor_split(bins), sent.tensor_split(bins), strict=True)
-    apart = [float((a.mean() - b.mean()).abs()) * len(a) for a, b in parts if len(a)]
-    return sum(apart) / max(1, len(stated))
-
-
 def appearance(readings: Readings) -> torch.Tensor:
     """Measure how panels look, (B,3) float64, in the order of ``APPEARANCE``.
 

@@ -1,8 +1,7 @@
 """How many false alarms a frame without a panel gives at a score, from the greatest scores of such frames."""
 
 import csv
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Self
@@ -99,57 +98,22 @@ class FalseAlarms:
         spread = np.exp(1.96 * np.sqrt((1 + excess**2) / self.above[-1]))
         return middle / spread, middle * spread
 
-    def score_at(self, false_alarms: float) -> float:
-        """The score from which on no more false alarms a frame are expected, or the first floor."""
-        rates = np.array(self.above) / self.frames
-        if false_alarms < rates[-1]:
-            return self.floors[-1] + self.scale * float(
-                np.log(rates[-1] / false_alarms)
-            )
-        return float(np.interp(-np.log(false_alarms), -np.log(rates), self.floors))
-
-
-def write_table(path: Path, rows: Sequence[FalseAlarms]) -> None:
-    """Write a table, a row a locator and shape; of several numbers a row has one text."""
-    names = [attribute.name for attribute in fields(FalseAlarms)]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(
-            [[_told(getattr(row, name)) for name in names] for row in rows]
-        )
-
-
-def _told(value: object) -> str:
-    """Word a cell."""
-    if isinstance(value, tuple):
-        return " ".join(map(_told, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
 
 @lru_cache(maxsize=4)
 def read_table(path: Path = TABLE) -> tuple[FalseAlarms, ...]:
     """Read a table."""
     with path.open(newline="", encoding="utf-8") as file:
         _, *lines = csv.reader(file)
-    found = []
-    for locator, rows, columns, frames, above, floors, scale in lines:
-        counts, scores = (
+    return tuple(
+        FalseAlarms(
+            locator,
+            *map(int, numbers),
             tuple(map(int, above.split())),
             tuple(map(float, floors.split())),
+            float(scale),
         )
-        found.append(
-            FalseAlarms(
-                locator,
-                int(rows),
-                int(columns),
-                int(frames),
-                counts,
-                scores,
-                float(scale),
-            )
-        )
-    return tuple(found)
+        for locator, *numbers, above, floors, scale in lines
+    )
 
 
 def calibrated(

@@ -144,25 +144,6 @@ class Reader:
         ]
         return self.measure(takes[0], panels, first), greys
 
-    def read_features(
-        self, frames: Frames, panels: Panels, names: Sequence[str] = FEATURE_NAMES
-    ) -> Tensor:
-        """Measure named features only, (B,R,C,N) float64, to the last bit as :meth:`read` does.
-
-        Raises:
-            VoccError: what :meth:`read_takes` refuses, greys at the LEDs' centres aside.
-        """
-        readings = self.measure(
-            frames, panels, self.rectify([frames], panels)[0], names
-        )
-        return readings.features[..., [self.names.index(name) for name in names]]
-
-    def read_greys(self, frames: Frames, panels: Panels) -> Greys:
-        """Measure grey levels only."""
-        return self.measure(
-            frames, panels, self.rectify([frames], panels)[0], _GREYS
-        ).greys
-
     def rectify(
         self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None
     ) -> list[Tensor]:

@@ -9,7 +9,6 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.reader import Readings
-from vocc_torch.types import PanelShape
 
 Domain = Literal["grey", "exposure"]
 Relative = Literal["panel", "white"]
@@ -69,11 +68,9 @@ class Patch:
         """How many numbers an LED has."""
         return self.side**2 + int(self.level) + int(self.pitch)
 
-    def of(
-        self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape
-    ) -> torch.Tensor:
+    def of(self, readings: Readings) -> torch.Tensor:
         """Cut the patches out, (B,R,C,size) float32: row by row from the top left, then level and pitch."""
-        per_cell = readings.patches.shape[-1] // (shape.columns + 2)
+        per_cell = readings.patches.shape[-1] // (readings.features.shape[2] + 2)
         if per_cell % self.samples:
             rule = f"receiver.samples_per_led, {per_cell}, must be a multiple of it"
             raise VoccError(f"inputs.patch.samples is {self.samples}: {rule}")
@@ -96,7 +93,7 @@ class Patch:
         values = windows.flatten(start_dim=3)
         for is_input, column in (
             (self.level, mean),
-            (self.pitch, cell_px.to(torch.float32).mean(dim=1)),
+            (self.pitch, readings.cell_px.to(torch.float32).mean(dim=1)),
         ):
             if is_input:
                 values = torch.cat(
@@ -169,28 +166,16 @@ class Inputs:
         )
         return cls(names, None if patch is None else Patch(**patch))
 
-    def demand_features(self, known: Sequence[str]) -> None:
-        """Refuse a feature that is not measured.
-
-        Raises:
-            VoccError: with the features that are.
-        """
-        demand_features(self.features, known)
-
     @property
     def size(self) -> int:
         """How many numbers an LED has."""
         return len(self.features) + (0 if self.patch is None else self.patch.size)
 
-    def of(
-        self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape
-    ) -> torch.Tensor:
+    def of(self, readings: Readings) -> torch.Tensor:
         """Return the inputs of every LED.
 
         Args:
             readings: of B panels.
-            cell_px: (B,2) width and height of a cell in the image, px.
-            shape: rows and columns.
 
         Returns:
             (B,R,C,size) float32, the features first.
@@ -198,12 +183,12 @@ class Inputs:
         Raises:
             VoccError: the readings have too few samples an LED, or lack a feature.
         """
-        self.demand_features(readings.names)
+        demand_features(self.features, readings.names)
         columns = [readings.names.index(name) for name in self.features]
         features = readings.features[..., columns].to(torch.float32)
         if self.patch is None:
             return features
-        return torch.cat([features, self.patch.of(readings, cell_px, shape)], dim=-1)
+        return torch.cat([features, self.patch.of(readings)], dim=-1)
 
 
 def demand_features(features: Sequence[str], known: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers.inputs import Inputs
 from vocc_torch.receiver.reader import Readings
-from vocc_torch.types import PanelShape, holds
+from vocc_torch.types import holds
 
 R = TypeVar("R")
 
@@ -96,8 +96,7 @@ class Guarded:
 
     def score(self, readings: Readings, preambles: object = None) -> Tensor:
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
-        shape = PanelShape(*readings.features.shape[1:3])
-        return self.decision_function(self.inputs.of(readings, readings.cell_px, shape))
+        return self.decision_function(self.inputs.of(readings))
 
     def fit(self, x: Tensor, bits: Tensor) -> None:
         """Train on panels held in memory.
