@@ -127,6 +127,14 @@ def score(path: Path, frames: range, shapes: list[str]) -> None:
         print(f"{numbers.stop - frames.start} of {len(frames)}", flush=True)
 
 
+def interval(row: FalseAlarms, score: float) -> tuple[float, float]:
+    """95 % bounds of the expected false alarms, from the frames that passed the last floor."""
+    middle = float(row.expected(torch.tensor([score], dtype=torch.float64))[0])
+    excess = max((score - row.floors[-1]) / row.scale, 0.0)
+    spread = np.exp(1.96 * np.sqrt((1 + excess**2) / row.above[-1]))
+    return middle / spread, middle * spread
+
+
 def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     """Say how good a table's row is, as ``HEAD`` has it."""
     floor, rates = row.floors[-1], np.array(row.above) / row.frames
@@ -143,7 +151,7 @@ def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     odd = 2 * np.arange(len(excess)) + 1
     terms = odd * (np.log(below) + np.log(1 - below[::-1]))
     darling = -len(excess) - float(terms.mean())
-    numbers = [at, float(found.max()), row.above[-1], *row.interval(at)]
+    numbers = [at, float(found.max()), row.above[-1], *interval(row, at)]
     numbers += [above, counted.low, counted.high, bent, bent - spread, bent + spread]
     numbers.append(darling * (1 + 0.6 / len(excess)))
     start = [row.locator, *map(str, (row.rows, row.columns, row.frames))]

@@ -91,13 +91,6 @@ class FalseAlarms:
             np.where(at >= self.floors[0], np.exp(log_rate), 1.0)
         ).to(score.device)
 
-    def interval(self, score: float) -> tuple[float, float]:
-        """95 % bounds of the expected false alarms at a score, from the frames that passed the last floor."""
-        middle = float(self.expected(torch.tensor([score], dtype=torch.float64))[0])
-        excess = max((score - self.floors[-1]) / self.scale, 0.0)
-        spread = np.exp(1.96 * np.sqrt((1 + excess**2) / self.above[-1]))
-        return middle / spread, middle * spread
-
 
 @lru_cache(maxsize=4)
 def read_table(path: Path = TABLE) -> tuple[FalseAlarms, ...]:
@@ -107,12 +100,14 @@ def read_table(path: Path = TABLE) -> tuple[FalseAlarms, ...]:
     return tuple(
         FalseAlarms(
             locator,
-            *map(int, numbers),
+            int(rows),
+            int(columns),
+            int(frames),
             tuple(map(int, above.split())),
             tuple(map(float, floors.split())),
             float(scale),
         )
-        for locator, *numbers, above, floors, scale in lines
+        for locator, rows, columns, frames, above, floors, scale in lines
     )
 
 
