@@ -1,17 +1,14 @@
 """Reports of many receivers compared, from numbers that are easy to check."""
 
-import csv
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
 
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import ClassifierPlan, World
+from vocc_torch.measure.runner import Outcome
+from vocc_torch.measure.sweep import curves_of
 from vocc_torch.measure.train import Making, Training
 from vocc_torch.plugins import PlugIn
 from vocc_torch.simulation import Distribution
@@ -19,7 +16,6 @@ from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.classifiers import (
     classifier_rows,
     scene_rows,
-    write_points,
 )
 from vocc_torch.studies.compare.figures import curves_figure, scenes_figure
 from vocc_torch.studies.compare.rivals import ClassifierStudy
@@ -34,49 +30,24 @@ WRONG = {
 """Wrong bits of each receiver, one a frame where they fit, at 30 and at 70 m."""
 
 
-def counts(bit_errors, frames=FRAMES):
-    """Wrong bits shared out over frames as evenly as can be."""
-    each, more = divmod(bit_errors, frames)
-    squares = 4 * ((frames - more) * each**2 + more * (each + 1) ** 2)
-    return Counts(frames, 64 * frames, 2 * bit_errors, squares, min(frames, bit_errors))
-
-
-def paired(a, b):
-    """Two receivers whose wrong bits come in the same frames first."""
-    more, less = counts(max(a, b)), counts(min(a, b))
-    excess = more.half_errors - less.half_errors
-    each, rest = divmod(excess // 2, FRAMES)
-    squares = 4 * ((FRAMES - rest) * each**2 + rest * (each + 1) ** 2)
-    side = (excess, squares, min(FRAMES, excess // 2))
-    return PairedCounts(
-        FRAMES,
-        64 * FRAMES,
-        *(side if a > b else (0, 0, 0)),
-        *((0, 0, 0) if a > b else side),
+def errors(wrong):
+    """Wrong bits by key, shared out over the frames as evenly as can be."""
+    frames = np.arange(FRAMES)
+    half = np.array(
+        [2 * (bits // FRAMES + (frames < bits % FRAMES)) for bits in wrong.values()]
     )
+    return FrameErrors(half, half >= 0, 64, keys=list(wrong))
 
 
-def curves(experiment="distance"):
-    names, values = tuple(WRONG), (30.0, 70.0)
-    return Curves(
-        experiment,
-        "distance_m",
-        "truth",
-        names,
-        values,
-        {
-            (name, value): counts(WRONG[name][i])
-            for name in names
-            for i, value in enumerate(values)
-        },
-        {
-            (a, b, value): paired(WRONG[a][i], WRONG[b][i])
-            for i, value in enumerate(values)
-            for place, a in enumerate(names)
-            for b in names[place + 1 :]
-        },
-        dict.fromkeys(values, "frames"),
-    )
+def curves():
+    keys, outcomes = {name: Key("truth", name) for name in WRONG}, {}
+    for place, value in enumerate((30.0, 70.0)):
+        found = errors({keys[name]: wrong[place] for name, wrong in WRONG.items()})
+        counts = {
+            (key, 0): of for key, of in zip(found.keys, found.counts, strict=True)
+        }
+        outcomes[value] = Outcome(found, counts, "frames")
+    return curves_of("distance", "distance_m", keys, outcomes)
 
 
 PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
@@ -93,28 +64,30 @@ COSTS = {
 @pytest.fixture
 def made_up():
     """Rows of three receivers that trained on two kinds of scenes, and what they were made of."""
-    errors = {
+    wrong = {
         "flda_3": (200, 900, 250, 250),
         "net": (0, 40, 30, 0),
         "plain": (100, 100, 120, 110),
     }
     scenes = []
     for tested_on, rows in (("paper", (0, 1)), ("night", (2, 3))):
-        keys = [Key("truth", name, at) for at in range(2) for name in errors]
-        half = np.zeros((len(keys), FRAMES), dtype=np.int64)
-        for wrong, (at, name) in zip(half, product(rows, errors), strict=True):
-            wrong[: errors[name][at]] = 2
-        found = FrameErrors(half, half >= 0, 64, keys=keys)
+        found = errors(
+            {
+                Key("truth", name, number): wrong[name][row]
+                for number, row in enumerate(rows)
+                for name in wrong
+            }
+        )
         scenes += scene_rows(found, tested_on, [PAIRS[row][0] for row in rows])
     every = {"distance": curves()}
     tables = {name: found.table() for name, found in every.items()}
     config = RivalsConfig(reference="flda_3", points={"distance": 70.0})
     training = Training(costs=COSTS)
-    return every, tables, classifier_rows(config, every, tables, training), scenes
+    return tables, classifier_rows(config, every, tables, training), scenes
 
 
 def test_the_tables_state_what_was_counted(made_up):
-    rows = {row["receiver"]: row for row in made_up[2]}
+    rows = {row["receiver"]: row for row in made_up[1]}
     assert list(rows) == ["net", "flda_3", "plain", "average_greyscale"]
     assert (rows["net"]["parameters"], rows["plain"]["parameters"]) == (5185, None)
     net = rows["net"]
@@ -122,23 +95,14 @@ def test_the_tables_state_what_was_counted(made_up):
     assert rows["plain"]["distance_70_ratio"] == pytest.approx(2.5)
     scenes = {
         (row["trained_on"], row["tested_on"], row["receiver"]): row
-        for row in made_up[3]
+        for row in made_up[2]
     }
     assert scenes["paper", "night", "net"]["ratio"] is None
     assert scenes["night", "paper", "flda_3"]["ratio"] == pytest.approx(4.5)
 
 
-def test_points_and_pairs_are_written(made_up, tmp_path):
-    write_points(tmp_path, *made_up[:2])
-    with (tmp_path / "paired.csv").open(newline="") as file:
-        pair = {(row["a"], row["b"], row["value"]): row for row in csv.DictReader(file)}
-    assert pair["flda_3", "net", "30"]["a_worse"] == "295"
-    with (tmp_path / "ber.csv").open(newline="") as file:
-        assert len(list(csv.DictReader(file))) == 2 * len(WRONG)
-
-
 def test_figures_have_a_panel_a_receiver_and_a_cell_a_pair_of_scenes(made_up):
-    _, tables, rows, scenes = made_up
+    tables, rows, scenes = made_up
     figure = curves_figure(tables["distance"], rows, "flda_3", "distance_70")
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "1. net\n< 1/66 at 70",
