@@ -48,89 +48,56 @@ def spread(generator: Generator, low: float, high: float) -> float:
     return math.exp(generator.uniform(math.log(low), math.log(high)))
 
 
-def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
+def vehicle(g: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     """Draw the back or the front of a car, a van or a lorry, at least ``least_m`` wide and high."""
-    g, sketch = generator, Sketch()
-    boxy = g.random() < 0.35
-    wide = g.uniform(2.0, 2.5) if boxy else g.uniform(1.6, 1.95)
-    high = g.uniform(2.1, 3.6) if boxy else g.uniform(1.35, 1.75)
-    wide, high = max(wide, 1.3 * least_m), max(high, 1.5 * least_m)
+    sketch, boxy = Sketch(), g.random() < 0.35
+    low, most = ((2.0, 2.1), (2.5, 3.6)) if boxy else ((1.6, 1.35), (1.95, 1.75))
+    wide, high = np.maximum(g.uniform(low, most), (1.3 * least_m, 1.5 * least_m))
     half, floor, rear = wide / 2, -0.28, g.random() < 0.7
     paint = float(g.choice([0.04, 0.08, 0.15, 0.3, 0.5, 0.75])) * g.uniform(0.7, 1.1)
     belt = -high if boxy else -high * g.uniform(0.52, 0.66)
-    sketch.box(half * 1.05, -0.1, 0.08, light.of(0.03))  # its shadow
-    sketch.box(half * 0.96, -0.35, -0.12, light.of(0.02))
-    for side in (-1, 1):
-        left, right = sorted((side * half * 0.95, side * half * 0.7))
-        sketch.box((left, right), -0.35, 0, light.of(0.03))
+    for sides, top, bottom, reflectance in (
+        (half * 1.05, -0.1, 0.08, 0.03),  # its shadow
+        (half * 0.96, -0.35, -0.12, 0.02),
+        ((-half * 0.95, -half * 0.7), -0.35, 0, 0.03),
+        ((half * 0.7, half * 0.95), -0.35, 0, 0.03),
+    ):
+        sketch.box(sides, top, bottom, light.of(reflectance))
     inset = half * g.uniform(0.75, 0.92)
     if not boxy:
-        sketch.polygon(
-            [(-inset, -high), (inset, -high), (half, belt), (-half, belt)],
-            light.of(paint),
-        )
+        sketch.box(inset, -high, belt, light.of(paint), half)
     strips = g.integers(3, 9)
     edges = np.linspace(belt, floor, strips + 1)
-    for top, bottom, gloss in zip(
-        edges[:-1], edges[1:], g.uniform(0.7, 1.3, strips), strict=True
-    ):
-        sketch.box(half, top, bottom, light.of(paint * gloss))
+    for strip, gloss in enumerate(g.uniform(0.7, 1.3, strips)):
+        sketch.box(half, *edges[strip : strip + 2], light.of(paint * gloss))
     if not boxy or g.random() < 0.4:
-        top, bottom = (
-            (-high * 0.95, belt * 1.04) if not boxy else (-high * 0.92, -high * 0.6)
+        slope, top, bottom = (
+            (half * 0.85, -high * 0.92, -high * 0.6)
+            if boxy
+            else (inset * 0.92, -high * 0.95, belt * 1.04)
         )
-        slope = inset * 0.92 if not boxy else half * 0.85
-        sketch.polygon(
-            [
-                (-slope, top),
-                (slope, top),
-                (half * 0.88, bottom),
-                (-half * 0.88, bottom),
-            ],
-            light.of(0.03),
-        )
+        sketch.box(slope, top, bottom, light.of(0.03), half * 0.88)
         sky, cut = light.matt(g, 0.1, 1.2), g.uniform(-0.6, 0.4, 2) * slope
-        sketch.polygon(
-            [(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky
-        )
+        sketch.box((cut[0], slope), top, bottom, sky, (cut[1], half * 0.88))
     if boxy and g.random() < 0.5:  # ribs, or a livery
-        count = g.integers(6, 30)
-        fill = g.uniform(0.2, 0.6)
-        shade = g.uniform(0.4, 1.6)
-        sketch.grid(
-            half,
-            -high * 0.95,
-            -high * 0.25,
-            1,
-            count,
-            fill,
-            light.of(paint * shade),
-        )
+        count, (fill, shade) = g.integers(6, 30), g.uniform((0.2, 0.4), (0.6, 1.6))
+        ribs = half, -high * 0.95, -high * 0.25
+        sketch.grid(*ribs, 1, count, fill, light.of(paint * shade))
     if boxy and g.random() < 0.6:
         size, words = g.uniform(0.12, 0.4), words_of(g, g.integers(4, 9))
-        sketch.text(
-            words,
-            -half * 0.8,
-            -high * g.uniform(0.5, 0.9),
-            size,
-            light.matt(g, 0, 0.9),
-        )
+        foot = -half * 0.8, -high * g.uniform(0.5, 0.9)
+        sketch.text(words, *foot, size, light.matt(g, 0, 0.9))
     if g.random() < 0.5:  # a grille
         rows, columns = g.integers(3, 10), int(g.choice([1, 1, 8, 16]))
         top = belt * g.uniform(0.55, 0.8)
-        place = (half * 0.55, top, top + 0.25)
+        place = half * 0.55, top, top + 0.25
         sketch.box(*place, light.of(0.02))
-        sketch.grid(
-            *place, rows, columns, g.uniform(0.3, 0.7), light.matt(g, 0.05, 0.8)
-        )
+        fill = g.uniform(0.3, 0.7)
+        sketch.grid(*place, rows, columns, fill, light.matt(g, 0.05, 0.8))
     _vehicle_lamps(g, light, sketch, half, max(belt, -1.1), rear)
     plate = -g.uniform(0.42, 0.8)
-    sketch.box(
-        0.27,
-        plate,
-        plate + 0.12,
-        light.matt(g, 0.5, 0.8) + g.uniform(0, 30) * light.lit,
-    )
+    shine = light.matt(g, 0.5, 0.8) + g.uniform(0, 30) * light.lit
+    sketch.box(0.27, plate, plate + 0.12, shine)
     sketch.text(words_of(g, 8), -0.24, plate + 0.02, 0.08, light.of(0.03))
     sketch.box(half, -0.34, floor, light.matt(g, 0.03, 0.3))
     if g.random() < 0.4 and light.daylight_cd_m2 > 0:  # the sun in the chrome
@@ -146,50 +113,31 @@ def _vehicle_lamps(
     lit, tall = g.random() < light.lit, g.uniform(0.1, 0.35)
     range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
     lamp_light = light.lamp(g, *range_cd, lit=lit)
-    glass = light.lamp(g, 1, 2, lit=False)
-    wide = g.uniform(0.12, 0.4)
-    top = belt * g.uniform(0.75, 0.95)
-    kind = g.integers(3)
+    glass = light.matt(g, 0.08, 0.3)
+    wide, height = g.uniform((0.12, 0.75), (0.4, 0.95))
+    top, kind = belt * height, g.integers(3)
+    bottom, middle = top + tall, top + tall / 2
     rows, columns = (int(n) for n in g.integers((1, 3), (5, 9)))
-    for side in (-1, 1):
-        left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
-        sketch.box((left, right), top, top + tall, glass)
+    outer = half * 0.97
+    for left, right in ((-outer, wide - outer), (outer - wide, outer)):
+        sketch.box((left, right), top, bottom, glass)
         if kind == 0:
-            sketch.box(
-                (left + 0.02, right - 0.02), top + 0.02, top + tall / 2, lamp_light
-            )
+            sketch.box((left + 0.02, right - 0.02), top + 0.02, middle, lamp_light)
         elif kind == 1:
-            centre = np.array([[(left + right) / 2, top + tall / 2]])
+            centre = np.array([[(left + right) / 2, middle]])
             sketch.dots(centre, min(wide, tall) * 0.4, lamp_light, round=True)
         else:
-            sketch.grid(
-                (left, right),
-                top,
-                top + tall,
-                rows,
-                columns,
-                g.uniform(0.4, 0.8),
-                lamp_light,
-                round=True,
-            )
+            cells = (left, right), top, bottom, rows, columns, g.uniform(0.4, 0.8)
+            sketch.grid(*cells, lamp_light, round=True)
     if rear and g.random() < 0.4:
         braking = light.lamp(g, 2000, 15_000, lit=lit and (g.random() < 0.5))
-        top = belt * 1.15
-        sketch.grid(
-            0.25,
-            top,
-            top + 0.03,
-            1,
-            g.integers(6, 20),
-            0.7,
-            braking,
-            round=True,
-        )
+        top, lamps = belt * 1.15, g.integers(6, 20)
+        sketch.grid(0.25, top, top + 0.03, 1, lamps, 0.7, braking, round=True)
 
 
-def house(generator: Generator, light: Light) -> Sketch:
+def house(g: Generator, light: Light) -> Sketch:
     """Draw a front of windows, some of them lit, with a shop and its sign or without."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     wide, high = g.uniform(6, 30), g.uniform(5, 22)
     sketch.box(wide / 2, -high, 0, light.matt(g, 0.08, 0.6))
     rows = max(1, round(high / g.uniform(2.6, 3.5)))
@@ -213,9 +161,9 @@ def house(generator: Generator, light: Light) -> Sketch:
     return sketch
 
 
-def sign(generator: Generator, light: Light) -> Sketch:
+def sign(g: Generator, light: Light) -> Sketch:
     """Draw a traffic sign, a direction sign or a poster with lettering, on a pole."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     wide, high, up = g.uniform(0.6, 3.5), g.uniform(0.5, 1.6), g.uniform(1.5, 5)
     sketch.box(0.05, -up, 0, light.matt(g, 0.1, 0.5))
     ground, ink = (g.uniform(0.03, 0.15), g.uniform(0.6, 0.85))
@@ -245,9 +193,9 @@ def sign(generator: Generator, light: Light) -> Sketch:
     return sketch
 
 
-def display(generator: Generator, light: Light) -> Sketch:
+def display(g: Generator, light: Light) -> Sketch:
     """Draw a dot matrix that shows words or an arrow: over a road, on a bus, in a shop."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     lines = g.integers(1, 4)
     length = g.integers(2, 11)
     dot = spread(g, 0.01, 0.06)
@@ -275,9 +223,9 @@ def display(generator: Generator, light: Light) -> Sketch:
     return sketch
 
 
-def fence(generator: Generator, light: Light) -> Sketch:
+def fence(g: Generator, light: Light) -> Sketch:
     """Draw a fence, a shutter, bricks, a grating or a mesh: bars or cells of one pitch."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     wide, high = g.uniform(1.5, 10), g.uniform(0.8, 3)
     pitch = spread(g, 0.04, 0.4)
     rows, columns = (max(2, min(24, round(side / pitch))) for side in (high, wide))
@@ -302,9 +250,9 @@ def fence(generator: Generator, light: Light) -> Sketch:
     return sketch
 
 
-def lamp_post(generator: Generator, light: Light) -> Sketch:
+def lamp_post(g: Generator, light: Light) -> Sketch:
     """Draw a street lamp, traffic lights, a chain of lamps or a field of floodlights."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     up, kind, lit = g.uniform(2.5, 8), g.integers(4), g.random() < light.lit
     lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(0.07, -up, 0, light.matt(g, 0.03, 0.3))
@@ -327,9 +275,9 @@ def lamp_post(generator: Generator, light: Light) -> Sketch:
     return sketch
 
 
-def tree(generator: Generator, light: Light) -> Sketch:
+def tree(g: Generator, light: Light) -> Sketch:
     """Draw a trunk and a crown of leaves in sun and shade."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     up, wide = g.uniform(2.5, 8), g.uniform(1, 3.5)
     sketch.box(0.15, -up, 0, light.of(0.07))
     leaves = g.integers(40, 120)
@@ -346,9 +294,9 @@ def tree(generator: Generator, light: Light) -> Sketch:
     return sketch
 
 
-def marks(generator: Generator, light: Light) -> Sketch:
+def marks(g: Generator, light: Light) -> Sketch:
     """Draw lane marks and a crossing on the ground: x right and y ahead of the camera."""
-    g, sketch = generator, Sketch()
+    sketch = Sketch()
     paint = light.matt(g, 0.3, 0.7)
     dash = g.uniform(2, 6)
     lane = g.uniform(2.8, 3.8)

@@ -78,11 +78,19 @@ class Sketch:
             )
         )
 
-    def box(self, sides: Sides, top: float, bottom: float, luminance: float) -> None:
-        """Add an upright rectangle."""
+    def box(
+        self,
+        sides: Sides,
+        top: float,
+        bottom: float,
+        luminance: float,
+        foot: Sides | None = None,
+    ) -> None:
+        """Add an upright rectangle, or a trapezoid whose lower side is ``foot``."""
         left, right = ends_of(sides)
+        start, end = ends_of(foot or sides)
         self.polygon(
-            [(left, top), (right, top), (right, bottom), (left, bottom)], luminance
+            [(left, top), (right, top), (end, bottom), (start, bottom)], luminance
         )
 
     def dots(
