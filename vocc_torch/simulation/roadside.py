@@ -69,7 +69,8 @@ def vehicle(g: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     strips = g.integers(3, 9)
     edges = np.linspace(belt, floor, strips + 1)
     for strip, gloss in enumerate(g.uniform(0.7, 1.3, strips)):
-        sketch.box(half, *edges[strip : strip + 2], light.of(paint * gloss))
+        top, bottom = edges[strip : strip + 2]
+        sketch.box(half, top, bottom, light.of(paint * gloss))
     if not boxy or g.random() < 0.4:
         slope, top, bottom = (
             (half * 0.85, -high * 0.92, -high * 0.6)
