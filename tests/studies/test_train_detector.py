@@ -12,7 +12,7 @@ from vocc_torch.receiver.detector.judge import Judge
 from vocc_torch.receiver.detector.placer import Placer
 from vocc_torch.receiver.detector.scout import Scout
 from vocc_torch.receiver.detector.weights import SHIPPED, Networks, load_networks
-from vocc_torch.report.terminal import Console
+from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.studies.train_detector import (
     candidates,
     composition,
@@ -217,12 +217,25 @@ def test_taken_candidates_keep_the_panels_place(small_pool):
 
 
 @pytest.mark.parametrize("part", ["scout", "judge", "placer"])
-def test_training_is_the_same_where_it_was_interrupted(part, tmp_path, small_pool):
+def test_training_is_the_same_where_it_was_interrupted(
+    part, tmp_path, small_pool, monkeypatch
+):
     """Two steps at once, and one with one more from a checkpoint, to the last bit."""
-    for stops in ((2,), (1, 2)):
-        folder = tmp_path / str(len(stops))
-        for stop in stops:
-            run.train_part(part, small_pool, folder, 5, stop, 1, Console(), whole=2)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def train(name):
+        run.train_part(part, small_pool, tmp_path / name, 5, 2, 1, Console())
+
+    train("1")
+    with monkeypatch.context() as patch:
+        patch.setattr(ProgressView, "advance", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train("2")
+    assert torch.load(tmp_path / "2" / f"{part}.pt")["done"] == 1
+    train("2")
+
     states = [torch.load(tmp_path / name / f"{part}.pt")["net"] for name in ("1", "2")]
     fresh = getattr(Networks.fresh(), part).state_dict()
     assert all(torch.equal(states[0][name], states[1][name]) for name in fresh)

@@ -87,15 +87,16 @@ def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
         for i in range(3)
     ]
     panels = Panels.known(corners(27.0, 22.0, 123.0, 118.0))
-    weights, offset = fisher_mix(
-        takes, panels, torch.from_numpy(bits)[None], SHAPE, margin
+    cells = torch.stack(
+        [
+            cell_means(one, SHAPE).double()
+            for one in rectify_takes(takes, panels, SHAPE, 8)
+        ],
+        dim=-1,
     )
+    weights, offset = fisher_mix(cells, torch.from_numpy(bits)[None], margin)
     inside = slice(None) if margin else slice(1, -1)
-    cells = [
-        cell_means(one, SHAPE)[0, inside, inside].double()
-        for one in rectify_takes(takes, panels, SHAPE, 8)
-    ]
-    rows = torch.stack(cells, dim=-1).reshape(-1, 3).numpy()
+    rows = cells[0, inside, inside].reshape(-1, 3).numpy()
     on = (np.pad(bits, 1) if margin else bits).ravel()
     (theirs,) = LinearDiscriminantAnalysis(solver="eigen").fit(rows, on).coef_
     cosine = np.dot(theirs, weights) / np.linalg.norm(theirs) / np.linalg.norm(weights)

@@ -1,7 +1,7 @@
 """``decode.channel=auto``: find the mix that parts On from Off; ``unmix``: the colours sent at once."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -98,20 +98,17 @@ def channel_of(
     luma = FIXED[0]
     if all((one == one[..., :1]).all() for one in colours):
         return luma, float("nan"), 0
-    judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
+    judged = {mix: _judged(receiver, mix, colours) for mix in FIXED}
     best = _best(judged, receiver.shape)
     _, _, panels, bits = judged[best]
-    planes = torch.from_numpy(np.stack(colours)).permute(3, 0, 1, 2).to(receiver.device)
-    takes = [Frames.whole(plane.contiguous()) for plane in planes]
+    cells = _cells(receiver, np.stack(colours), panels)
     for name, margin in (
         ("On against Off", False),
         ("On against Off and surround", True),
     ):
-        if (
-            found := fisher_mix(takes, panels, bits, receiver.shape, margin)
-        ) is not None:
+        if (found := fisher_mix(cells, bits[panels.found], margin)) is not None:
             mix = Mix(name, *found)
-            judged[mix] = _judged(receiver, [mix(one) for one in colours])
+            judged[mix] = _judged(receiver, mix, colours)
     best = _best(judged, receiver.shape)
     return best, judged[best].apart, judged[best].sure
 
@@ -140,21 +137,35 @@ def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
     return best
 
 
-def _judged(receiver: Receiver, greys: Sequence[NDArray[np.uint8]]) -> _Judged:
-    """Decode grey planes of one size."""
-    read = receiver.decode(torch.from_numpy(np.stack(greys)).to(receiver.device))
+def _plane(
+    receiver: Receiver, mix: Mix, colours: Sequence[NDArray[np.uint8]]
+) -> torch.Tensor:
+    """Mix the grey planes of colours of one size, where the receiver is."""
+    return torch.from_numpy(np.stack([mix(one) for one in colours])).to(receiver.device)
+
+
+def _judged(
+    receiver: Receiver, mix: Mix, colours: Sequence[NDArray[np.uint8]]
+) -> _Judged:
+    """Decode a mix of colours of one size."""
+    read = receiver.decode(_plane(receiver, mix, colours))
     apart = torch.where(read.found, parted(read.scores, read.bits), 0.0)
     sure = int((read.found & ~is_doubtful(read)).sum())
     panels = Panels(read.corners_px, read.found, read.panel_score, read.candidates)
     return _Judged(sure, float(apart.mean()), panels, read.bits)
 
 
+def _cells(receiver: Receiver, colours: NDArray[Any], panels: Panels) -> torch.Tensor:
+    """Average the cells (n,R+2,C+2,3) of the panels found in colours (N,H,W,3)."""
+    planes = torch.from_numpy(colours).permute(3, 0, 1, 2).to(receiver.device)
+    takes = [Frames.whole(plane.contiguous()) for plane in planes]
+    patches = rectify_takes(takes, panels, receiver.shape, 8)
+    means = [cell_means(one, receiver.shape).double() for one in patches]
+    return torch.stack(means, dim=-1)[panels.found]
+
+
 def fisher_mix(
-    channels: Sequence[Frames],
-    panels: Panels,
-    bits: torch.Tensor,
-    shape: PanelShape,
-    margin: bool,
+    cells: torch.Tensor, bits: torch.Tensor, margin: bool
 ) -> tuple[tuple[float, ...], float] | None:
     """Weigh channels by Fisher's discriminant of the colours of On cells and of Off ones, in float64.
 
@@ -162,21 +173,15 @@ def fisher_mix(
     least norm, and where the means differ along a direction without scatter, mostly along that.
 
     Args:
-        channels: three takes of the same B frames, red, green and blue.
-        panels: where the panels are in them.
+        cells: (B,R+2,C+2,3) float64 red, green and blue.
         bits: (B,R,C) bool, the two groups.
-        shape: rows and columns.
         margin: whether the cells around the panel count as Off.
 
     Returns:
         Weights and offset, On brighter than Off, so that the cells take the middle half of 0 to 255; None
         where there are no two groups.
     """
-    patches = rectify_takes(channels, panels, shape, 8)
-    cells = torch.stack([cell_means(one, shape).double() for one in patches], dim=-1)[
-        panels.found
-    ]
-    on = torch.nn.functional.pad(bits[panels.found], (1, 1, 1, 1))
+    on = torch.nn.functional.pad(bits, (1, 1, 1, 1))
     if not margin:
         cells, on = cells[:, 1:-1, 1:-1], on[:, 1:-1, 1:-1]
     rows, on = cells.reshape(-1, 3), on.reshape(-1)
@@ -209,19 +214,10 @@ def unmixed(
         where there is no panel, where two colours, or a colour and none, send the same bits, and where On and
         Off of a colour lie no farther apart than one level of light does by chance.
     """
-    judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
+    judged = {mix: _judged(receiver, mix, colours) for mix in FIXED}
     best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
     panels = judged[best].panels
-    planes = (
-        torch.from_numpy(LIGHT_OF_GREY[np.stack(colours)])
-        .permute(3, 0, 1, 2)
-        .to(receiver.device)
-    )
-    takes = [Frames.whole(plane.contiguous()) for plane in planes]
-    patches = rectify_takes(takes, panels, receiver.shape, 8)
-    cells = torch.stack(
-        [cell_means(one, receiver.shape).double() for one in patches], dim=-1
-    )[panels.found]
+    cells = _cells(receiver, LIGHT_OF_GREY[np.stack(colours)], panels)
     rows = cells[:, 1:-1, 1:-1].reshape(-1, 3)
     if not len(rows):
         return best, ()
@@ -242,17 +238,10 @@ def unmixed(
     mixes = tuple(
         Mix(name, tuple(weights), offset, True) for name, weights, offset in each
     )
-    parts = all(
-        _apart(receiver, [mix(one) for one in colours], panels) >= _CHANCE
-        for mix in mixes
-    )
-    return best, mixes if parts else ()
-
-
-def _apart(
-    receiver: Receiver, greys: Sequence[NDArray[np.uint8]], panels: Panels
-) -> float:
-    """Say how far apart On and Off lie in grey planes of one size, at panels: the mean of those found."""
-    with torch.inference_mode():
-        read = receiver(torch.from_numpy(np.stack(greys)).to(receiver.device), panels)
-    return float(parted(read.scores, read.bits)[panels.found].mean())
+    for mix in mixes:
+        with torch.inference_mode():
+            read = receiver(_plane(receiver, mix, colours), panels)
+        # NaN where no panel is found, which is no distance either.
+        if not parted(read.scores, read.bits)[panels.found].mean() >= _CHANCE:
+            return best, ()
+    return best, mixes

@@ -5,12 +5,17 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from vocc_torch.receiver.resample import corner_cells
 from vocc_torch.studies.train_detector.draws import Draws
 from vocc_torch.studies.train_detector.geometry import (
+    UNIT,
     homography,
     mapped,
     pixels,
+    rearranged,
     signed_area,
+    turns,
+    unit,
 )
 from vocc_torch.studies.train_detector.pool import Pool
 
@@ -27,50 +32,24 @@ class CropSettings:
 SETTINGS = CropSettings()
 
 
-@dataclass(frozen=True)
-class Views:
-    """How crops of a side of S px lie in frames: turned and mirrored by quarters, and scaled.
+def views(draws: Draws, level: Tensor, centre_px: Tensor, side_px: int) -> Tensor:
+    """Draw corners (B,4,2), px of frames, of crops of a side, px of levels (B,), about places (B,2).
 
-    Args:
-        frame: (B,) numbers.
-        level: (B,) of the pyramid.
-        centre_px: (B,2) px of the frame.
-        matrix: (B,2,2) from px of the crop to px of the frame.
-        side_px: S.
+    Crops are turned, mirrored and scaled about whole pixels of a level: many have its grey values as they are.
     """
-
-    frame: Tensor
-    level: Tensor
-    centre_px: Tensor
-    matrix: Tensor
-    side_px: int
-
-    def read(self, pool: Pool) -> Tensor:
-        """Read the crops (B,S,S)."""
-        points = pixels(self.side_px, self.side_px, self.frame.device)
-        at = self.matrix @ (points - self.side_px / 2) + self.centre_px[..., None]
-        crops = pool.read(self.frame, self.level, at)
-        return crops.view(-1, self.side_px, self.side_px)
-
-    def seen(self, points_px: Tensor) -> Tensor:
-        """Map points of the frames (B,P,2) into the crops."""
-        off = (points_px - self.centre_px[:, None]).mT
-        places: Tensor = torch.linalg.solve(self.matrix, off).mT + self.side_px / 2
-        return places
-
-
-def views(
-    draws: Draws, frame: Tensor, level: Tensor, centre_px: Tensor, side_px: int
-) -> Views:
-    """Turn, mirror and scale crops at random, about whole pixels of a level: its grey values as they are."""
-    unit = 2.0 ** level[:, None]
-    centre = ((centre_px / unit).round() * unit).float()
-    over = draws.coin(0.5)[..., None]
-    signs = torch.diag_embed(2.0 * draws.below(2, 2) - 1)
-    matrix = torch.where(over, signs.flip(2), signs)
+    size = 2.0 ** level[:, None]
+    centre = (centre_px / size).round() * size
     scaled, scale = draws.coin(SETTINGS.scaled), draws.geometric(*SETTINGS.scale, 1)
-    scale = torch.where(scaled, scale, 1.0) * unit
-    return Views(frame, level, centre, matrix * scale[..., None], side_px)
+    side = side_px * size * torch.where(scaled, scale, 1.0)
+    corners = corner_cells(UNIT).to(side) - 0.5
+    quads = centre[:, None] + side[..., None] * corners
+    return rearranged(quads.float(), turns(draws, quarters=True))
+
+
+def crops(pool: Pool, frame: Tensor, quads_px: Tensor, side_px: int) -> Tensor:
+    """Read crops (B,S,S) with their corners at (B,4,2) px of frames."""
+    square = side_px * unit(quads_px)
+    return pictures(pool, frame, quads_px, square, (side_px, side_px))
 
 
 def empty_crops(pool: Pool, draws: Draws, side_px: int) -> Tensor:
@@ -79,7 +58,7 @@ def empty_crops(pool: Pool, draws: Draws, side_px: int) -> Tensor:
     level = draws.chosen(range(len(shares)), shares)
     centre = draws.uniform(0, 1, 2) * pool.sizes[0].flip(0)
     frame = frames[draws.below(len(frames))]
-    return views(draws, frame, level, centre, side_px).read(pool)
+    return crops(pool, frame, views(draws, level, centre, side_px), side_px)
 
 
 def pictures(

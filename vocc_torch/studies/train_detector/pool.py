@@ -1,6 +1,5 @@
 """The pool of training frames: rendered once, kept on disk, read from one buffer on any device."""
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.api import load_scene, simulate
+from vocc_torch.files import atomic_file
 from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector.pyramid import bilinear, halved
 from vocc_torch.receiver.resample import cell_size_px, rectify
@@ -110,15 +110,14 @@ def render_block(block: PoolBlock) -> None:
     grey = torch.cat([one.frames.grey for one in parts])
     corners = torch.cat([one.corners_px for one in parts]).double()
     bits = torch.cat([one.bits for one in parts])
-    part = block.path.with_suffix(f".{os.getpid()}.part.npz")
-    np.savez(
-        part,
-        grey=grey[:, 0].numpy(),
-        corners=corners.numpy() * bool(block.rows),
-        shape=np.tile((block.rows, block.columns), (len(grey), 1)),
-        readable=readable(grey, corners, bits).numpy() & bool(block.rows),
-    )
-    part.rename(block.path)
+    with atomic_file(block.path) as temporary:
+        np.savez(
+            temporary,
+            grey=grey[:, 0].numpy(),
+            corners=corners.numpy() * bool(block.rows),
+            shape=np.tile((block.rows, block.columns), (len(grey), 1)),
+            readable=readable(grey, corners, bits).numpy() & bool(block.rows),
+        )
 
 
 @dataclass(frozen=True)

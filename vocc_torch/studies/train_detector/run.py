@@ -2,14 +2,13 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from vocc_torch.files import atomic_file
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.detector.weights import PARTS, SHIPPED, Networks
 from vocc_torch.report import folder as run_folder
@@ -53,7 +52,6 @@ def run_train_detector(
     run_folder.refuse_results(folder, POOL)
     console = terminal.Console()
     run_folder.write_config(settings, folder)
-    (folder / POOL).mkdir(parents=True, exist_ok=True)
     blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
     render(blocks, os.cpu_count() or 1, console)
     device = resolve_device(settings.device)
@@ -91,9 +89,8 @@ def train_part(
     steps: int,
     scale: int,
     console: terminal.Console,
-    whole: int | None = None,
 ) -> None:
-    """Train one network, in rounds; others may be trained beside it.
+    """Train one network in rounds, each of which is saved; a training that was interrupted goes on.
 
     Args:
         part: one of the networks' names.
@@ -103,27 +100,63 @@ def train_part(
         steps: to be taken, with those that were taken before.
         scale: of a batch; more frames are mined then, too.
         console: that says how far it is.
-        whole: steps of the whole training, by which the rate falls; None where these are all.
     """
     torch.manual_seed(seed)
-    device = pool.device
+    device, path = pool.device, folder / f"{part}.pt"
     net = getattr(Networks.fresh(), part).to(device)
-    sampler = SAMPLERS[part](pool, scale)
-    training = NetworkTraining(folder / f"{part}.pt", net, seed, device)
+    optimiser = torch.optim.AdamW(
+        net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay
+    )
+    done = 0
+    if path.exists():
+        state = torch.load(path, weights_only=True, map_location=device)
+        net.load_state_dict(state["net"])
+        optimiser.load_state_dict(state["optimiser"])
+        done = int(state["done"])
+    sampler, generator = SAMPLERS[part](pool, scale), torch.Generator(device)
     usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
-    left = max(steps - training.done, 0)
-    with terminal.ProgressView(
-        left, console, f"training the {part}", unit="steps"
-    ) as view:
-        for rounds in training.rounds(steps):
-            generator = torch.Generator(device).manual_seed(seed + rounds.start)
+    left, words = max(steps - done, 0), f"training the {part}"
+    with terminal.ProgressView(left, console, words, unit="steps") as view:
+        for start in range(done, steps, SETTINGS.round_steps):
+            taken = range(start, min(start + SETTINGS.round_steps, steps))
+            generator.manual_seed(seed + start)
             order = torch.randperm(len(usable), generator=generator, device=device)
             mined = usable[order[: SETTINGS.mined_frames * scale]]
             with torch.no_grad():
                 sampler.mine(current(folder, device), mined)
-            loss = training.take(rounds, whole or steps, sampler.loss, generator)
-            view.say(f"{part}: step {rounds.stop}, loss {loss:.4f}")
-            view.advance(f"training the {part}", len(rounds))
+            total = torch.zeros((), device=device)
+            for step in taken:
+                generator.manual_seed(seed * 1_000_003 + step)
+                loss = sampler.loss(net, generator)
+                descend(optimiser, loss, rate_at(step, steps))
+                total += loss.detach()
+            state = {
+                "net": net.state_dict(),
+                "optimiser": optimiser.state_dict(),
+                "done": taken.stop,
+            }
+            with atomic_file(path) as temporary:
+                torch.save(state, temporary)
+            mean = float(total) / len(taken)
+            view.say(f"{part}: step {taken.stop}, loss {mean:.4f}")
+            view.advance(words, len(taken))
+
+
+def rate_at(step: int, steps: int) -> float:
+    """Give the rate of a step: it rises, and falls as a cosine."""
+    fall = (1 + math.cos(math.pi * step / steps)) / 2
+    warm = min(1.0, (step + 1) / SETTINGS.warm_steps)
+    return SETTINGS.rate * warm * max(fall, SETTINGS.least_rate)
+
+
+def descend(optimiser: torch.optim.Optimizer, loss: Tensor, rate: float) -> None:
+    """Take a step down a loss."""
+    (group,) = optimiser.param_groups
+    group["lr"] = rate
+    optimiser.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    nn.utils.clip_grad_norm_(group["params"], SETTINGS.most_gradient)
+    optimiser.step()
 
 
 SAMPLERS: dict[str, type[Sampler]] = {
@@ -131,66 +164,3 @@ SAMPLERS: dict[str, type[Sampler]] = {
     "judge": JudgeSampler,
     "placer": PlacerSampler,
 }
-
-
-class NetworkTraining:
-    """A network's training in rounds; each round is saved.
-
-    Args:
-        path: of the file.
-        net: what is trained, in place; it takes up what the file has.
-        seed: of the batches.
-    """
-
-    def __init__(
-        self, path: Path, net: nn.Module, seed: int, device: torch.device
-    ) -> None:
-        self.path, self.net, self.seed, self.done = path, net, seed, 0
-        self.optimiser = torch.optim.AdamW(
-            net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay
-        )
-        if path.exists():
-            state: dict[str, Any] = torch.load(
-                path, weights_only=True, map_location=device
-            )
-            net.load_state_dict(state["net"])
-            self.optimiser.load_state_dict(state["optimiser"])
-            self.done = int(state["done"])
-
-    def rounds(self, steps: int) -> Iterator[range]:
-        """Yield the ranges of steps that are to be taken, and keep each when the next is asked for."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        for start in range(self.done, steps, SETTINGS.round_steps):
-            end = min(start + SETTINGS.round_steps, steps)
-            yield range(start, end)
-            state = {
-                "net": self.net.state_dict(),
-                "optimiser": self.optimiser.state_dict(),
-                "done": end,
-            }
-            part = self.path.with_suffix(".part")
-            torch.save(state, part)
-            part.rename(self.path)
-
-    def take(
-        self,
-        steps: range,
-        whole: int,
-        loss_of: Callable[[nn.Module, torch.Generator], Tensor],
-        generator: torch.Generator,
-    ) -> float:
-        """Take some steps of a training of ``whole`` steps, and give their mean loss."""
-        total = torch.zeros((), device=generator.device)
-        for step in steps:
-            fall = (1 + math.cos(math.pi * step / whole)) / 2
-            warm = min(1.0, (step + 1) / SETTINGS.warm_steps)
-            for group in self.optimiser.param_groups:
-                group["lr"] = SETTINGS.rate * warm * max(fall, SETTINGS.least_rate)
-            generator.manual_seed(self.seed * 1_000_003 + step)
-            loss = loss_of(self.net, generator)
-            self.optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            nn.utils.clip_grad_norm_(self.net.parameters(), SETTINGS.most_gradient)
-            self.optimiser.step()
-            total += loss.detach()
-        return float(total) / max(len(steps), 1)

@@ -15,10 +15,16 @@ from vocc_torch.studies.train_detector.composition import (
     shapes_of,
     with_panels,
 )
-from vocc_torch.studies.train_detector.crops import Views, empty_crops, views
+from vocc_torch.studies.train_detector.crops import crops, empty_crops, views
 from vocc_torch.studies.train_detector.draws import Draws
 from vocc_torch.studies.train_detector.finish import finished
-from vocc_torch.studies.train_detector.geometry import ordered, pixels
+from vocc_torch.studies.train_detector.geometry import (
+    homography,
+    mapped,
+    ordered,
+    pixels,
+    unit,
+)
 from vocc_torch.studies.train_detector.pool import Pool
 from vocc_torch.studies.train_detector.sampling import Pictures, Sampler, pictures_of
 
@@ -88,10 +94,10 @@ class ScoutSampler(Sampler):
             drawn = draws(options.mined)
             some = self.mined.rows(drawn.below(len(self.mined.frame)))
             others.append(self.cut(drawn, some.frame, some.level, some.quads)[0])
-        crops = pictures_of([composed, rendered], others)
-        shapes = torch.zeros(len(crops.grey), 2, device=empty.device)
-        shapes[crops.panel] = torch.cat([laid, shown])
-        return shapes, crops
+        batch = pictures_of([composed, rendered], others)
+        shapes = torch.zeros(len(batch.grey), 2, device=empty.device)
+        shapes[batch.panel] = torch.cat([laid, shown])
+        return shapes, batch
 
     def composed(self, draws: Draws) -> tuple[tuple[Tensor, Tensor], Tensor]:
         """Lay panels into pictures; give these, the corners and the shapes."""
@@ -110,18 +116,20 @@ class ScoutSampler(Sampler):
         """Cut crops with rendered panels; give these, the corners and the shapes."""
         frame, level = self.panels[draws.numbers(self.share)].unbind(1)
         corners = self.pool.corners_px[frame].float()
-        crops, cut = self.cut(draws, frame, level, corners)
-        shapes = self.pool.shapes[frame].float()
-        return (crops, ordered(cut.seen(corners))), shapes
+        grey, quads = self.cut(draws, frame, level, corners)
+        matrix = homography(quads, SETTINGS.crop_px * unit(quads))
+        seen = ordered(mapped(matrix, corners.mT).mT)
+        return (grey, seen), self.pool.shapes[frame].float()
 
     def cut(
         self, draws: Draws, frame: Tensor, level: Tensor, quads: Tensor
-    ) -> tuple[Tensor, Views]:
-        """Cut crops about quadrilaterals (B,4,2) px of frames, and say how they lie."""
+    ) -> tuple[Tensor, Tensor]:
+        """Cut crops about quadrilaterals (B,4,2) px of frames, and give their corners there."""
         off = draws.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
         at = quads.mean(1) + off * 2.0 ** level[:, None]
-        cut = views(draws, frame, level, at, SETTINGS.crop_px)
-        return finished(cut.read(self.pool), draws, edges=False), cut
+        corners = views(draws, level, at, SETTINGS.crop_px)
+        grey = crops(self.pool, frame, corners, SETTINGS.crop_px)
+        return finished(grey, draws, edges=False), corners
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Find places in frames without a panel that the scout takes for one."""
@@ -131,8 +139,8 @@ class ScoutSampler(Sampler):
 
     def loss(self, net: scout.Scout, generator: torch.Generator) -> Tensor:
         """Give the loss of a batch."""
-        shapes, crops = self.batch(generator)
-        return scout_loss(net(crops.grey[:, None]), shapes, crops)
+        shapes, batch = self.batch(generator)
+        return scout_loss(net(batch.grey[:, None]), shapes, batch)
 
 
 def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
@@ -145,15 +153,15 @@ def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
     return own[..., None, None], others[..., None, None]
 
 
-def scout_loss(outputs: Tensor, shapes: Tensor, crops: Pictures) -> Tensor:
+def scout_loss(outputs: Tensor, shapes: Tensor, batch: Pictures) -> Tensor:
     """Give the focal loss of scores and the distance of corners where a panel is."""
     high, wide = outputs.shape[2:]
     stride, device = scout.SETTINGS.stride_px, outputs.device
     places = pixels(high, wide, device)[0].mT.view(high, wide, 2)
-    centre = crops.quads.mean(1)[:, None, None]
+    centre = batch.quads.mean(1)[:, None, None]
     apart = (places * stride - centre).norm(dim=3)
-    size = (crops.quads[:, 0] - crops.quads[:, 2]).norm(dim=1)[:, None, None]
-    panel = crops.panel[:, None, None]
+    size = (batch.quads[:, 0] - batch.quads[:, 2]).norm(dim=1)[:, None, None]
+    panel = batch.panel[:, None, None]
     spare = (apart < SETTINGS.spare_share * size) & panel
     nearest = apart <= apart.flatten(1).amin(1)[:, None, None].clamp(min=1e-3)
     inside = ((centre > 0) & (centre < high * stride)).all(3)
@@ -174,7 +182,7 @@ def scout_loss(outputs: Tensor, shapes: Tensor, crops: Pictures) -> Tensor:
     )
     quads = moves + places.permute(2, 0, 1) * stride
     unit = scout.SETTINGS.unit_px * (size / SETTINGS.small_px).clamp(min=0.1)
-    off = (quads - crops.quads[..., None, None]) / unit[:, None, None]
+    off = (quads - batch.quads[..., None, None]) / unit[:, None, None]
     far = functional.smooth_l1_loss(
         off, torch.zeros_like(off), beta=SETTINGS.corner_beta, reduction="none"
     )
