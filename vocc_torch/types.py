@@ -48,9 +48,17 @@ class Batched:
         return self.each(lambda value: value.to(device, non_blocking=ahead))
 
     def put(self, rows: slice | Tensor, others: "Batched") -> None:
-        """Overwrite the chosen rows in place, of the fields that ``others`` has too."""
-        for name in others.__dataclass_fields__:
+        """Overwrite the chosen rows in place, of the fields that both have."""
+        for name in others.__dataclass_fields__.keys() & self.__dataclass_fields__:
             getattr(self, name)[rows] = getattr(others, name)
+
+    @classmethod
+    def cat(cls, parts: Sequence[Self]) -> Self:
+        """Join batches in order."""
+        columns = (
+            [getattr(part, name) for part in parts] for name in cls.__dataclass_fields__
+        )
+        return cls(*map(torch.cat, columns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,16 +155,6 @@ class Scene(Batched):
         """Count the frames."""
         return int(self.ambient_lx.shape[0])
 
-    @staticmethod
-    def cat(scenes: Sequence["Scene"]) -> "Scene":
-        """Join batches in order."""
-        return Scene(
-            *(
-                torch.cat([getattr(scene, name) for scene in scenes])
-                for name in SCENE_RANGES
-            )
-        )
-
 
 def tensor_of(name: str, value: object) -> Tensor:
     """Give a tensor as it is and a NumPy array copied to a tensor, or refuse anything else by name.
@@ -182,6 +180,16 @@ def tensor_of(name: str, value: object) -> Tensor:
     ):  # of objects or text, or of another machine's byte order
         pass
     raise VoccError.of(name, shown(value), "a tensor or a NumPy array of numbers")
+
+
+def kind_of(value: object) -> object:
+    """Give for a refusal the shape of a tensor, or the type of anything else.
+
+    Example:
+        >>> kind_of(torch.zeros(2, 3)), kind_of("text")
+        ((2, 3), 'str')
+    """
+    return tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
 
 
 def is_exporting() -> bool:

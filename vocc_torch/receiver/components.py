@@ -4,13 +4,13 @@ Components are found by horizontal runs (Chen et al. 2007), as quick on a noisy 
 closing is Kornia's (Serra 1983).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.types import without_autocast
+from vocc_torch.types import Batched, without_autocast
 
 _FEW_PX = 1 << 12
 
@@ -88,7 +88,7 @@ MOST_BLOBS = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Runs:
+class Runs(Batched):
     """Horizontal stretches of masks in raster order; every field but ``size`` is (S,) int64.
 
     Args:
@@ -117,13 +117,8 @@ class Runs:
             return self
         chosen_runs = chosen[self.frame]
         frame = (chosen.cumsum(0) - 1)[self.frame[chosen_runs]]
-        row, start, end, pixels = (
-            column[chosen_runs]
-            for column in (self.row, self.start, self.end, self.pixels)
-        )
-        return type(self)(
-            frame, row, start, end, pixels, (int(chosen.sum()), *self.size[1:])
-        )
+        size = int(chosen.sum()), *self.size[1:]
+        return replace(self[chosen_runs], frame=frame, size=size)
 
 
 @dataclass(frozen=True, slots=True)

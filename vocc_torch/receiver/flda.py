@@ -82,6 +82,11 @@ class FLDA(torch.nn.Module):
         return ClassScatter(*(getattr(self, name) for name in _PARTS))
 
     @property
+    def rule(self) -> Discriminant:
+        """The discriminant of all samples."""
+        return self._solved()
+
+    @property
     def direction(self) -> torch.Tensor:
         """(F,) float64 discriminant vector w of Eq. 14; it points from Off to On."""
         return self._solved().direction

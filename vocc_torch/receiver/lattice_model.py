@@ -193,16 +193,12 @@ class Model(NamedTuple):
     @classmethod
     def of(cls, grey: Tensor, lattice: Lattice, known: "Model | None" = None) -> Self:
         """Predict pictures that are resampled about the lattices; spots and edges are taken where known."""
-        high, wide = lattice.bits.shape[1:]
         if known is None:
-            rows, columns = (
-                Spots.of(high, lattice.blur[:, 1]),
-                Spots.of(wide, lattice.blur[:, 0]),
-            )
-            edges = (
-                Edges.of(high, lattice.blur[:, 1]),
-                Edges.of(wide, lattice.blur[:, 0]),
-            )
+            across, down = lattice.blur.unbind(1)
+            sides = (lattice.shape.rows, down), (lattice.shape.columns, across)
+            rows, columns = (Spots.of(*side) for side in sides)
+            up, along = (Edges.of(*side) for side in sides)
+            edges = up, along
         else:
             rows, columns, edges = known.rows, known.columns, known.edges
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)

@@ -326,31 +326,6 @@ def measure_blobs(
     area, perimeter = hull_area_and_perimeter(hull)
     least = minimum_area_rectangle(hull)
     around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
-    return measures_of(area, perimeter, area_px, least, around, place_px, shape, limits)
-
-
-def measures_of(
-    area: Tensor,
-    perimeter: Tensor,
-    area_px: Tensor,
-    least: Rectangles,
-    around: Rectangles,
-    place_px: Tensor,
-    shape: PanelShape,
-    limits: LocatorLimits,
-) -> Measures:
-    """Compare hulls' areas and perimeters (M,), and the least rectangles around them, with the panel.
-
-    Args:
-        area: see :func:`hull_area_and_perimeter`.
-        perimeter: likewise.
-        area_px: see :func:`measure_blobs`.
-        least: the minimum-area rectangles.
-        around: those to give.
-        place_px: see :func:`measure_blobs`.
-        shape: the panel looked for.
-        limits: what a panel is.
-    """
     rectangle = least.width_px * least.height_px
     # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
     filled = (torch.minimum(area_px, area) / rectangle).clamp(max=1.0)

@@ -18,7 +18,14 @@ from vocc_torch.receiver.features import (
 )
 from vocc_torch.receiver.pixel_cells import read_pixels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify_takes
-from vocc_torch.types import Frames, Panels, PanelShape, holds, without_autocast
+from vocc_torch.types import (
+    Frames,
+    Panels,
+    PanelShape,
+    holds,
+    kind_of,
+    without_autocast,
+)
 
 _GREYS = ("average", "centre")
 MEASURED = (*FEATURE_NAMES, *_GREYS)
@@ -237,12 +244,6 @@ class Reader:
             or values.shape != size
             or not holds(values.isfinite())
         ):
-            got = (
-                tuple(values.shape)
-                if isinstance(values, Tensor)
-                else type(values).__name__
-            )
-            raise VoccError(
-                f"feature {feature.name} gave {got}: it must give finite numbers of shape {size}"
-            )
+            said = f"feature {feature.name} gave {kind_of(values)}"
+            raise VoccError(f"{said}: it must give finite numbers of shape {size}")
         return values.to(torch.float64).unsqueeze(-1)

@@ -290,12 +290,11 @@ class Receiver(torch.nn.Module):
     def get_extra_state(self) -> Settings:
         """Return the state of classifier and calibration for ``state_dict``."""
         settings, arrays = self.decider.model()
-        worth = None if self.calibration is None else asdict(self.calibration)
         return {
             "name": self.name,
             "classifier": settings,
             "arrays": dict(arrays),
-            "calibration": worth,
+            "calibration": self.calibration and asdict(self.calibration),
         }
 
     def set_extra_state(self, state: Settings) -> None:
@@ -333,35 +332,25 @@ class Receiver(torch.nn.Module):
         if not Path(path).name:
             raise VoccError.of("path", shown(str(path)), "that of a file")
         demand_folder(path)
+        decider, arrays = self.decider.model()
+        names = self.decider.features
+        package = {"version": __version__, "source": package_digest("vocc_torch")}
         settings: Settings = {
             "name": self.name,
             "rows": self.shape.rows,
             "columns": self.shape.columns,
-        }
-        settings["package"] = {
-            "version": __version__,
-            "source": package_digest("vocc_torch"),
-        }
-        settings |= {
+            "package": package,
             "samples_per_led": self.reader.samples_per_led,
             "gradient": self.reader.gradient,
             "disc_share": self.reader.disc_share,
+            "features": [f.settings for f in self.reader.more if f.name in names],
+            "locator": locator_settings(self.locator),
+            "trained_on": self.trained_on,
+            "calibration": self.calibration and asdict(self.calibration),
         }
-        features = [
-            feature.settings
-            for feature in self.reader.more
-            if feature.name in self.decider.features
-        ]
-        settings["features"] = features
-        settings["locator"] = locator_settings(self.locator)
-        settings["trained_on"] = self.trained_on
-        settings["calibration"] = (
-            None if self.calibration is None else asdict(self.calibration)
-        )
-        decider, arrays = self.decider.model()
-        write_model(
-            Path(path), settings | ({"classifier": decider} if decider else {}), arrays
-        )
+        if decider:
+            settings["classifier"] = decider
+        write_model(Path(path), settings, arrays)
 
     @classmethod
     @checked

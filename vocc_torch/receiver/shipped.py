@@ -12,21 +12,6 @@ SHIPPED = ("street",)
 """Names of the receivers that ship; ``models/README.md`` describes each."""
 
 
-def shipped_path(name: str) -> Path:
-    """Path of a receiver that ships.
-
-    Raises:
-        VoccError: an unknown name.
-    """
-    if name not in SHIPPED:
-        raise VoccError.of(
-            "model", repr(name), f"a receiver.pt, or {' or '.join(SHIPPED)}"
-        )
-    return Path(
-        str(resources.files("vocc_torch.receiver").joinpath("models", f"{name}.pt"))
-    )
-
-
 def shipped_receiver(name: str, shape: PanelShape | None = None) -> Receiver:
     """Load a receiver that ships, for a panel of any shape: its classifier decides LED by LED.
 
@@ -41,7 +26,12 @@ def shipped_receiver(name: str, shape: PanelShape | None = None) -> Receiver:
         >>> shipped_receiver("street", PanelShape(4, 4)).shape.leds
         16
     """
-    receiver = Receiver.load(shipped_path(name))
+    if name not in SHIPPED:
+        raise VoccError.of(
+            "model", repr(name), f"a receiver.pt, or {' or '.join(SHIPPED)}"
+        )
+    folder = Path(str(resources.files("vocc_torch.receiver")))
+    receiver = Receiver.load(folder / "models" / f"{name}.pt")
     if shape is None or shape == receiver.shape:
         return receiver
     reader = replace(receiver.reader, shape=shape)

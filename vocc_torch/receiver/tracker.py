@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.errors import VoccError, demand_kind, whole_number
 from vocc_torch.receiver.detector.nearby import LEAST_LOG_ODDS, Surroundings
 from vocc_torch.receiver.detector.placer import moved
 from vocc_torch.receiver.detector.weights import Networks
@@ -153,11 +153,8 @@ class Tracker:
     def __post_init__(self) -> None:
         """Check the numbers."""
         demand_kind("shape", self.shape, PanelShape)
-        for name in ("every", "patience"):
-            if type(value := getattr(self, name)) is not int or value < 1:
-                raise VoccError.of(
-                    f"follow.{name}", value, "a whole number of at least 1"
-                )
+        whole_number("follow.every", self.every, 1)
+        whole_number("follow.patience", self.patience, 1)
 
     @property
     def networks(self) -> Networks:

@@ -16,6 +16,7 @@ from vocc_torch.receiver.classifiers.training import (
     TrainingRecipe,
     train_module,
 )
+from vocc_torch.types import kind_of
 
 
 class TorchClassifier:
@@ -167,13 +168,8 @@ class TorchClassifier:
                 f"forward failed on {tuple(rows.shape)} ({one_line(error)})"
             ) from error
         if not isinstance(scores, torch.Tensor) or scores.numel() != rows.shape[0]:
-            shape = (
-                tuple(scores.shape)
-                if isinstance(scores, torch.Tensor)
-                else type(scores).__name__
-            )
             raise VoccError(
-                f"the module gave {shape} for {len(rows)} LEDs: it must give one score each"
+                f"the module gave {kind_of(scores)} for {len(rows)} LEDs: it must give one score each"
             )
         return scores.reshape(-1)
 
@@ -265,11 +261,7 @@ class SklearnClassifier:
     def parameters_count(self) -> int | None:
         """How many numbers decide: a linear estimator's weights and intercepts; None of another."""
         # A pipeline decides by its last step; a scaler before it makes no more decisions.
-        last = (
-            self.estimator.steps[-1][1]
-            if hasattr(self.estimator, "steps")
-            else self.estimator
-        )
+        last = getattr(self.estimator, "steps", [(None, self.estimator)])[-1][1]
         if not hasattr(last, "coef_"):
             return None
         return int(np.size(last.coef_) + np.size(last.intercept_))

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers.inputs import Inputs
 from vocc_torch.receiver.reader import Readings
-from vocc_torch.types import holds
+from vocc_torch.types import holds, kind_of
 
 R = TypeVar("R")
 
@@ -167,12 +167,9 @@ class Guarded:
         """Call a method on ``x``; refuse a result that is not one number per LED."""
         answer: object = self._guarded(what, lambda: call(x))
         expected = tuple(x.shape[:-1])
-        shape = (
-            tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
-        )
-        if not isinstance(answer, Tensor) or shape != expected:
+        if not isinstance(answer, Tensor) or answer.shape != expected:
             raise VoccError(
-                f"classifier {self.name}: {what} gave {shape}, not a tensor of shape {expected}"
+                f"classifier {self.name}: {what} gave {kind_of(answer)}, not a tensor of shape {expected}"
             )
         return answer
 

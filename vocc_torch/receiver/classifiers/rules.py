@@ -46,7 +46,7 @@ class FldaClassifier(_Scored):
 
     def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Learn from panels held in memory."""
-        self._rule = _solved(FLDA(x.shape[-1]).to(x.device).fit(x, bits))
+        self._rule = FLDA(x.shape[-1]).to(x.device).fit(x, bits).rule
         return self
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
@@ -55,7 +55,7 @@ class FldaClassifier(_Scored):
         for x, bits in batches(0, frames):
             flda = flda or FLDA(x.shape[-1]).to(x.device)
             flda.update(x, bits)
-        self._rule = None if flda is None else _solved(flda)
+        self._rule = None if flda is None else flda.rule
         return self
 
     def decision_function(self, x: torch.Tensor) -> torch.Tensor:
@@ -78,18 +78,6 @@ class FldaClassifier(_Scored):
     def parameters_count(self) -> int:
         """How many numbers decide: the direction and the threshold."""
         return _fitted(self._rule).direction.numel() + 1
-
-
-def _solved(flda: FLDA) -> discriminant.Discriminant:
-    """Return what decides, which is to the last bit what the discriminant itself would."""
-    # Asked for first: it refuses a missing class, and warns where samples do not determine it.
-    device = flda.direction.device
-    rule, _ = discriminant.Discriminant.of(
-        flda.statistics.to(torch.device("cpu")).checked()
-    )
-    return discriminant.Discriminant(
-        *(letter.detach().to(device, copy=True) for letter in rule)
-    )
 
 
 def _fitted(rule: discriminant.Discriminant | None) -> discriminant.Discriminant:

@@ -155,12 +155,7 @@ class DetectorLocator(PanelLocator):
                 corners = (quads * PARTS_PER_PX).round() / PARTS_PER_PX
                 rows = torch.full_like(odds, number, dtype=torch.int64)
                 found.append(Candidates(rows, corners, odds.sigmoid(), alarms))
-        names = Candidates.__dataclass_fields__
-        joined = {
-            name: torch.cat([getattr(part, name) for part in found]).clone()
-            for name in names
-        }
-        return Candidates(**joined)
+        return Candidates.cat(found).each(torch.clone)
 
 
 def networks_of(locator: object, device: torch.device) -> Networks:

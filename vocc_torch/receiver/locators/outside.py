@@ -1,7 +1,7 @@
 """A locator from outside, held to the protocol."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import torch
@@ -16,8 +16,8 @@ from vocc_torch.types import (
     Images,
     Panels,
     PanelShape,
-    StatedPanels,
     holds,
+    kind_of,
 )
 
 UNSTATED_LIMIT = 1e-3
@@ -141,9 +141,7 @@ class OutsideLocator(PanelLocator):
             name: getattr(panels, name).to(kinds.get(name, torch.float64))
             for name in Panels.__slots__
         }
-        if isinstance(panels, StatedPanels):
-            return StatedPanels(**parts, false_alarms=panels.false_alarms)
-        return Panels(**parts)
+        return replace(panels, **parts)
 
     def _answer(
         self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type
@@ -170,13 +168,8 @@ class OutsideLocator(PanelLocator):
             or value.shape != size
             or not holds(value.isfinite())
         ):
-            got = (
-                tuple(value.shape)
-                if isinstance(value, Tensor)
-                else type(value).__name__
-            )
-            rule = f"it must be a finite tensor of {size}"
-            raise VoccError(f"locator {self.plug_in.name} gave {part} of {got}: {rule}")
+            said = f"locator {self.plug_in.name} gave {part} of {kind_of(value)}"
+            raise VoccError(f"{said}: it must be a finite tensor of {size}")
 
     def _demand_area(self, corners_px: Tensor, found: Tensor) -> None:
         """Refuse panels that were found with corners (n,4,2) that are not clockwise about an area."""

@@ -250,15 +250,10 @@ class PaperLocator(LocatorLimits, PanelLocator):
                 rows, mask = rows[~sure], mask[~sure]
             if len(rows):
                 where = rows.to(grey.device)
-                part = climb(mask, shape, self)
-                part.corners_px.add_((place[where] * part.found[:, None])[:, None])
-                panels.put(
-                    where, Panels(*(getattr(part, one) for one in _PANEL_FIELDS))
-                )
+                blobs = climb(mask, shape, self)
+                blobs.corners_px.add_((place[where] * blobs.found[:, None])[:, None])
+                panels.put(where, blobs)
         return panels, known[:, 5:].numpy()
-
-
-_PANEL_FIELDS = tuple(Panels.__dataclass_fields__)
 
 
 def no_panels(frames: int, device: torch.device) -> Panels:

@@ -147,7 +147,7 @@ class RefinedLocator(PanelLocator):
                 self._left_to_paper(choice, left, exact[left], shape)
                 panels = choice
         # Copies, for tensors made in inference mode take no part in autograd.
-        return Panels(*(getattr(panels, name).clone() for name in Panels.__slots__))
+        return panels.each(torch.clone)
 
     def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
         """Find panels in crops with a known surround."""

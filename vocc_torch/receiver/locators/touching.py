@@ -41,11 +41,7 @@ def locate_several(
                 numbers[seen.frame], corners, seen.score, seen.false_alarms
             )
             parts.append(half[~_overlaps(half, sure)])
-        joined = [
-            torch.cat([getattr(part, name) for part in parts])
-            for name in Candidates.__dataclass_fields__
-        ]
-        found = Candidates(*joined)
+        found = Candidates.cat(parts)
         # In the frames' order, the best of each first.
         found = found[found.false_alarms.argsort(stable=True)]
         found = found[found.frame.argsort(stable=True)]

@@ -20,7 +20,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.plugins import one_line
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.scene import Distribution
-from vocc_torch.types import Scene
+from vocc_torch.types import Scene, kind_of
 
 Extent = tuple[float, float]
 """Height and width of an image, px."""
@@ -322,13 +322,8 @@ class Effect(ABC):
                 "it must draw from context.generators(self.name), which is the same in every run"
             )
         if not isinstance(result, Tensor) or result.shape != value.shape:
-            shown = (
-                tuple(result.shape)
-                if isinstance(result, Tensor)
-                else type(result).__name__
-            )
             raise VoccError(
-                f"{said} {shown}: it must give a tensor of shape {tuple(value.shape)}"
+                f"{said} {kind_of(result)}: it must give a tensor of shape {tuple(value.shape)}"
             )
         if self.gives == self.takes:
             result = result.to(value)
