@@ -35,12 +35,9 @@ def test_a_shape_is_sure_where_the_next_is_far(monkeypatch):
     grey = np.zeros((9, 9), np.uint8)
     choice = shapes.find_shape("street", [grey, grey], 32, "auto")
     assert choice == (PanelShape(32, 8), 1e-6, PanelShape(32, 16), 1e-3, True)
-    settings = shapes.ShapeSettings()
     for rates in ([1e-6, 2e-5], [2e-3, 1.0], [1.0, 1.0]):
         told = iter([rates])
-        assert not shapes.likeliest(
-            "street", grey, [PanelShape()] * 2, settings
-        ).is_sure
+        assert not shapes.likeliest("street", grey, [PanelShape()] * 2).is_sure
 
 
 def test_a_receiver_of_ones_own_knows_its_shape():

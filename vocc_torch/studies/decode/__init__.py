@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_word
 
 CHANNELS = ("luma", "max", "red", "green", "blue", "auto", "unmix")
 FOLLOWS = ("true", "false", "auto")
@@ -44,10 +44,7 @@ class DecodeConfig:
 
     def __post_init__(self) -> None:
         """Check the channel, the numbers and the word."""
-        if self.channel not in CHANNELS:
-            raise VoccError.of(
-                "decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}"
-            )
+        demand_word("decode.channel", self.channel, CHANNELS)
         if not 1 <= self.scale <= MOST_SCALE:
             raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")
         if self.follow is not None:

@@ -20,26 +20,26 @@ from vocc_torch.studies.decode.judge import is_doubtful, is_one_level
 from vocc_torch.types import Frames, StatedPanels
 
 COLUMNS = (
-    *(
-        "source",
-        "frame",
-        "time_s",
-        "found",
-        "x_top_left",
-        "y_top_left",
-        "x_top_right",
-        "y_top_right",
-    ),
-    *(
-        "x_bottom_right",
-        "y_bottom_right",
-        "x_bottom_left",
-        "y_bottom_left",
-        "bits",
-        "margin",
-        "panel_score",
-    ),
-    *("candidates", "expected_errors", "panel", "false_alarms", "light"),
+    "source",
+    "frame",
+    "time_s",
+    "found",
+    "x_top_left",
+    "y_top_left",
+    "x_top_right",
+    "y_top_right",
+    "x_bottom_right",
+    "y_bottom_right",
+    "x_bottom_left",
+    "y_bottom_left",
+    "bits",
+    "margin",
+    "panel_score",
+    "candidates",
+    "expected_errors",
+    "panel",
+    "false_alarms",
+    "light",
 )
 """Columns of ``bits.csv``."""
 BATCH_PIXELS = 32_000_000
@@ -114,17 +114,15 @@ class Reading:
         """The frame's row of ``bits.csv``."""
         frame = self.frame
         time_s = "" if frame.time_s is None else f"{frame.time_s:.6f}"
-        corners = [f"{c:.2f}" if self.found else "" for c in self.corners_px.ravel()]
-        judged = (
-            [f"{self.margin:.4g}", f"{self.panel_score:.3f}"]
-            if self.found
-            else ["", ""]
-        )
+        corners = [f"{c:.2f}" for c in self.corners_px.ravel()]
+        judged = [*corners, self.text, f"{self.margin:.4g}", f"{self.panel_score:.3f}"]
+        expected = f"{self.expected_errors:.3g}"
+        if not self.found:
+            judged, expected = [""] * len(judged), ""
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
-        expected = f"{self.expected_errors:.3g}" if self.found else ""
         stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
         rest = [str(self.candidates), expected, str(self.panel), stated, frame.light]
-        return [*head, *corners, self.text, *judged, *rest]
+        return [*head, *judged, *rest]
 
 
 def read_panels(
@@ -193,13 +191,13 @@ def read_panels(
             numbers = tracks or [
                 row - whose.index(frame) for row, frame in enumerate(whose)
             ]
-            rows = zip(whose, numbers, zip(*each, strict=True), strict=True)
-            for _, panels_of in groupby(rows, key=lambda row: row[0]):
-                several = [(number, one) for _, number, one in panels_of]
-                for light in range(len(each)):
-                    yield from (
-                        replace(one[light], panel=number) for number, one in several
-                    )
+            rows = [
+                (place, replace(one, panel=number))
+                for found in each
+                for place, number, one in zip(whose, numbers, found, strict=True)
+            ]
+            # Stable: of a frame the panels of each colour, one colour after another.
+            yield from (one for _, one in sorted(rows, key=lambda row: row[0]))
 
 
 def demand_several(locator: PanelLocator | None, most: int) -> None:

@@ -32,7 +32,7 @@ from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
 from vocc_torch.studies.decode.decoder import Sized, readings_of, sized_receiver
 from vocc_torch.studies.decode.live import decode_live
-from vocc_torch.studies.decode.reading import COLUMNS, demand_several
+from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
 from vocc_torch.studies.decode.summary import Summary, print_line
 from vocc_torch.studies.decode.viewer import Viewer
 
@@ -81,18 +81,14 @@ def run_files(
         VoccError: no panel in any frame; at the end, files that cannot be read.
     """
     console = Console()
-    receiver, recording, choice = receiver_of(settings, config, folder, recording)
-    if choice is not None:
-        print_line(console, str(choice))
+    receiver, readings = readings_for(settings, config, folder, recording, console)
     summary = Summary()
     album = Album(folder, config.scale)
     viewer = Viewer() if config.show else None
     total = expected_frames(Path(settings.input or ""))
     try:
         with progress(total, console) as advance:
-            decoding = readings_of(receiver, recording, config)
-            print_line(console, decoding.channel)
-            for reading in decoding.readings:
+            for reading in readings:
                 summary.add(reading)
                 advance(summary.frames)
                 if reading.found and config.annotate and reading.frame.time_s is None:
@@ -145,16 +141,30 @@ def run_live(
         VoccError: the source fails; what it gave until then is written.
     """
     console = Console()
-    receiver, frames, choice = receiver_of(settings, config, folder, iter(stream))
-    if choice is not None:
-        print_line(console, str(choice))
-    decoding = readings_of(receiver, frames, config, is_live=True)
-    print_line(console, decoding.channel)
+    frames = iter(stream)
+    receiver, readings = readings_for(settings, config, folder, frames, console, True)
     viewer = Viewer() if config.show else None
     folder.mkdir(parents=True, exist_ok=True)
     write_receiver(settings, receiver, folder)
-    decode_live(decoding.readings, stream, folder / "bits.csv", console, viewer)
+    decode_live(readings, stream, folder / "bits.csv", console, viewer)
     print_places(console, folder, [("bits", "bits.csv")])
+
+
+def readings_for(
+    settings: Settings,
+    config: DecodeConfig,
+    folder: Path,
+    recording: Iterator[RecordedFrame],
+    console: Console,
+    is_live: bool = False,
+) -> tuple[Receiver, Iterator[Reading]]:
+    """Give the receiver and what it reads, and print the shape and the channel that were chosen."""
+    receiver, recording, choice = receiver_of(settings, config, folder, recording)
+    if choice is not None:
+        print_line(console, str(choice))
+    decoding = readings_of(receiver, recording, config, is_live)
+    print_line(console, decoding.channel)
+    return receiver, decoding.readings
 
 
 def receiver_of(

@@ -31,6 +31,9 @@ class ShapeSettings:
     )
 
 
+SETTINGS = ShapeSettings()
+
+
 class ShapeChoice(NamedTuple):
     """The shape that a panel most likely has.
 
@@ -67,7 +70,6 @@ def find_shape(
     greys: Sequence[NDArray[np.uint8]],
     rows: int | str,
     columns: int | str,
-    settings: ShapeSettings | None = None,
 ) -> ShapeChoice:
     """Try the usual shapes on frames until one is sure; the likeliest shape where none is.
 
@@ -76,26 +78,24 @@ def find_shape(
         greys: frames (H,W), the likeliest first.
         rows: of the panel, or ``auto``.
         columns: likewise.
-        settings: limits of the search.
 
     Raises:
         VoccError: a number that no usual shape has.
     """
-    settings = settings or ShapeSettings()
     shapes = [
         PanelShape(*sides)
-        for sides in settings.sides
+        for sides in SETTINGS.sides
         if rows in (AUTO, sides[0]) and columns in (AUTO, sides[1])
     ]
     if len(shapes) < 2:
         key, value = (
             ("panel.rows", rows) if columns == AUTO else ("panel.columns", columns)
         )
-        usual = sorted({sides[key == "panel.columns"] for sides in settings.sides})
+        usual = sorted({sides[key == "panel.columns"] for sides in SETTINGS.sides})
         raise VoccError.of(key, value, f"one of {usual} where the other is auto")
     choices = []
     for grey in greys:
-        choices.append(likeliest(model, grey, shapes, settings))
+        choices.append(likeliest(model, grey, shapes))
         if choices[-1].is_sure:
             return choices[-1]
     return min(choices, key=lambda choice: choice.false_alarms)
@@ -105,11 +105,10 @@ def likeliest(
     model: str,
     grey: NDArray[np.uint8],
     shapes: Sequence[PanelShape],
-    settings: ShapeSettings,
 ) -> ShapeChoice:
     """Compare shapes on one frame by the false alarms that the locator states."""
     (rate, place), (next_rate, second) = sorted(alarms_of(model, grey, shapes))[:2]
-    is_sure = rate <= settings.sure_rate and next_rate >= settings.sure_ratio * rate
+    is_sure = rate <= SETTINGS.sure_rate and next_rate >= SETTINGS.sure_ratio * rate
     return ShapeChoice(shapes[place], rate, shapes[second], next_rate, is_sure)
 
 

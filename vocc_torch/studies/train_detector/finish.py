@@ -73,9 +73,8 @@ def with_edges(pictures: Tensor, draws: Draws) -> Tensor:
     for axis in (1, 2):
         side = pictures.shape[axis]
         ends = (draws.uniform(0, FINISH.margin, 2) * cut * side).long()
-        place = torch.arange(side, device=draws.device).expand(draws.count, side)
-        place = torch.maximum(place, ends[:, :1])
-        place = torch.minimum(place, side - 1 - ends[:, 1:])
+        place = torch.arange(side, device=draws.device)
+        place = place.clamp(ends[:, :1], side - 1 - ends[:, 1:])
         place = place.unsqueeze(3 - axis).expand_as(pictures)
         pictures = pictures.gather(axis, place)
     return pictures
