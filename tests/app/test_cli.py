@@ -421,7 +421,7 @@ def commands_of(page):
     for line in re.findall(
         r"^\s*(?:\$ )?vocc-torch(?= |$)(.*)$", text, flags=re.MULTILINE
     ):
-        words = shlex.split(line, comments=True)
+        words = shlex.split(line.partition("||")[0], comments=True)
         if words[:1] == ["doctor"] or any(word.startswith("--") for word in words):
             continue  # no words of the package's own configuration
         many = "-m" in words
@@ -454,6 +454,12 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
         re.DOTALL | re.MULTILINE,
     )
     (tmp_path / "mine.py").write_text("\n".join(code))
+    readings = re.search(
+        r"^```yaml\n(# mine.yaml\n.*?)^```",
+        (ROOT / "docs/assumptions.md").read_text(),
+        re.DOTALL | re.MULTILINE,
+    )
+    (tmp_path / "mine.yaml").write_text(readings[1])
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     (tmp_path / "my").mkdir()
     (tmp_path / "my" / "photographs").symlink_to(ROOT / "tests" / "data")

@@ -22,7 +22,7 @@ class DetectorSettings:
     """How many candidates go how far."""
 
     judged: tuple[int, ...] = (6, 4)  # left after each look of the judge
-    placed: tuple[int, ...] = (4,)  # left after each look of the placer
+    placed: tuple[int, ...] = (4, 3, 3)  # left after each look of the placer
     behind: float = 6.0  # log odds of the best, beyond which others go no further
     likely: float = 1.0  # log odds of a candidate that goes on however good others are
     perspective_leds: int = 16  # of a side, from which perspective stays
