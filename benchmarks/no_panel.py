@@ -1,10 +1,9 @@
-"""How often task=decode takes a picture without a panel for one: pictures found, and those without a warning.
+"""In how many pictures without a panel locators claim one, and how surely.
 
-    python benchmarks/no_panel.py
-    python benchmarks/no_panel.py --locators paper refined detector --streets 200
+    python benchmarks/no_panel.py --locators refined detector --streets 96
 
-Writes the table of docs/locators.md to the terminal, or that of docs/detector.md: what locators claim, and how
-surely, in these pictures, black and white ones, and held-out streets without a panel, half of them by night.
+The pictures are drawn ones and noise, photographs, black and white ones, and held-out streets without a panel, half
+of them by night.
 """
 
 from __future__ import annotations
@@ -21,9 +20,6 @@ from sklearn.datasets import load_sample_images
 
 import vocc_torch as vt
 from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
-from vocc_torch.recordings.frames import RecordedFrame
-from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
-from vocc_torch.studies.decode.reading import read_panels
 from vocc_torch.types import StatedPanels
 
 SHIPPED = (
@@ -49,8 +45,6 @@ SHIPPED += (
     "horse",
     "checkerboard",
 )
-RECEIVERS = (("paper", "flda_3"), ("refined", "tag_planes"), ("detector", "tag_planes"))
-DISTANCES_M = (30, 50, 70)
 Picture = NDArray[np.uint8]
 
 
@@ -105,46 +99,6 @@ def without_panel() -> Iterator[Picture]:
         yield whole[down : down + high, right : right + wide]
 
 
-def with_panel(
-    distance_m: float, lit: int | None = None
-) -> tuple[list[Picture], torch.Tensor]:
-    """Render 64 frames of the paper's scenes at a distance, with as many LEDs On where that is given."""
-    world = vt.load_scene("paper", f"scene.distance_m={distance_m}")
-    (batch,) = vt.simulate(world, 64, point="no panel")
-    frames, bits = batch.frames, batch.bits
-    if lit is not None:
-        bits = torch.full_like(bits, lit == bits[0].numel())
-        frames = world.simulator().render(batch.scene, bits)
-    return [np.ascontiguousarray(one) for one in frames.grey[:, 0].numpy()], bits
-
-
-def row(
-    receiver: vt.Receiver, pictures: list[Picture], bits: torch.Tensor | None
-) -> list[int]:
-    """Count pictures, those found, scored well and not warned of, and of these those with a wrong bit."""
-    nowhere = np.zeros((1, 1, 3), np.uint8)
-    frames = (
-        RecordedFrame("", i, None, nowhere, one) for i, one in enumerate(pictures)
-    )
-    read = list(read_panels(receiver, frames))
-    calm = [i for i, one in enumerate(read) if one.found and not one.is_doubtful]
-    sure = [i for i in calm if not read[i].unlike and not read[i].one_level]
-    well = sum(one.found and one.panel_score >= DOUBTFUL_SCORE for one in read)
-    wrong = (
-        0
-        if bits is None
-        else sum(bool((read[i].bits != bits[i].numpy()).any()) for i in calm)
-    )
-    return [
-        len(read),
-        sum(one.found for one in read),
-        well,
-        len(calm),
-        wrong,
-        len(sure),
-    ]
-
-
 def claimed(names: list[str], streets: int) -> None:
     """Print in how many pictures without a panel locators claim one, and how surely."""
     pictures = list(without_panel())
@@ -186,46 +140,16 @@ def claimed(names: list[str], streets: int) -> None:
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--locators",
-        nargs="+",
-        choices=LOCATORS,
-        help="for the table of docs/detector.md",
-    )
+    parser.add_argument("--locators", nargs="+", choices=LOCATORS, default=["detector"])
     parser.add_argument(
         "--streets",
         type=int,
         default=0,
         help="frames of held-out streets without a panel",
     )
-    given = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
-    if given.locators:
-        claimed(given.locators, given.streets)
-        return
-    kinds: dict[str, tuple[list[Picture], torch.Tensor | None]] = {
-        "no panel": (list(without_panel()), None)
-    }
-    kinds |= {f"panel at {one} m": with_panel(one) for one in DISTANCES_M}
-    kinds["all LEDs On, 50 m"] = with_panel(50, 64)
-    heads = [
-        "frames",
-        "found",
-        f"score of {DOUBTFUL_SCORE:g} or more",
-        "not doubtful",
-        "of these wrong",
-    ]
-    print(
-        f"| receiver | | {' | '.join(heads)} | no warning at all |\n" + "|---" * 8 + "|"
-    )
-    for locator, classifier in RECEIVERS:
-        # As task=decode has it.
-        taught_by = "truth" if locator == "detector" else locator
-        receiver = vt.train("paper", locator=taught_by, classifier=classifier)
-        receiver.locator = locator_named(locator, PaperLocator())
-        for kind, (pictures, bits) in kinds.items():
-            cells = " | ".join(map(str, row(receiver, pictures, bits)))
-            print(f"| {locator}, `{classifier}` | {kind} | {cells} |", flush=True)
+    claimed(options.locators, options.streets)
 
 
 if __name__ == "__main__":
