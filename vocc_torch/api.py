@@ -37,7 +37,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.report import folder, plots, rate_tables, styles, terminal
+from vocc_torch.report import folder, plots, rate_tables, terminal
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import Frames, Scene
 from vocc_torch.yaml_text import parse_yaml, read_yaml
@@ -292,10 +292,7 @@ class Table:
 
     def plot(self, path: str | Path | None = None) -> "Figure":
         """Draw the curves; ``path`` also saves them as ``.png``, ``.pdf`` or ``.svg``."""
-        table = self.curves.table()
-        figure = plots.ber_figure(
-            table, styles.axis_label(table.axis), "Bit error rate"
-        )
+        figure = plots.ber_figure(self.curves.table(), "Bit error rate")
         if path is not None:
             _demand_path(path)
             plots.save_figure(figure, path)

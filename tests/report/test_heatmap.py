@@ -50,7 +50,7 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid):
 
 
 def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tmp_path):
-    write_grid(tmp_path / "ber.csv", {"truth": grid})
+    write_grid(tmp_path / "ber.csv", grid)
     files = [tmp_path / f"ber{end}.csv" for end in ("", "_best")]
     rows, best = (list(csv.DictReader(file.read_text().splitlines())) for file in files)
     assert len(rows) == len(FOUR) * len(AMBIENT) * len(LUMINANCE)
@@ -87,8 +87,8 @@ def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tm
 def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(
     grid,
 ):
-    figures = grid_figures({"paper": grid, "truth": grid}, "paper", ["flda_3", "cnn"])
-    assert set(figures) == {"dimming_paper", "dimming_truth"}
+    figures = grid_figures(grid, ["flda_3", "cnn"])
+    assert set(figures) == {"dimming_truth"}
     assert (
         figures["dimming_truth"].axes[0].get_title(loc="left")
         == "FLDA: AGR + GRI + NGR"

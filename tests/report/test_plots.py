@@ -27,7 +27,7 @@ def segments(axes):
 
 
 def test_curves_stand_at_their_rates_with_their_intervals(table):
-    axes = plots.ber_figure(table, "Ambient light (lx)", "Sun").axes[0]
+    axes = plots.ber_figure(table, "Sun").axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == (
         "Ambient light (lx)",
         "Bit error rate",
@@ -56,7 +56,7 @@ def test_quoted_values_are_stars_of_their_curve(table):
 
 @pytest.mark.parametrize(
     "draw",
-    [lambda: plots.facet_figure([], "t", ""), lambda: plots.table_panel(BerTable())],
+    [lambda: plots.facet_figure({}, "t", "", 1), lambda: plots.table_panel(BerTable())],
 )
 def test_nothing_to_draw_is_refused(draw):
     with pytest.raises(VoccError, match="needs at least one"):
@@ -81,7 +81,7 @@ def test_titles_stay_above_their_own_axes():
     """Titles of two columns, measured by Matplotlib."""
     text = "job 0: focal_length_mm=18, board_reflectance=0.1"
     figure = plots.facet_figure(
-        [{text: "no panel", f"{text}1": "no panel"}], "Jobs", ""
+        {text: "no panel", f"{text}1": "no panel"}, "Jobs", "", 2
     )
     figure.canvas.draw()
     left, right = (axes._left_title.get_window_extent() for axes in figure.axes)

@@ -1,12 +1,11 @@
 """``samples.png``: the first scenes of training and of the points, before anything is counted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.report import samples
+from vocc_torch.report.led_plots import Picture, picture_figure
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.studies import curve
 
@@ -53,17 +52,14 @@ def test_a_dozen_scenes_stand_on_the_page(make_plan, tmp_path, monkeypatch):
     assert names[6].startswith("Test frames: ")
 
 
-def test_a_wide_panel_leaves_no_empty_band(make_plan):
+def test_a_wide_panel_leaves_no_empty_band():
     """Rows are as tall as what stands in them."""
-    plan, key = make_plan(), BlockKey(0, "train", 0)
-    (crop,) = samples.crops(plan.world.simulator(), key, plan.world.scene, 1)
     heights = []
     for height in (200, 20):
-        pixels = np.full((height, 200, 3), 90, np.uint8)
-        shown = [("", replace(crop, pixels=pixels))] * 7
-        heights.append(samples.samples_figure({"Wide": shown}).get_figheight())
-    saved = heights[0] - heights[1]
-    assert saved == pytest.approx(2 * 0.9 * samples.SETTINGS.cell_in)
+        shown = [Picture(np.full((height, 200, 3), 90, np.uint8))] * 7
+        figure = picture_figure(shown, "Wide", columns=6, cell_in=(1.8, 0.75))
+        heights.append(figure.get_figheight())
+    assert heights[0] - heights[1] == pytest.approx(2 * 0.9 * 1.8)
 
 
 def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted_nothing(

@@ -137,8 +137,3 @@ LEDGER = f"ledger{SUFFIX}"
 
 MANIFEST = "manifest.json"
 """What lists the files of a folder that can be checked when a run goes on."""
-
-
-def as_markdown(settings: config.Settings) -> str:
-    """The configuration as TensorBoard shows text."""
-    return "```yaml\n" + config.as_yaml(settings) + "\n```"

@@ -76,22 +76,22 @@ def matrix_figure(
         >>> [text.get_text() for text in matrix_figure([one], "Rates")[1][0].texts]
         ['1e-3', '< 1e-4']
     """
-    layout = plots.rows_of(list(range(len(maps))), columns)
-    cells = [max(2.6, 0.72 * len(matrix.columns)) for matrix in maps[: len(layout[0])]]
+    cells = [max(2.6, 0.72 * len(matrix.columns)) for matrix in maps[:columns]]
+    rows = -(-len(maps) // columns)
     height = max(2.2, 0.52 * max(len(matrix.rows) for matrix in maps)) + 0.9
-    size = max(7.0, sum(cells) + 2.2), height * len(layout) + 1.0
-    figure, axes = plots.sheet(layout, size, title, footnote, width_ratios=cells)
+    size_in = max(7.0, sum(cells) + 2.2), height * rows + 1.0
+    figure, axes = plots.sheet(
+        len(maps), title, footnote, columns, size_in=size_in, width_ratios=cells
+    )
     norm = rate_norm(rate for matrix in maps for rate in matrix.rates.ravel())
     for place, matrix in enumerate(maps):
         draw_matrix(axes[place], matrix, norm)
-        if place % len(layout[0]) and list(matrix.rows) == list(maps[place - 1].rows):
+        if place % columns and list(matrix.rows) == list(maps[place - 1].rows):
             axes[place].set(yticklabels=[], ylabel="")
-    scale = figure.colorbar(
-        cm.ScalarMappable(norm, _MAP), ax=list(axes.values()), pad=0.01, aspect=30
-    )
+    scale = figure.colorbar(cm.ScalarMappable(norm, _MAP), ax=axes, pad=0.01, aspect=30)
     scale.set_label("Bit error rate", color=LOOK.ink)
     scale.outline.set_visible(False)
-    return figure, [axes[place] for place in range(len(maps))]
+    return figure, axes
 
 
 def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
@@ -213,23 +213,16 @@ def _frames_text(grid: Grid) -> str:
     return f"{styles.range_text(cells)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
 
 
-def grid_figures(
-    grids: Mapping[str, Grid], main: str, receivers: Sequence[str]
-) -> dict[str, Figure]:
+def grid_figures(grid: Grid, receivers: Sequence[str]) -> dict[str, Figure]:
     """Draw a grid.
 
     Args:
-        grids: by locator.
-        main: the locator whose receivers are drawn.
+        grid: the rates.
         receivers: those to draw, in order.
 
     Returns:
         By file name without suffix.
     """
-    names = [name for name in receivers if name in grids[main].receivers]
-    return {
-        f"dimming_{locator}": dimming_figure(
-            grid, f"{HEADING} ({styles.LOCATED[locator]})", names
-        )
-        for locator, grid in grids.items()
-    }
+    names = [name for name in receivers if name in grid.receivers]
+    title = f"{HEADING} ({styles.LOCATED[grid.locator]})"
+    return {f"dimming_{grid.locator}": dimming_figure(grid, title, names)}

@@ -1,6 +1,7 @@
 """Figures of LEDs: histograms and clouds of On and Off, and pictures of panels."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -11,9 +12,7 @@ from vocc_torch.report.plots import (
     LOOK,
     Axes,
     Figure,
-    panel_size,
     quiet,
-    rows_of,
     sheet,
 )
 from vocc_torch.report.styles import (
@@ -39,19 +38,14 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
         2
     """
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
-    layout = rows_of(list(range(len(names))), 3)
     signs = [
         Line2D([], [], color=colour, label=f"{name} LEDs") for _, name, colour in STATUS
     ]
-    figure, axes = sheet(
-        layout,
-        panel_size(layout),
-        f"Features of {count_text(len(values))} LEDs",
-        signs=signs,
-    )
+    title = f"Features of {count_text(len(values))} LEDs"
+    figure, axes = sheet(len(names), title, signs=signs)
     for place, name in enumerate(names):
         status_histogram(axes[place], values[:, place], on, name)
-        if place % len(layout[0]):
+        if place % 3:
             axes[place].set_ylabel("")
     return figure
 
@@ -105,26 +99,63 @@ def status_cloud(
     axes.set(xlabel=labels[0], ylabel=labels[1], **limits)
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A picture with what stands above and below it.
+
+    Args:
+        pixels: (H,W) greys from 0, black, to 255, white; or (H,W,3) uint8.
+        title: above it.
+        caption: below it.
+    """
+
+    pixels: Floats | Bytes
+    title: str = ""
+    caption: str = ""
+
+
 def picture_figure(
-    pictures: Mapping[str, Floats | Bytes],
+    pictures: Sequence[Picture | None],
     title: str,
     footnote: str = "",
     columns: int = 3,
-    cell_in: tuple[float, float] = LOOK.panel_in,
+    cell_in: tuple[float, float] = (2.6, 0.4),
 ) -> Figure:
-    """Draw pictures beside each other, pixels as squares, greys black at 0 and white at 255.
+    """Draw pictures beside each other, pixels as squares; a row is as tall as what stands in it.
 
     Args:
-        pictures: by what stands above them.
+        pictures: row by row; None leaves a place empty.
         title: what the figure shows.
         footnote: what it rests on.
         columns: most pictures in a row.
-        cell_in: room of a picture, inches.
+        cell_in: width of a picture, and height of the words about it, inches.
     """
-    layout = rows_of(range(len(pictures)), columns)
-    figure, axes = sheet(layout, panel_size(layout, cell_in), title, footnote)
-    for place, (heading, grey) in enumerate(pictures.items()):
-        axes[place].imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-        axes[place].set(xticks=[], yticks=[])
-        axes[place].set_title(heading, loc="left", fontsize=10)
+    width_in, words_in = cell_in
+    heights_in = []
+    for first in range(0, len(pictures), columns):
+        row = filter(None, pictures[first : first + columns])
+        shapes = [picture.pixels.shape for picture in row]
+        tallest = max(height / width for height, width, *_ in shapes)
+        heights_in.append(words_in + width_in * min(1.0, tallest))
+    row_in = width_in * min(columns, len(pictures)) + 0.3
+    size_in = max(7.0, row_in), sum(heights_in) + 0.5
+    figure, axes = sheet(
+        len(pictures),
+        title,
+        footnote,
+        columns,
+        size_in=size_in,
+        height_ratios=heights_in,
+    )
+    for panel, picture in zip(axes, pictures, strict=True):
+        panel.set(xticks=[], yticks=[])
+        panel.spines[:].set_visible(False)
+        if picture is not None:
+            panel.imshow(
+                picture.pixels, cmap="gray", vmin=0, vmax=255, interpolation="nearest"
+            )
+            panel.set_title(picture.title, loc="left", fontsize=10)
+            panel.set_xlabel(
+                picture.caption, fontsize=7.5, color=LOOK.quiet, loc="left"
+            )
     return figure

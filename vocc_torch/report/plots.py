@@ -1,6 +1,5 @@
 """Figures of curves, and what all figures share; Matplotlib lays them out."""
 
-import io
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
 from matplotlib.transforms import ScaledTranslation
-from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
@@ -28,6 +26,7 @@ from vocc_torch.report.styles import (
     axis_label,
     range_text,
     receiver_styles,
+    scale_of,
     value_text,
 )
 
@@ -108,9 +107,7 @@ class Panel:
     @property
     def scale(self) -> str:
         """The horizontal axis's scale."""
-        values = self.values
-        wide = bool(values) and 0 < 10 * values[0] < values[-1]
-        return self.x_scale or ("log" if wide else "linear")
+        return self.x_scale or scale_of(self.values)
 
 
 def curve_figure(
@@ -140,16 +137,17 @@ def curve_figure(
     """
     if not panels:
         raise VoccError("panels is empty: a figure needs at least one panel")
-    layout = rows_of(range(len(panels)), columns)
-    size = LOOK.single_in if len(panels) == 1 else panel_size(layout, panel_in)
     curves = [curve for panel in panels for curve in panel.curves]
     styles = {curve.style.label: curve.style for curve in curves}
     quoted = any(curve.stars for curve in curves)
     signs = [sign_of(style) for style in styles.values()] + [quoted_sign()] * quoted
-    figure, axes = sheet(layout, size, title, footnote, signs, sharey=True)
+    size_in = LOOK.single_in if len(panels) == 1 else None
+    figure, axes = sheet(
+        len(panels), title, footnote, columns, panel_in, size_in, signs, sharey=True
+    )
     for place, panel in enumerate(panels):
         draw_panel(axes[place], panel, tuple(styles))
-        if place % len(layout[0]) and panels[place - 1].curves:
+        if place % columns and panels[place - 1].curves:
             axes[place].set_ylabel("")
         else:
             axes[place].tick_params(labelleft=True)
@@ -159,58 +157,46 @@ def curve_figure(
     return figure
 
 
-def rows_of(places: Sequence[int], columns: int) -> list[list[int]]:
-    """Lay places out in rows; -1 is an empty place of the last one.
-
-    Example:
-        >>> rows_of([0, 1, 2], 2)
-        [[0, 1], [2, -1]]
-    """
-    columns = min(columns, len(places))
-    padded = [*places, *[-1] * (-len(places) % columns)]
-    return [padded[first : first + columns] for first in range(0, len(padded), columns)]
-
-
-def panel_size(
-    layout: Sequence[Sequence[int]], panel_in: tuple[float, float] = LOOK.panel_in
-) -> tuple[float, float]:
-    """Give the size of a figure of many panels, inches."""
-    width, height = panel_in
-    return max(7.0, width * len(layout[0])), max(3.6, 1.0 + height * len(layout))
-
-
 def sheet(
-    layout: Sequence[Sequence[int]],
-    size_in: tuple[float, float],
+    count: int,
     title: str,
     footnote: str = "",
+    columns: int = 3,
+    panel_in: tuple[float, float] = LOOK.panel_in,
+    size_in: tuple[float, float] | None = None,
     signs: Sequence[Artist] = (),
     **grid: Any,
-) -> tuple[Figure, dict[int, Axes]]:
-    """Make a figure with title, legend and footnote about axes that Matplotlib lays out.
+) -> tuple[Figure, list[Axes]]:
+    """Make a figure with title, legend and footnote about axes in rows, which Matplotlib lays out.
 
     Args:
-        layout: rows of numbers; axes whose number stands in several places cover them, -1 is empty.
-        size_in: width and height, inches.
+        count: how many axes, at least 1.
         title: what the figure shows.
         footnote: what it rests on; it is broken over lines.
+        columns: most axes in a row.
+        panel_in: room of each, inches.
+        size_in: width and height of the figure, inches; by default each axes has its room.
         signs: what the legend explains.
-        grid: what else ``subplot_mosaic`` takes.
+        grid: what else ``Figure.subplots`` takes.
 
     Returns:
-        The figure, and its axes by their number.
+        The figure, and its axes row by row.
 
     Example:
-        >>> sorted(sheet([[0, 1], [0, 2]], (6, 4), "Three")[1])
-        [0, 1, 2]
+        >>> len(sheet(3, "Three", columns=2)[1])
+        3
     """
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    width, height = panel_in
+    size_in = size_in or (max(7.0, width * columns), max(3.6, 1.0 + height * rows))
     figure = Figure(
         figsize=size_in, dpi=LOOK.dpi, layout="constrained", facecolor="white"
     )
     FigureCanvasAgg(figure)
-    axes = figure.subplot_mosaic(
-        [list(row) for row in layout], empty_sentinel=-1, **grid
-    )
+    every = figure.subplots(rows, columns, squeeze=False, **grid).ravel().tolist()
+    for empty in every[count:]:
+        empty.remove()
     figure.legend(
         handles=signs,
         ncols=max(1, int(size_in[0] / LOOK.sign_in)),
@@ -228,9 +214,9 @@ def sheet(
             footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet
         )
         below.set(wrap=True, linespacing=1.4)
-    for panel_axes in axes.values():
-        quiet(panel_axes)
-    return figure, axes
+    for axes in every[:count]:
+        quiet(axes)
+    return figure, every[:count]
 
 
 def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
@@ -437,18 +423,25 @@ def rows_figure(
         >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times").axes[0].get_yticklabels()]
         ['paper']
     """
-    size = 5.4 * len(panels) + 0.6, 2.0 + LOOK.row_in * len(names)
+    size_in = 5.4 * len(panels) + 0.6, 2.0 + LOOK.row_in * len(names)
     styles = {
         name: style for panel in panels for name, (style, _) in panel.series.items()
     }
     signs = [sign_of(replace(style, label=name)) for name, style in styles.items()]
     signs += [quoted_sign()] * any(panel.stars for panel in panels)
-    places = range(len(panels))
-    figure, axes = sheet([places], size, title, footnote, signs, sharey=True)
-    for place, panel in enumerate(panels):
-        draw_rows(axes[place], panel)
+    figure, axes = sheet(
+        len(panels),
+        title,
+        footnote,
+        len(panels),
+        size_in=size_in,
+        signs=signs,
+        sharey=True,
+    )
+    for panel_axes, panel in zip(axes, panels, strict=True):
+        draw_rows(panel_axes, panel)
         for row in range(0, len(names), 2):
-            axes[place].axhspan(row - 0.5, row + 0.5, color=LOOK.band, zorder=0, lw=0)
+            panel_axes.axhspan(row - 0.5, row + 0.5, color=LOOK.band, zorder=0, lw=0)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
     axes[0].set_yticks(range(len(names)), names)
     return figure
@@ -515,17 +508,15 @@ def table_panel(
             spread = [row.algorithm if row.ber_sd else None for row in rows]
             x, quoted = [row.value for row in rows], stars.get(receiver, ())
             curves.append(Curve(style, x, rates, spread, quoted))
-    # A contrast is a share of a whole.
-    scale = "linear" if table.axis == "contrast" else ""
+    scale = scale_of(table.values, table.axis)
     return Panel(curves, title, axis_label(table.axis), x_scale=scale)
 
 
-def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
+def ber_figure(table: BerTable, title: str) -> Figure:
     """Draw the receivers' bit error rates with their intervals.
 
     Args:
         table: at least one point.
-        axis_label: label of the horizontal axis, with its unit.
         title: what the figure shows.
 
     Raises:
@@ -535,42 +526,38 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
         >>> from vocc_torch.measure.counts import Counts
         >>> from vocc_torch.measure.curve import Point
         >>> points = [Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")]
-        >>> ber_figure(BerTable(points), "Distance (m)", "One point").axes[0].get_yscale()
-        'log'
+        >>> ber_figure(BerTable(points), "One point").axes[0].get_xlabel()
+        'Distance (m)'
     """
     panel = table_panel(table)
     frames = range_text(row.frames for row in table)
     dot = " \N{MIDDLE DOT} "
     note = f"{frames} frames a point{dot}locator: {', '.join(table.locators)}{dot}{interval_note(table)}"
-    labelled = Panel(panel.curves, x_label=axis_label, x_scale=panel.x_scale)
-    return curve_figure([labelled], title, note)
+    return curve_figure([panel], title, note)
 
 
-Facets = Sequence[Mapping[str, BerTable | str]]
-"""Rows of tables, or of why there is none, by the facet's title."""
-
-
-def facet_figure(rows: Facets, title: str, footnote: str) -> Figure:
+def facet_figure(
+    facets: Mapping[str, BerTable | str], title: str, footnote: str, columns: int
+) -> Figure:
     """Draw tables in panels, each with axes of its own.
 
     Args:
-        rows: rows of facets, each a mapping of the facet's title to its table, or to why it has none.
+        facets: by the facet's title, its table, or why it has none.
         title: what the figure shows.
         footnote: what it rests on.
+        columns: most facets in a row.
 
     Raises:
         VoccError: no facet, or a table without points.
     """
-    facets = [(name, facet) for row in rows for name, facet in row.items()]
-    tables = [facet for _, facet in facets if isinstance(facet, BerTable)]
+    tables = [facet for facet in facets.values() if isinstance(facet, BerTable)]
     styles = receiver_styles(name for table in tables for name in table.receivers)
     panels = [
         Panel(title=name, reason=facet)
         if isinstance(facet, str)
         else table_panel(facet, name, styles)
-        for name, facet in facets
+        for name, facet in facets.items()
     ]
-    columns = max(map(len, rows), default=1)
     return curve_figure(panels, title, footnote, columns)
 
 
@@ -610,10 +597,3 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         raise VoccError(f"{path} has no known image format: use .png, .pdf or .svg")
     with atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=figure.dpi)
-
-
-def figure_pixels(figure: Figure) -> Pixels:
-    """Draw a figure into memory, (H,W,3) uint8."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=figure.dpi)
-    return np.array(Image.open(buffer).convert("RGB"))

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, astuple, fields, replace
 from itertools import combinations
 from pathlib import Path
@@ -180,7 +180,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
     write_rows(path, lines, short=True)
 
 
-def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
+def write_grid(path: Path, grid: Grid) -> None:
     """Write a grid's points, and the best luminance of every receiver at each ambient light.
 
     The points have the grid's own intervals: a limit takes wrong frames to be as nearby. ``best_from`` to
@@ -189,20 +189,24 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
     two columns says that the range ends at the grid's edge, so that the best may lie beyond.
 
     Args:
-        path: the file of the points, by locator, row, value and receiver; the other has ``best`` after its
-            name.
-        grids: by locator.
+        path: the file of the points, by row, value and receiver; the other has ``best`` after its name.
+        grid: the points.
 
     Raises:
         VoccError: a file cannot be written.
     """
-    axis = next(iter(grids.values())).row_axis
-    points: list[Cells] = [(axis, *curve.COLUMNS)]
+    points: list[Cells] = [(grid.row_axis, *curve.COLUMNS)]
+    ends = {name: grid.intervals(name) for name in grid.receivers}
+    for i, (at, curves) in enumerate(zip(grid.rows, grid.curves, strict=True)):
+        for row in curves.table():
+            j = grid.columns.index(row.value)
+            low, high = (float(side[i, j]) for side in ends[row.receiver])
+            points.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))
     bests: list[Cells] = [
         (
             "receiver",
             "locator",
-            axis,
+            grid.row_axis,
             "best_from_cd_m2",
             "best_to_cd_m2",
             "range_from_cd_m2",
@@ -214,33 +218,14 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
             "may_lie_above_grid",
         )
     ]
-    for grid in grids.values():
-        sides = {name: grid.intervals(name) for name in grid.receivers}
-        for i, (at, curves) in enumerate(zip(grid.rows, grid.curves, strict=True)):
-            for row in curves.table():
-                low, high = (
-                    float(side[i, grid.columns.index(row.value)])
-                    for side in sides[row.receiver]
-                )
-                points.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))
-        for receiver in grid.receivers:
-            for best in best_luminance(grid, receiver):
-                least, alike = best.least_cd_m2, best.candidates_cd_m2
-                edges = best.reaches_lowest, best.reaches_highest
-                bests.append(
-                    (
-                        receiver,
-                        grid.locator,
-                        best.ambient_lx,
-                        least[0],
-                        least[-1],
-                        alike[0],
-                        alike[-1],
-                        best.ber,
-                        best.ber_low,
-                        best.ber_high,
-                        *("yes" if edge else "no" for edge in edges),
-                    )
-                )
+    for receiver in grid.receivers:
+        for best in best_luminance(grid, receiver):
+            least, alike = best.least_cd_m2, best.candidates_cd_m2
+            rates = best.ber, best.ber_low, best.ber_high
+            edges = best.reaches_lowest, best.reaches_highest
+            spans = least[0], least[-1], alike[0], alike[-1]
+            words = ("yes" if edge else "no" for edge in edges)
+            light = best.ambient_lx
+            bests.append((receiver, grid.locator, light, *spans, *rates, *words))
     write_rows(path, points)
     write_rows(path.with_stem(f"{path.stem}_best"), bests)

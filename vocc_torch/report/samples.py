@@ -1,6 +1,6 @@
 """``samples.png``: what a run's scenes look like, before its numbers."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,8 @@ from torch import Tensor
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import Kind, scenes_of
 from vocc_torch.report.folder import SAMPLES
-from vocc_torch.report.plots import LOOK, Figure, Pixels, rows_of, save_figure, sheet
+from vocc_torch.report.led_plots import Picture, picture_figure
+from vocc_torch.report.plots import Pixels, save_figure
 from vocc_torch.report.styles import axis_label, count_text
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
@@ -24,8 +25,8 @@ class SampleSettings:
 
     columns: int = 6  # crops in a row
     most: int = 12  # crops in all
-    cell_in: float = 1.8  # width of a crop, inches
-    caption_in: float = 0.75  # height of what stands above and below it, inches
+    width_in: float = 1.8  # width of a crop, inches
+    words_in: float = 0.75  # height of what stands above and below it, inches
 
 
 SETTINGS = SampleSettings()
@@ -94,53 +95,24 @@ def write_samples(
     }
     simulator = replace(plan.world, framing="crop").simulator()
     most = SETTINGS.most // len(kinds)
-    groups: dict[str, list[tuple[str, Crop]]] = {}
+    pictures: list[Picture | None] = []
     for kind in kinds:
         points = list(scenes_of(plan, kind).items())
         steps = np.linspace(0, len(points) - 1, most).round().astype(int)
         places = np.unique(steps).tolist()
-        group = groups.setdefault(heads[kind], [])
+        head = heads[kind]
         for name, model in (points[place] for place in places):
             axis, _, value = name.rpartition("/")[2].partition("=")
-            label = f"{axis_label(axis)}: {value}" if value else ""
+            label = [f"{axis_label(axis)}: {value}"] if value else []
             key = BlockKey(plan.seed, name, 0)
-            shown = crops(simulator, key, model, most // len(places))
-            group += [(label, crop) for crop in shown]
-    save_figure(samples_figure(groups), folder / SAMPLES)
-
-
-def samples_figure(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Figure:
-    """Lay crops out in rows, each with its label and its scene's values; the first of a group has its name.
-
-    Rows are as tall as what stands in them.
-
-    Args:
-        groups: labels and crops, by the group's name.
-    """
-    columns = min(SETTINGS.columns, max(map(len, groups.values())))
-    layout: list[list[int]] = []
-    heights_in: list[float] = []
-    titles: list[str] = []
-    shown: list[tuple[str, Crop]] = []
-    for name, group in groups.items():
-        tallest = max(crop.pixels.shape[0] / crop.pixels.shape[1] for _, crop in group)
-        height_in = SETTINGS.caption_in + SETTINGS.cell_in * min(1.0, tallest)
-        titles += [name, *[""] * (len(group) - 1)]
-        rows = rows_of(range(len(shown), len(shown) + len(group)), columns)
-        layout += [[*row, *[-1] * (columns - len(row))] for row in rows]
-        heights_in += [height_in] * len(rows)
-        shown += group
-    size_in = SETTINGS.cell_in * columns + 0.3, sum(heights_in) + 0.5
-    figure, axes = sheet(layout, size_in, "Scenes", height_ratios=heights_in)
-    for place, (label, crop) in enumerate(shown):
-        cell = axes[place]
-        cell.imshow(crop.pixels, interpolation="nearest")
-        cell.set(xticks=[], yticks=[])
-        cell.spines[:].set_visible(False)
-        words = "\n".join(filter(None, (label, *captions(crop.scene))))
-        cell.set_xlabel(words, fontsize=7.5, color=LOOK.quiet, loc="left")
-        cell.set_title(titles[place], loc="left", fontsize=10.5, fontweight="bold")
-    return figure
+            for crop in crops(simulator, key, model, most // len(places)):
+                words = "\n".join([*label, *captions(crop.scene)])
+                pictures.append(Picture(crop.pixels, head, words))
+                head = ""
+        pictures += [None] * (-len(pictures) % SETTINGS.columns)
+    cell_in = SETTINGS.width_in, SETTINGS.words_in
+    figure = picture_figure(pictures, "Scenes", "", SETTINGS.columns, cell_in)
+    save_figure(figure, folder / SAMPLES)
 
 
 def captions(scene: Scene) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """How results look and read wherever they are shown: names, colours, markers, lines, and numbers as text."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import cycle
@@ -82,6 +82,21 @@ def axis_label(axis: str) -> str:
         ('Distance (m)', 'blooming.sigma_px')
     """
     return str(LOOKS["axes"].get(axis, axis))
+
+
+def scale_of(values: Sequence[float], axis: str = "") -> Literal["log", "linear"]:
+    """Give the scale of an axis: logarithmic for values above 0 over more than a decade.
+
+    Args:
+        values: of the axis.
+        axis: its name; a contrast is a share of a whole, and always linear.
+
+    Example:
+        >>> scale_of([1e3, 32e3]), scale_of([30.0, 70.0]), scale_of([0.01, 0.5], "contrast")
+        ('log', 'linear', 'linear')
+    """
+    is_wide = bool(values) and 0 < 10 * min(values) < max(values)
+    return "log" if is_wide and axis != "contrast" else "linear"
 
 
 def value_text(value: float) -> str:

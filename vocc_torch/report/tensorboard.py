@@ -13,15 +13,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
+from PIL import Image
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.config import Settings
+from vocc_torch.measure.config import Settings, as_yaml
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.report import page, plots, styles
-from vocc_torch.report.folder import as_markdown
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
@@ -44,16 +45,6 @@ NOT_HYPERPARAMETERS = (
 """Keys of a sweep that change no result."""
 
 
-def is_logarithmic(axis: str, values: Sequence[float]) -> bool:
-    """Whether the steps of an axis are logarithms: values above 0 over more than a decade.
-
-    Example:
-        >>> is_logarithmic("ambient_lx", [1e3, 32e3]), is_logarithmic("distance_m", [30.0, 70.0])
-        (True, False)
-    """
-    return axis != "contrast" and bool(values) and 0 < 10 * min(values) < max(values)
-
-
 def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
     """Give each value of an axis its integer step.
 
@@ -69,7 +60,7 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
         ({30.0: 300, 32.5: 325}, {1000.0: 3000, 2000.0: 3301, 32000.0: 4505})
     """
     factor, _ = styles.LOOKS["steps"].get(axis, (1, ""))
-    logarithmic = is_logarithmic(axis, values)
+    logarithmic = styles.scale_of(values, axis) == "log"
     by_step: dict[int, float] = {}
     for value in sorted(values):
         step = round(LOG_FACTOR * math.log10(value) if logarithmic else value * factor)
@@ -101,7 +92,9 @@ def write_figures(
     folder: Path,
     figures: Mapping[str, plots.Figure],
     tables: Mapping[str, Sequence[BerTable]] = {},
-    **contents: Mapping[str, Any],
+    images: Mapping[str, plots.Pixels] = {},
+    texts: Mapping[str, str] = {},
+    **rows: Mapping[str, Any],
 ) -> None:
     """Write a run's figures as PNG files and, where it wants one, its board with figures and configuration.
 
@@ -110,22 +103,25 @@ def write_figures(
         folder: the run's folder.
         figures: by the name of the file, without its end.
         tables: as of :func:`write_boards`.
-        **contents: ``texts``, ``images``, ``numbers`` and ``runs`` of :func:`write_boards`.
+        images: (H,W,3) uint8 pictures by name.
+        texts: Markdown by name.
+        **rows: ``numbers`` and ``runs`` of :func:`write_boards`.
     """
+    pictures = {f"images/{name}": pixels for name, pixels in images.items()}
     for name, figure in figures.items():
-        plots.save_figure(figure, folder / f"{name}.png")
+        path = folder / f"{name}.png"
+        plots.save_figure(figure, path)
+        if settings.tensorboard:
+            pictures[f"figures/{name}"] = np.array(Image.open(path).convert("RGB"))
     if settings.tensorboard:
-        contents["texts"] = {
-            "configuration": as_markdown(settings),
-            **contents.get("texts", {}),
-        }
-        write_boards(folder / "tensorboard", tables, figures, **contents)
+        configuration = f"```yaml\n{as_yaml(settings)}\n```"
+        texts = {"configuration": configuration, **texts}
+        write_boards(folder / "tensorboard", tables, pictures, texts, **rows)
 
 
 def write_boards(
     folder: str | Path,
     tables: Mapping[str, Sequence[BerTable]],
-    figures: Mapping[str, plots.Figure | plots.Pixels] = {},
     images: Mapping[str, plots.Pixels] = {},
     texts: Mapping[str, str] = {},
     numbers: Mapping[str, Mapping[str, float]] = {},
@@ -144,7 +140,6 @@ def write_boards(
         folder: the folder that TensorBoard is to be pointed at.
         tables: by group, tables of different axes; the name of a single group may be empty, for tags without
             one.
-        figures: figures by name, Matplotlib's or (H,W,3) uint8.
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
         numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
@@ -186,11 +181,8 @@ def write_boards(
                 write_guide(writer, parts)
                 for name, text in texts.items():
                     writer.add_text(name, text)
-                for kind, pictures in {"figures": figures, "images": images}.items():
-                    for name, shown in pictures.items():
-                        if isinstance(shown, plots.Figure):
-                            shown = plots.figure_pixels(shown)
-                        writer.add_image(f"{kind}/{name}", shown, dataformats="HWC")
+                for name, pixels in images.items():
+                    writer.add_image(name, pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 
@@ -224,7 +216,7 @@ class BoardPart:
     def unit(self) -> str:
         """Say what a step is."""
         label = styles.axis_label(self.table.axis)
-        if is_logarithmic(self.table.axis, self.table.values):
+        if styles.scale_of(self.table.values, self.table.axis) == "log":
             return f"{LOG_FACTOR} x log10 of {label}"
         return str(styles.LOOKS["steps"].get(self.table.axis, (1, label))[1])
 
@@ -248,9 +240,7 @@ class BoardPart:
 
         Tags of lines are regular expressions, those of bands are literal.
         """
-        band = [
-            self.tag(name) for name in ("log10_BER", "log10_BER_lo", "log10_BER_hi")
-        ]
+        band = list(map(self.tag, SHOWN))
         charts: dict[str, list[str | list[str]]] = {
             "log10 BER": ["Multiline", [f"^{re.escape(band[0])}$"]],
             "log10 BER with 95 % intervals": ["Margin", band],
@@ -316,15 +306,10 @@ def write_guide(writer: SummaryWriter, parts: Sequence[BoardPart]) -> None:
     """Lay the charts out and say how to read them, where there are curves."""
     if parts:
         writer.add_custom_scalars(dict(part.charts() for part in parts))
-        corners: dict[str, list[str]] = {}
-        for group in dict.fromkeys(part.group for part in parts):
-            located = (
-                row.locator
-                for part in parts
-                if part.group == group
-                for row in part.table
-            )
-            corners.setdefault(listed(located), []).append(group)
+        corners: dict[str, dict[str, None]] = {}
+        for part in parts:
+            located = ", ".join(part.table.locators)
+            corners.setdefault(located, {})[part.group] = None
         units = list(dict.fromkeys(part.unit for part in parts))
         said = page.render(__package__, "board.md.j2", groups=corners, units=units)
         writer.add_text("how to read", said.rstrip())

@@ -337,11 +337,6 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
             name += " "
         facets[name] = job.table or job.complaint or job.status
     columns = len(jobs) if len(jobs) <= 3 else min(5, math.ceil(math.sqrt(len(jobs))))
-    places = list(facets.items())
-    rows = [
-        dict(places[first : first + columns])
-        for first in range(0, len(places), columns)
-    ]
     shown = [row for job in jobs for row in job.table or ()]
     locators = ", ".join(dict.fromkeys(row.locator for row in shown))
     without = sum(not job.table for job in jobs)
@@ -354,7 +349,7 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
             [" \N{MIDDLE DOT} ".join(parts), interval_note(shown) if shown else ""],
         )
     )
-    return facet_figure(rows, title, note)
+    return facet_figure(facets, title, note, columns)
 
 
 def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) -> None:

@@ -273,9 +273,8 @@ def write_results(
     names, board = plan.receiver.names, dict[str, Any]()
     if axis := plan.experiment.row_axis:
         cells = grid.Grid(axis, plan.experiment.rows, curves)
-        grids = {plan.receiver.locator: cells}
-        rate_tables.write_grid(folder / "ber.csv", grids)
-        figures = heatmap.grid_figures(grids, plan.receiver.locator, names)
+        rate_tables.write_grid(folder / "ber.csv", cells)
+        figures = heatmap.grid_figures(cells, names)
         tables = {
             f"{axis}={at:g}": [row.table()]
             for at, row in zip(cells.rows, curves, strict=True)
@@ -304,7 +303,7 @@ def curve_figures(
     ]
     features = training.features, training.bits, names
     return {
-        "ber": plots.ber_figure(table, styles.axis_label(table.axis), title),
+        "ber": plots.ber_figure(table, title),
         "features": led_plots.feature_histograms(*features),
     }
 

@@ -50,10 +50,8 @@ def write_frames(study: Findings, path: Path) -> float:
     far = FARTHEST * max(1.0, math.sqrt(fit.scale))
     order = (off**2).mean((1, 2)).argsort()
     chosen = np.unique([0, order[len(order) // 2], order[-1]])
-    layout = plots.rows_of(list(range(3 * len(chosen))), 3)
-    size = plots.panel_size(layout)
-    figure, axes = plots.sheet(layout, size, "Measured and expected")
-    panes = iter(axes.values())
+    figure, axes = plots.sheet(3 * len(chosen), "Measured and expected")
+    panes = iter(axes)
     for frame in chosen:
         for head, plane, low, high, colours in (
             (f"frame {numbers[frame]}: measured", fit.grey, 0.0, WHITE, "gray"),
@@ -70,8 +68,8 @@ def write_frames(study: Findings, path: Path) -> float:
 
 def write_transfer(gamma: float, curve: TransferCurve, path: Path) -> None:
     """Draw the photon transfer curve."""
-    figure, panels = plots.sheet([[0]], (6.1, 4.2), "Photon transfer")
-    axes, fitted = panels[0], expected(curve.light, gamma, curve.noise)[1]
+    figure, (axes,) = plots.sheet(1, "Photon transfer", size_in=(6.1, 4.2))
+    fitted = expected(curve.light, gamma, curve.noise)[1]
     axes.plot(curve.light, curve.variance, "o", color=plots.LOOK.ink, label="measured")
     axes.plot(
         curve.light, fitted, color="#0072B2", label="photon transfer and rounding"

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from vocc_torch.arrays import Bytes
-from vocc_torch.report.led_plots import picture_figure
+from vocc_torch.report.led_plots import Picture, picture_figure
 from vocc_torch.report.plots import Figure
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.framing import panel_corners_px
@@ -22,7 +22,7 @@ class GallerySettings:
     least_spread_grey: float = 3.0  # least standard deviation with a panel in it
     seen_grey: float = 1.5  # least mean change that the eye sees
     columns: int = 6  # pictures in a row
-    cell_in: tuple[float, float] = (1.8, 2.1)  # room of a picture and its name, inches
+    cell_in: tuple[float, float] = (1.8, 0.3)  # width of a picture, height of its name
 
 
 SETTINGS = GallerySettings()
@@ -33,12 +33,12 @@ def gallery_figure(study: EffectStudy) -> Figure:
     nearest_m = study.plan.world.scene.nearest_m
     note = f"{nearest_m:g} m, the same frame for all"
     title = "One panel under each effect, at its strongest"
-    pictures = dict(gallery_pictures(study))
+    pictures = list(gallery_pictures(study))
     grid = SETTINGS.columns, SETTINGS.cell_in
     return picture_figure(pictures, title, note, *grid)
 
 
-def gallery_pictures(study: EffectStudy) -> Iterator[tuple[str, Bytes]]:
+def gallery_pictures(study: EffectStudy) -> Iterator[Picture]:
     """Render the study's scene and its bits once, and with each effect at its harshest.
 
     The panel is at the nearest distance; all else is drawn as for a test frame. A severity that leaves no
@@ -46,7 +46,7 @@ def gallery_pictures(study: EffectStudy) -> Iterator[tuple[str, Bytes]]:
     What hardly changes the panel's surroundings is shown over the whole frame.
 
     Yields:
-        What is shown, and its grey values (H,W).
+        What is shown, with its grey values (H,W).
     """
     world, model = study.plan.world, study.plan.world.scene
     key = FrameKey(BlockKey(study.plan.seed, "gallery", 0), 0)
@@ -63,7 +63,7 @@ def gallery_pictures(study: EffectStudy) -> Iterator[tuple[str, Bytes]]:
         return np.asarray(grey.clamp(0, 255).round().byte().cpu())
 
     plain = rendered(study.scene)
-    yield "the scene itself", plain[place]
+    yield Picture(plain[place], "the scene itself")
     for pair in study.pairs:
         scenes = scenes_of(study, pair)
         frame = rendered(scenes.pop())
@@ -72,9 +72,9 @@ def gallery_pictures(study: EffectStudy) -> Iterator[tuple[str, Bytes]]:
         near = np.abs(frame[place].astype(int) - plain[place]).mean()
         name = " + ".join(pair.differing)
         if near < SETTINGS.seen_grey:
-            yield f"{name}\nwhole frame", frame
+            yield Picture(frame, f"{name}\nwhole frame")
         else:
-            yield name, frame[place]
+            yield Picture(frame[place], name)
 
 
 def scenes_of(study: EffectStudy, pair: ScenePair) -> list[Effects]:

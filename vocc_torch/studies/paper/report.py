@@ -73,11 +73,8 @@ class Report:
     def add_dimming(self, cells: grid.Grid) -> None:
         """Draw and write the grid of ambient light and LED luminance."""
         self.add_numbers(dimming_numbers(cells))
-        grids = {cells.locator: cells}
-        rate_tables.write_grid(self.folder / "figures" / f"{DIMMING}.csv", grids)
-        self.drawn[DIMMING] = heatmap.grid_figures(
-            grids, cells.locator, PAPER_RECEIVERS
-        )
+        rate_tables.write_grid(self.folder / "figures" / f"{DIMMING}.csv", cells)
+        self.drawn[DIMMING] = heatmap.grid_figures(cells, PAPER_RECEIVERS)
 
     def add(self, name: str, figure: PaperFigure) -> None:
         """Add one of the other figures, and write its numbers."""

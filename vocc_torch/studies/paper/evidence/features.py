@@ -91,8 +91,7 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
     Several features are separated by the score of FLDA.
     """
     sample, bits = source.sample, source.sample.bits
-    layout = plots.rows_of(range(len(names)), 3)
-    figure, axes = plots.sheet(layout, plots.panel_size(layout), title)
+    figure, axes = plots.sheet(len(names), title)
     numbers: dict[str, float] = {}
     for at, name in enumerate(names):
         parts, label = name.split("+"), LABELS.get(name, "Score of FLDA")

@@ -5,7 +5,7 @@ import torch
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.receiver.locators.paper import paper_stages
-from vocc_torch.report import led_plots
+from vocc_torch.report.led_plots import Picture, picture_figure
 from vocc_torch.studies.paper.evidence import PaperFigure
 from vocc_torch.studies.paper.evidence.sample import Source, paper_scene
 
@@ -30,11 +30,13 @@ def grey_overlap(source: Source, title: str) -> PaperFigure:
         "bright_frame_lowest_off_grey": float(lowest_off[bright]),
         "misread_off_share": float((greys >= sample.thresholds)[~bits].mean()),
     }
-    pictures = {
-        f"On LEDs are at most {highest_on[dark]:.0f}": sample.panels[dark],
-        f"Off LEDs are at least {lowest_off[bright]:.0f}": sample.panels[bright],
-    }
-    return PaperFigure(numbers, led_plots.picture_figure(pictures, title))
+    darkest = f"On LEDs are at most {highest_on[dark]:.0f}"
+    brightest = f"Off LEDs are at least {lowest_off[bright]:.0f}"
+    pictures = [
+        Picture(sample.panels[dark], darkest),
+        Picture(sample.panels[bright], brightest),
+    ]
+    return PaperFigure(numbers, picture_figure(pictures, title))
 
 
 def frame_threshold(source: Source, title: str) -> PaperFigure:
@@ -52,8 +54,11 @@ def frame_threshold(source: Source, title: str) -> PaperFigure:
         "on_grey": float(seen.greys.average[bits].mean()),
     }
     above = np.where(panel > threshold, 255.0, 0.0)
-    pictures = {"the panel": panel, f"grey above {threshold:.0f}": above}
-    return PaperFigure(numbers, led_plots.picture_figure(pictures, title))
+    pictures = [
+        Picture(panel, "the panel"),
+        Picture(above, f"grey above {threshold:.0f}"),
+    ]
+    return PaperFigure(numbers, picture_figure(pictures, title))
 
 
 def contrast_panels(source: Source, title: str) -> PaperFigure:
@@ -64,7 +69,7 @@ def contrast_panels(source: Source, title: str) -> PaperFigure:
     the mean grey of Off LEDs.
     """
     simulators = source.plan.world.simulator(), source.without_blooming()
-    bits, pictures = source.bits("contrast"), {}
+    bits, pictures = source.bits("contrast"), list[Picture | None]()
     numbers: dict[str, float | Estimate] = {}
     for stated, light in PAPER_SCENES.items():
         contrasts = []
@@ -89,5 +94,6 @@ def contrast_panels(source: Source, title: str) -> PaperFigure:
         }
         heading = f"{light[0]:.0f} lx, {light[1]:.0f} cd/m²\n"
         heading += f"{middle:.1%}; the paper has {stated} %"
-        pictures[heading] = seen.patches[0, 0].double().numpy()
-    return PaperFigure(numbers, led_plots.picture_figure(pictures, title))
+        pixels = seen.patches[0, 0].double().numpy()
+        pictures.append(Picture(pixels, heading))
+    return PaperFigure(numbers, picture_figure(pictures, title))
